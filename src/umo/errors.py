@@ -47,10 +47,10 @@ class UmoError(Exception):
     """Base of all errors that umo raises. All can be copied and pickled, whatever the arguments of the constructor."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _made_again, (type(self), self.args, self.__dict__)
+        return _rebuilt, (type(self), self.args, self.__dict__)
 
 
-def _made_again(kind: type[UmoError], args: tuple[Any, ...], state: dict[str, Any]) -> UmoError:
+def _rebuilt(kind: type[UmoError], args: tuple[Any, ...], state: dict[str, Any]) -> UmoError:
     """Without its constructor, which makes the message from other things."""
     error = kind.__new__(kind)
     error.args = args

@@ -97,7 +97,7 @@ class Lease:
         """Number of the lease: they are counted from 1."""
         self._key = ""
         self._seconds = 0.0
-        self._seen = 0.0
+        self._signed = 0.0
 
     def acquire(self, who: str, key: str, seconds: float, now: float, *, over: bool = False) -> bool:
         """Whether it was taken over from another client. LeaseHeld while another client has it, unless `over`."""
@@ -106,7 +106,7 @@ class Lease:
             raise LeaseHeld(f"{self.holder} has the lease")
         self.number += 1
         self.holder, self._key, self._seconds = who, key, min(max(seconds, SHORTEST_LEASE), LONGEST_LEASE)
-        self._seen = now
+        self._signed = now
         return others
 
     def check(self, key: str) -> None:
@@ -118,11 +118,11 @@ class Lease:
 
     def renew(self, then: float, now: float) -> None:
         """Its holder was there then. A time that is still to come does not count."""
-        if self._seen < then <= now:
-            self._seen = then
+        if self._signed < then <= now:
+            self._signed = then
 
     def expired(self, now: float) -> bool:
-        return bool(self.holder) and now - self._seen > self._seconds
+        return bool(self.holder) and now - self._signed > self._seconds
 
     def end(self) -> None:
         self.holder = self._key = ""

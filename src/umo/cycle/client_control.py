@@ -251,11 +251,11 @@ class ClientControl:
         item = _known(self._actuators, command.path, "actuator")
         value = _level(item, command.value)
         lasts = min(DEAD_MAN_TIME, item.expires or DEAD_MAN_TIME)
-        seen = self._last_sign(item.path, lasts)
+        signed = self._last_sign(item.path, lasts)
         slot, commands = item._slot, self._machine.commands
         if not commands.take_for_client(slot, command.who):
             raise CommandRefused(f"{item.path} is inhibited: {commands.inhibited(slot)}")
-        self._held[item.path] = _Held(command, lasts, seen, lambda: commands.release_from_client(slot), slot)
+        self._held[item.path] = _Held(command, lasts, signed, lambda: commands.release_from_client(slot), slot)
         self._machine.image.command(slot, value, Source.CLIENT)
         return CommandState.DONE, ""
 
@@ -277,8 +277,8 @@ class ClientControl:
             raise CommandRefused(f"{MAX_ACTIONS} actions are running already")
         begun = _Action(command)
         if action.release is not None:
-            seen = self._last_sign(action.path, DEAD_MAN_TIME)
-            self._held[action.path] = _Held(command, DEAD_MAN_TIME, seen, action.release)
+            signed = self._last_sign(action.path, DEAD_MAN_TIME)
+            self._held[action.path] = _Held(command, DEAD_MAN_TIME, signed, action.release)
         try:
             result = self._begin(begun, partial(action.call, **arguments))
         except BaseException:  # what it has begun until then ends with it

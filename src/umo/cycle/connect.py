@@ -178,7 +178,7 @@ class connect(Generic[C]):
             self._opened.append(name)
             transfer.open(name)
         with self._patient():
-            for slot in self._declared_order():
+            for slot in [self.image.slot_of[id(item)] for item in atoms(self.root)]:
                 self._initialized.append(slot)
                 failure = self.image.initialize(slot)
                 if failure is not None:
@@ -315,9 +315,6 @@ class connect(Generic[C]):
             except BaseException as error:
                 failures.append(self.image.transfer.failed_whole(name, what, error))
         return failures
-
-    def _declared_order(self) -> list[int]:
-        return [self.image.slot_of[id(item)] for item in atoms(self.root)]
 
     def _stop_sequence(self) -> list[int]:
         """The slots of the initialised actuators."""

@@ -165,7 +165,7 @@ class Transfer:
             raw = index(wire.driver.read(wire.channel))
         except FAILURES as error:
             self._mark(wire.driver, error, False)
-            self._note_failure(slot, Kind.FAILED_READ, ErrorKind.of(error), None)
+            self.note(slot, Kind.FAILED_READ, ErrorKind.of(error))
             raise
         self._moved(slot, raw, Kind.READ)
         return raw
@@ -179,7 +179,7 @@ class Transfer:
             wire.driver.write(wire.channel, raw)
         except FAILURES as error:
             self._mark(wire.driver, error, True)
-            self._note_failure(slot, Kind.FAILED_WRITE, ErrorKind.of(error), raw)
+            self.note(slot, Kind.FAILED_WRITE, ErrorKind.of(error), raw)
             raise
         self._moved(slot, raw, Kind.WRITE)
 
@@ -255,7 +255,7 @@ class Transfer:
             getattr(wire.driver, segment)(wire.channel, *default)
         except BaseException as error:  # whatever a driver raises, the others are still to be brought to their defaults
             self._mark(wire.driver, error, True, monotonic() - began)
-            self._note_failure(slot, Kind.FAILED_RESET, ErrorKind.of(error), default[0] if default else None)
+            self.note(slot, Kind.FAILED_RESET, ErrorKind.of(error), default[0] if default else None)
             return self.failure(slot, cause_of_failure(error))
         self._late.pop(id(wire.driver), None)
         if segment in _JOURNAL_KINDS:
@@ -280,12 +280,10 @@ class Transfer:
         causes, whole = error.causes if isinstance(error, ChannelsFailed) else {}, cause_of_failure(error)
         named = [(slot, causes[text]) for slot in slots if (text := self.wires[slot].channel.text) in causes]
         failed = named or [(slot, whole) for slot in slots]
-        if self.journal is not None:
-            raws = {} if written is None else dict(zip(slots, written, strict=True))
-            kind = Kind.FAILED_READ if written is None else Kind.FAILED_WRITE
-            cause = ErrorKind.CHANNELS if named else ErrorKind.of(error)
-            for slot, _ in failed:
-                self._note_failure(slot, kind, cause, raws.get(slot))
+        raws = {} if written is None else dict(zip(slots, written, strict=True))
+        kind = Kind.FAILED_READ if written is None else Kind.FAILED_WRITE
+        for slot, _ in failed:
+            self.note(slot, kind, ErrorKind.CHANNELS if named else ErrorKind.of(error), raws.get(slot))
         return failed
 
     def failure(self, slot: int, cause: str) -> Failure:
@@ -301,14 +299,9 @@ class Transfer:
             self.journal.add(slot, kind, raw, self.raws[slot])
         self.raws[slot] = raw
 
-    def note(self, slot: int, kind: Kind) -> None:
-        """Into the journal, if one is kept: something happened to this object and its level did not change."""
-        if self.journal is not None and slot != self.timer:
-            raw = self.raws[slot]
-            self.journal.add(slot, kind, raw, raw)
-
-    def _note_failure(self, slot: int, kind: Kind, error: ErrorKind, raw: int | None) -> None:
-        """Into the journal, if one is kept; `raw` is what was to be written."""
+    def note(self, slot: int, kind: Kind, error: ErrorKind = ErrorKind.NONE, raw: int | None = None) -> None:
+        """Into the journal, if one is kept: something happened to this object and its level did not change. `raw` is
+        what was to be written."""
         if self.journal is not None and slot != self.timer:
             before = self.raws[slot]
             self.journal.add(slot, kind, before if raw is None else raw, before, error)

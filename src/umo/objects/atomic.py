@@ -174,15 +174,8 @@ class Digital(Atomic):
     ) -> None:
         super().__init__(synchronous)
         self._units = check_unit(units)
-        self._minimum, self._maximum, self._resolution, self._zero_offset = (
-            _finite(name, number)
-            for name, number in (
-                ("minimum", minimum),
-                ("maximum", maximum),
-                ("resolution", resolution),
-                ("zero_offset", zero_offset),
-            )
-        )
+        self._minimum, self._maximum = _finite("minimum", minimum), _finite("maximum", maximum)
+        self._resolution, self._zero_offset = _finite("resolution", resolution), _finite("zero_offset", zero_offset)
         if self._resolution == 0:
             raise DeclarationError("resolution must not be 0: it is the change of the value for one bit")
         if self._minimum >= self._maximum:

@@ -53,13 +53,10 @@ class Conclusion:
         """The control process died without resetting the machine, or hangs: make sure that it is dead, then reset."""
         control.process.send(signal.SIGKILL)
         left = self._reset(control, said)
-        what = why or f"{self._who_died(control)}{in_brackets(self._watcher.moment)}"
+        lost = "the guardian was lost; " if self.title == STANDBY else ""
+        what = why or f"{lost}the control process {control.ending()}{in_brackets(self._watcher.moment)}"
         told = f"not reached: {summary(left)}" if left else f"the {self.title} reset every actuator"
         return Outcome(Failed("ControlLost", f"{what}\n{told}", 1), unsafe=True, unreached=list(left))
-
-    def _who_died(self, control: ControlWatch) -> str:
-        what = f"the control process {control.ending()}"
-        return f"the guardian was lost; {what}" if self.title == STANDBY else what
 
     def settle(self, control: ControlWatch, outcome: Outcome, said: Callable[[str], object]) -> Outcome:
         """The control process has ended by itself. Retry the actuators that it could not reset."""

@@ -248,20 +248,16 @@ class Control:
         mode = Mode.MANUAL if self._plan.job.manual else Mode.AUTOMATIC
         machine.clients = clients = ClientControl(machine, Receiver(cells), cells, mode)
         ring.show(clients)
-        self._open_to_clients(self._frames[1])
+        try:
+            self._frames[1].listen()
+        except FramesError as error:
+            self._channel.send("notice", text=f"this run cannot be found by other programs: {text_of(error)}")
+        self._frames[1].leave()  # the guardian's looks answer clients
         try:
             yield
         finally:
             clients.look_for_stop()  # a signal may have been quicker
             self._stopped_by = clients.stopped_by
-
-    def _open_to_clients(self, server: FrameServer) -> None:
-        """Let clients find this run: the guardian's looks answer them."""
-        try:
-            server.listen()
-        except FramesError as error:
-            self._channel.send("notice", text=f"this run cannot be found by other programs: {text_of(error)}")
-        server.leave()
 
     def each_period(self, frame: Frame) -> None:
         """Give a sign of life. Check whether this process was suspended, asked to stop, or lost its guardian."""

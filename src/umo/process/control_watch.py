@@ -31,18 +31,18 @@ class ControlWatch:
         self._traces = traces
         self._status: int | None = None
         self._dead = False
-        self._given_up = 0.0
+        self._unkillable_from = 0.0
         """Time at which waiting for a process that cannot be killed ends."""
 
     def is_dead(self, within: float = 0.0) -> bool:
         """Whether it has ended: its connections are closed then. One that sticks in the kernel, in a call of its
         device, counts as dead after a while: it cannot be waited for. Gives the guardian's signs of life meanwhile."""
         until = monotonic() + within
-        self._given_up = self._given_up or monotonic() + DEATH_TIMEOUT
+        self._unkillable_from = self._unkillable_from or monotonic() + DEATH_TIMEOUT
         while not self._has_ended():
             self._life.watch()
             if monotonic() >= until:
-                return monotonic() >= self._given_up
+                return monotonic() >= self._unkillable_from
             sleep(0.0005)
         return True
 
@@ -77,11 +77,13 @@ class ControlWatch:
             return ""
         with suppress(OSError):
             self.process.send(WHERE_SIGNAL)
-            frames = re.findall(r'^  File "(.+)", line (\d+) in (.+)$', self._told(), re.MULTILINE)  # innermost first
+            frames = re.findall(
+                r'^  File "(.+)", line (\d+) in (.+)$', self._traceback(), re.MULTILINE
+            )  # innermost first
             return place_among((file, int(line), function) for file, line, function in reversed(frames))
         return ""
 
-    def _told(self) -> str:
+    def _traceback(self) -> str:
         """What it writes down, once no more is added between two looks."""
         text, until = b"", monotonic() + WHERE_TIMEOUT
         while monotonic() < until:

@@ -89,8 +89,8 @@ class Guardian:
         """The core that is taken as long as this process lives."""
         self._process = plan.wired.process
         self._life = Life()
-        self._stop: int | None = None
-        self._asked = False
+        self._stop_signal: int | None = None
+        self._stop_passed_on = False
         self._deaf_looks = 0
         """The number of looks one after the other in which listening failed."""
         self._said: set[str] = set()
@@ -179,7 +179,7 @@ class Guardian:
         if settled is not None:
             self._end.tell(settled)
         else:
-            self._stop = self._stop or signal.SIGTERM  # a control process that is alive stops the machine by itself
+            self._ask(signal.SIGTERM)  # a control process that is alive stops the machine by itself
             self._guard()
 
     def _keep(self, control: ControlWatch) -> Outcome:
@@ -211,7 +211,7 @@ class Guardian:
         ask for a stop any more, the guardian does."""
         self._deaf_looks = 0 if self._try(self._listen) else self._deaf_looks + 1
         if self._deaf_looks == MAX_DEAF_LOOKS:
-            self._stop = self._stop or signal.SIGTERM
+            self._ask(signal.SIGTERM)
             self._try(self._pass_on)
         self._try(self._watcher.look)
         if not self._is_standby:
@@ -237,8 +237,9 @@ class Guardian:
             self._said.add(text)
             self._channel.send("notice", text=text)
 
-    def _ask(self, number: int, frame: object) -> None:
-        self._stop = self._stop or number
+    def _ask(self, number: int, frame: object = None) -> None:
+        """A stop is asked for, as by this signal. The first one counts."""
+        self._stop_signal = self._stop_signal or number
 
     def _listen(self) -> None:
         """Requests to stop: from the starter, by its end, from a client, by a signal."""
@@ -246,20 +247,21 @@ class Guardian:
             for file in message["files"]:
                 os.close(file)
             if message["kind"] == "stop":
-                self._stop = self._stop or _signal(message.get("signal"))
+                self._ask(_signal(message.get("signal")))
             elif message["kind"] == "keep":
                 self._watcher.keep(ON_DEMAND)
         if self._channel.ended:
-            self._stop = self._stop or signal.SIGTERM
-        self._stop = self._stop or self._watcher.stop
+            self._ask(signal.SIGTERM)
+        if (asked := self._watcher.stop) is not None:
+            self._ask(asked)
         self._pass_on()
 
     def _pass_on(self) -> None:
         """Ask the control process to stop, once."""
-        if self._stop is not None and not self._asked:
+        if self._stop_signal is not None and not self._stop_passed_on:
             assert self._control is not None
-            self._asked = True
-            self._life.ask(self._stop)
+            self._stop_passed_on = True
+            self._life.ask(self._stop_signal)
             self._control.process.send(signal.SIGTERM)  # it ends a wait; what was asked stands in the shared memory
 
 

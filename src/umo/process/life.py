@@ -99,16 +99,16 @@ class Life:
     def hold(self, who: Who) -> None:
         """Take a lock: from now on the others detect the death of this thread. It does not wait for a former holder
         that cannot be killed."""
-        self._taken(who, self._lock_until(who, HOLD_LIMIT))
+        self._is_ours(who, self._lock_until(who, HOLD_LIMIT))
 
     def gone(self, within: float, who: Who = Who.CONTROL) -> bool:
         """Wait up to `within` s for the holder of a lock to die; whether it did. True too if nobody ever held it."""
-        if not self._taken(who, self._lock_until(who, within)):
+        if not self._is_ours(who, self._lock_until(who, within)):
             return False
         self._libc.pthread_mutex_unlock(ctypes.byref(self._locks[who]))
         return True
 
-    def _taken(self, who: Who, answer: int) -> bool:
+    def _is_ours(self, who: Who, answer: int) -> bool:
         if answer == errno.EOWNERDEAD:
             self._libc.pthread_mutex_consistent(ctypes.byref(self._locks[who]))
         elif answer not in (0, errno.ETIMEDOUT):

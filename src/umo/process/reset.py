@@ -56,20 +56,20 @@ class Resetter:
         self.paths = [wire.item.path for wire in self._wires]
         self._state = ResetState(self.paths)
         self._attempt = 0
-        self._each = False
+        self._tries_all = False
         """Whether every actuator is tried, also after a timeout of its driver."""
-        self._known: dict[int, tuple[Reached, str]] = {}
+        self._results: dict[int, tuple[Reached, str]] = {}
         """The result of the last attempt that came to an actuator, with the cause."""
-        self._why = "its driver did not answer in time"
-        self._stuck: set[int] = set()
+        self._untried_cause = "its driver did not answer in time"
+        self._stuck_drivers: set[int] = set()
         """Drivers (by id) that hung or crashed."""
         self._misses = [0] * len(self._wires)
         self._child = 0
-        self._start = self._heard = -1
+        self._start_pipe = self._waiting_pipe = -1
 
     def stand_by(self) -> None:
         """Fork the child of the first attempt now."""
-        self._heard, self._start = os.pipe()
+        self._waiting_pipe, self._start_pipe = os.pipe()
         self._child = self._fork(self._wait_for_work)
 
     def look(self) -> bool:
@@ -83,7 +83,7 @@ class Resetter:
         self._child = 0
         if os.WIFEXITED(status):
             return False
-        for file in (self._heard, self._start):
+        for file in (self._waiting_pipe, self._start_pipe):
             os.close(file)
         self.stand_by()
         return True
@@ -124,8 +124,8 @@ class Resetter:
                 told = True
                 said(f"not reached yet, retrying for up to {lasting:g} s: {summary(left)}")
             self._pause(is_dead)
-        if untried := [number for number in numbers if number not in self._known]:
-            self._each = True  # others of their drivers had timed out; once, with the timeout of the wiring
+        if untried := [number for number in numbers if number not in self._results]:
+            self._tries_all = True  # others of their drivers had timed out; once, with the timeout of the wiring
             self._run(untried, is_dead, monotonic() + lasting)
         return self._left()
 
@@ -136,7 +136,7 @@ class Resetter:
 
     def _result(self, number: int) -> tuple[Reached, str]:
         """The result of the last attempt that came to it, with the cause."""
-        return self._known.get(number, (Reached.UNTRIED, f"not tried: {self._why}"))
+        return self._results.get(number, (Reached.UNTRIED, f"not tried: {self._untried_cause}"))
 
     # The guardian's side -------------------------------------------------------------------------------
 
@@ -154,7 +154,7 @@ class Resetter:
         for number in numbers:
             reached = self._state.reached(number)
             if reached is not Reached.UNTRIED:
-                self._known[number] = reached, self._state.cause(number)
+                self._results[number] = reached, self._state.cause(number)
                 self._misses[number] += reached is Reached.NO
 
     def _groups(self, numbers: list[int]) -> list[list[int]]:
@@ -162,14 +162,14 @@ class Resetter:
         groups: dict[int, list[int]] = {0: []}
         for number in sorted(numbers, key=lambda number: (self._misses[number], number)):
             driver = id(self._wires[number].driver)
-            groups.setdefault(driver if driver in self._stuck else 0, []).append(number)
+            groups.setdefault(driver if driver in self._stuck_drivers else 0, []).append(number)
         return [group for group in groups.values() if group]
 
     def _begin(self, numbers: list[int]) -> bool:
         """Let the child on standby work, or fork another; False where that cannot be."""
         try:
             if self._child and len(numbers) == len(self._wires):
-                os.write(self._start, b"!")
+                os.write(self._start_pipe, b"!")
                 return True
             self.dismiss()
             self._child = self._fork(lambda: self._work(numbers))
@@ -212,9 +212,9 @@ class Resetter:
 
     def _blame(self, why: str) -> None:
         """The call that was under way did it; what comes after it was not tried."""
-        self._why = why
+        self._untried_cause = why
         if self._state.at >= 0:
-            self._stuck.add(id(self._wires[self._state.at].driver))
+            self._stuck_drivers.add(id(self._wires[self._state.at].driver))
             self._state.note(self._state.at, Reached.NO, why)
 
     def _work_here(self, numbers: list[int], is_dead: Callable[[], bool], limit: float) -> None:
@@ -249,7 +249,7 @@ class Resetter:
     def _timeout(self, name: str) -> float:
         """The timeout of a driver in this attempt, s: it grows, up to UNCONTROLLED_TIMEOUT."""
         timeout = self._timeouts[name]
-        return timeout if self._each else max(timeout, min(timeout * 4.0**self._attempt, UNCONTROLLED_TIMEOUT))
+        return timeout if self._tries_all else max(timeout, min(timeout * 4.0**self._attempt, UNCONTROLLED_TIMEOUT))
 
     # In the child --------------------------------------------------------------------------------------
 
@@ -262,9 +262,9 @@ class Resetter:
         return work()
 
     def _wait_for_work(self) -> int:
-        os.close(self._start)
+        os.close(self._start_pipe)
         spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARE_DESCRIPTORS)]
-        if not os.read(self._heard, 1):
+        if not os.read(self._waiting_pipe, 1):
             return 1
         for file in spares:
             os.close(file)
@@ -334,7 +334,9 @@ class Resetter:
         """One segment for each; those that were reached. This counts only if the old process is dead. What was not
         tried, as its driver had timed out, stays so."""
         done = []
-        for number, failure in self._transfer.bring_to_default(numbers, segment, self._state.begin, patient=self._each):
+        for number, failure in self._transfer.bring_to_default(
+            numbers, segment, self._state.begin, patient=self._tries_all
+        ):
             if failure is not None:
                 self._state.note(number, Reached.NO, f"{failure.driver}: {failure.cause}")
                 continue

@@ -35,7 +35,7 @@ class Share:
         self._priority = 0
         """Priority before it gave way; 0 if it has not."""
         self._ran = self._waited = 0.0
-        self._other = ""
+        self._occupant = ""
         """The process that had its core, and which that was, in words; empty if that is not known."""
 
     @property
@@ -48,11 +48,11 @@ class Share:
     @property
     def by_whom(self) -> str:
         """Who had the processor, in words."""
-        return self._other or "other processes had the processors"
+        return self._occupant or "other processes had the processors"
 
     def begin(self) -> None:
         """There was a sign of life: all is as before."""
-        self._last, self._ran, self._waited, self._other = None, 0.0, 0.0, ""
+        self._last, self._ran, self._waited, self._occupant = None, 0.0, 0.0, ""
         if self._priority:
             with suppress(OSError):
                 os.sched_setscheduler(self._pid, os.SCHED_FIFO, os.sched_param(self._priority))
@@ -101,4 +101,4 @@ class Share:
                 f"the control process did not get core {self._core} for {self._waited * 1e3:.0f} ms: {name} had it; "
                 "from now on it runs on every core"
             )
-            self._other, self._core = f"{name} had core {self._core}", None
+            self._occupant, self._core = f"{name} had core {self._core}", None

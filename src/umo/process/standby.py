@@ -48,7 +48,7 @@ class Standby:
         self._say = say
         self._guardian = ProcessHandle(os.getpid())
         self._pid = 0
-        self._due = 0.0
+        self._next_fork = 0.0
         """Time at which another one is forked, if there is none."""
 
     def appoint(self) -> None:
@@ -56,7 +56,7 @@ class Standby:
         try:
             self._pid = self._life.fork(Who.STANDBY)
         except OSError as error:
-            self._due = monotonic() + FORK_PAUSE
+            self._next_fork = monotonic() + FORK_PAUSE
             self._say(
                 f"no standby guardian: {text_of(error)}; if the guardian is killed too, nothing resets the machine"
             )
@@ -75,8 +75,8 @@ class Standby:
                 self.dismiss()
             self._pid = 0
             self._say("the standby guardian was killed or stopped; another one takes its place")
-        if monotonic() >= self._due:
-            self._due = monotonic() + FORK_PAUSE
+        if monotonic() >= self._next_fork:
+            self._next_fork = monotonic() + FORK_PAUSE
             self.appoint()
 
     def dismiss(self) -> None:

@@ -96,13 +96,13 @@ class Started:
         """Real-time settings that the operating system did not permit."""
         self.notices: list[str] = []
         self._outcome: Outcome | None = None
-        self._left: Outcome | None = None
+        self._left_outcome: Outcome | None = None
         """The outcome that the control process sent at its end. The guardian's is the last word."""
         self.standby = 0
         """The standby guardian's pid, once it is known; 0 before."""
-        self._asked = False
+        self._stop_asked = False
         """Whether a stop was asked for."""
-        self._due = 0.0
+        self._next_look = 0.0
         """Time of the next look for stopped processes."""
         self._lock = threading.RLock()
         self._name = job.name
@@ -170,7 +170,7 @@ class Started:
                 objects = [] if self.frames is None else self.frames.layout.objects
                 actuators = [each["path"] for each in objects if each.get("actuator")]
                 ended = self._guardian.wait()
-                self._outcome = vanished(ended, self._left, actuators, self._name, running=self.pid is not None)
+                self._outcome = vanished(ended, self._left_outcome, actuators, self._name, running=self.pid is not None)
             if self._outcome is None:
                 self._look_for_stopped()
             elif self._guardian.returncode is None:
@@ -180,9 +180,9 @@ class Started:
     def _look_for_stopped(self) -> None:
         """Say that no guardian can stop the machine: each has died or was stopped by a signal. Those that were stopped
         go on as soon as a stop is asked for."""
-        if monotonic() < self._due:
+        if monotonic() < self._next_look:
             return
-        self._due = monotonic() + STOPPED_LOOK_INTERVAL
+        self._next_look = monotonic() + STOPPED_LOOK_INTERVAL
         guardians = {"guardian": self.guardian, "standby guardian": self.standby}
         if any(pid and state(pid) not in STOPPED + ENDED for pid in guardians.values()):
             return
@@ -192,7 +192,7 @@ class Started:
             return
         told = ", ".join(f"{name} ({pid})" for name, pid in stopped.items())
         hint = f"to let them go on: kill -CONT {' '.join(stopped.values())}"
-        if self._asked:
+        if self._stop_asked:
             hint = "they go on now, to stop it"
             for pid in reversed(stopped.values()):
                 with suppress(ProcessLookupError):
@@ -214,7 +214,7 @@ class Started:
 
     def ask_to_stop(self, number: int = signal.SIGTERM) -> None:
         """Request a safe stop, like this signal does. Returns at once."""
-        self._asked = True
+        self._stop_asked = True
         self._channel.send("stop", signal=number)
 
     def stop(self) -> Outcome:
@@ -254,7 +254,7 @@ class Started:
         elif message["kind"] == "notice":
             self.notices.append(message["text"])
         elif message["kind"] == "left":
-            self._left = Outcome.load(message["outcome"])
+            self._left_outcome = Outcome.load(message["outcome"])
         elif message["kind"] == "ended":
             self._outcome = Outcome.load(message["outcome"])
         for file in message["files"]:

@@ -38,10 +38,10 @@ class Watcher:
         self._reader: Reader | None = None
         self._cells: Cells | None = None
         self._missed = 0
-        self._due: float | None = None
-        self._next = 0.0
+        self._box_due: float | None = None
+        self._next_box = 0.0
         self._child = 0
-        self._wanted = ""
+        self._wanted_reason = ""
         """Reason for which a black box is to be written as soon as the one before is finished; empty: none is."""
 
     def make(self) -> str:
@@ -75,22 +75,22 @@ class Watcher:
         now = monotonic()
         if self._reader.missed > self._missed:
             self._missed = self._reader.missed
-            if now >= self._next:
-                self._due = self._due or now + AFTERMATH
-        if self._due is not None and now >= self._due:
-            self._next = now + BLACK_BOX_INTERVAL
+            if now >= self._next_box:
+                self._box_due = self._box_due or now + AFTERMATH
+        if self._box_due is not None and now >= self._box_due:
+            self._next_box = now + BLACK_BOX_INTERVAL
             self.keep(blackbox.MISSED_PERIOD)
 
     def keep(self, reason: str) -> None:
         """Write a black box now, or as soon as the one that is being written is finished."""
-        self._due = None
+        self._box_due = None
         if not self._attach():
             return
         if self._child:
-            self._wanted = reason
+            self._wanted_reason = reason
             return
         assert self._reader is not None
-        self._wanted = ""
+        self._wanted_reason = ""
         try:
             child = os.fork()
         except OSError:
@@ -110,7 +110,7 @@ class Watcher:
     def finish(self) -> None:
         """At the end: finish the black boxes that are written or wanted, and remove a ring that is left."""
         until = monotonic() + BLACK_BOX_TIMEOUT
-        if self._due is not None and not self._wanted:
+        if self._box_due is not None and not self._wanted_reason:
             self.keep(blackbox.MISSED_PERIOD)
         while self._child and monotonic() < until:
             sleep(0.001)
@@ -147,5 +147,5 @@ class Watcher:
         except OSError:  # it is gone
             pass
         self._child = 0
-        if self._wanted:
-            self.keep(self._wanted)
+        if self._wanted_reason:
+            self.keep(self._wanted_reason)
