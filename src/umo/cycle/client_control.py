@@ -137,7 +137,10 @@ class ClientControl:
         now = self._clock()  # afterwards: no sign of life is of a later time, but a wrong one
         self.lease.renew(signed[""], now)
         if self.lease.expired(now):
-            self._end_lease(f"the lease of {self.lease.holder} has ended: it was not renewed")
+            why = f"the lease of {self.lease.holder} has ended: it was not renewed"
+            self._note(why)
+            self._drop(why)
+            self.lease.end()
         commands = self._machine.commands
         for path, held in list(self._held.items()):
             if held.signed < signed[path] <= now:
@@ -149,15 +152,12 @@ class ClientControl:
                 self._release(path, DEAD_MAN_REASON)
 
     def _go_on(self) -> None:
-        self._advance()
-        self._active = bool(self._running or self._held or self.lease.holder)
-
-    def _advance(self) -> None:
         for each in self._running.copy():
             if each in self._running:  # or another one has cancelled it
-                self._advance_one(each)
+                self._advance(each)
+        self._active = bool(self._running or self._held or self.lease.holder)
 
-    def _advance_one(self, each: _Action) -> None:
+    def _advance(self, each: _Action) -> None:
         if each.task is not None:
             done, error = attempt(self._within, each, each.task.advance, self._machine.clock)
             if error is not None:
@@ -338,11 +338,6 @@ class ClientControl:
         """The machine stops: cancel what runs. TaskFailed with the first error of the cleaning up."""
         if errors := self._cancel_running("the machine stops"):
             raise TaskFailed(str(errors[0]))
-
-    def _end_lease(self, why: str) -> None:
-        self._note(why)
-        self._drop(why)
-        self.lease.end()
 
     def _drop(self, why: str) -> None:
         """End what the client has begun, and what that has started."""

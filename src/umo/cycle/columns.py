@@ -70,9 +70,11 @@ class Scales:
         self.exact = np.array(exact, bool) & (np.maximum(np.abs(self.least), np.abs(self.greatest)) < 2.0**51)
         """Whether the raw integer nearest to any value of an actuator's range lies within these two, and is not so
         great that floats near it are whole numbers."""
-        self.rate = np.array([_rate(wire) for wire in wires], float)
+        rates = (wire.item.slew_rate if isinstance(wire.item, DigitalActuator) else None for wire in wires)
+        self.rate = np.array([inf if rate is None else rate for rate in rates], float)
         """The largest rate of an actuator in units per s; infinite: it is not limited."""
-        self.defaults = np.array([_default(wire) for wire in wires], float)
+        values = (wire.item._default_value() if isinstance(wire.item, Actuator) else nan for wire in wires)
+        self.defaults = np.array(list(values), float)
         """The default of an actuator."""
         self.default_raws = np.array([raw or 0 for raw in default_raws], np.int64)
         """Raw integer of the default."""
@@ -86,15 +88,6 @@ def _raw_bounds(wire: Wire) -> tuple[float, float]:
     least, greatest = wire.raw_bounds
     low, high = float(least), float(greatest)
     return low if low >= least else nextafter(low, inf), high if high <= greatest else nextafter(high, -inf)
-
-
-def _rate(wire: Wire) -> float:
-    rate = wire.item.slew_rate if isinstance(wire.item, DigitalActuator) else None
-    return inf if rate is None else rate
-
-
-def _default(wire: Wire) -> float:
-    return wire.item._default_value() if isinstance(wire.item, Actuator) else nan
 
 
 class Block:

@@ -68,7 +68,7 @@ class Image(Slots):
             try:
                 block.transfer(block.channels, block.buffer)
             except FAILURES as error:
-                self._sample_rest(block, error, now, failures)
+                self._accept_each(block, dict(self.transfer.block_failed(block, error, inputs=True)), failures)
                 continue
             try:
                 outside = block.convert(now)
@@ -108,12 +108,8 @@ class Image(Slots):
             raise DriverError("could not be written", failures)
         return True
 
-    def _sample_rest(self, block: Block, error: BaseException, now: float, failures: list[Failure]) -> None:
-        """A block of which at least some failed: the others stand."""
-        self._accept_each(block, dict(self.transfer.block_failed(block, error, inputs=True)), failures)
-
     def _accept_each(self, block: Block, causes: Mapping[int, str], failures: list[Failure]) -> None:
-        """The readings of a block one by one; `causes` are those of the slots that failed."""
+        """The readings of a block one by one; `causes` are those of the slots that failed: the others stand."""
         for slot, raw in zip(range(block.start, block.stop), block.view, strict=True):
             if slot in causes:
                 self._fail_input(slot, causes[slot], failures)

@@ -258,7 +258,9 @@ class ConnectedMachine:
         """The `control` of every class that has its own, in pre-order; collected once, called flat."""
         if id(part) not in self._acts:
             nodes: list[Node] = [part, *walk(part)]
-            self._acts[id(part)] = [_bound(node) for node in nodes if type(node).control is not Node.control]
+            own = [(type(node).control, node) for node in nodes if type(node).control is not Node.control]
+            # not node.control: that of a connected compound drives the whole part
+            self._acts[id(part)] = [partial(control, node) for control, node in own]
         return self._acts[id(part)]
 
 
@@ -280,8 +282,3 @@ def _go_on(failed: DriverError, then: Callable[[], object], what: str) -> NoRetu
     except DriverError as error:
         raise DriverError(what, [*failed.failures, *error.failures]) from failed
     raise failed
-
-
-def _bound(node: Node) -> Callable[[], None]:
-    own = type(node).control  # not node.control: on a connected compound that drives the whole part
-    return partial(own, node)

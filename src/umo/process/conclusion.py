@@ -8,7 +8,6 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from umo.process.control_watch import ControlWatch
-from umo.process.final_message import tell_final_message
 from umo.process.job import Plan
 from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
@@ -17,11 +16,17 @@ from umo.process.reset import Resetter, summary
 from umo.process.watcher import Watcher
 from umo.system import realtime
 from umo.system.custody import Custody
-from umo.text import in_brackets
+from umo.system.streams import say_without_waiting
+from umo.text import in_brackets, printable
 
 STANDBY = "standby guardian"
 SPARE_DESCRIPTORS = 16
 """Number of descriptors kept free for the end: the drivers need them."""
+STARTER_END_TIMEOUT = 0.3
+"""Time in s that a starter which is killed together with another process may take to end: its memory is given back
+before its end of the channel is closed."""
+MAX_MESSAGE_LENGTH = 1000
+"""Length of the message at most, characters."""
 
 
 class Conclusion:
@@ -99,3 +104,19 @@ class Conclusion:
             self._watcher.finish()
         self._channel.send("ended", outcome=outcome.dump())
         tell_final_message(self._channel, self._plan.name, outcome)
+
+
+def tell_final_message(channel: MessageSocket, name: str, outcome: Outcome) -> None:
+    """If the process that started the run has ended, say on stderr how the run did. It waits for no terminal, and is
+    called when the machine has been reset and everything is recorded; no error of it changes how the run ended."""
+    with suppress(Exception):
+        if channel.peer_is_gone(STARTER_END_TIMEOUT if outcome.unsafe else 0.0):
+            text = f"umo: {name}: the process that started it is gone; {how(outcome)}"
+            say_without_waiting(printable(text.replace("\n", "; "))[:MAX_MESSAGE_LENGTH])
+
+
+def how(outcome: Outcome) -> str:
+    """How a run ended and what the actuators are at."""
+    if outcome.failure is not None:
+        return outcome.failure.message
+    return "the run has ended, " + ("every actuator is at its default" if outcome.driven else "no actuator was driven")

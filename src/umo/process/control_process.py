@@ -27,8 +27,8 @@ from umo.frames.frame_server import FrameServer
 from umo.frames.last_event import tell
 from umo.frames.memory import Ends
 from umo.objects.stop_order import stop_sequence
+from umo.process.conclusion import tell_final_message
 from umo.process.control_watch import WHERE_SIGNAL
-from umo.process.final_message import tell_final_message
 from umo.process.job import Plan
 from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket

@@ -19,10 +19,9 @@ from umo.cycle.stage import Stage
 from umo.cycle.stopping import SIGNALS
 from umo.errors import text_of
 from umo.latency.blackbox import ON_DEMAND
-from umo.process.conclusion import Conclusion
+from umo.process.conclusion import Conclusion, tell_final_message
 from umo.process.control_process import Control, drive_and_report
 from umo.process.control_watch import ControlWatch
-from umo.process.final_message import tell_final_message
 from umo.process.job import Job, Plan
 from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
