@@ -150,7 +150,7 @@ def counts(frames: Frames) -> dict[str, npt.NDArray[np.float64]]:
 
 def _judge(part: str, excess: float, took: float, counted: dict[str, int]) -> tuple[Cause, str]:
     times = (took, counted["collecting"], counted["run_queue_wait"])
-    lasted, collected, preempted = (duration(each * 1e-9) for each in times)
+    lasted, collected, preempted = (duration(round(each * 1e-9, 6)) for each in times)
     if counted["collections"] and counted["collecting"] >= CAUSE_SHARE * excess:
         return Cause.COLLECTION, f"a collection ran for {collected} (the garbage collector)"
     if counted["run_queue_wait"] >= CAUSE_SHARE * excess:
