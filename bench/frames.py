@@ -18,7 +18,7 @@ from umo import Compound, connect, published
 from umo.cycle import Frame
 from umo.cycle.client_control import ClientControl
 from umo.frames import Reader, Ring
-from umo.frames.cells import HEAD, Cells
+from umo.frames.client_memory import HEAD, ClientMemory
 from umo.remote.queue import Receiver
 
 BATCH = 200
@@ -99,7 +99,7 @@ def looking(batches: int) -> tuple[tuple[float, float], tuple[float, float]]:
     with connection, published(connection, "bench") as ring, Reader(ring.path) as reader:
         assert reader.ends is not None
         file = reader.ends.cells
-        cells = Cells(file, reader.layout)
+        cells = ClientMemory(file, reader.layout)
         clients = ClientControl(connection.machine, Receiver(cells), cells)
         looks, reads = [], []
         for _ in range(batches):

@@ -28,12 +28,12 @@ from umo.cycle.phases import Phases
 from umo.errors import FramesError
 from umo.frames import Layout, Reader, Ring, Stage
 from umo.frames.layout import ENTRY, arrange, describe_objects
-from umo.frames.memory import Ends, fill
+from umo.frames.memory import RunDescriptors, fill
 from umo.latency import blackbox, causes
 from umo.latency.blackbox import boxes, folder, save
-from umo.process import watcher
-from umo.process.life import Life, Who
-from umo.process.watcher import Watcher
+from umo.process import frame_watcher
+from umo.process.frame_watcher import FrameWatcher
+from umo.process.run_state import RunState, Who
 from umo.testing import Scripted, VirtualTimer, periods
 
 
@@ -104,7 +104,7 @@ def test_a_box_of_a_ring_with_checksums_is_checked_too(tmp_path: Path) -> None:
     with connection:
         phases = Phases(connection.image, connection.wired.drivers)
         layout = Layout(describe_objects(connection.image.items), tuple(phases.names), {"station": "x"})
-        ends, readers = Ends.pair()
+        ends, readers = RunDescriptors.pair()
         ring = Ring(connection.machine, phases, layout, ends, checksum=True)
         for number in range(5):
             write(ring, connection.machine.frame, number, 2)
@@ -182,9 +182,9 @@ pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="pr
 
 
 @contextmanager
-def watched(missed: Any = (), failure: str = "") -> Iterator[tuple[Watcher, Any]]:
+def watched(missed: Any = (), failure: str = "") -> Iterator[tuple[FrameWatcher, Any]]:
     """A machine whose ring a watcher follows; how it failed is told after its end."""
-    seen = Watcher("bench")
+    seen = FrameWatcher("bench")
     assert seen.make() == ""
     assert seen.frames is not None
     ends, server = seen.frames
@@ -218,7 +218,7 @@ def test_a_failed_end_is_kept_though_another_box_was_just_kept_or_is_being_writt
 
 
 def test_a_miss_shortly_before_the_end_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(watcher, "AFTERMATH", 1000.0)
+    monkeypatch.setattr(frame_watcher, "AFTERMATH", 1000.0)
     with watched([0, 0, 5]) as (seen, m):
         periods(m, 3)
         seen.look()
@@ -232,7 +232,7 @@ def test_an_end_is_kept_though_nobody_looked_before_it() -> None:
 
 
 def test_misses_are_kept_once_in_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(watcher, "AFTERMATH", 0.0)
+    monkeypatch.setattr(frame_watcher, "AFTERMATH", 0.0)
     with watched([0, 0, 5, 5, 5]) as (seen, m):
         seen.look()
         for _ in range(5):
@@ -269,7 +269,7 @@ def test_a_full_disk_costs_the_box(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("content", [b"", b"umoframe" + bytes(200), bytes(5000), b"\xff" * 5000])
 def test_a_ring_that_cannot_be_read_costs_the_box(content: bytes) -> None:
     """Nor one that is not sealed: another process could cut it while it is read."""
-    seen = Watcher("bench")
+    seen = FrameWatcher("bench")
     assert seen.make() == ""
     assert seen.frames is not None
     os.write(seen.frames[0].frames, content)
@@ -286,7 +286,7 @@ def test_a_ring_that_cannot_be_read_costs_the_box(content: bytes) -> None:
 
 def test_frames_whose_cells_never_come_cost_no_descriptors() -> None:
     """There was memory for the ring, and then no more: a look finds the one without the other."""
-    seen = Watcher("bench")
+    seen = FrameWatcher("bench")
     assert seen.make() == ""
     assert seen.frames is not None
     head, places = arrange(Layout((), (), {"station": "bench"}), 16, 16)
@@ -304,7 +304,7 @@ def test_frames_whose_cells_never_come_cost_no_descriptors() -> None:
 def test_without_a_folder_for_frames_there_is_nothing_to_watch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("UMO_FRAMES", str(tmp_path / "file" / "frames"))
-    seen = Watcher("bench")
+    seen = FrameWatcher("bench")
     assert "no folder for frames" in seen.make()
     seen.look()
     seen.keep("it hung")
@@ -319,7 +319,7 @@ def test_a_box_that_takes_for_ever_does_not_hold_up_the_end(monkeypatch: pytest.
         while True:
             signal.pause()
 
-    monkeypatch.setattr(watcher, "BLACK_BOX_TIMEOUT", 0.01)
+    monkeypatch.setattr(frame_watcher, "BLACK_BOX_TIMEOUT", 0.01)
     monkeypatch.setattr(blackbox, "save", sticks)
     with watched() as (seen, m):
         periods(m, 3)
@@ -346,9 +346,9 @@ def test_the_cause_is_found_in_a_box_that_was_taken_over_the_rings_end(tmp_path:
 
 def test_a_guardian_that_waits_for_a_box_is_not_taken_for_dead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Until the standby guardian has looked more often than it bears of one that watches."""
-    gone, save, looks, saved = Life.gone, blackbox.save, tmp_path / "looks", tmp_path / "saved"
+    gone, save, looks, saved = RunState.gone, blackbox.save, tmp_path / "looks", tmp_path / "saved"
 
-    def counted(self: Life, within: float, who: Who = Who.CONTROL) -> bool:
+    def counted(self: RunState, within: float, who: Who = Who.CONTROL) -> bool:
         if who is Who.GUARDIAN:
             with looks.open("a") as file:
                 file.write(".")
@@ -361,7 +361,7 @@ def test_a_guardian_that_waits_for_a_box_is_not_taken_for_dead(tmp_path: Path, m
             file.write(".")
         save(*arguments)
 
-    monkeypatch.setattr(Life, "gone", counted)
+    monkeypatch.setattr(RunState, "gone", counted)
     monkeypatch.setattr(blackbox, "save", slow)
     run = Run(process_box.wiring(tmp_path / "box", process={"hang_timeout": "1 s"}), "fail_at")
     assert run.outcome().status == 1

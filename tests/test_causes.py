@@ -20,7 +20,7 @@ from umo.cli.why import why
 from umo.frames import Reader
 from umo.frames.layout import Layout
 from umo.latency import blackbox
-from umo.latency.causes import Cause, Evidence, Verdict, explain_all
+from umo.latency.causes import Cause, Evidence, MissCause, explain_all
 from umo.system import realtime
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
@@ -29,11 +29,11 @@ pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="pr
 @pytest.fixture(autouse=True)
 def every_miss(monkeypatch: pytest.MonkeyPatch) -> None:
     """A box for every miss: on a busy computer there are others than the one provoked."""
-    monkeypatch.setattr("umo.process.watcher.BLACK_BOX_INTERVAL", 0.0)
+    monkeypatch.setattr("umo.process.frame_watcher.BLACK_BOX_INTERVAL", 0.0)
     monkeypatch.setattr("umo.latency.blackbox.MAX_BOXES", 1000)
 
 
-def longest(wiring: dict[str, Any], application: str, cause: Cause) -> Verdict:
+def longest(wiring: dict[str, Any], application: str, cause: Cause) -> MissCause:
     """The verdict on the longest of the delays from this cause that the black boxes of a run hold. There may be others:
     these computers are shared."""
     outcome = Run(wiring, application).outcome()

@@ -19,8 +19,8 @@ from umo import connect, published
 from umo.frames import Reader
 from umo.process.station import find
 from umo.stations import ztheta
-from umo.system.hold import Hold
-from umo.system.record import Record
+from umo.system.device_lock import DeviceLock
+from umo.system.device_record import DeviceRecord
 from umo.testing import periods, station
 from umo.twin import twin_of
 
@@ -127,7 +127,7 @@ def test_whoever_would_drive_a_device_that_is_held_is_told_who_holds_it(umo, tan
         port = server.getsockname()[1]
         (tank / "wiring" / "box.toml").write_text(BOX.replace("PORT", str(port)) + "\n".join(wires) + "\n")
         device = f"modbus tcp 127.0.0.1:{port}"
-        kept = Hold([device], "press")
+        kept = DeviceLock([device], "press")
         try:
             commands = (["run", "tank"], ["get", "tank", "level"], ["set", "tank", "inlet", "OPEN"])
             for command in commands:
@@ -193,7 +193,7 @@ def test_a_device_that_stands_stopped_wants_to_be_acknowledged(umo, tank: Path, 
     wiring = tank / "wiring" / "simulated.toml"
     wiring.write_text(wiring.read_text().replace('driver = "tank", channel = "tick"', 'driver = "timerfd"'))
     (tank / "application.py").write_text("async def main(m):\n    pass\n")
-    before = Record([card], "other", "")
+    before = DeviceRecord([card], "other", "")
     before.begin(False)
     before.stopped("killed", ["ram"])
     words = [command[0], "tank", *command[1:]]

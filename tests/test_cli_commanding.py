@@ -22,8 +22,8 @@ from umo.cli.values import state
 from umo.process.start import LINUX
 from umo.remote import HeldLease
 from umo.remote.search import readers
-from umo.system.custody import Custody
-from umo.system.record import all_standing
+from umo.system.device_claim import DeviceClaim
+from umo.system.device_record import all_standing
 
 pytestmark = pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")
 
@@ -130,8 +130,8 @@ BOX, ANOTHER = f"box {os.getpid()}", f"another {os.getpid()}"
 
 @pytest.mark.parametrize("name", ["press", BOX], ids=["station", "device"])
 def test_an_unsafe_end_is_acknowledged_without_a_run_by_station_or_device(name: str) -> None:
-    Custody([BOX], "press").stopped("it was killed", [])
-    Custody([ANOTHER], "mill").stopped("it was killed", [])
+    DeviceClaim([BOX], "press").stopped("it was killed", [])
+    DeviceClaim([ANOTHER], "mill").stopped("it was killed", [])
     result = run("acknowledge", name)
     assert result.exit_code == 0
     assert result.stdout.startswith(f"acknowledged: press, every actuator was reset, {BOX}, ")
@@ -147,7 +147,7 @@ def test_an_unsafe_end_is_not_acknowledged_where_a_station_of_the_name_runs(
     conveyor: umo.Started, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, failed: str, text: str
 ) -> None:
     def fail(*_: object) -> None:
-        Custody([BOX], "conveyor").stopped("it was killed", [])
+        DeviceClaim([BOX], "conveyor").stopped("it was killed", [])
         raise umo.errors.FramesError(text)
 
     monkeypatch.setenv("UMO_STATE", str(tmp_path))

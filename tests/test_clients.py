@@ -13,12 +13,12 @@ import pytest
 
 import umo
 from helpers import process_box
-from helpers.process_box import Cells as Box
+from helpers.process_box import ClientMemory as Box
 from helpers.runs import Run, assert_safe
 from helpers.waiting import until
 from umo.errors import FramesError
 from umo.frames import rings
-from umo.frames.cells import Cells
+from umo.frames.client_memory import ClientMemory
 from umo.frames.folder import folder
 from umo.process.control_process import Control
 from umo.system import realtime
@@ -107,7 +107,7 @@ def test_garbage_in_the_cells_and_hostile_calls_cost_the_run_nothing(tmp_path: P
         ):
             with pytest.raises(PermissionError):
                 hostile()
-        cells = Cells(reader.ends.cells, reader.layout)
+        cells = ClientMemory(reader.ends.cells, reader.layout)
         for _ in range(300):
             at = chance.randrange(len(cells.memory) - 64)
             cells.memory[at : at + 64] = chance.choice([bytes(64), b"\xff" * 64, chance.randbytes(64)])

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 import umo
 from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Quality, Thermocouple, connect
 from umo.drivers import Channel, Direction, Driver, DriverError, WiringError
-from umo.drivers.faults.wrapper import Faulty
-from umo.errors import DeclarationError, StandsStopped, StopError
+from umo.drivers.faults.wrapper import FaultyDriver
+from umo.errors import AcknowledgeRequired, DeclarationError, StopError
 from umo.process.job import Job
 from umo.states import OnOff, OpenClosed
 from umo.testing import Scripted, VirtualTimer, periods, put
@@ -321,7 +321,7 @@ def test_a_device_that_is_away_is_still_to_be_acknowledged_beside_an_injected_fa
         periods(m, 2)
         circuit.broken = OSError("cut off")
     circuit, table = on_device()
-    with pytest.raises(StandsStopped), connect(bench(), table):
+    with pytest.raises(AcknowledgeRequired), connect(bench(), table):
         pass
 
 
@@ -458,7 +458,7 @@ def test_a_place_that_was_not_filled_is_not_read_where_its_mark_lies_within_the_
 
 def test_everything_of_a_driver_is_handed_on():
     public = {name for name in vars(Driver) if not name.startswith("_")}
-    assert public <= vars(Faulty).keys()
+    assert public <= vars(FaultyDriver).keys()
 
 
 def test_the_delays_of_several_objects_pass_at_the_same_time(monkeypatch):
@@ -498,7 +498,7 @@ def test_without_faults_no_driver_is_wrapped():
     circuit = box()
     connection = connect(bench(), wiring(circuit))
     with connection as m:
-        assert all(not isinstance(driver, Faulty) for driver in connection.wired.drivers.values())
+        assert all(not isinstance(driver, FaultyDriver) for driver in connection.wired.drivers.values())
         assert connection.wired.injection is None
         assert "injected_faults" not in [signal.path for signal in connection.machine.frame.signals]
         periods(m)
@@ -509,7 +509,7 @@ def test_the_driver_of_a_connection_is_the_circuits_own_and_other_drivers_are_no
     connection = connect(bench(), wiring(circuit, "height stuck at 1 s"))
     with connection:
         assert connection.driver("box") is circuit
-        assert isinstance(connection.wired.drivers["box"], Faulty)
+        assert isinstance(connection.wired.drivers["box"], FaultyDriver)
         assert isinstance(connection.wired.drivers["clock"], VirtualTimer)
 
 

@@ -26,9 +26,9 @@ from umo.errors import DeclarationError
 from umo.frames import Reader
 from umo.frames.layout import Layout
 from umo.latency import blackbox
-from umo.system import hold, record
-from umo.system.hold import Hold, holder
-from umo.system.record import Record, all_standing
+from umo.system import device_lock, device_record
+from umo.system.device_lock import DeviceLock, holder
+from umo.system.device_record import DeviceRecord, all_standing
 from umo.testing import Scripted, VirtualTimer, periods
 from umo.text import time_of_day
 
@@ -79,11 +79,11 @@ def test_any_time_is_a_text(seconds: Any) -> None:
 @settings(max_examples=12)
 def test_the_holder_of_a_device_may_have_noted_anything(since: str, purpose: str) -> None:
     """Any user may bind such a socket."""
-    held = Hold(["a device"], "press")
+    held = DeviceLock(["a device"], "press")
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as note:
         try:
             held._notes.pop().close()
-            note.bind(f"\0{hold._note('a device', os.getpid())}{since} {purpose}"[:107].encode())
+            note.bind(f"\0{device_lock._note('a device', os.getpid())}{since} {purpose}"[:107].encode())
             text = holder("a device")
         finally:
             held.release()
@@ -94,10 +94,10 @@ def test_the_holder_of_a_device_may_have_noted_anything(since: str, purpose: str
 @given(st.fixed_dictionaries({}, optional=dict.fromkeys(FIELDS, anything)))
 @settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 def test_the_record_of_another_run_may_hold_anything(tmp_path: Path, changes: dict[str, Any]) -> None:
-    run = Record(["bus 1"], "press", "rig")
+    run = DeviceRecord(["bus 1"], "press", "rig")
     run.begin(True)
     run.stopped("killed", ["motor"])
-    (file,) = record._folder().iterdir()
+    (file,) = device_record._folder().iterdir()
     file.write_text(json.dumps(json.loads(file.read_text()) | changes))
     for ended in all_standing():
         assert str(ended).isprintable() and ended.brief.isprintable()

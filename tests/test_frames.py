@@ -23,7 +23,7 @@ from umo.errors import DriverError, FramesError
 from umo.frames import Reader, Ring, Stage, rings
 from umo.frames.folder import folder
 from umo.frames.layout import Layout, describe_objects
-from umo.frames.memory import Ends
+from umo.frames.memory import RunDescriptors
 from umo.states import OnOff
 from umo.testing import Scripted, VirtualTimer, periods
 
@@ -384,7 +384,7 @@ def test_with_checksums_a_flipped_byte_is_noticed() -> None:
     with connection:
         phases = Phases(connection.image, connection.wired.drivers)
         layout = Layout(describe_objects(connection.image.items), tuple(phases.names), {"station": "x"})
-        ends, readers = Ends.pair()
+        ends, readers = RunDescriptors.pair()
         ring = Ring(connection.machine, phases, layout, ends, checksum=True)
         connection.machine.observers.append(ring)
         periods(m, 3)
@@ -410,7 +410,7 @@ def test_with_checksums_the_content_of_an_earlier_lap_is_not_taken_for_the_frame
     with connection:
         phases = Phases(connection.image, connection.wired.drivers)
         layout = Layout(describe_objects(connection.image.items), tuple(phases.names), {"station": "x"})
-        ends, readers = Ends.pair()
+        ends, readers = RunDescriptors.pair()
         ring = Ring(connection.machine, phases, layout, ends, checksum=True)
         with Reader("bench", readers) as reader:
             write(ring, connection.machine.frame, 0, 0)

@@ -23,7 +23,7 @@ from umo.errors import FramesError
 from umo.frames import Reader, Stage, rings
 from umo.frames.folder import folder, new_path
 from umo.frames.frame_server import MAX_WAITING, FrameServer, is_served, receive
-from umo.frames.memory import Ends
+from umo.frames.memory import RunDescriptors
 from umo.testing import Scripted, VirtualTimer, periods
 
 LISTER = """
@@ -78,7 +78,7 @@ def test_a_socket_can_be_removed_by_nobody_while_its_run_lives() -> None:
             assert len(rings()) <= 1
             sys.setprofile(list_at)
 
-    path, (ends, readers) = new_path("bench"), Ends.pair()
+    path, (ends, readers) = new_path("bench"), RunDescriptors.pair()
     sys.setprofile(list_at)
     try:
         server = FrameServer(path, readers)
@@ -214,7 +214,7 @@ def test_a_kernel_without_the_seal_against_writing_has_the_others(monkeypatch: p
 
 
 def test_memory_that_can_be_cut_is_not_read() -> None:
-    ends, readers = Ends.pair()
+    ends, readers = RunDescriptors.pair()
     os.write(ends.frames, bytes(8192))
     with pytest.raises(FramesError, match="not sealed"):
         Reader("bench", readers)
@@ -223,7 +223,7 @@ def test_memory_that_can_be_cut_is_not_read() -> None:
 
 def test_a_server_that_does_not_answer_costs_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("umo.frames.frame_server.ANSWER_TIMEOUT", 0.01)
-    ends, readers = Ends.pair()
+    ends, readers = RunDescriptors.pair()
     server = FrameServer(new_path("bench"), readers)
     server.listen()
     with pytest.raises(FramesError, match="the guardian of this run does not answer"):
@@ -234,7 +234,7 @@ def test_a_server_that_does_not_answer_costs_a_sentence(monkeypatch: pytest.Monk
 
 
 def test_a_client_waits_for_its_turn_while_many_others_wait(monkeypatch: pytest.MonkeyPatch) -> None:
-    ends, readers = Ends.pair()
+    ends, readers = RunDescriptors.pair()
     server = FrameServer(new_path("bench"), readers)
     server.listen()
     for _ in range(MAX_WAITING + 2):  # they have asked, and left again

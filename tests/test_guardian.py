@@ -22,20 +22,20 @@ from umo import connect
 from umo.cycle import transfer
 from umo.cycle.stage import Stage
 from umo.errors import DeviceTimeout, DriverError
-from umo.process import control_process, reset, silence
-from umo.process import life as life_module
+from umo.process import control_process, hang_detection, reset
 from umo.process import outcome as outcome_module
+from umo.process import run_state as life_module
 from umo.process.control_process import Control
+from umo.process.frame_watcher import FrameWatcher
+from umo.process.hang_detection import LOOK_INTERVAL, HangDetector
 from umo.process.job import Job, Plan
-from umo.process.life import MAX_REPORT_BYTES, Life
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, plain
+from umo.process.processor_share import ProcessorShare
 from umo.process.reset import Resetter
 from umo.process.reset_state import Reached, ResetState
-from umo.process.share import Share
-from umo.process.silence import LOOK_INTERVAL, Silence
+from umo.process.run_state import MAX_REPORT_BYTES, RunState
 from umo.process.start import vanished
-from umo.process.watcher import Watcher
 from umo.system import realtime
 from umo.testing import Scripted, periods
 from umo.wiring import resolve
@@ -83,7 +83,7 @@ def test_an_exception_that_is_shown_slowly_does_not_count_as_hanging(tmp_path: P
 def test_a_report_that_never_ends_is_cut_off_and_the_end_stays_as_it_was(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(silence, "REPORTING_LIMIT", 0.1)
+    monkeypatch.setattr(hang_detection, "REPORTING_LIMIT", 0.1)
     outcome = Run(process_box.wiring(tmp_path / "box"), "returns_the_slow").outcome()
     assert (outcome.status, outcome.unsafe, outcome.result) == (0, False, None)
     assert standing() == []
@@ -166,10 +166,10 @@ def test_without_a_child_the_guardian_resets_the_machine_itself(
 def test_a_guardian_that_cannot_watch_any_more_resets_the_machine(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(self: Silence) -> str:
+    def fail(self: HangDetector) -> str:
         raise MemoryError("no room")
 
-    monkeypatch.setattr(Silence, "look", fail)
+    monkeypatch.setattr(HangDetector, "look", fail)
     outcome = Run(process_box.wiring(tmp_path / "box"), "forever").outcome()
     assert outcome.failure is not None
     assert "the guardian failed: MemoryError: no room" in outcome.failure.message
@@ -179,10 +179,10 @@ def test_a_guardian_that_cannot_watch_any_more_resets_the_machine(
 def test_a_guardian_that_fails_in_a_step_goes_on_watching(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(self: Watcher) -> None:
+    def fail(self: FrameWatcher) -> None:
         raise OSError("no frames")
 
-    monkeypatch.setattr(Watcher, "look", fail)
+    monkeypatch.setattr(FrameWatcher, "look", fail)
     run = Run(process_box.wiring(tmp_path / "box"), "forever").until_running()
     os.kill(run.control, signal.SIGKILL)
     outcome = run.outcome()
@@ -275,7 +275,7 @@ def test_a_control_process_stops_after_a_gap_without_a_guardian_or_when_asked(
     stopped: list[object] = []
     monkeypatch.setattr(control_process, "request_stop", lambda number=None: stopped.append(number))
     plan = plan_of(tmp_path, hang_timeout="100 ms")
-    Control(plan, cast(Any, None), cast(Life, found), cast(Any, None), 0, None).each_period(FRAME)
+    Control(plan, cast(Any, None), cast(RunState, found), cast(Any, None), 0, None).each_period(FRAME)
     assert bool(stopped) is stops
 
 
@@ -288,7 +288,7 @@ def test_a_look_of_the_guardians_beside_a_late_sign_of_life_takes_no_excuse_away
             return self.gap
 
     monkeypatch.setattr(control_process, "request_stop", lambda number=None: pytest.fail("stopped"))
-    life = cast(Life, Looked(gap=0.25, excused=0.2))
+    life = cast(RunState, Looked(gap=0.25, excused=0.2))
     plan = plan_of(tmp_path, hang_timeout="100 ms")
     Control(plan, cast(Any, None), life, cast(Any, None), 0, None).each_period(FRAME)
 
@@ -299,7 +299,7 @@ def test_a_guardian_that_looks_soon_after_the_computer_was_suspended_is_not_lost
 ) -> None:
     life, outcome = Found(unwatched=3600.0), Outcome()
     monkeypatch.setattr(control_process, "sleep", lambda seconds: setattr(life, "unwatched", 0.0) if late else None)
-    control = Control(plan_of(tmp_path), cast(Any, None), cast(Life, life), cast(Any, None), os.getppid(), None)
+    control = Control(plan_of(tmp_path), cast(Any, None), cast(RunState, life), cast(Any, None), os.getppid(), None)
     control._judge(outcome, None)
     assert outcome.unsafe is unsafe
 
@@ -312,7 +312,7 @@ def test_a_gap_longer_than_the_watchdog_of_a_circuit_ends_the_run(
     monkeypatch.setattr(control_process, "request_stop", lambda number=None: stopped.append(number))
     plan = plan_of(tmp_path, hang_timeout="100 ms")
     plan.wired = dataclasses.replace(plan.wired, watchdogs=watchdogs)
-    life = cast(Life, Found(gap=0.07, excused=0.07))
+    life = cast(RunState, Found(gap=0.07, excused=0.07))
     Control(plan, cast(Any, None), life, cast(Any, None), 0, None).each_period(FRAME)
     assert bool(stopped) is stops
 
@@ -419,7 +419,7 @@ class OfShare:
         self.kept_waiting += self._part * LOOK_INTERVAL
 
 
-IDLE = cast(Share, OfShare())
+IDLE = cast(ProcessorShare, OfShare())
 
 
 class Time:
@@ -430,7 +430,7 @@ class Time:
         monkeypatch.setattr(life_module, "clock", lambda: self.now)
         monkeypatch.setattr(life_module.time, "clock_gettime_ns", lambda clock: self.now)
 
-    def hung_after(self, silence: Silence, every: float, most: int = 100) -> tuple[str, float]:
+    def hung_after(self, silence: HangDetector, every: float, most: int = 100) -> tuple[str, float]:
         """What is known, and after how many s, of a process that gives no sign of life; looks come `every` s."""
         for look in range(1, most + 1):
             self.now += int(every * 1e9)
@@ -440,13 +440,13 @@ class Time:
 
 
 def test_a_period_longer_than_the_limit_for_a_step_of_starting_does_not_count_as_hanging() -> None:
-    assert Silence(Life(), IDLE, 0.1, period=60.0).limit > 60.0
+    assert HangDetector(RunState(), IDLE, 0.1, period=60.0).limit > 60.0
 
 
 def test_a_suspended_computer_is_not_taken_for_a_hanging_control_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    time, life = Time(monkeypatch), Life()
+    time, life = Time(monkeypatch), RunState()
     life.enter(Stage.RUNNING)
-    silence = Silence(life, IDLE, 0.1, 0.001)
+    silence = HangDetector(life, IDLE, 0.1, 0.001)
     assert time.hung_after(silence, 3600.0, most=1)[0] == ""
     assert time.hung_after(silence, LOOK_INTERVAL, most=2)[0] == ""
 
@@ -456,9 +456,9 @@ def test_a_hang_is_noticed_also_by_a_guardian_whose_looks_come_late(
     monkeypatch: pytest.MonkeyPatch, every: float, after: float
 ) -> None:
     """As in a container with a CPU quota that the hanging process uses up."""
-    time, life = Time(monkeypatch), Life()
+    time, life = Time(monkeypatch), RunState()
     life.enter(Stage.RUNNING)
-    hung, late = time.hung_after(Silence(life, IDLE, 0.1, 0.001), every)
+    hung, late = time.hung_after(HangDetector(life, IDLE, 0.1, 0.001), every)
     assert hung == "hung: no sign of life for 100 ms while running"
     assert late == pytest.approx(after)
 
@@ -473,9 +473,9 @@ def test_a_hang_is_noticed_also_by_a_guardian_whose_looks_come_late(
 def test_time_for_which_others_had_the_processor_is_not_counted_up_to_three_times_the_limit(
     monkeypatch: pytest.MonkeyPatch, part: float, after: float, what: str
 ) -> None:
-    time, life = Time(monkeypatch), Life()
+    time, life = Time(monkeypatch), RunState()
     life.enter(Stage.RUNNING)
-    how, late = time.hung_after(Silence(life, cast(Share, OfShare(part)), 0.1, 0.001), LOOK_INTERVAL)
+    how, late = time.hung_after(HangDetector(life, cast(ProcessorShare, OfShare(part)), 0.1, 0.001), LOOK_INTERVAL)
     assert (how, late) == (what, pytest.approx(after))
     assert life.excused == pytest.approx(part * late, abs=0.03)
 
@@ -691,7 +691,7 @@ def test_a_reset_needs_no_permission(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(os, "sched_setaffinity", refused)
     monkeypatch.setattr(realtime, "use_fifo", lambda priority: None)
-    realtime.guard(80)
+    realtime.prepare_guardian(80)
     resetter = resetter_of(tmp_path, process_box.wiring(tmp_path / "box"), guard=refused)
     assert resetter.reset(0.0) == {}
     assert_safe(Cells(tmp_path / "box"))

@@ -19,9 +19,9 @@ import umo
 from helpers.machines import Board, bench, on, wired
 from umo import connect
 from umo.drivers import Channel, WiringError
-from umo.errors import DeviceHeld, StandsStopped
-from umo.system.hold import Hold, holder, is_held
-from umo.system.record import all_standing, standing
+from umo.errors import AcknowledgeRequired, DeviceHeld
+from umo.system.device_lock import DeviceLock, holder, is_held
+from umo.system.device_record import all_standing, standing
 from umo.testing import Scripted, periods
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="devices are held on Linux")
@@ -30,8 +30,8 @@ NOBODY = 65534
 ROOT = hasattr(os, "geteuid") and os.geteuid() == 0
 HOLDING = """
 import sys
-from umo.system.hold import Hold
-kept = Hold(sys.argv[1:], "press, bench")
+from umo.system.device_lock import DeviceLock
+kept = DeviceLock(sys.argv[1:], "press, bench")
 print("held", flush=True)
 sys.stdin.read()
 """
@@ -80,7 +80,7 @@ def as_nobody(work: Callable[[], object]) -> Iterator[int]:
 
 def test_a_device_that_another_process_holds_is_refused_with_its_pid_user_purpose_and_time(device: str) -> None:
     with another_process(device) as pid, pytest.raises(DeviceHeld) as caught:
-        Hold([device], "second")
+        DeviceLock([device], "second")
     text = (
         rf"{re.escape(device)} is held by pid {pid} of user \w+ \(press, bench\), since 20\d\d-\d\d-\d\d \d\d:\d\d:\d\d"
     )
@@ -92,7 +92,7 @@ def test_the_hold_ends_with_the_process_however_that_ends(device: str) -> None:
         assert is_held(device)
         os.kill(pid, signal.SIGKILL)
     assert not is_held(device)
-    Hold([device], "after").release()
+    DeviceLock([device], "after").release()
 
 
 def test_a_device_is_held_however_many_have_asked_before(device: str) -> None:
@@ -100,18 +100,18 @@ def test_a_device_is_held_however_many_have_asked_before(device: str) -> None:
         os.kill(pid, signal.SIGSTOP)  # it answers nobody
         assert all(is_held(device) for _ in range(10_000))
         with pytest.raises(DeviceHeld):
-            Hold([device], "second")
+            DeviceLock([device], "second")
         os.kill(pid, signal.SIGCONT)
 
 
 def test_who_gets_one_of_two_devices_only_holds_neither(device: str) -> None:
     with another_process(f"{device} b"), pytest.raises(DeviceHeld):
-        Hold([f"{device} a", f"{device} b"], "second")
+        DeviceLock([f"{device} a", f"{device} b"], "second")
     assert not is_held(f"{device} a")
 
 
 def test_a_forked_process_keeps_the_hold_until_it_has_ended_too_and_the_one_that_uses_it_is_named(device: str) -> None:
-    kept = Hold([device], "first")
+    kept = DeviceLock([device], "first")
     reading, writing = os.pipe()
     ready, telling = os.pipe()
     child = os.fork()
@@ -136,7 +136,7 @@ def test_a_forked_process_keeps_the_hold_until_it_has_ended_too_and_the_one_that
 
 @pytest.mark.skipif(not ROOT, reason="becoming another user needs root")
 def test_another_user_holds_against_this_one_and_is_named(device: str) -> None:
-    with as_nobody(lambda: Hold([device], "theirs")) as pid:
+    with as_nobody(lambda: DeviceLock([device], "theirs")) as pid:
         assert f"pid {pid} of user " in holder(device)
         assert "user root" not in holder(device)
 
@@ -145,11 +145,11 @@ def test_a_note_that_another_process_forges_is_not_believed(device: str) -> None
     """What a holder says of itself counts only under the pid that the kernel names."""
     import socket
 
-    from umo.system import hold
+    from umo.system import device_lock
 
     with another_process(device) as pid:
         forged = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        forged.bind(f"\0{hold._note(device, os.getpid())}1 forged".encode())
+        forged.bind(f"\0{device_lock._note(device, os.getpid())}1 forged".encode())
         assert f"pid {pid} " in holder(device)
         assert "forged" not in holder(device)
         forged.close()
@@ -221,7 +221,7 @@ def test_a_device_whose_default_was_not_reached_stands_stopped_until_it_is_ackno
     (ended,) = standing(device)
     assert (ended.state, sorted(ended.unreached)) == ("stopped", ["motor", "valve"])
     fresh = Board(device)
-    with pytest.raises(StandsStopped, match="not reached: motor, valve"):
+    with pytest.raises(AcknowledgeRequired, match="not reached: motor, valve"):
         connect(second, on(fresh, second)).__enter__()
     assert fresh.calls == []
     assert not is_held(device)
@@ -237,7 +237,7 @@ def test_a_process_killed_while_it_drives_a_device_leaves_it_standing(device: st
         connect(machine, on(Board(device), machine)).__enter__()
         os.kill(os.getpid(), signal.SIGKILL)
     os.waitpid(child, 0)
-    with pytest.raises(StandsStopped, match="all of its processes ended without a report"):
+    with pytest.raises(AcknowledgeRequired, match="all of its processes ended without a report"):
         connect(machine, on(Board(device), machine)).__enter__()
 
 

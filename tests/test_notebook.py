@@ -29,7 +29,7 @@ from umo.cycle.client_commands import Mode
 from umo.cycle.client_control import ClientControl
 from umo.errors import FramesError, PathError, RangeError
 from umo.frames import Reader
-from umo.frames.cells import Cells
+from umo.frames.client_memory import ClientMemory
 from umo.latency import blackbox
 from umo.process.start import LINUX
 from umo.remote import RemoteStation
@@ -233,7 +233,7 @@ def test_mode_lease_and_tunable_numbers_are_shown() -> None:
     with connection, published(connection, "press") as ring:
         reader = Reader(ring.path)
         assert reader.ends is not None
-        cells = Cells(reader.ends.cells, reader.layout)
+        cells = ClientMemory(reader.ends.cells, reader.layout)
         connection.machine.clients = clients = ClientControl(connection.machine, Receiver(cells), cells, Mode.MANUAL)
         clients.lease.acquire("anna & bert", "key", 60.0, 0.0)
         periods(m)

@@ -12,7 +12,7 @@ import pytest
 import umo
 from umo.process.job import Job, Plan
 from umo.testing import station
-from umo.wiring import resolve, share
+from umo.wiring import distribute_options, resolve
 
 APPLICATION = """
 from enum import Enum
@@ -71,7 +71,7 @@ def test_a_misspelt_option_is_named_with_the_nearest_one(tank: Path, way: Callab
 
 def test_an_option_of_a_driver_that_the_wiring_misspells_is_left_to_the_wirings_faults() -> None:
     wiring = {"drivers": {"box": {"type": "modbsu"}}, "wire": {"valve": {"driver": "box"}}}
-    assert share({"port": 5020}, wiring=wiring).wiring == {}
+    assert distribute_options({"port": 5020}, wiring=wiring).wiring == {}
 
 
 def test_the_options_of_a_wiring_that_is_resolved_are_refused(tank: Path) -> None:

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from helpers.machines import Bench, actuator, bench, sensor, timer, wired
 from umo import Compound, DigitalActuator, DigitalSensor, connect, run
-from umo.cli.result import Result
+from umo.cli.run_summary import RunSummary
 from umo.control import until, wait
 from umo.cycle.trace import Statistics
 from umo.errors import DeclarationError, DriverError, Failure, Mistake, RangeError, StateError, StopError, WiringError
@@ -173,5 +173,5 @@ def test_the_table_of_a_run_points_at_umo_why_where_periods_were_missed() -> Non
         statistics = Statistics()
         statistics.missed = missed
         console = Console(width=80, record=True, file=StringIO())
-        console.print(Result(statistics).table("umo run"))
+        console.print(RunSummary(statistics).table("umo run"))
         assert f"{hint} " in console.export_text()

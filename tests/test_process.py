@@ -19,8 +19,8 @@ from helpers.process_box import CALLS, Cells
 from helpers.runs import Run, assert_safe, standing, until_dead
 from helpers.tiers import first, some
 from umo.cycle import transfer
-from umo.process import reset, silence
-from umo.system import record
+from umo.process import hang_detection, reset
+from umo.system import device_record
 
 AT_ONCE = 6
 """Runs side by side: most of their time they wait."""
@@ -42,7 +42,7 @@ def cells(tmp_path: Path) -> Cells:
 def impatient(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     """For drivers that never answer: the limits that end the waiting, as small as a shared machine allows. What the
     wiring's [process] has of them."""
-    monkeypatch.setattr(silence, "STARTING_LIMIT", 0.5)
+    monkeypatch.setattr(hang_detection, "STARTING_LIMIT", 0.5)
     monkeypatch.setattr(reset, "CALL_MARGIN", 0.2)
     return {"hang_timeout": "100 ms"}
 
@@ -99,7 +99,7 @@ def test_at_every_call_of_a_driver_the_end_is_safe_and_reported(
             assert outcome.failure is not None, where
             assert outcome.unreached == [], where
             assert outcome.unsafe == (action != "raise"), where
-            assert bool(record.standing(f"file {files[at]}")) == outcome.unsafe, where
+            assert bool(device_record.standing(f"file {files[at]}")) == outcome.unsafe, where
 
 
 @pytest.mark.parametrize(
@@ -275,8 +275,8 @@ def test_a_device_that_stays_away_is_named_with_status_3(tmp_path: Path, cells: 
     assert outcome.failure is not None
     what = f"driver box (file {tmp_path / 'box'}) could not be opened: no route to the device"
     assert f"not reached: valve and motor: {what}" in outcome.failure.message
-    (record,) = standing()
-    assert "not reached: valve, motor" in str(record)
+    (device_record,) = standing()
+    assert "not reached: valve, motor" in str(device_record)
 
 
 def test_a_device_that_comes_back_is_reset_after_all(tmp_path: Path, cells: Cells, away: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from umo import Compound, DigitalSensor, connect
-from umo.cli.progress_line import Shown
+from umo.cli.progress_line import RunProgressLine
 from umo.cycle.stage import Progress
 from umo.errors import RangeError
 
@@ -25,7 +25,8 @@ def machine() -> Machine:
 def shown(times: list[float], *, terminal: bool) -> str:
     file, now = io.StringIO(), [0.0]
     connection = connect(machine())
-    with connection as m, Shown(Console(file=file, force_terminal=terminal, width=80), lambda: now[0]) as line:
+    console = Console(file=file, force_terminal=terminal, width=80)
+    with connection as m, RunProgressLine(console, lambda: now[0]) as line:
         m.cycle.progress("homing", done=1, total=2)
         frame = connection.machine.frame
         for number, time in enumerate(times):

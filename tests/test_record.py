@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from umo import UmoError
-from umo.errors import StandsStopped
-from umo.system import folders, record
-from umo.system.record import Record, all_standing, standing
+from umo.errors import AcknowledgeRequired
+from umo.system import device_record, folders
+from umo.system.device_record import DeviceRecord, all_standing, standing
 
 DEVICE = "bus 1"
 ROOT = hasattr(os, "geteuid") and os.geteuid() == 0
@@ -22,46 +22,47 @@ NOBODY = 65534
 
 
 def own_file() -> Path:
-    return record._folder() / record._file(DEVICE)
+    return device_record._folder() / device_record._file(DEVICE)
 
 
 def test_a_record_stands_from_the_start_to_the_safe_end() -> None:
-    run = Record([DEVICE], "press", "bench")
+    run = DeviceRecord([DEVICE], "press", "bench")
     run.begin(False)
     (ended,) = standing(DEVICE)
     assert (ended.state, ended.station, ended.wiring, ended.device) == ("running", "press", "bench", DEVICE)
     run.finish()
     assert standing(DEVICE) == []
-    assert list(record._folder().iterdir()) == []
+    assert list(device_record._folder().iterdir()) == []
 
 
 def test_an_unsafe_end_is_told_to_the_next_start_until_it_is_acknowledged() -> None:
-    first = Record([DEVICE], "press", "bench")
+    first = DeviceRecord([DEVICE], "press", "bench")
     first.begin(False)
     first.stopped("the control process was killed", ["ram"])
-    with pytest.raises(StandsStopped, match=r"press \(bench\) on bus 1 was stopped at .*killed; not reached: ram"):
-        Record([DEVICE], "lathe", "other").begin(False)
-    second = Record([DEVICE], "lathe", "other")
+    told = r"press \(bench\) on bus 1 was stopped at .*killed; not reached: ram"
+    with pytest.raises(AcknowledgeRequired, match=told):
+        DeviceRecord([DEVICE], "lathe", "other").begin(False)
+    second = DeviceRecord([DEVICE], "lathe", "other")
     second.begin(True)
     second.finish()
-    Record([DEVICE], "press", "bench").begin(False)
+    DeviceRecord([DEVICE], "press", "bench").begin(False)
 
 
 def test_each_device_of_a_run_stands_by_itself() -> None:
-    first = Record([DEVICE, "bus 2"], "press", "")
+    first = DeviceRecord([DEVICE, "bus 2"], "press", "")
     first.begin(False)
     first.stopped("killed", [])
-    with pytest.raises(StandsStopped):
-        Record(["bus 2"], "other", "").begin(False)
-    Record(["bus 3"], "other", "").begin(False)
+    with pytest.raises(AcknowledgeRequired):
+        DeviceRecord(["bus 2"], "other", "").begin(False)
+    DeviceRecord(["bus 3"], "other", "").begin(False)
 
 
 def test_a_run_that_drove_nothing_leaves_what_was_to_be_acknowledged() -> None:
-    first = Record([DEVICE], "press", "bench")
+    first = DeviceRecord([DEVICE], "press", "bench")
     first.begin(False)
     first.stopped("killed", ["ram"])
     told = [str(ended) for ended in standing(DEVICE)]
-    second = Record([DEVICE, "bus 2"], "press", "bench")
+    second = DeviceRecord([DEVICE, "bus 2"], "press", "bench")
     second.begin(True)
     second.abandon()
     assert [str(ended) for ended in standing(DEVICE)] == told
@@ -70,14 +71,14 @@ def test_a_run_that_drove_nothing_leaves_what_was_to_be_acknowledged() -> None:
 
 @pytest.mark.parametrize("content", [b"", b"not JSON", b"[1]", b'{"device": 1}', b"\xff\xfe", b"[" * 100_000])
 def test_a_record_that_cannot_be_read_is_never_taken_for_a_safe_end(content: bytes) -> None:
-    Record([DEVICE], "press", "").begin(False)
+    DeviceRecord([DEVICE], "press", "").begin(False)
     own_file().write_bytes(content)
     (ended,) = standing(DEVICE)
     assert "is unknown: its record cannot be read" in str(ended)
     assert "every actuator was reset" not in str(ended)
-    with pytest.raises(StandsStopped):
-        Record([DEVICE], "press", "").begin(False)
-    again = Record([DEVICE], "press", "")
+    with pytest.raises(AcknowledgeRequired):
+        DeviceRecord([DEVICE], "press", "").begin(False)
+    again = DeviceRecord([DEVICE], "press", "")
     again.begin(True)
     again.finish()
     assert standing(DEVICE) == []
@@ -95,14 +96,14 @@ ODD: list[dict[str, object]] = [
 
 @pytest.mark.parametrize("odd", ODD)
 def test_a_record_with_a_value_that_makes_no_sense_counts_as_unreadable(odd: dict[str, object]) -> None:
-    Record([DEVICE], "press", "").begin(False)
+    DeviceRecord([DEVICE], "press", "").begin(False)
     own_file().write_text(json.dumps(json.loads(own_file().read_text()) | odd))
     (ended,) = standing(DEVICE)
     assert "is unknown: its record cannot be read" in str(ended)
 
 
 def test_a_record_cannot_send_commands_to_the_terminal_that_shows_it() -> None:
-    run = Record([DEVICE], "\x1b[2Jpress", "")
+    run = DeviceRecord([DEVICE], "\x1b[2Jpress", "")
     run.begin(False)
     run.stopped("\x1b]0;title\x07", ["\x1b[31mram"])
     for state in ("stopped", "running", "odd"):
@@ -127,14 +128,14 @@ def test_a_start_that_can_be_written_down_for_one_of_two_devices_only_leaves_not
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(UmoError, match="the start of the run could not be recorded: No space left"):
-        Record(["bus 1", "bus 2"], "press", "").begin(False)
+        DeviceRecord(["bus 1", "bus 2"], "press", "").begin(False)
     assert standing("bus 1") == []
 
 
 def test_an_acknowledged_start_that_cannot_be_written_down_leaves_every_unsafe_end(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    before = Record(["bus 1", "bus 2"], "press", "")
+    before = DeviceRecord(["bus 1", "bus 2"], "press", "")
     before.begin(False)
     before.stopped("killed", ["ram"])
 
@@ -143,7 +144,7 @@ def test_an_acknowledged_start_that_cannot_be_written_down_leaves_every_unsafe_e
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(UmoError):
-        Record(["bus 1", "bus 2"], "press", "").begin(True)
+        DeviceRecord(["bus 1", "bus 2"], "press", "").begin(True)
     assert [ended.state for device in ("bus 1", "bus 2") for ended in standing(device)] == ["stopped"] * 2
 
 
@@ -154,18 +155,18 @@ def test_a_folder_of_records_that_cannot_be_used_is_named(
     (tmp_path / "a file").touch()
     monkeypatch.setenv("UMO_STATE", str(tmp_path / place))
     with pytest.raises(UmoError, match="the records of earlier runs cannot be read: "):
-        Record([DEVICE], "press", "").begin(False)
+        DeviceRecord([DEVICE], "press", "").begin(False)
 
 
 def test_without_devices_nothing_is_written() -> None:
-    run = Record([], "press", "")
+    run = DeviceRecord([], "press", "")
     run.begin(False)
     assert all_standing() == []
     run.finish()
 
 
 def test_a_record_is_protected_from_the_clearing_of_old_files() -> None:
-    Record([DEVICE], "press", "").begin(False)
+    DeviceRecord([DEVICE], "press", "").begin(False)
     assert stat.S_IMODE(own_file().stat().st_mode) == 0o1644
 
 
@@ -173,9 +174,9 @@ def test_a_symbolic_link_in_its_place_is_neither_followed_nor_believed(tmp_path:
     victim = tmp_path / "victim"
     victim.write_text("precious")
     own_file().symlink_to(victim)
-    with pytest.raises(StandsStopped):
-        Record([DEVICE], "press", "").begin(False)
-    run = Record([DEVICE], "press", "")
+    with pytest.raises(AcknowledgeRequired):
+        DeviceRecord([DEVICE], "press", "").begin(False)
+    run = DeviceRecord([DEVICE], "press", "")
     run.begin(True)
     run.finish()
     assert victim.read_text() == "precious"
@@ -186,10 +187,10 @@ def test_a_symbolic_link_in_its_place_is_neither_followed_nor_believed(tmp_path:
 
 def others(state: str = "stopped", name: str = f"{folders.PREFIX}{NOBODY}") -> Path:
     """A record that another user has written."""
-    folder = folders.lasting() / name / record.FOLDER
+    folder = folders.lasting() / name / device_record.FOLDER
     folder.mkdir(parents=True)
     content = {"device": DEVICE, "station": "theirs", "wiring": "", "state": state, "when": 1.0, "id": "abc"}
-    file = folder / record._file(DEVICE)
+    file = folder / device_record._file(DEVICE)
     file.write_text(json.dumps(content))
     for path in (folder.parent, folder, file):
         os.chown(path, NOBODY, NOBODY)
@@ -199,12 +200,12 @@ def others(state: str = "stopped", name: str = f"{folders.PREFIX}{NOBODY}") -> P
 @pytest.mark.skipif(not ROOT, reason="writing as another user needs root")
 def test_another_users_unsafe_end_is_told_with_their_name_and_acknowledged_once() -> None:
     others()
-    with pytest.raises(StandsStopped, match="theirs on bus 1 was stopped by user 65534"):
-        Record([DEVICE], "press", "").begin(False)
-    run = Record([DEVICE], "press", "")
+    with pytest.raises(AcknowledgeRequired, match="theirs on bus 1 was stopped by user 65534"):
+        DeviceRecord([DEVICE], "press", "").begin(False)
+    run = DeviceRecord([DEVICE], "press", "")
     run.begin(True)
     run.finish()
-    again = Record([DEVICE], "press", "")
+    again = DeviceRecord([DEVICE], "press", "")
     again.begin(False)
     again.stopped("killed", [])
     assert [ended.station for ended in standing(DEVICE)] == ["press"]
@@ -217,18 +218,18 @@ def test_another_users_unsafe_end_is_told_with_their_name_and_acknowledged_once(
 def test_another_users_record_without_an_id_is_acknowledged_once_until_it_is_written_again(content: bytes) -> None:
     file = others()
     file.write_bytes(content)
-    run = Record([DEVICE], "press", "")
+    run = DeviceRecord([DEVICE], "press", "")
     run.begin(True)
     run.finish()
-    Record([DEVICE], "press", "").begin(False)
+    DeviceRecord([DEVICE], "press", "").begin(False)
     os.utime(file, ns=(1, 1))
-    with pytest.raises(StandsStopped, match="by user 65534"):
-        Record([DEVICE], "press", "").begin(False)
+    with pytest.raises(AcknowledgeRequired, match="by user 65534"):
+        DeviceRecord([DEVICE], "press", "").begin(False)
 
 
 @pytest.mark.skipif(not ROOT, reason="writing as another user needs root")
 def test_another_user_cannot_forge_a_safe_end_over_this_users_record() -> None:
-    Record([DEVICE], "press", "").begin(False)
+    DeviceRecord([DEVICE], "press", "").begin(False)
     others("ended")
     assert [ended.station for ended in standing(DEVICE)] == ["press"]
 
@@ -245,7 +246,7 @@ def test_whoever_takes_this_users_name_first_changes_nothing() -> None:
     squatted = folders.lasting() / f"{folders.PREFIX}{os.getuid()}"
     squatted.mkdir()
     os.chown(squatted, NOBODY, NOBODY)
-    Record([DEVICE], "press", "").begin(False)
+    DeviceRecord([DEVICE], "press", "").begin(False)
     assert [ended.station for ended in standing(DEVICE)] == ["press"]
     assert list(squatted.iterdir()) == []
 
@@ -258,8 +259,8 @@ def test_another_user_reads_this_users_record_and_takes_none_that_is_hidden_for_
     with tempfile.TemporaryDirectory() as place:
         os.chmod(place, 0o1777)
         monkeypatch.setenv("UMO_STATE", place)
-        Record([DEVICE], "press", "").begin(False)
-        record._folder().chmod(mode)
+        DeviceRecord([DEVICE], "press", "").begin(False)
+        device_record._folder().chmod(mode)
         child = os.fork()
         if child == 0:
             os.setuid(NOBODY)
@@ -273,5 +274,5 @@ def test_a_record_that_cannot_be_written_leaves_no_file(monkeypatch: pytest.Monk
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(UmoError, match="No space left"):
-        Record([DEVICE], "press", "bench").begin(False)
-    assert list(record._folder().iterdir()) == []
+        DeviceRecord([DEVICE], "press", "bench").begin(False)
+    assert list(device_record._folder().iterdir()) == []

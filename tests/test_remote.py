@@ -24,7 +24,7 @@ from umo.cycle.client_commands import Mode
 from umo.cycle.client_control import COMMANDS_PER_PERIOD, DEAD_MAN_TIME, ClientControl
 from umo.errors import CommandRefused, FramesError, RangeError
 from umo.frames import Reader
-from umo.frames.cells import HEAD, QUEUE, SLOT, SLOTS, STOP, STOP_MARK, Cells
+from umo.frames.client_memory import HEAD, QUEUE, SLOT, SLOTS, STOP, STOP_MARK, ClientMemory
 from umo.process.start import LINUX
 from umo.remote import RemoteStation
 from umo.remote.queue import MAX_COMMAND_BYTES, Receiver, Sender
@@ -42,7 +42,7 @@ class Queue:
 
     receiver: Receiver
     sender: Sender
-    cells: Cells
+    cells: ClientMemory
     reader: Any
 
 
@@ -60,7 +60,7 @@ class Machine(Reader):
 def queue() -> Iterator[Queue]:
     with running() as (_, ring, _connection), Machine(ring.path) as reader:
         assert reader.ends is not None
-        cells, theirs = (Cells(reader.ends.cells, reader.layout) for _ in range(2))
+        cells, theirs = (ClientMemory(reader.ends.cells, reader.layout) for _ in range(2))
         reader.receiver = Receiver(cells)
         with closing(Sender(reader, theirs)) as sender:
             yield Queue(reader.receiver, sender, theirs, reader)
@@ -88,7 +88,7 @@ def test_a_full_queue_refuses_after_a_while_and_delays_neither_a_stop_nor_signs_
         queue.sender.send({"do": "tune"})
     queue.cells.ask_to_stop(signal.SIGTERM, "ann, a test (pid 1)")
     queue.cells.sign("motor", 7, 1_500_000_000)
-    here = Cells(queue.reader.ends.cells, queue.reader.layout)
+    here = ClientMemory(queue.reader.ends.cells, queue.reader.layout)
     assert here.stop == (signal.SIGTERM, "ann, a test (pid 1)")
     assert here.signed("motor", 7) == 1.5
     here.close()
@@ -199,7 +199,7 @@ def test_the_first_request_to_stop_stands_and_its_name_is_cut_and_printable(queu
 def test_a_flood_of_a_client_costs_a_few_commands_in_each_period() -> None:
     with running() as (m, ring, connection), Reader(ring.path) as reader:
         assert reader.ends is not None
-        cells = Cells(reader.ends.cells, reader.layout)
+        cells = ClientMemory(reader.ends.cells, reader.layout)
         connection.machine.clients = ClientControl(connection.machine, Receiver(cells), cells, Mode.MANUAL)
         periods(m)
         with closing(Sender(reader, cells)) as sender:

@@ -16,10 +16,10 @@ import pytest
 from helpers import process_box
 from helpers.process_box import Cells
 from helpers.runs import Run
-from umo.process import share as share_module
+from umo.process import processor_share as share_module
+from umo.process.hang_detection import LOOK_INTERVAL
 from umo.process.outcome import Outcome
-from umo.process.share import OVERLONG, Share
-from umo.process.silence import LOOK_INTERVAL
+from umo.process.processor_share import OVERLONG, ProcessorShare
 from umo.system import cores, processes
 from umo.system.cores import CorePlace
 
@@ -113,7 +113,7 @@ def spinning() -> Iterator[Callable[[int, int, str], subprocess.Popen[bytes]]]:
         process.communicate()
 
 
-def look_until(share: Share, reached: Callable[[], bool], most: int = 500) -> None:
+def look_until(share: ProcessorShare, reached: Callable[[], bool], most: int = 500) -> None:
     """Looks of a guardian, until something is so."""
     for _ in range(most):
         if reached():
@@ -126,7 +126,7 @@ def look_until(share: Share, reached: Callable[[], bool], most: int = 500) -> No
 @needs_fifo
 def test_a_control_process_that_works_for_long_gives_way_until_its_next_sign_of_life(spinning) -> None:
     pid = spinning(max(os.sched_getaffinity(0)), 10, "spin").pid
-    share = Share(pid, None, lambda text: None)
+    share = ProcessorShare(pid, None, lambda text: None)
     look_until(share, lambda: os.sched_getscheduler(pid) == os.SCHED_OTHER)
     share.begin()
     assert os.sched_getparam(pid).sched_priority == 10
@@ -139,7 +139,7 @@ def test_a_control_process_that_is_kept_from_running_may_run_on_every_core_and_i
         told = list[str]()
         waiting = spinning(core, 10, "wait")
         other = spinning(core, 11, "spin")
-        share = Share(waiting.pid, core, told.append)
+        share = ProcessorShare(waiting.pid, core, told.append)
         assert waiting.stdin is not None
         waiting.stdin.write(b"go on" * 1000)
         waiting.stdin.flush()
@@ -161,7 +161,7 @@ def test_that_a_core_was_not_to_be_had_is_told_once(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(share_module, "state", lambda pid: "R")
     monkeypatch.setattr(share_module, "running_on", lambda cores, but: 1)
     monkeypatch.setattr(os, "sched_setaffinity", lambda pid, cores: None)
-    share = Share(os.getpid(), 0, told.append)
+    share = ProcessorShare(os.getpid(), 0, told.append)
     for waiting in range(2, 5):
         share.begin()
         for _ in range(2 * waiting):
@@ -174,7 +174,7 @@ def test_that_a_core_was_not_to_be_had_is_told_once(monkeypatch: pytest.MonkeyPa
 def test_a_process_that_hangs_alone_on_its_core_was_not_kept_waiting(spinning) -> None:
     core = max(os.sched_getaffinity(0))
     pid = spinning(core, 10, "wait").pid  # no time passes for it, as on a core whose clock does not tick
-    share = Share(pid, core, lambda text: None)
+    share = ProcessorShare(pid, core, lambda text: None)
     for _ in range(5):
         share.look()
         select.select([], [], [], LOOK_INTERVAL)

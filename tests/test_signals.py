@@ -11,7 +11,7 @@ import pytest
 
 from helpers.machines import actuator, sensor, timer, wired
 from umo import Compound, DigitalActuator, DigitalSensor, Number, connect, published
-from umo.cli.watch import Picture
+from umo.cli.watch import WatchScreen
 from umo.control import PID, Servo
 from umo.cycle.frame import signals_of
 from umo.cycle.trace import Trace
@@ -110,7 +110,7 @@ def test_the_screen_shows_the_signals_below_the_objects() -> None:
     connection = connect(m, wired(m, Scripted()))
     with connection, published(connection, "press") as ring, Reader(ring.path) as reader:
         put(m.axes[0].encoder, 5.0)
-        picture = Picture(reader, list(range(len(reader.paths) + len(reader.signals))))
+        picture = WatchScreen(reader, list(range(len(reader.paths) + len(reader.signals))))
         periods(m, 3)
         picture.update()
         table = picture.whole().renderables[1]

@@ -16,11 +16,11 @@ from helpers.process_box import Cells
 from helpers.runs import Run, assert_safe, standing, until_dead
 from helpers.waiting import until
 from umo.cycle import transfer
-from umo.process import conclusion, guardian
-from umo.process.life import Life, Who
+from umo.process import guardian, run_end
+from umo.process.run_state import RunState, Who
 from umo.process.standby import Standby
 from umo.system import processes
-from umo.system.record import INSPECT
+from umo.system.device_record import INSPECT
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="processes of their own need Linux")
 
@@ -161,7 +161,7 @@ def test_a_guardian_that_fails_without_anyone_to_follow_it_tells_no_more_than_it
 ) -> None:
     monkeypatch.setattr(Standby, "appoint", lambda standby: None)
     for step in steps:
-        monkeypatch.setattr(conclusion.Conclusion, step, Mock(side_effect=MemoryError))
+        monkeypatch.setattr(run_end.RunEnd, step, Mock(side_effect=MemoryError))
     outcome = Run(process_box.wiring(tmp_path / "box")).outcome()
     assert (outcome.status, outcome.unreached) == (status, unreached)
 
@@ -202,9 +202,9 @@ def test_a_guardian_killed_when_all_was_reset_changes_nothing_of_the_end(
 
     monkeypatch.setattr(
         *{
-            "record": (guardian.Custody, "finish", lethal(guardian.Custody.finish)),
-            "tell": (guardian.Watcher, "finish", lethal(guardian.Watcher.finish)),
-            "end": (conclusion, "tell_final_message", lethal(conclusion.tell_final_message)),
+            "record": (guardian.DeviceClaim, "finish", lethal(guardian.DeviceClaim.finish)),
+            "tell": (guardian.FrameWatcher, "finish", lethal(guardian.FrameWatcher.finish)),
+            "end": (run_end, "tell_final_message", lethal(run_end.tell_final_message)),
         }[step]
     )
     outcome = Run(process_box.wiring(tmp_path / "box"), application).outcome()
@@ -215,14 +215,14 @@ def test_a_guardian_killed_when_all_was_reset_changes_nothing_of_the_end(
 def test_a_guardian_that_cannot_fork_a_standby_guardian_says_so_and_goes_on(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fork = Life.fork
+    fork = RunState.fork
 
-    def refused(self: Life, who: Who) -> int:
+    def refused(self: RunState, who: Who) -> int:
         if who is Who.STANDBY:
             raise BlockingIOError(11, "Resource temporarily unavailable")
         return fork(self, who)
 
-    monkeypatch.setattr(Life, "fork", refused)
+    monkeypatch.setattr(RunState, "fork", refused)
     run = Run(process_box.wiring(tmp_path / "box"), "forever")
     assert run.message("notice")["text"].startswith("no standby guardian: ")
     run.control = run.message("running")["pid"]

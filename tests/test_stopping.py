@@ -17,7 +17,7 @@ from umo import connect, run
 from umo.drivers import Channel
 from umo.drivers.timerfd import TimerFd
 from umo.states import OnOff
-from umo.system.record import Record, standing
+from umo.system.device_record import DeviceRecord, standing
 from umo.testing import Scripted, VirtualTimer, periods
 
 linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="timerfd is Linux")
@@ -208,13 +208,13 @@ def test_a_stop_can_be_requested_without_a_signal():
 
 @pytest.mark.parametrize("number", SIGNALS)
 def test_a_signal_while_the_safe_end_is_recorded_changes_nothing_of_the_record(tmp_path, monkeypatch, number):
-    finish = Record.finish
+    finish = DeviceRecord.finish
 
-    def interrupted(self: Record) -> None:
+    def interrupted(self: DeviceRecord) -> None:
         cut(number)
         finish(self)
 
-    monkeypatch.setattr(Record, "finish", interrupted)
+    monkeypatch.setattr(DeviceRecord, "finish", interrupted)
     machine, device = bench(), f"test {tmp_path}"
     with connect(machine, on(Board(device), machine)) as m:
         periods(m, 1)

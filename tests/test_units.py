@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from helpers.machines import sensor
 from umo import Compound, DigitalSensor, connect
-from umo.drivers.faults.words import InjectedFault
+from umo.drivers.faults.fault_syntax import InjectedFault
 from umo.drivers.gpio.channel import checked
 from umo.drivers.option_checks import duration
 from umo.duration import seconds

@@ -21,16 +21,16 @@ from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Interl
 from umo.cli.app import app
 from umo.cli.follow import _name_other_runs
 from umo.cli.keys import parse, pressed
-from umo.cli.running import attach, how_ended
+from umo.cli.ps import attach, how_ended
 from umo.cli.traces import Traces, spark, traced_span
-from umo.cli.watch import Picture
+from umo.cli.watch import WatchScreen
 from umo.errors import FramesError, PathError
 from umo.page.watched import Watched
 from umo.presentation.durations import lasting
 from umo.presentation.families import folded
 from umo.presentation.rows import quality_of, value_of
 from umo.states import OnOff
-from umo.system.record import Record
+from umo.system.device_record import DeviceRecord
 from umo.testing import Scripted, VirtualTimer, periods
 from umo.wiring.patterns import chosen
 
@@ -66,7 +66,7 @@ def test_ps_lists_what_runs() -> None:
 
 
 def test_ps_names_the_machines_that_stand_stopped() -> None:
-    run = Record(["bus 1"], "press", "rig")
+    run = DeviceRecord(["bus 1"], "press", "rig")
     run.begin(False)
     run.stopped("the control process hung", ["motor"])
     found = said(umo("ps"))
@@ -79,7 +79,7 @@ def test_ps_names_the_machines_that_stand_stopped() -> None:
 
 
 def test_ps_says_in_one_line_of_a_machine_what_matters() -> None:
-    run = Record([f"bus {'1' * 200}"], "press", "rig")
+    run = DeviceRecord([f"bus {'1' * 200}"], "press", "rig")
     run.begin(False)
     run.stopped("the control process hung\n" * 20, [f"axis {number}" for number in range(50)])
     (line,) = [line for line in umo("ps").stdout.splitlines() if "press" in line]
@@ -139,7 +139,8 @@ def test_watch_tells_what_is_inhibited_and_why() -> None:
         periods(m, 2)
         result = umo("watch", "press", "--once")
         with attach("press") as reader:
-            lines = drawn(Picture(reader, chosen(reader.paths, ["encoder", "motor"], "press")).screen(Console(), False))
+            screen = WatchScreen(reader, chosen(reader.paths, ["encoder", "motor"], "press"))
+            lines = drawn(screen.screen(Console(), False))
     assert "motor 0.0 V ⊘ inhibited" in said(result)
     assert "valve OFF ⊘ inhibited" in said(result)
     assert "⊘ inhibited: the guard is open: motor and valve" in said(result)
@@ -187,7 +188,7 @@ def drawn(shown: Any, width: int = 80, height: int = 24) -> list[str]:
 
 def test_a_trace_follows_the_values() -> None:
     with running(count=0) as m, attach("press") as reader:
-        picture = Picture(reader, chosen(reader.paths, ["encoder", "valve"], "press"))
+        picture = WatchScreen(reader, chosen(reader.paths, ["encoder", "valve"], "press"))
         periods(m, 3000)
         assert picture.update() is False
         assert picture._frame["number"] > 1000
@@ -252,7 +253,7 @@ class Furnace(Compound):
 
 
 @contextmanager
-def furnace(count: int = 40) -> Iterator[tuple[Furnace, Picture]]:
+def furnace(count: int = 40) -> Iterator[tuple[Furnace, WatchScreen]]:
     """All temperatures differ; that of the last zone but one is out of range."""
     zones = (Zone(heater=actuator(), temperature=sensor(), fan=relay()) for _ in range(count))
     m = Furnace(zones=tuple(zones), alarm=relay(), timer=timer())
@@ -263,7 +264,7 @@ def furnace(count: int = 40) -> Iterator[tuple[Furnace, Picture]]:
         m.zones[1].fan.write(OnOff.ON)
         periods(m, 2)
         with attach("furnace") as reader:
-            picture = Picture(reader, list(range(len(reader.paths))))
+            picture = WatchScreen(reader, list(range(len(reader.paths))))
             picture.update()
             yield m, picture
 

@@ -32,14 +32,14 @@ from umo.cycle import connect, drive
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Channel, Direction
 from umo.drivers.faults.effects import Effect
-from umo.drivers.faults.words import KINDS_OF_DRIVERS, InjectedFault
-from umo.drivers.faults.wrapper import Faulty
+from umo.drivers.faults.fault_syntax import KINDS_OF_DRIVERS, InjectedFault
+from umo.drivers.faults.wrapper import FaultyDriver
 from umo.errors import StopError, WiringError
 from umo.objects import Binary, atoms
 from umo.process.outcome import message_of, plain
 from umo.process.station import find
 from umo.testing.faults import KINDS
-from umo.wiring import Wired, resolve, share
+from umo.wiring import Wired, distribute_options, resolve
 from umo.wiring.patterns import generalised
 
 DRIVER = "plant"
@@ -254,7 +254,7 @@ def carried_out(
     """Run the station, at most so many periods. `then` is called after each period, with its time."""
     station = find(trial.name)
     machine, file = station.machine(**trial.machine), station.wiring(None)
-    shares = share(trial.options, application=station.main, wiring=file)
+    shares = distribute_options(trial.options, application=station.main, wiring=file)
     wired = resolve(machine, file, shares.wiring | {"fault": list(faults), "fault_seed": SEED})
     connection = connect(machine, wired)
     run = Run(machine, wired, connection.stop)
@@ -381,7 +381,7 @@ class Forks(Attempt):
         self.groups = groups
         self.moments = sorted({cell.moment for group in groups for cell in group})
         self.done: list[list[Cell]] = [[] for _ in groups]
-        self.effects: list[tuple[Faulty, Sequence[Effect]]] = []
+        self.effects: list[tuple[FaultyDriver, Sequence[Effect]]] = []
 
     def then(self, run: Run, now: float) -> None:
         """After each period of the run."""

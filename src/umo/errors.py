@@ -24,7 +24,7 @@ UmoError
 |   `-- HomingError                  an axis did not find its reference
 |-- FramesError (RuntimeError)       frames cannot be published or read
 |-- DeviceHeld (RuntimeError)        another process, or another machine of this one, holds a device
-`-- StandsStopped (RuntimeError)     the last run on a device ended unsafely and was not acknowledged
+`-- AcknowledgeRequired (RuntimeError) the last run on a device ended unsafely and was not acknowledged
 Cancelled (BaseException)            thrown into sequences when the machine stops
 """
 
@@ -233,7 +233,7 @@ class DeviceHeld(UmoError, RuntimeError):
     """A device is already in use: by another process, or by another connected machine of this process."""
 
 
-class StandsStopped(UmoError, RuntimeError):
+class AcknowledgeRequired(UmoError, RuntimeError):
     """The last run on a device ended unsafely. Inspect the machine, then connect with `acknowledge=True`."""
 
 

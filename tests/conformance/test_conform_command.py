@@ -20,10 +20,10 @@ import umo as package
 from conformance.device import Device
 from helpers.tiers import first
 from umo.cli import conform as conform_command
-from umo.errors import StandsStopped
+from umo.errors import AcknowledgeRequired
 from umo.process.station import StationError
-from umo.system.custody import Custody
-from umo.system.hold import Hold
+from umo.system.device_claim import DeviceClaim
+from umo.system.device_lock import DeviceLock
 from umo.testing.conformance import Certificate, PtyTap, leak_rules, long_run
 
 Umo = Callable[..., Result]
@@ -324,18 +324,18 @@ def test_a_channel_that_the_device_refuses_lets_error_answers_be_tried(umo: Umo,
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="devices are held on Linux")
 def test_an_earlier_unsafe_end_stays_if_the_device_cannot_be_opened(umo: Umo, press: Path) -> None:
     name = "device tcp 127.0.0.1:1"
-    Custody([name], "press").stopped("a test", ["motor"])
+    DeviceClaim([name], "press").stopped("a test", ["motor"])
     file = press / "wiring" / "card.toml"
     file.write_text(file.read_text().replace("port = ", "port = 1 # "))
     result = umo("conform", "press", "-w", "card", "--yes", "--acknowledge")
     assert result.exit_code == 1, said(result)
-    with pytest.raises(StandsStopped):
-        Custody([name], "press")
+    with pytest.raises(AcknowledgeRequired):
+        DeviceClaim([name], "press")
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="devices are held on Linux")
 def test_a_device_that_another_program_holds_is_left_alone(umo: Umo, press: Path, device: Device) -> None:
-    kept = Hold([f"device tcp 127.0.0.1:{device.port}"], "oven")
+    kept = DeviceLock([f"device tcp 127.0.0.1:{device.port}"], "oven")
     try:
         result = umo("conform", "press", "-w", "card")
     finally:
@@ -406,7 +406,7 @@ def _until(terminal: int, word: str, patience: float = 30.0) -> str:
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="devices are held on Linux")
 def test_an_earlier_unsafe_end_stays_without_consent(umo: Umo, press: Path, device: Device) -> None:
     name = f"device tcp 127.0.0.1:{device.port}"
-    Custody([name], "press").stopped("a test", ["motor"])
+    DeviceClaim([name], "press").stopped("a test", ["motor"])
     assert "confirm it by --yes" in said(umo("conform", "press", "-w", "card", "--acknowledge"))
-    with pytest.raises(StandsStopped):
-        Custody([name], "press")
+    with pytest.raises(AcknowledgeRequired):
+        DeviceClaim([name], "press")

@@ -123,7 +123,7 @@ def test_a_signal_waits_for_the_call_under_way_before_the_outputs_are_brought_to
 
 def test_a_driver_that_hangs_without_a_line_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(examine, "HANG", 0.1)
-    monkeypatch.setattr("umo.testing.conformance.clients.PATIENCE", 0.05)
+    monkeypatch.setattr("umo.testing.conformance.driver_factory.UNCONTROLLED_TIMEOUT", 0.05)
     end = threading.Event()
 
     class Hangs(Simulated):
@@ -140,7 +140,7 @@ def test_a_driver_that_hangs_without_a_line_is_found(monkeypatch: pytest.MonkeyP
 
 def test_a_call_that_hung_and_returns_after_all_is_the_last_one_of_its_rule(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(examine, "HANG", 0.1)
-    monkeypatch.setattr("umo.testing.conformance.clients.PATIENCE", 0.05)
+    monkeypatch.setattr("umo.testing.conformance.driver_factory.UNCONTROLLED_TIMEOUT", 0.05)
     end = threading.Event()
     hung: list[threading.Thread] = []
     later: list[str] = []

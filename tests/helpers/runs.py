@@ -14,7 +14,7 @@ from umo.process import guardian
 from umo.process.job import Job
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Outcome
-from umo.system.record import Ended, all_standing
+from umo.system.device_record import Ended, all_standing
 
 TESTS = Path(__file__).parents[1]
 NEIGHBOURS = "the control process did not get core"

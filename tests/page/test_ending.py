@@ -22,7 +22,7 @@ from umo.page.box_words import BoxInWords
 from umo.page.ending import UNKNOWN_END, Ending, ending_of
 from umo.page.feed import Feed
 from umo.page.watched import Watched
-from umo.system.record import Record
+from umo.system.device_record import DeviceRecord
 from umo.testing import Scripted, VirtualTimer, periods
 
 from .conftest import eventually, opened, running, search, serving
@@ -114,7 +114,7 @@ def test_of_a_killed_run_the_page_says_so(tmp_path: Path, killed: str, text: str
 def test_the_unsafe_end_of_the_next_run_is_not_told_of_the_one_before() -> None:
     last = Event(1.0, "", "stopped by ann", state=CommandState.CANCELLED)
     about = {"station": "press", "devices": ["bus 1"], "started": time.time() - 60.0}
-    record = Record(["bus 1"], "press", "rig")
+    record = DeviceRecord(["bus 1"], "press", "rig")
     record.begin(False)
     of_the_next = about | {"started": time.time()}
     record.stopped("device not reached", ["valve"])

@@ -18,8 +18,8 @@ from urllib.parse import quote
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from umo.page import guard, server, strangers
-from umo.page.guard import new_token
+from umo.page import access_control, server, unauthenticated
+from umo.page.access_control import new_token
 
 from .conftest import PATIENCE, TOKEN, Served, eventually, opened, running, serving
 
@@ -29,7 +29,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("UMO_FRAMES", str(tmp_path_factory.mktemp("frames")))
         patch.setenv("UMO_STATE", str(tmp_path_factory.mktemp("state")))
-        patch.setattr(guard, "REFUSAL_TIME", 0.01)
+        patch.setattr(access_control, "REFUSAL_TIME", 0.01)
         with serving() as served:
             yield served
 
@@ -98,9 +98,10 @@ def test_the_form_gives_the_cookie_for_the_token(served: Served) -> None:
 
 
 def test_many_wrong_tokens_at_once_delay_the_right_one_and_do_not_lock_it_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guard, "REFUSAL_TIME", 0.05)
+    monkeypatch.setattr(access_control, "REFUSAL_TIME", 0.05)
     with serving() as served, ExitStack() as open_ones:
-        asking = [HTTPConnection("127.0.0.1", served.port, timeout=PATIENCE) for _ in range(6 * guard.MAX_JUDGED)]
+        number = 6 * access_control.MAX_JUDGED
+        asking = [HTTPConnection("127.0.0.1", served.port, timeout=PATIENCE) for _ in range(number)]
         for connection in asking:
             open_ones.callback(connection.close)
             connection.request("GET", "/?token=wrong")
@@ -110,10 +111,11 @@ def test_many_wrong_tokens_at_once_delay_the_right_one_and_do_not_lock_it_out(mo
 
 
 def test_guesses_are_judged_a_few_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guard, "REFUSAL_TIME", PATIENCE)
+    monkeypatch.setattr(access_control, "REFUSAL_TIME", PATIENCE)
     with serving() as served, ExitStack() as open_ones:
         cookie = cookie_of(served).partition(";")[0]
-        asking = [HTTPConnection("127.0.0.1", served.port, timeout=PATIENCE) for _ in range(guard.MAX_JUDGED + 1)]
+        number = access_control.MAX_JUDGED + 1
+        asking = [HTTPConnection("127.0.0.1", served.port, timeout=PATIENCE) for _ in range(number)]
         for connection in asking[:-1]:
             open_ones.callback(connection.close)
             connection.request("GET", "/?token=wrong")
@@ -125,9 +127,9 @@ def test_guesses_are_judged_a_few_at_a_time(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_guesses_whose_asker_has_gone_do_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guard, "REFUSAL_TIME", 0.3)
+    monkeypatch.setattr(access_control, "REFUSAL_TIME", 0.3)
     with serving() as served:
-        for _ in range(100 * guard.MAX_JUDGED):
+        for _ in range(100 * access_control.MAX_JUDGED):
             connection = HTTPConnection("127.0.0.1", served.port, timeout=PATIENCE)
             connection.request("GET", "/?token=wrong")
             connection.close()
@@ -146,13 +148,13 @@ def test_another_site_cannot_try_tokens_in_the_background(served: Served, mode: 
 
 
 def test_a_form_that_does_not_come_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guard, "FORM_TIMEOUT", 0.05)
+    monkeypatch.setattr(access_control, "FORM_TIMEOUT", 0.05)
     with serving() as served:
         assert ask(served, "/login", "POST", None, Content_Length="20").status == 408
 
 
 def test_the_number_of_connections_that_have_the_token_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(server, "MAX_CONNECTIONS", 3 - strangers.MAX_STRANGERS)
+    monkeypatch.setattr(server, "MAX_CONNECTIONS", 3 - unauthenticated.MAX_STRANGERS)
     with serving() as served, ExitStack() as idle:
         for _ in range(3):
             idle.enter_context(socket.create_connection(("127.0.0.1", served.port), PATIENCE))
@@ -169,7 +171,7 @@ def halves(served: Served, count: int, all_of_them: ExitStack) -> list[socket.so
 
 
 def test_half_requests_without_the_token_do_not_shut_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(strangers, "STAY", PATIENCE * 3)
+    monkeypatch.setattr(unauthenticated, "STAY", PATIENCE * 3)
     with running(), serving() as served, ExitStack() as open_ones:
         cookie = cookie_of(served).partition(";")[0]
         with opened(served.socket) as before:
@@ -185,11 +187,11 @@ def test_half_requests_without_the_token_do_not_shut_the_page(monkeypatch: pytes
 
 
 def test_the_address_that_has_the_most_makes_room_for_another(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(strangers, "STAY", PATIENCE * 3)
+    monkeypatch.setattr(unauthenticated, "STAY", PATIENCE * 3)
     with serving() as served, ExitStack() as open_ones:
         other = socket.create_connection(("127.0.0.1", served.port), PATIENCE, ("127.0.0.2", 0))
         open_ones.enter_context(other).sendall(b"GET / HTTP/1.1\r\n")
-        halves(served, 2 * strangers.MAX_STRANGERS, open_ones)
+        halves(served, 2 * unauthenticated.MAX_STRANGERS, open_ones)
         other.sendall(b"Host: localhost\r\n\r\n")
         assert other.recv(12) == b"HTTP/1.1 401"
 
@@ -198,7 +200,7 @@ def test_the_address_that_has_the_most_makes_room_for_another(monkeypatch: pytes
     "begun", [b"", b"GET / HT", b"POST /login HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n"]
 )
 def test_a_connection_that_does_not_show_the_token_is_cut_off(monkeypatch: pytest.MonkeyPatch, begun: bytes) -> None:
-    monkeypatch.setattr(strangers, "STAY", 0.2)
+    monkeypatch.setattr(unauthenticated, "STAY", 0.2)
     with (
         running(),
         serving() as served,
@@ -289,10 +291,11 @@ def test_the_page_is_served_by_the_names_of_its_certificate(
 def test_half_handshakes_do_not_shut_the_page(
     secured: Served, certificate: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(strangers, "STAY", PATIENCE * 3)
+    monkeypatch.setattr(unauthenticated, "STAY", PATIENCE * 3)
     with ExitStack() as open_ones:
         half = [
-            socket.create_connection(("127.0.0.1", secured.port), PATIENCE) for _ in range(2 * strangers.MAX_STRANGERS)
+            socket.create_connection(("127.0.0.1", secured.port), PATIENCE)
+            for _ in range(2 * unauthenticated.MAX_STRANGERS)
         ]
         for connection in half:
             open_ones.enter_context(connection).sendall(b"\x16\x03\x01")

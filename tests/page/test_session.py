@@ -15,11 +15,11 @@ from websockets.exceptions import ConnectionClosed
 
 from umo.errors import FramesError
 from umo.frames import Reader
-from umo.frames.cells import size_of
+from umo.frames.client_memory import size_of
 from umo.frames.folder import folder
 from umo.frames.frame_server import FrameServer
 from umo.frames.layout import Layout, arrange
-from umo.frames.memory import Ends, fill
+from umo.frames.memory import RunDescriptors, fill
 from umo.objects import Quality
 from umo.page import feed
 from umo.page.box_words import BoxInWords
@@ -27,7 +27,7 @@ from umo.page.feed import Feed
 from umo.page.live import Subscription
 from umo.page.page_client import PageClient
 from umo.page.server import Options, listen, server
-from umo.page.session import MAX_REQUESTS, First
+from umo.page.session import MAX_REQUESTS, InitialStation
 from umo.page.watched import Watched
 from umo.scope.history import History
 from umo.testing import Scripted
@@ -59,7 +59,7 @@ def test_the_list_of_stations_follows_what_runs(client: Client) -> None:
 
 
 def test_of_two_stations_with_one_name_the_one_of_the_folder_is_shown_first() -> None:
-    first = First("press", "/b/press")
+    first = InitialStation("press", "/b/press")
     with running(place=Path("/a/press")), serving(first=first) as served, opened(served.socket) as client:
         while not client.get("stations")["stations"]:
             pass
@@ -85,8 +85,8 @@ def test_of_two_runs_in_one_folder_the_one_of_the_pid_is_shown_first() -> None:
         search(looking)
         one, other = looking.watched.values()
         one.about["pid"] = 7
-        assert First("press", "", 7).among([one, other]) is one
-        assert First("press", "", 8).among([one, other]) is other  # 8 has ended, and the station has started again
+        assert InitialStation("press", "", 7).among([one, other]) is one
+        assert InitialStation("press", "", 8).among([one, other]) is other  # 8 has ended; another run goes on
         looking.close()
 
 
@@ -309,7 +309,7 @@ def ring_about(**about: Any) -> Iterator[None]:
     """A ring of a living process whose description lacks what every run has."""
     layout = Layout((), (), about)
     head, places = arrange(layout, 16, 16)
-    ends, readers = Ends.pair()
+    ends, readers = RunDescriptors.pair()
     fill(ends.frames, head, places.size, private=True).close()
     fill(ends.cells, b"", size_of(layout), private=False).close()
     server = FrameServer(folder() / "nameless-1-ff.sock", readers)

@@ -17,7 +17,7 @@ import pytest
 from typer.testing import Result
 
 from umo.page.server import Options
-from umo.page.session import First
+from umo.page.session import InitialStation
 
 from .conftest import PATIENCE, eventually, running, viewing
 
@@ -68,10 +68,10 @@ def test_the_run_that_is_named_is_shown_first_and_a_name_of_several_is_refused(
         served.append(options)
 
     monkeypatch.setattr("umo.page.server.serve", serve)
-    monkeypatch.setattr("umo.cli.page.stand_back", lambda: None)
+    monkeypatch.setattr("umo.cli.page.drop_realtime", lambda: None)
     with running(place=tmp_path / "a"), running("press", place=tmp_path / "b"):
         umo("view", str(tmp_path / "b"), "--port", "0")
-        assert [each.first for each in served] == [First("press", str(tmp_path / "b"), os.getpid())]
+        assert [each.first for each in served] == [InitialStation("press", str(tmp_path / "b"), os.getpid())]
         assert "2 runs of press are going on; give the pid" in refused(umo("view", "press", "--port", "0"))
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from .mistakes import MISTAKE
+from .argument_parsing import MISTAKE
 from .shared import (
     NO_STATION,
     Acknowledge,

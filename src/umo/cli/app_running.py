@@ -19,7 +19,7 @@ Running = Annotated[
 @command(epilog="Examples: umo ps  |  umo ps --json")
 def ps(as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False) -> None:
     """List the stations that run in real time, and the devices whose last run ended unsafely."""
-    from .running import ps as show
+    from .ps import ps as show
 
     show(as_json)
 

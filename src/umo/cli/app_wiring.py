@@ -36,7 +36,7 @@ def check(
     """
     from umo.process.station import find
 
-    from .show import check_station
+    from .check import check_station
 
     return check_station(find(station), wiring, every, context.args)
 

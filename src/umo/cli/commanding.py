@@ -23,13 +23,13 @@ from umo.presentation.unit_text import shown_unit
 from umo.remote import HeldLease, RemoteStation
 from umo.remote.members import RemoteObject, call_action
 from umo.remote.search import meant_by
-from umo.system.custody import Custody
+from umo.system.device_claim import DeviceClaim
 from umo.system.processes import user_name
 from umo.text import did_you_mean, printable, some
 
 from .console import err, out, say
 from .progress_line import OneLine
-from .running import attach, how_ended, readers, standing
+from .ps import attach, how_ended, readers, standing
 from .values import argument, number, state
 
 PICTURE_PAUSE = 0.05
@@ -81,7 +81,7 @@ def acknowledge(name: str, path: str, over: bool) -> None:
             near = did_you_mean(name, [each.station for each in records])
             raise FramesError(f"{name!r} neither runs nor stands stopped{near}") from None
         for ended in stopped:
-            Custody([ended.device], ended.station, ended.wiring, acknowledge=True).finish()
+            DeviceClaim([ended.device], ended.station, ended.wiring, acknowledge=True).finish()
             out.print(f"acknowledged: {ended.brief}", soft_wrap=True)
         return
     with RemoteStation(reader) as station:

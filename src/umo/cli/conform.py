@@ -24,13 +24,13 @@ from umo.presentation.in_words import span
 from umo.process.outcome import FAILED
 from umo.process.station import Station, StationError, find
 from umo.signature import signature_of
-from umo.system.custody import Custody
+from umo.system.device_claim import DeviceClaim
 from umo.system.packages import station_of
 from umo.testing.conformance import Certificate, Input, Output, PtyTap, Subject, Tap, TcpTap, all_rules, conform
-from umo.testing.conformance.process import State, state
+from umo.testing.conformance.process_snapshot import State, state
 from umo.text import did_you_mean, in_brackets, some
 from umo.wiring import Wire, Wired, resolve
-from umo.wiring.options import maker_of
+from umo.wiring.run_options import maker_of
 
 from .console import err, out, say
 from .progress_line import OneLine
@@ -87,8 +87,8 @@ def _proved(station: Station, file: Path | None, machine: Compound, choice: Choi
     wires = _wires(wired, name, choice.only)
     subject = _subject(station, file, wired, name, wires, choice)
     devices = wired.hardware.get(name, ())
-    custody = Custody(devices, station.name, "conform", acknowledge=choice.acknowledge)
-    with _kept(custody) as stopped:
+    device_claim = DeviceClaim(devices, station.name, "conform", acknowledge=choice.acknowledge)
+    with _kept(device_claim) as stopped:
         _consent(subject, wires, devices, choice.yes)
         place = getattr(bare(wired.drivers[name]), "place", None)
         with _line(subject, maker_of(file, name), place) as tapped:
@@ -258,21 +258,21 @@ def _plan(subject: Subject, wires: Sequence[Wire], devices: Sequence[str]) -> Ta
 
 
 @contextmanager
-def _kept(custody: Custody) -> Iterator[list[str]]:
+def _kept(device_claim: DeviceClaim) -> Iterator[list[str]]:
     """The devices are held; the list takes the outputs that are not at their defaults at the end."""
     unreached: list[str] = []
-    end = custody.finish
+    end = device_claim.finish
     try:
         yield unreached
     except StopError as error:
         unreached += [failure.path for failure in error.failures]
         raise
     except (OSError, NotDriven):  # nothing was driven: an earlier unsafe end stays
-        end = custody.abandon
+        end = device_claim.abandon
         raise
     finally:
         if unreached:
-            custody.stopped("conformance", unreached)
+            device_claim.stopped("conformance", unreached)
         else:
             end()
 

@@ -17,10 +17,10 @@ from umo.errors import ChannelError, WiringError, text_of
 from umo.signature import parameters_of, signature_of
 from umo.system.packages import package_of
 from umo.text import options_in
-from umo.wiring.entry import options_of
+from umo.wiring.schema import options_of
 
+from .check import label
 from .console import out
-from .show import label
 from .station_options import options_of_driver, values_of
 
 _MODULES = re.compile(r"\b[a-z_]\w*\.(?=[\w.])")

@@ -17,7 +17,7 @@ from umo.process.job import Job
 from umo.process.outcome import Outcome
 
 from .console import say
-from .running import readers
+from .ps import readers
 from .signals import handling
 
 POLL_TIMEOUT = 0.05

@@ -30,7 +30,7 @@ from umo.wiring import Wired, resolve
 
 from .commanding import get_running, set_running
 from .console import err, out, say
-from .running import attach, readers
+from .ps import attach, readers
 from .station_options import machine_and_words, machine_of
 from .values import number, state
 

@@ -17,11 +17,11 @@ from umo.frames.folder import folder
 from umo.process.station import StationError, find, shipped
 from umo.remote.search import meant_by, several_runs, station_name
 from umo.system.folders import written
-from umo.system.realtime import stand_back
+from umo.system.realtime import drop_realtime
 from umo.text import did_you_mean, printable
 
 from .console import out, say
-from .running import readers
+from .ps import readers
 
 LIBRARIES = ("starlette", "uvicorn", "websockets")
 DEFAULT_PORT = 8270
@@ -53,9 +53,9 @@ def view(choice: ViewOptions) -> int:
     for library in LIBRARIES:
         if find_spec(library) is None:
             raise PageError(f'the page needs {library}: pip install "umo[page]"')
-    from umo.page.guard import is_loopback, new_token
+    from umo.page.access_control import is_loopback, new_token
     from umo.page.server import Options, serve
-    from umo.page.session import First
+    from umo.page.session import InitialStation
 
     local = is_loopback(choice.host)
     _check(choice, local)
@@ -64,7 +64,7 @@ def view(choice: ViewOptions) -> int:
     port = listening.getsockname()[1]
     token = choice.token or new_token(folder() / "page.token")
     operate = local or choice.operate
-    first = None if named is None else First(*named)
+    first = None if named is None else InitialStation(*named)
     options = Options(choice.host, port, token, first, operate, choice.certificate, choice.key)
     address = f"http{'s' if choice.certificate else ''}://{_shown_host(choice.host)}:{port}/"
 
@@ -75,7 +75,7 @@ def view(choice: ViewOptions) -> int:
         if choice.open:
             _open(f"{address}?token={quote(token)}")
 
-    stand_back()
+    drop_realtime()
     try:
         serve(options, listening, ready)
     finally:

@@ -11,11 +11,11 @@ from umo.errors import WiringError
 from umo.plant.register_map import RegisterMap, register_maps
 from umo.plant.serve import serve_until_signal
 from umo.process.station import Station, StationError
-from umo.wiring import resolve, share
+from umo.wiring import distribute_options, resolve
 from umo.wiring.source import read
 
 from .console import out
-from .result import rows
+from .run_summary import rows
 from .station_options import parse
 
 MODBUS = "modbus"
@@ -41,7 +41,7 @@ def serve_plant(
             f"{station.name} has no plant: none of its wirings is simulated; write wiring/simulated.toml with a driver "
             "that is the plant (`umo new` makes an example), or name a wiring with --plant-wiring"
         )
-    shares = share({**options, **injected}, machine=station.make, wiring=simulated)
+    shares = distribute_options({**options, **injected}, machine=station.make, wiring=simulated)
     machine = station.machine(**shares.machine)
     plant = resolve(machine, simulated, shares.wiring)
     bus = resolve(machine, served)

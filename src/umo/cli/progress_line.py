@@ -59,7 +59,7 @@ class OneLine:
         self._file.flush()
 
 
-class Shown(OneLine):
+class RunProgressLine(OneLine):
     """An observer that shows the progress of a run."""
 
     def __call__(self, frame: Frame) -> None:

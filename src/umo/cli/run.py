@@ -19,9 +19,9 @@ from umo.text import printable
 
 from .console import err, out, say
 from .follow import RingFrame, follow
-from .progress_line import Shown
-from .result import Result
+from .progress_line import RunProgressLine
 from .run_folder import NotRecorded, RunFolder, TraceFile, whole
+from .run_summary import RunSummary
 from .signals import handling, interrupt_once
 from .stillness import Stillness
 from .values import check_file
@@ -76,10 +76,10 @@ def run_station(job: Job, recording: Recording, *, full_traceback: bool = False)
     return status if complete or status not in (0, TIME_OVER) else NOT_RECORDED
 
 
-def _run(plan: Plan, trace: Trace, folder: RunFolder | None) -> Result:
+def _run(plan: Plan, trace: Trace, folder: RunFolder | None) -> RunSummary:
     """The run itself, with what is told of it. Its error is in the result; the actuators are reset."""
-    result = Result(Statistics(), faults=() if plan.wired.injection is None else plan.wired.injection.texts)
-    with Shown(err) as shown:
+    result = RunSummary(Statistics(), faults=() if plan.wired.injection is None else plan.wired.injection.texts)
+    with RunProgressLine(err) as shown:
         observers: list[Any] = [result.statistics, trace, shown]
         if not (plan.wired.realtime and LINUX):
             _drive(plan, result, observers)
@@ -111,7 +111,7 @@ def _fail(failure: Failed, full_traceback: bool) -> int:
     return failure.status
 
 
-def _drive(plan: Plan, result: Result, observers: list[Any]) -> None:
+def _drive(plan: Plan, result: RunSummary, observers: list[Any]) -> None:
     """The run itself, in this process. Its error is stored in the result; the actuators are reset before it returns."""
     connection = connect(plan.machine, plan.wired, acknowledge=plan.job.acknowledge)
     outcome = result.outcome
@@ -138,7 +138,7 @@ def _drive(plan: Plan, result: Result, observers: list[Any]) -> None:
     outcome.reports = plain_reports(connection.reports)
 
 
-def _write_summary(result: Result, summary: Path) -> bool:
+def _write_summary(result: RunSummary, summary: Path) -> bool:
     try:
         result.save(summary)
     except OSError as error:
@@ -147,7 +147,7 @@ def _write_summary(result: Result, summary: Path) -> bool:
     return True
 
 
-def _leave_behind(folder: RunFolder, result: Result, trace: Trace, title: str) -> None:
+def _leave_behind(folder: RunFolder, result: RunSummary, trace: Trace, title: str) -> None:
     """Fill the folder of the run; with a title draw the plot. Say what is in it."""
     folder.save(result, trace)
     rest = _plot(title, trace, folder) if title and len(trace.rows) else ""

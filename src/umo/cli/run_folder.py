@@ -20,10 +20,10 @@ from umo.cycle import Frame
 from umo.cycle.trace import Trace, lines
 from umo.errors import UmoError, text_of
 from umo.process.job import Plan
-from umo.wiring.plain import as_plain
+from umo.wiring.json_values import as_plain
 
 from .console import say
-from .result import Result
+from .run_summary import RunSummary
 
 RUNS = Path("runs")
 TRACE_PAUSE = 1.0
@@ -70,7 +70,7 @@ class RunFolder:
             with suppress(OSError):  # others are in it
                 RUNS.rmdir()
 
-    def save(self, result: Result, trace: Trace) -> None:
+    def save(self, result: RunSummary, trace: Trace) -> None:
         """Write all but the plot. What fails is said and makes the record incomplete."""
         failure = result.outcome.failure
         if failure is not None:

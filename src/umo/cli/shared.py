@@ -13,7 +13,7 @@ import typer
 
 from umo.errors import UmoError, text_of
 
-from .mistakes import MISTAKE, CommandLine, Subcommand
+from .argument_parsing import MISTAKE, CommandLine, Subcommand
 
 app = typer.Typer(
     name="umo",

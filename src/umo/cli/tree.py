@@ -21,12 +21,12 @@ from umo.wiring.linearized import from_table
 from umo.wiring.patterns import expand
 from umo.wiring.source import WiringSource, read
 
+from .check import label, reported
 from .console import out
-from .show import label, reported
 from .station_options import machine_and_words
 
 if TYPE_CHECKING:
-    from umo.wiring.entry import Entry
+    from umo.wiring.schema import Entry
 
 
 def show_tree(station: Station, wiring: str | None, words: Sequence[str] = (), everything: bool = False) -> int:

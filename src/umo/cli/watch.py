@@ -25,7 +25,7 @@ from umo.wiring.patterns import chosen
 
 from .console import out, plain_table
 from .keys import Wait, pressed
-from .running import attach_first, how_ended
+from .ps import attach_first, how_ended
 from .traces import TRACE_SPAN, Traces, spark, traced_span
 from .watch_lines import Line, View
 
@@ -50,7 +50,7 @@ def watch(words: list[str], once: bool, seconds: float | None) -> None:
     reader, paths = attach_first(words)
     with reader, reading(reader.path):
         rows = chosen(reader.paths + reader.signals, paths, reader.about["station"])
-        picture = Picture(reader, rows)
+        picture = WatchScreen(reader, rows)
         if once or not sys.stdout.isatty():
             picture.update()
             out.print(picture.whole())
@@ -64,7 +64,7 @@ def watch(words: list[str], once: bool, seconds: float | None) -> None:
             out.print(how_ended(reader), soft_wrap=True)
 
 
-def _live(picture: Picture, until: float | None) -> bool:
+def _live(picture: WatchScreen, until: float | None) -> bool:
     """Draw it until the station has ended (True), or until nobody wants to see it any more."""
     with pressed() as wait, Live(console=out, auto_refresh=False, screen=True) as live:
         while until is None or time.monotonic() < until:
@@ -87,7 +87,7 @@ def _keys(wait: Wait | None, seconds: float) -> Iterable[str]:
     return ()
 
 
-class Picture:
+class WatchScreen:
     """The screen: the last frame, and traces of those before."""
 
     def __init__(self, reader: Reader, rows: list[int]) -> None:

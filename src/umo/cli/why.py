@@ -21,7 +21,7 @@ from umo.remote.search import frames_at, reading, station_name
 from umo.text import did_you_mean
 
 from .console import out
-from .running import attach
+from .ps import attach
 
 PERIODS_BEFORE = 2
 """Periods shown before the one that reports the miss."""

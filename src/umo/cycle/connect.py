@@ -21,10 +21,10 @@ from umo.drivers.faults.wrapper import bare
 from umo.errors import DeclarationError, DriverError, Failure, StopError, text_of
 from umo.objects import Compound, atoms
 from umo.objects.description import html_of
-from umo.system.custody import Custody
+from umo.system.device_claim import DeviceClaim
 from umo.text import Moment, add_note
 from umo.user_code import attempt
-from umo.wiring import Wired, resolve, share
+from umo.wiring import Wired, distribute_options, resolve
 from umo.wiring.resolved import apply_parameters
 
 C = TypeVar("C", bound=Compound)
@@ -44,7 +44,7 @@ class connect(Generic[C]):
     list) injects faults (`umo.testing.faults`).
 
     On entry: check the wiring (WiringError lists every fault); reserve the devices (DeviceHeld names the owner;
-    StandsStopped if the last run on a device ended unsafely, unless `acknowledge`); open the drivers; initialise
+    AcknowledgeRequired if the last run on a device ended unsafely, unless `acknowledge`); open the drivers; initialise
     every object at its default; arm the watchdogs; take one sample. On exit: reset every actuator in stop order,
     then finalise in reverse order. A failure does not stop the other resets; StopError lists by path the actuators
     that are not at their defaults. If entry fails, the objects initialised so far are reset and finalised too.
@@ -75,7 +75,7 @@ class connect(Generic[C]):
         """Reports of the drivers on their circuits or plants (Driver.report), by driver; empty before the end."""
         self.afterwards: list[Callable[[], object]] = []
         """Functions that are called when the actuators have been reset and the last period has been shown."""
-        self.custody: Custody | None = None
+        self.device_claim: DeviceClaim | None = None
         """The owner of the devices, if not the connection itself."""
         self.wired: Wired
         self.machine: ConnectedMachine
@@ -121,11 +121,12 @@ class connect(Generic[C]):
         self._opened, self._initialized, self._restore, self.started = [], [], [], False
         given = self._wiring
         if isinstance(given, Wired):
-            share(self._options, wiring={})  # it has its options
+            distribute_options(self._options, wiring={})  # it has its options
             self.wired = given
         else:
-            self.wired = resolve(self.root, given, share(self._options, wiring=given).wiring)
-        custody = self.custody or Custody(self.wired.devices, type(self.root).__name__, acknowledge=self._acknowledge)
+            self.wired = resolve(self.root, given, distribute_options(self._options, wiring=given).wiring)
+        name = type(self.root).__name__
+        device_claim = self.device_claim or DeviceClaim(self.wired.devices, name, acknowledge=self._acknowledge)
         self.stop.install()
         try:
             for wire in self.wired.wires:
@@ -141,10 +142,10 @@ class connect(Generic[C]):
             self.machine = ConnectedMachine(self.root, image, self.stop, self.wired.injection, outputs)
         except BaseException:
             self._give_back()
-            if custody is not self.custody:
-                custody.abandon()
+            if device_claim is not self.device_claim:
+                device_claim.abandon()
             raise
-        self._custody = custody
+        self._device_claim = device_claim
         self.reached = False
         try:
             self._start()
@@ -257,15 +258,15 @@ class connect(Generic[C]):
             self.stop.restore()
 
     def _end_custody(self, unreached: list[Failure], cause: BaseException | None) -> None:
-        if self._custody is self.custody:  # its keeper looks after what was not reached
+        if self._device_claim is self.device_claim:  # its keeper looks after what was not reached
             return
         if unreached:
             what = "the connection was closed" if cause is None else text_of(cause)
-            self._custody.stopped(what, [failure.path for failure in unreached])
+            self._device_claim.stopped(what, [failure.path for failure in unreached])
         elif self.started:
-            self._custody.finish()
+            self._device_claim.finish()
         else:
-            self._custody.abandon()
+            self._device_claim.abandon()
 
     def _reset(self) -> tuple[list[Failure], list[Failure]]:
         """Failures: the actuators not reached, and those reached at the second attempt only.

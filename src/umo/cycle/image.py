@@ -30,7 +30,7 @@ NO_TICK = -1.0
 
 
 class Gate(link.Commands, Protocol):
-    """The command stage, asked for what the column `restrictions` restricts (`umo.cycle.commands`)."""
+    """The command stage, asked for what the column `restrictions` restricts (`umo.cycle.command_stage`)."""
 
     def accept(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
         """Whether a value within the range may be written; Interlocked where an interlock is to stop the program."""

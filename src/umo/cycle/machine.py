@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, NoReturn, Protocol, cast
 
 from umo.cycle.client_commands import Inbox, Lease, Mode
 from umo.cycle.clock import Clock, WallClock
-from umo.cycle.commands import Commands
+from umo.cycle.command_stage import CommandStage
 from umo.cycle.events import Events
 from umo.cycle.frame import Frame, Observer, Signal, show, signals_of
 from umo.cycle.image import Image
@@ -70,7 +70,7 @@ class ConnectedMachine:
         self.frame = Frame(image, (*signals_of(numbers), *faults))
         self.tunables = {path: each for path, each in numbers.items() if each.declared.tunable}
         """The numbers that may be changed from outside, by path."""
-        self.commands = Commands(root, image)
+        self.commands = CommandStage(root, image)
         self.events: Events = self.commands.events
         """The last 1,000 actions of guards and clients."""
         self.stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]

@@ -10,7 +10,7 @@ from umo.cycle.connect import connect
 from umo.cycle.frame import Observer
 from umo.errors import DeclarationError
 from umo.objects import Compound, DigitalSensor, children
-from umo.wiring import share
+from umo.wiring import distribute_options
 
 C = TypeVar("C", bound=Compound)
 Application = Callable[Concatenate[C, ...], Coroutine[Any, Any, Any]]
@@ -34,7 +34,7 @@ def run(
     drivers, as for `umo run` and `umo.start`; OptionError if nobody does. `acknowledge` as for `connect`.
     """
     _timer_of(machine)
-    shares = share(options, application=application, wiring=wiring)
+    shares = distribute_options(options, application=application, wiring=wiring)
     connection = connect(machine, wiring, acknowledge=acknowledge, **shares.wiring)
     with connection as m:
         connection.machine.observers.extend(observers)
@@ -45,7 +45,7 @@ def drive(m: C, application: Application[C] | None = None, **options: Any) -> An
     """The loop of a connected machine. Ends when the application ends or a stop is requested, which ends the wait for a
     tick. The `options` are those of the application (those of drivers belong to `connect`); OptionError if it does not
     take one."""
-    shares = share(options, application=application, wiring={})
+    shares = distribute_options(options, application=application, wiring={})
     timer = _timer_of(m)
     task = None if application is None else m.cycle.start(application(m, **shares.application))
     while m.cycle.running and not (task is not None and task.done):

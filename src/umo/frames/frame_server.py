@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from umo.errors import FramesError
-from umo.frames.memory import Ends
+from umo.frames.memory import RunDescriptors
 from umo.system import passing
 from umo.system.folders import is_own
 
@@ -42,7 +42,7 @@ class FrameServer:
     answer.
     """
 
-    def __init__(self, path: Path, ends: Ends) -> None:
+    def __init__(self, path: Path, ends: RunDescriptors) -> None:
         self.path = path
         self.ends = ends
         self._thread: threading.Thread | None = None
@@ -104,7 +104,7 @@ class FrameServer:
         self._socket.close()
 
 
-def receive(path: Path) -> Ends:
+def receive(path: Path) -> RunDescriptors:
     """The descriptors of the run whose socket this is. FramesError if there are none to be had."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as here:
         here.settimeout(ANSWER_TIMEOUT)
@@ -113,16 +113,16 @@ def receive(path: Path) -> Ends:
                 _connect(here, address)
             if (user := _peer(here)) not in (ROOT, os.getuid()) and os.getuid() != ROOT:
                 raise FramesError(f"{path} is another user's (uid {user})")
-            data, files = passing.receive(here, len(GREETING) + 1, len(Ends._fields))
+            data, files = passing.receive(here, len(GREETING) + 1, len(RunDescriptors._fields))
         except TimeoutError:
             raise FramesError(f"{path}: the guardian of this run does not answer; it may be stopped") from None
         except OSError as error:
             raise FramesError(f"no frames at {path}: {error.strerror or error}") from None
-    if data != GREETING or len(files) != len(Ends._fields):
+    if data != GREETING or len(files) != len(RunDescriptors._fields):
         for file in files:
             os.close(file)
         raise FramesError(f"{path} belongs to another version of umo, or to another user")
-    return Ends(*files)
+    return RunDescriptors(*files)
 
 
 def _connect(here: socket.socket, address: str) -> None:

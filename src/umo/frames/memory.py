@@ -25,7 +25,7 @@ UNCUT = SHRINK | GROW
 MADV_POPULATE_WRITE = 23
 
 
-class Ends(NamedTuple):
+class RunDescriptors(NamedTuple):
     """The descriptors of a run's shared memory."""
 
     frames: int
@@ -35,7 +35,7 @@ class Ends(NamedTuple):
     hangs up when the writer is gone."""
 
     @classmethod
-    def pair(cls) -> tuple[Ends, Ends]:
+    def pair(cls) -> tuple[RunDescriptors, RunDescriptors]:
         """Empty memory: the writer's descriptors and the readers'. FramesError if there can be none."""
         if not hasattr(os, "memfd_create"):
             raise FramesError("frames can be published on Linux only; reading black boxes works everywhere")
@@ -52,7 +52,7 @@ class Ends(NamedTuple):
         os.close(pipe[0])
         return cls(frames, cells, pipe[1]), readers
 
-    def again(self) -> Ends:
+    def again(self) -> RunDescriptors:
         """Other descriptors of the same memory; OSError if there are no more."""
         opened: list[int] = []
         try:
@@ -62,7 +62,7 @@ class Ends(NamedTuple):
             for file in opened:
                 os.close(file)
             raise
-        return Ends(*opened)
+        return RunDescriptors(*opened)
 
     def close(self) -> None:
         for file in self:

@@ -20,7 +20,7 @@ from umo.frames.folder import new_path
 from umo.frames.frame_server import FrameServer
 from umo.frames.last_event import tell_end
 from umo.frames.layout import Layout, describe_objects, describe_signals
-from umo.frames.memory import Ends
+from umo.frames.memory import RunDescriptors
 from umo.frames.ring import Ring
 
 
@@ -32,7 +32,7 @@ def published(
     *,
     place: Path | None = None,
     options: Mapping[str, Any] = MappingProxyType({}),
-    ends: Ends | None = None,
+    ends: RunDescriptors | None = None,
 ) -> Iterator[Ring]:
     """Publish every period of a connected machine while the block lasts.
 
@@ -81,9 +81,9 @@ def published(
         phases.remove()
 
 
-def _own_memory(station: str, memory: ExitStack) -> tuple[Ends, FrameServer]:
+def _own_memory(station: str, memory: ExitStack) -> tuple[RunDescriptors, FrameServer]:
     """New memory: the writer's descriptors, and a server of the readers'. `memory` closes them."""
-    ends, readers = Ends.pair()
+    ends, readers = RunDescriptors.pair()
     memory.callback(ends.close)
     memory.callback(readers.close)
     server = FrameServer(new_path(station), readers)

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from umo.cycle.client_commands import Mode
 from umo.cycle.columns import ASKED, FREE, TAKEN_BY_CLIENT
-from umo.cycle.commands import reason_of_client
+from umo.cycle.command_stage import reason_of_client
 from umo.cycle.events import CommandState, Event
 from umo.cycle.stage import Progress, Stage
 from umo.errors import FramesError, PathError
@@ -39,7 +39,7 @@ from umo.frames.layout import (
     Live,
     Places,
 )
-from umo.frames.memory import Ends, mapped
+from umo.frames.memory import RunDescriptors, mapped
 from umo.objects import Quality
 from umo.presentation.durations import lasting
 from umo.presentation.html_table import html_table, never_raises
@@ -83,7 +83,7 @@ class Reader:
     read as a whole: whatever others do to them, a reader gets FramesError here or fewer frames later, and no more.
     """
 
-    def __init__(self, path: Path | str, ends: Ends | None = None) -> None:
+    def __init__(self, path: Path | str, ends: RunDescriptors | None = None) -> None:
         self.path = Path(path)
         self.ends = receive(self.path) if ends is None and is_socket(self.path) else ends
         """The descriptors of the shared memory; None for a file."""
@@ -435,7 +435,7 @@ def progress_of(frame: Any) -> Progress:
     return Progress(_text(frame["progress"]), int(frame["done"]), int(frame["total"]))
 
 
-def _close(ends: Ends | None) -> None:
+def _close(ends: RunDescriptors | None) -> None:
     if ends is not None:
         ends.close()
 

@@ -15,7 +15,7 @@ from umo.cycle.machine import Commanding, ConnectedMachine
 from umo.cycle.phases import UNKNOWN, Phases
 from umo.cycle.stage import Progress, Stage
 from umo.frames.body import BODY, writer
-from umo.frames.cells import size_of
+from umo.frames.client_memory import size_of
 from umo.frames.layout import (
     CHECKSUM,
     DESCRIPTION,
@@ -31,7 +31,7 @@ from umo.frames.layout import (
     Live,
     arrange,
 )
-from umo.frames.memory import Ends, fill
+from umo.frames.memory import RunDescriptors, fill
 from umo.objects import MachineNumber
 from umo.system.usage import Usage
 from umo.system.utc import utc
@@ -65,7 +65,7 @@ class Ring:
         machine: ConnectedMachine,
         phases: Phases,
         layout: Layout,
-        ends: Ends,
+        ends: RunDescriptors,
         *,
         checksum: bool = not ORDERED,
         tunables: Sequence[MachineNumber] = (),

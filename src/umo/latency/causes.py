@@ -45,7 +45,7 @@ class Cause(Enum):
 
 
 @dataclass(frozen=True)
-class Verdict:
+class MissCause:
     """The cause of the periods missed at one frame."""
 
     row: int
@@ -74,7 +74,7 @@ class Evidence:
         self._tick = 0.5e9 * float(layout.about.get("period", 0.0))
         """ns above the usual from which a period may have cost a tick."""
 
-    def explain(self, row: int) -> Verdict:
+    def explain(self, row: int) -> MissCause:
         """Explain why periods were missed at this row; UNKNOWN at the first two rows, whose past is not at hand."""
         first, excess, part = row, 0.0, ""
         while first >= 2:
@@ -91,10 +91,10 @@ class Evidence:
             happened = {name: int(values[end]) for name, values in self._counts.items()}
             cause, text = _judge(part, excess, float(self._parts[part][first - 1]), happened)
         still = "still late: " if first < row else ""
-        return Verdict(row, self._missed[row], cause, still + text, excess * 1e-9 if first >= 2 else 0.0)
+        return MissCause(row, self._missed[row], cause, still + text, excess * 1e-9 if first >= 2 else 0.0)
 
 
-def explain_all(frames: Frames, layout: Layout) -> list[Verdict]:
+def explain_all(frames: Frames, layout: Layout) -> list[MissCause]:
     """The verdict on each row that reports missed periods."""
     rows = np.flatnonzero(frames["missed"]).tolist()
     if not rows:
@@ -103,7 +103,7 @@ def explain_all(frames: Frames, layout: Layout) -> list[Verdict]:
     return [evidence.explain(row) for row in rows]
 
 
-def sentences(frames: Frames, layout: Layout, verdicts: list[Verdict], most: int) -> list[str]:
+def sentences(frames: Frames, layout: Layout, verdicts: list[MissCause], most: int) -> list[str]:
     """The last verdicts, up to `most`, and how often each cause occurred in all.
 
     `2 periods missed before 3.456 s (period 3456): control code took 2.1 ms`.

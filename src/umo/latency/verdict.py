@@ -20,14 +20,14 @@ SAFE_SHARE = 0.5
 
 
 @dataclass(frozen=True)
-class Answer:
+class Verdict:
     """`word` is yes, with care or no; `text` says why."""
 
     word: str
     text: str
 
 
-def judge(found: Measured) -> Answer:
+def judge(found: Measured) -> Verdict:
     """The verdict on the loop as `umo run` has it on this computer. yes: no period missed and the longest wake-up plus
     work below half of the period. with care: at most one of a thousand periods missed, and 99.9 % of them below the
     period. no: otherwise."""
@@ -35,17 +35,17 @@ def judge(found: Measured) -> Answer:
     count = len(total) + missed
     period = found.period * 1e6
     if not count:
-        return Answer(NO, "Nothing was measured")
+        return Verdict(NO, "Nothing was measured")
     if not len(total):
-        return Answer(NO, f"None of {count:,} periods began in time")
+        return Verdict(NO, f"None of {count:,} periods began in time")
     worst, most = float(total.max()), float(np.percentile(total, 99.9))
     lost = f"{missed:,} of {count:,} periods missed" if missed else f"None of {count:,} periods missed"
     longest = f"the longest wake-up plus work was {worst:.0f} µs, {worst / period:.0%} of the period"
     if not missed and worst < SAFE_SHARE * period:
-        return Answer(YES, f"{lost}; {longest}")
+        return Verdict(YES, f"{lost}; {longest}")
     if missed <= count / 1000 and most < period:
-        return Answer(CARE, f"{lost}; {longest}")
-    return Answer(NO, f"{lost}; {longest}")
+        return Verdict(CARE, f"{lost}; {longest}")
+    return Verdict(NO, f"{lost}; {longest}")
 
 
 def recommend(found: Measured) -> str:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from umo.cycle.events import CommandState, Event
 from umo.latency import blackbox
 from umo.page.box_words import BoxInWords
-from umo.system.record import Ended, standing
+from umo.system.device_record import Ended, standing
 
 UNKNOWN_END = "it ended without a word: all of its processes were killed"
 

@@ -25,14 +25,14 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
-from umo.page import strangers
+from umo.page import unauthenticated
+from umo.page.access_control import AccessControl
 from umo.page.certified_names import names_in
 from umo.page.feed import Feed
-from umo.page.guard import Guard
 from umo.page.live import HistoryPart, in_worker
 from umo.page.samples import csv_of
-from umo.page.session import First, Session
-from umo.page.strangers import visits
+from umo.page.session import InitialStation, Session
+from umo.page.unauthenticated import visits
 from umo.page.watched import described_twin
 
 STATIC = Path(__file__).parent / "static"
@@ -40,7 +40,7 @@ MAX_MESSAGE_BYTES = 1 << 16
 """Bytes of a message of a page, at most."""
 MAX_CONNECTIONS = 500
 """Connections that have shown the token, at most. With more, a request is answered by 503. Those that have not are
-counted apart (`umo.page.strangers`)."""
+counted apart (`umo.page.unauthenticated`)."""
 GRACE_TIME = 1
 """s that open pages are given at the end."""
 
@@ -55,7 +55,7 @@ class Options:
     host: str
     port: int
     token: str
-    first: First | None = None
+    first: InitialStation | None = None
     operate: bool = True
     certificate: Path | None = None
     key: Path | None = None
@@ -92,7 +92,7 @@ def application(options: Options, feed: Feed, ended: Callable[[asyncio.Task[None
     app = Starlette(routes=routes, lifespan=lifespan)
     names = None if options.certificate is None else names_in(options.certificate, options.key)
     scripts = _hashes((STATIC / "index.html").read_text())
-    return Guard(app, options.token, options.host, options.port, scripts, names)
+    return AccessControl(app, options.token, options.host, options.port, scripts, names)
 
 
 def _twin(feed: Feed) -> Callable[[Request], object]:
@@ -155,7 +155,7 @@ def server(options: Options, ready: Callable[[], None]) -> Server:
     config = uvicorn.Config(
         app, loop="asyncio", http=visits(_tls(options)), log_level="error", access_log=False, lifespan="on",
         server_header=False, proxy_headers=False, ws="websockets-sansio", ws_max_size=MAX_MESSAGE_BYTES,
-        ws_per_message_deflate=False, limit_concurrency=MAX_CONNECTIONS + strangers.MAX_STRANGERS,
+        ws_per_message_deflate=False, limit_concurrency=MAX_CONNECTIONS + unauthenticated.MAX_STRANGERS,
         timeout_graceful_shutdown=GRACE_TIME,
     )  # fmt: skip
     logging.getLogger("uvicorn.error").addFilter(_is_of_this_server)

@@ -37,7 +37,7 @@ READ_ONLY = "this page is read-only"
 
 
 @dataclass(frozen=True)
-class First:
+class InitialStation:
     """The station that is shown before the page chooses one: the run of this pid; else the one of this folder."""
 
     station: str
@@ -52,7 +52,9 @@ class First:
 class Session:
     """`server`: what every page is told of this server. `first`: None: the only run."""
 
-    def __init__(self, socket: WebSocket, feed: Feed, server: dict[str, Any], first: First | None = None) -> None:
+    def __init__(
+        self, socket: WebSocket, feed: Feed, server: dict[str, Any], first: InitialStation | None = None
+    ) -> None:
         self._socket = socket
         self._feed = feed
         self._server = server

@@ -22,21 +22,21 @@ from umo.cycle.stage import Stage
 from umo.cycle.stopping import SIGNALS, TimeLimit, request_stop
 from umo.errors import FramesError, StopError, text_of
 from umo.frames import Ring, published
-from umo.frames.cells import Cells
+from umo.frames.client_memory import ClientMemory
 from umo.frames.frame_server import FrameServer
 from umo.frames.last_event import tell
-from umo.frames.memory import Ends
+from umo.frames.memory import RunDescriptors
 from umo.objects.stop_order import stop_sequence
-from umo.process.conclusion import tell_final_message
 from umo.process.control_watch import WHERE_SIGNAL
+from umo.process.hang_detection import LOOK_INTERVAL, STARVED_LIMITS, guardian_limit
 from umo.process.job import Plan
-from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, plain, plain_reports, status_of
-from umo.process.silence import LOOK_INTERVAL, STARVED_LIMITS, guardian_limit
+from umo.process.run_end import tell_final_message
+from umo.process.run_state import RunState, Who
 from umo.remote.queue import Receiver
 from umo.system import realtime
-from umo.system.custody import Custody
+from umo.system.device_claim import DeviceClaim
 from umo.system.processes import adjust_oom_score, name_process
 from umo.system.streams import say_without_waiting
 from umo.text import Moment, in_brackets
@@ -54,15 +54,15 @@ class Control:
     def __init__(
         self,
         plan: Plan,
-        custody: Custody,
-        life: Life,
+        device_claim: DeviceClaim,
+        run_state: RunState,
         channel: MessageSocket,
         guardian: int,
-        frames: tuple[Ends, FrameServer] | None,
+        frames: tuple[RunDescriptors, FrameServer] | None,
     ) -> None:
         self._plan = plan
-        self._custody = custody
-        self._life = life
+        self._device_claim = device_claim
+        self._run_state = run_state
         self._channel = channel
         self._guardian = guardian
         self._frames = frames
@@ -81,15 +81,15 @@ class Control:
 
     def take_note(self, number: int, frame: object) -> None:
         """A signal that asks to stop, before the machine is connected. What the guardian has asked stands."""
-        if not self._life.asked:
-            self._life.ask(number)
+        if not self._run_state.asked:
+            self._run_state.ask(number)
 
     def wait_for_admission(self) -> None:
         """Wait for the standby guardian, then use the devices. Ends the process if the guardian dies before."""
-        while not self._life.admitted:
-            if self._life.gone(0.0005, Who.GUARDIAN):
+        while not self._run_state.admitted:
+            if self._run_state.gone(0.0005, Who.GUARDIAN):
                 os._exit(1)
-        self._custody.hold.used_here()
+        self._device_claim.hold.used_here()
 
     def stand_aside(self) -> None:
         """In a process that control code forked: it gives up the devices, and ends as soon as it would use one."""
@@ -103,7 +103,7 @@ class Control:
 
         if self._connection is not None:
             self._connection.refuse(end)
-        for give_up in (self._custody.hold.release, self._channel.close, self._leave_frames):
+        for give_up in (self._device_claim.hold.release, self._channel.close, self._leave_frames):
             with suppress(OSError):  # control code has closed its descriptor
                 give_up()
 
@@ -120,11 +120,11 @@ class Control:
         self._channel.send("left", outcome=outcome.dump())
         if outcome.unsafe:
             assert outcome.failure is not None
-            if told := self._custody.stopped(outcome.failure.message, outcome.unreached):
+            if told := self._device_claim.stopped(outcome.failure.message, outcome.unreached):
                 outcome.failure.message += f"; {told}"
             if not self.orphaned:  # the guardian was stopped
                 os.kill(self._guardian, signal.SIGKILL)
-            if self._life.gone(0.0, Who.STANDBY):
+            if self._run_state.gone(0.0, Who.STANDBY):
                 tell_final_message(self._channel, self._plan.name, outcome)
 
     def run(self) -> Outcome:
@@ -149,8 +149,8 @@ class Control:
 
     def report(self, outcome: Outcome) -> None:
         """Report how the machine ended. It stands if this process is killed or hangs before the next report."""
-        self._life.report(outcome.encode())
-        self._life.enter(Stage.ENDED)
+        self._run_state.report(outcome.encode())
+        self._run_state.enter(Stage.ENDED)
 
     def _judge(self, outcome: Outcome, error: BaseException | None) -> None:
         """Put down what is known of the end without a call of anybody's code."""
@@ -175,7 +175,7 @@ class Control:
         """Whether the guardian has ended or hangs. After the whole computer stood still it needs a moment for its next
         sign of life."""
         until = monotonic() + RESUMING_TIMEOUT
-        while not self.orphaned and self._life.unwatched > self._unwatched_limit:
+        while not self.orphaned and self._run_state.unwatched > self._unwatched_limit:
             if monotonic() > until:
                 return True
             sleep(LOOK_INTERVAL)
@@ -194,8 +194,8 @@ class Control:
         if busy_wait is None:  # asked now: connecting may take so long that the guardian makes this an ordinary process
             busy_wait = realtime.default_busy_wait(plan.wired.period or 0.0)
         self._connection = connection = connect(plan.machine, plan.wired)
-        connection.custody = self._custody
-        connection.on_step = self._life.beat
+        connection.device_claim = self._device_claim
+        connection.on_step = self._run_state.beat
         with connection as machine:
             try:
                 with self._published(connection) as ring, self._commanded(connection, ring):
@@ -206,12 +206,12 @@ class Control:
                     try:
                         outcome.result = drive(machine, plan.application)
                     finally:
-                        connection.stop.signal = self._life.asked or connection.stop.signal
+                        connection.stop.signal = self._run_state.asked or connection.stop.signal
                         if self._alarm:
                             tell(connection.machine, CommandState.FAILED, self._alarm)
             finally:
-                self._life.enter(Stage.STOPPING)
-                outcome.stopped_by = None if self._alarm else self._life.asked or connection.stop.signal
+                self._run_state.enter(Stage.STOPPING)
+                outcome.stopped_by = None if self._alarm else self._run_state.asked or connection.stop.signal
                 outcome.time_over = connection.stop.time_over and outcome.stopped_by is None
                 outcome.stopped_who = "" if outcome.stopped_by is None else self._stopped_by
                 outcome.simulated = machine.now
@@ -244,7 +244,7 @@ class Control:
         if ring is None or self._frames is None:
             yield
             return
-        machine, cells = connection.machine, Cells(self._frames[0].cells, ring.layout)
+        machine, cells = connection.machine, ClientMemory(self._frames[0].cells, ring.layout)
         mode = Mode.MANUAL if self._plan.job.manual else Mode.AUTOMATIC
         machine.clients = clients = ClientControl(machine, Receiver(cells), cells, mode)
         ring.show(clients)
@@ -261,18 +261,18 @@ class Control:
 
     def each_period(self, frame: Frame) -> None:
         """Give a sign of life. Check whether this process was suspended, asked to stop, or lost its guardian."""
-        life = self._life
-        excused = life.excused  # first: a look of the guardian's that sees the new sign of life ends it
-        gap = life.beat()
+        run_state = self._run_state
+        excused = run_state.excused  # first: a look of the guardian's that sees the new sign of life ends it
+        gap = run_state.beat()
         if gap > self._gap and (gap > self._watchdog or gap - min(excused, self._most_excused) > self._hang):
             self._stop(
                 f"no period ended for {gap:.1f} s, limit {self._gap:g} s: control code or a driver took too long, "
                 "others had the processors, or the processes or the computer were suspended"
             )
-        elif life.asked:
-            request_stop(life.asked)
-        elif life.unwatched > self._unwatched_limit:
-            self._stop(f"no sign of life from the guardian for {life.unwatched:.1f} s")
+        elif run_state.asked:
+            request_stop(run_state.asked)
+        elif run_state.unwatched > self._unwatched_limit:
+            self._stop(f"no sign of life from the guardian for {run_state.unwatched:.1f} s")
 
     def _stop(self, why: str) -> None:
         self._alarm = self._alarm or why
@@ -290,7 +290,7 @@ class Control:
             others = [thread.name for thread in threading.enumerate() if thread is not threading.main_thread()]
             text = f"the control process has other Python threads, which will delay it: {', '.join(others)}"
             self._channel.send("notice", text=text)
-        self._life.enter(Stage.RUNNING)  # first: who is told so may count on it
+        self._run_state.enter(Stage.RUNNING)  # first: who is told so may count on it
         self._channel.send(
             "running",
             pid=os.getpid(),
@@ -302,8 +302,8 @@ class Control:
 
     def _stop_if_asked(self) -> None:
         """Until here no period has looked."""
-        if self.orphaned or self._life.asked:
-            request_stop(self._life.asked or None)
+        if self.orphaned or self._run_state.asked:
+            request_stop(self._run_state.asked or None)
 
 
 def drive_and_report(control: Control, traces: IO[bytes]) -> int:

@@ -9,8 +9,8 @@ from contextlib import suppress
 from time import monotonic, sleep
 
 from umo.cycle.stopping import SIGNALS, signal_name
-from umo.process.life import Life
 from umo.process.reset import DEATH_TIMEOUT
+from umo.process.run_state import RunState
 from umo.system.processes import ProcessHandle, is_stopped, state
 from umo.text import in_brackets, place_among
 
@@ -25,9 +25,9 @@ WHERE_TIMEOUT = 0.05
 class ControlWatch:
     """The control process, from its fork to its end. `traces` is the file in which it writes down where it stands."""
 
-    def __init__(self, pid: int, life: Life, traces: int) -> None:
+    def __init__(self, pid: int, run_state: RunState, traces: int) -> None:
         self.process = ProcessHandle(pid)
-        self._life = life
+        self._run_state = run_state
         self._traces = traces
         self._status: int | None = None
         self._dead = False
@@ -40,7 +40,7 @@ class ControlWatch:
         until = monotonic() + within
         self._unkillable_from = self._unkillable_from or monotonic() + DEATH_TIMEOUT
         while not self._has_ended():
-            self._life.watch()
+            self._run_state.watch()
             if monotonic() >= until:
                 return monotonic() >= self._unkillable_from
             sleep(0.0005)

@@ -19,23 +19,23 @@ from umo.cycle.stage import Stage
 from umo.cycle.stopping import SIGNALS
 from umo.errors import text_of
 from umo.latency.blackbox import ON_DEMAND
-from umo.process.conclusion import Conclusion, tell_final_message
 from umo.process.control_process import Control, drive_and_report
 from umo.process.control_watch import ControlWatch
+from umo.process.frame_watcher import FrameWatcher
+from umo.process.hang_detection import LOOK_INTERVAL, HangDetector, guardian_limit
 from umo.process.job import Job, Plan
-from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
+from umo.process.processor_share import ProcessorShare
 from umo.process.reset import DEATH_TIMEOUT, STOP_SIGNALS
-from umo.process.share import Share
-from umo.process.silence import LOOK_INTERVAL, Silence, guardian_limit
+from umo.process.run_end import RunEnd, tell_final_message
+from umo.process.run_state import RunState, Who
 from umo.process.standby import Standby
-from umo.process.watcher import Watcher
 from umo.system import realtime
 from umo.system.cores import CorePlace
-from umo.system.custody import Custody
+from umo.system.device_claim import DeviceClaim
+from umo.system.device_record import INSPECT
 from umo.system.processes import adjust_oom_score, carry_out, flush, name_process
-from umo.system.record import INSPECT
 from umo.system.streams import keep_open, log_on_lines
 from umo.text import some
 
@@ -52,15 +52,15 @@ def main(file: int, job_file: int) -> int:
     name_process("umo guardian")
     adjust_oom_score(OOM_SCORE_CHANGE)
     channel = MessageSocket(socket.socket(fileno=file))
-    custody = guardian = None
+    device_claim = guardian = None
     name = "the run"
     try:
         with open(job_file, "rb") as opened:
             job = Job.load(opened.read())
         plan = Plan(job)
         name = plan.name
-        custody = Custody(plan.wired.devices, plan.name, plan.wiring_name, acknowledge=job.acknowledge)
-        guardian = Guardian(plan, channel, custody)
+        device_claim = DeviceClaim(plan.wired.devices, plan.name, plan.wiring_name, acknowledge=job.acknowledge)
+        guardian = Guardian(plan, channel, device_claim)
         return guardian.run().status
     except BaseException as error:
         if guardian is not None and guardian.is_followed:
@@ -68,8 +68,8 @@ def main(file: int, job_file: int) -> int:
         outcome = Outcome(Failed.of(error))
         if guardian is not None and guardian.forked:
             outcome = guardian.give_up(outcome)
-        elif custody is not None:  # nothing was driven
-            custody.abandon()
+        elif device_claim is not None:  # nothing was driven
+            device_claim.abandon()
     channel.send("ended", outcome=outcome.dump())
     tell_final_message(channel, name, outcome)
     return outcome.status
@@ -78,16 +78,16 @@ def main(file: int, job_file: int) -> int:
 class Guardian:
     """Keeps one control process."""
 
-    def __init__(self, plan: Plan, channel: MessageSocket, custody: Custody) -> None:
+    def __init__(self, plan: Plan, channel: MessageSocket, device_claim: DeviceClaim) -> None:
         self._plan = plan
         self._channel = channel
-        self._custody = custody
+        self._device_claim = device_claim
         self._core: int | None = None
         """The core of its own that the control process has under SCHED_FIFO."""
         self._place = self._take_core()
         """The core that is taken as long as this process lives."""
         self._process = plan.wired.process
-        self._life = Life()
+        self._run_state = RunState()
         self._stop_signal: int | None = None
         self._stop_passed_on = False
         self._deaf_looks = 0
@@ -96,10 +96,10 @@ class Guardian:
         self._is_standby = False
         self._control: ControlWatch | None = None
         self._traces = tempfile.TemporaryFile()  # noqa: SIM115  (as long as the process)
-        self._watcher = Watcher(plan.name)
-        self._end = Conclusion(plan, custody, self._life, channel, self._watcher)
+        self._watcher = FrameWatcher(plan.name)
+        self._end = RunEnd(plan, device_claim, self._run_state, channel, self._watcher)
         limit = guardian_limit(self._process.hang_timeout)
-        self._standby = Standby(self._life, limit, self._take_over, channel, self._say)
+        self._standby = Standby(self._run_state, limit, self._take_over, channel, self._say)
 
     def _take_core(self) -> CorePlace | None:
         """The core that the wiring names; without one, under SCHED_FIFO, the core with the fewest other stations."""
@@ -118,21 +118,22 @@ class Guardian:
             signal.signal(number, self._ask)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # ignored, it would leave nobody to wait for
         flush()
-        self._life.hold(Who.GUARDIAN)
+        self._run_state.hold(Who.GUARDIAN)
         self._end.resetter.stand_by()
         if why := self._watcher.make():
             self._say(f"this run cannot be watched or traced: {why}")
         guardian = os.getpid()
-        pid = self._life.fork(Who.CONTROL)
+        pid = self._run_state.fork(Who.CONTROL)
         if pid == 0:
-            control = Control(self._plan, self._custody, self._life, self._channel, guardian, self._watcher.frames)
+            frames = self._watcher.frames
+            control = Control(self._plan, self._device_claim, self._run_state, self._channel, guardian, frames)
             carry_out(lambda: drive_and_report(control, self._traces))
         self._watcher.forked()
-        self._control = ControlWatch(pid, self._life, self._traces.fileno())
+        self._control = ControlWatch(pid, self._run_state, self._traces.fileno())
         with suppress(Exception):
-            realtime.guard(self._process.priority, self._process.cpu)
+            realtime.prepare_guardian(self._process.priority, self._process.cpu)
         self._standby.appoint()
-        self._life.admit()
+        self._run_state.admit()
         outcome = self._guard()
         self._standby.dismiss()
         return outcome
@@ -145,7 +146,7 @@ class Guardian:
     def give_up(self, outcome: Outcome) -> Outcome:
         """The end when the guardian has failed and nobody is left to reset the machine: the outcome that was settled,
         if there is one. Else no actuator counts as reached, and the record of the start stands."""
-        settled = Outcome.decode(self._life.settled())
+        settled = Outcome.decode(self._run_state.settled())
         if settled is not None:
             return settled
         outcome.unsafe, outcome.unreached = True, list(self._end.resetter.paths)
@@ -156,7 +157,7 @@ class Guardian:
     @property
     def is_followed(self) -> bool:
         """Whether a standby guardian lives that takes over when this process ends."""
-        return self.forked and not self._life.gone(0.0, Who.STANDBY)
+        return self.forked and not self._run_state.gone(0.0, Who.STANDBY)
 
     def _guard(self) -> Outcome:
         """Watch the control process to its end, reset the machine where that is needed, record and tell it."""
@@ -166,7 +167,7 @@ class Guardian:
         except BaseException as error:  # whatever it is, the machine comes first
             outcome = self._end.step_in(self._control, f"the {self._end.title} failed: {text_of(error)}", self._say)
         with suppress(Exception):
-            self._life.settle(outcome.encode())
+            self._run_state.settle(outcome.encode())
         self._end.tell(outcome)
         return outcome
 
@@ -174,7 +175,7 @@ class Guardian:
         """Go on in the standby guardian, when the guardian is dead. An outcome that was settled is only told."""
         self._is_standby = True
         self._end.hand_over()
-        settled = Outcome.decode(self._life.settled())
+        settled = Outcome.decode(self._run_state.settled())
         if settled is not None:
             self._end.tell(settled)
         else:
@@ -183,7 +184,7 @@ class Guardian:
 
     def _keep(self, control: ControlWatch) -> Outcome:
         hung = self._watch(control)
-        outcome = Outcome.decode(self._life.reported()) if self._life.stage is Stage.ENDED else None
+        outcome = Outcome.decode(self._run_state.reported()) if self._run_state.stage is Stage.ENDED else None
         if outcome is None:
             why = control.silent(hung, self._watcher.moment) if hung else ""
             return self._end.step_in(control, why, self._say)
@@ -196,10 +197,10 @@ class Guardian:
 
     def _watch(self, control: ControlWatch) -> str:
         """Watch until the control process is gone (""), or hangs: then how, in words."""
-        share = Share(control.process.pid, self._core, self._say)
-        silence = Silence(self._life, share, self._process.hang_timeout, self._plan.wired.period or 0.0)
-        while not self._life.gone(LOOK_INTERVAL):
-            self._life.watch()
+        share = ProcessorShare(control.process.pid, self._core, self._say)
+        silence = HangDetector(self._run_state, share, self._process.hang_timeout, self._plan.wired.period or 0.0)
+        while not self._run_state.gone(LOOK_INTERVAL):
+            self._run_state.watch()
             self._look_around()
             if hung := silence.look():
                 return hung
@@ -260,7 +261,7 @@ class Guardian:
         if self._stop_signal is not None and not self._stop_passed_on:
             assert self._control is not None
             self._stop_passed_on = True
-            self._life.ask(self._stop_signal)
+            self._run_state.ask(self._stop_signal)
             self._control.process.send(signal.SIGTERM)  # it ends a wait; what was asked stands in the shared memory
 
 

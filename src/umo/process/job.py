@@ -19,8 +19,8 @@ from umo.errors import DeclarationError
 from umo.objects import actions_of, numbers_of
 from umo.process.station import declared, find
 from umo.user_code import told_as
-from umo.wiring import Wired, resolve, share
-from umo.wiring.plain import as_plain
+from umo.wiring import Wired, distribute_options, resolve
+from umo.wiring.json_values import as_plain
 
 MAIN_MODULE = "__umo_main__"
 """Name under which the user's own script is imported again in the new process."""
@@ -91,7 +91,7 @@ class Plan:
             self.wiring = station.wiring(job.wiring)
         else:
             self.wiring = Path(job.wiring) if isinstance(job.wiring, str) else job.wiring
-        shares = share(job.options, machine=make, application=main, wiring=self.wiring)
+        shares = distribute_options(job.options, machine=make, application=main, wiring=self.wiring)
         self.application: Application[Any] | None = None if main is None else partial(main, **shares.application)
         self.machine_options = {name: value for name, value in job.options.items() if name in shares.machine}
         if station is not None:

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from umo.errors import (
+    AcknowledgeRequired,
     CommandRefused,
     DeclarationError,
     DeviceHeld,
@@ -16,7 +17,6 @@ from umo.errors import (
     OptionError,
     PathError,
     RangeError,
-    StandsStopped,
     StateError,
     StopError,
     UmoError,
@@ -34,7 +34,7 @@ USER_ERRORS = (
     RangeError,
     StateError,
     DeviceHeld,
-    StandsStopped,
+    AcknowledgeRequired,
     StationError,
     FramesError,
     CommandRefused,

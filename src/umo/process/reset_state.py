@@ -9,7 +9,7 @@ import mmap
 from collections.abc import Sequence
 from enum import IntEnum
 
-from umo.process.life import clock
+from umo.process.run_state import clock
 
 BEAT, AT, DEAD = range(3)
 HEADER = 64

@@ -14,9 +14,9 @@ from contextlib import suppress
 from time import monotonic, sleep
 
 from umo.errors import text_of
-from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
 from umo.process.reset import DEATH_TIMEOUT, STOP_SIGNALS
+from umo.process.run_state import RunState, Who
 from umo.system.processes import ProcessHandle, carry_out, name_process
 
 LOOK_INTERVAL = 0.1
@@ -35,13 +35,13 @@ class Standby:
 
     def __init__(
         self,
-        life: Life,
+        run_state: RunState,
         limit: float,
         take_over: Callable[[], object],
         channel: MessageSocket,
         say: Callable[[str], object],
     ) -> None:
-        self._life = life
+        self._run_state = run_state
         self._limit = limit
         self._take_over = take_over
         self._channel = channel
@@ -54,7 +54,7 @@ class Standby:
     def appoint(self) -> None:
         """Fork it. When this returns it is on its guard; if it cannot be forked the user is told."""
         try:
-            self._pid = self._life.fork(Who.STANDBY)
+            self._pid = self._run_state.fork(Who.STANDBY)
         except OSError as error:
             self._next_fork = monotonic() + FORK_PAUSE
             self._say(
@@ -103,15 +103,15 @@ class Standby:
         """Wait until the guardian is dead, or has given no sign of life in so many looks: the whole computer may stand
         still for a while."""
         last = looks = 0
-        while not self._life.gone(LOOK_INTERVAL, Who.GUARDIAN):
-            looks = looks + 1 if self._life.last_watch == last else 0
-            last = self._life.last_watch
-            if looks * LOOK_INTERVAL > (CONCLUDING_LIMIT if self._life.concluding else self._limit):
+        while not self._run_state.gone(LOOK_INTERVAL, Who.GUARDIAN):
+            looks = looks + 1 if self._run_state.last_watch == last else 0
+            last = self._run_state.last_watch
+            if looks * LOOK_INTERVAL > (CONCLUDING_LIMIT if self._run_state.concluding else self._limit):
                 return
 
     def _make_sure(self) -> None:
         """End the guardian, and wait for it and its child: only the control process may still write to a device."""
         self._guardian.send(signal.SIGKILL)
         until = monotonic() + DEATH_TIMEOUT
-        while not (self._guardian.ended and self._life.gone(0.0, Who.RESET)) and monotonic() < until:
+        while not (self._guardian.ended and self._run_state.gone(0.0, Who.RESET)) and monotonic() < until:
             sleep(0.0005)

@@ -19,7 +19,7 @@ from umo.cycle.stage import Progress, Stage
 from umo.cycle.stopping import signal_name
 from umo.errors import DriverError, FramesError, TaskFailed
 from umo.frames import Reader
-from umo.frames.memory import Ends
+from umo.frames.memory import RunDescriptors
 from umo.frames.reader import progress_of
 from umo.objects import Compound
 from umo.presentation.html_table import html_table, never_raises
@@ -27,9 +27,9 @@ from umo.process.job import Job, reference
 from umo.process.messages import MessageSocket
 from umo.process.outcome import UNREACHED, Failed, Outcome
 from umo.remote.search import station_name
+from umo.system.device_record import INSPECT
 from umo.system.processes import ENDED, STOPPED, is_stopped, state
 from umo.system.realtime import Refusal
-from umo.system.record import INSPECT
 from umo.text import some
 
 LINUX = sys.platform.startswith("linux")
@@ -244,8 +244,8 @@ class Started:
         if message["kind"] == "running":
             self.pid = message["pid"]
             self.refusals = [Refusal(*refusal) for refusal in message["refusals"]]
-            if len(message["files"]) == len(Ends._fields):
-                ends = Ends(*message["files"])
+            if len(message["files"]) == len(RunDescriptors._fields):
+                ends = RunDescriptors(*message["files"])
                 message["files"] = ()
                 with suppress(FramesError):
                     self.frames = Reader("the run", ends)

@@ -20,7 +20,7 @@ from umo.cycle.events import CommandState, Event
 from umo.cycle.stage import Progress, Stage
 from umo.errors import FramesError, TaskFailed, UmoError
 from umo.frames import Reader
-from umo.frames.cells import Cells
+from umo.frames.client_memory import ClientMemory
 from umo.frames.reader import progress_of
 from umo.remote.answers import Answers
 from umo.remote.held_lease import HeldLease
@@ -64,7 +64,7 @@ class RemoteStation(RemotePart):
     """Reader of its frames."""
     held_lease: HeldLease | None
     """The lease that this client holds."""
-    _cells: Cells | None
+    _cells: ClientMemory | None
     """The machine's cells, from the first command on."""
     _sender: Sender | None
 
@@ -143,7 +143,7 @@ class RemoteStation(RemotePart):
         for path in paths:
             cells.sign(path, lease, now)
 
-    def _open_cells(self) -> Cells:
+    def _open_cells(self) -> ClientMemory:
         """FramesError if the station has ended or takes no commands."""
         reader = self.reader
         if not self.running:
@@ -151,7 +151,7 @@ class RemoteStation(RemotePart):
         if self._cells is None:
             if reader.mode is None or reader.ends is None:
                 raise FramesError(f"{reader.about['station']}: it takes no commands")
-            self._cells = Cells(reader.ends.cells, reader.layout)
+            self._cells = ClientMemory(reader.ends.cells, reader.layout)
         return self._cells
 
     def acknowledge(self, path: str = "") -> bool:

@@ -10,7 +10,7 @@ from contextlib import suppress
 from umo.cycle.client_commands import LONGEST_LEASE, SHORTEST_LEASE
 from umo.cycle.events import CommandState
 from umo.errors import FramesError, LeaseHeld, RangeError, UmoError
-from umo.frames.cells import LEASE
+from umo.frames.client_memory import LEASE
 from umo.remote.commanded import Commanded
 
 EVENT_DELAY = 0.05

@@ -1,4 +1,4 @@
-"""The queue of commands in the cells (`umo.frames.cells`): clients write it, the machine reads it.
+"""The queue of commands in the cells (`umo.frames.client_memory`): clients write it, the machine reads it.
 
 Clients take turns by a lock that the machine does not take. Each of the `SLOTS` commands is, little-endian: CRC-32 of
 all that follows, size of the text, number of the command (from 1), text (JSON, UTF-8). `HEAD` is the number of commands
@@ -20,7 +20,7 @@ from typing import Any
 from umo.cycle.client_commands import ClientCommand
 from umo.errors import CommandRefused, FramesError
 from umo.frames import Reader
-from umo.frames.cells import QUEUE, SLOT, SLOTS, Cells
+from umo.frames.client_memory import QUEUE, SLOT, SLOTS, ClientMemory
 
 try:
     import fcntl
@@ -40,7 +40,7 @@ SEND_PAUSE = 0.002
 class Receiver:
     """The machine's end."""
 
-    def __init__(self, cells: Cells) -> None:
+    def __init__(self, cells: ClientMemory) -> None:
         self._head, self._memory = cells.head, cells.memory
         self.taken = 0
         self.dropped = 0
@@ -91,7 +91,7 @@ class Receiver:
 class Sender:
     """A client's end."""
 
-    def __init__(self, reader: Reader, cells: Cells) -> None:
+    def __init__(self, reader: Reader, cells: ClientMemory) -> None:
         self._reader = reader
         self._head, self._memory = cells.head, cells.memory
         self._alone = threading.Lock()  # threads of this process share the lock of the file

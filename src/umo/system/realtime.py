@@ -89,7 +89,7 @@ def default_busy_wait(period: float) -> float:
     return busy_wait_for(period) if priority and core is not None else 0.0
 
 
-def guard(priority: int, cpu: int | None = None) -> None:
+def prepare_guardian(priority: int, cpu: int | None = None) -> None:
     """Set the guardian's priority one above the control process, so that an endless loop in that one cannot keep it
     away; and not on its core, which is the one that `prepare` takes with the same arguments. As far as it is
     permitted."""
@@ -110,7 +110,7 @@ def die_with_parent(parent: int, number: int) -> None:
         os.kill(os.getpid(), number)
 
 
-def stand_back() -> None:
+def drop_realtime() -> None:
     """An ordinary process again, for work of the guardian's children that can wait."""
     with suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

@@ -7,6 +7,6 @@ In a wiring: `faults = ["z.encoder stuck at 5 s"]` before the first table. On th
 `umo run ztheta --fault "z.encoder stuck at 5 s"`. docs/howto-inject-faults.md says what each kind does.
 """
 
-from umo.drivers.faults.words import KINDS, InjectedFault
+from umo.drivers.faults.fault_syntax import KINDS, InjectedFault
 
 __all__ = ["KINDS", "InjectedFault"]

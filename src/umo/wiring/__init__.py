@@ -1,7 +1,7 @@
 """Wiring: which object is on which driver's channel."""
 
-from umo.wiring.options import driver_options, share
 from umo.wiring.resolve import check, resolve
-from umo.wiring.resolved import Parameter, Process, Wire, Wired
+from umo.wiring.resolved import Parameter, ProcessSettings, Wire, Wired
+from umo.wiring.run_options import distribute_options, driver_options
 
-__all__ = ["Parameter", "Process", "Wire", "Wired", "check", "driver_options", "resolve", "share"]
+__all__ = ["Parameter", "ProcessSettings", "Wire", "Wired", "check", "distribute_options", "driver_options", "resolve"]

@@ -11,8 +11,8 @@ from typing import Any
 from umo.drivers.contract import Direction, Driver
 from umo.drivers.faults import effects
 from umo.drivers.faults.effects import Effect, Shift, limited
-from umo.drivers.faults.words import FORM, KINDS_OF_DRIVERS, InjectedFault
-from umo.drivers.faults.wrapper import Faulty, Injection
+from umo.drivers.faults.fault_syntax import FORM, KINDS_OF_DRIVERS, InjectedFault
+from umo.drivers.faults.wrapper import FaultyDriver, Injection
 from umo.duration import seconds
 from umo.errors import DeclarationError
 from umo.objects.atomic import Binary
@@ -59,7 +59,7 @@ def inject(
     injection = Injection(texts, seed, waits)
     for driver in drivers.values():
         if id(driver) in by_driver:
-            Faulty(driver, by_driver[id(driver)], injection)
+            FaultyDriver(driver, by_driver[id(driver)], injection)
     return injection
 
 

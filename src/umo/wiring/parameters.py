@@ -22,7 +22,7 @@ def arguments_for(function: Callable[..., Any], taker: str, given: Mapping[str, 
         return {}
     from pydantic import ValidationError
 
-    from umo.wiring.entry import faults_of, options_of
+    from umo.wiring.schema import faults_of, options_of
 
     checked = {
         name: each if is_converted(each.annotation) else each.replace(annotation=Any) for name, each in accepted.items()

@@ -21,7 +21,7 @@ from umo.text import did_you_mean
 from umo.wiring.source import WiringSource
 
 if TYPE_CHECKING:
-    from umo.wiring.entry import Entry
+    from umo.wiring.schema import Entry
 
 NUMBER = "{}"
 NUMBERING = ("start", "stride", "offset")

@@ -9,7 +9,7 @@ from umo.drivers.contract import MAX_DEFAULT_TIMEOUT
 from umo.duration import seconds
 from umo.errors import DeclarationError
 from umo.presentation.durations import duration
-from umo.wiring.resolved import AT_NEXT_TICK, AT_ONCE, Process, Wired
+from umo.wiring.resolved import AT_NEXT_TICK, AT_ONCE, ProcessSettings, Wired
 from umo.wiring.source import WiringSource
 
 HANG_PERIODS = 20
@@ -17,16 +17,16 @@ HANG_PERIODS = 20
 AUTO = "auto"
 
 
-def process_of(source: WiringSource, wired: Wired) -> Process:
+def process_of(source: WiringSource, wired: Wired) -> ProcessSettings:
     """The settings of the control process. Contradictory ones become mistakes of the wiring."""
-    table, names = source.process, [field.name for field in dataclasses.fields(Process)]
+    table, names = source.process, [field.name for field in dataclasses.fields(ProcessSettings)]
     for name in table.keys() - set(names):
         source.mistake(f"process.{name}", f"unknown key{source.near(name, names)}; known: {', '.join(names)}")
     cpu = table.get("cpu")
-    return Process(
+    return ProcessSettings(
         _hang_timeout(source, table.get("hang_timeout"), wired),
-        source.duration("process.reset_for", table.get("reset_for")) or Process().reset_for,
-        source.whole("process.priority", table.get("priority", Process().priority), 1, 98),
+        source.duration("process.reset_for", table.get("reset_for")) or ProcessSettings().reset_for,
+        source.whole("process.priority", table.get("priority", ProcessSettings().priority), 1, 98),
         None if cpu is None else source.whole("process.cpu", cpu, 0, 4095),
         _busy_wait(source, table.get("busy_wait", AUTO), wired),
         _outputs(source, table.get("outputs", AT_ONCE), wired),
@@ -37,7 +37,7 @@ def _hang_timeout(source: WiringSource, given: Any, wired: Wired) -> float:
     period, waits = wired.period or 0.0, longest_period(wired)
     hang = source.duration("process.hang_timeout", given)
     if hang is None:
-        return max(HANG_PERIODS * period, Process().hang_timeout, 1.2 * waits)
+        return max(HANG_PERIODS * period, ProcessSettings().hang_timeout, 1.2 * waits)
     if hang < 2 * period:
         source.mistake("process.hang_timeout", f"{duration(hang)} is less than two periods")
     elif hang <= waits and wired.realtime:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from umo.drivers import registry
 from umo.drivers.contract import INT64, MAX_DEFAULT_TIMEOUT, Channel, Direction, Driver
-from umo.drivers.faults.words import InjectedFault
+from umo.drivers.faults.fault_syntax import InjectedFault
 from umo.drivers.faults.wrapper import Injection
 from umo.duration import seconds
 from umo.errors import DeclarationError, Mistake, RangeError, WiringError, text_of
@@ -44,14 +44,14 @@ from umo.signature import signature_of
 from umo.system.packages import station_of
 from umo.wiring.fault_binding import inject
 from umo.wiring.linearized import from_table
-from umo.wiring.options import FAULT, FAULT_SEED, REALTIME, RESERVED, WIRING_OPTIONS
 from umo.wiring.patterns import collapsed, counted, expand, expand_parameters
 from umo.wiring.process_table import process_of
 from umo.wiring.resolved import INVERTED, LEVEL, Parameter, Wire, Wired, fault_of_parameters
+from umo.wiring.run_options import FAULT, FAULT_SEED, REALTIME, RESERVED, WIRING_OPTIONS
 from umo.wiring.source import SECTIONS, WiringSource, read
 
 if TYPE_CHECKING:
-    from umo.wiring.entry import Entry
+    from umo.wiring.schema import Entry
 
 DEFAULT_PERIOD = "1 ms"
 FAULT_OPTION = "--fault "
@@ -72,7 +72,7 @@ def resolve(
     root: Compound, wiring: Path | str | Mapping[str, Any] | None, options: Mapping[str, Any] | None = None
 ) -> Wired:
     """The wiring checked and put together; WiringError lists every fault. Nothing is opened. `options`: those that its
-    drivers take (`umo.wiring.options.share`)."""
+    drivers take (`umo.wiring.run_options.distribute_options`)."""
     found, faults = _Resolver(root, wiring, options or {}).run()
     if faults:
         wired = any(not each.file.startswith(FAULT_OPTION) for each in faults)
@@ -150,7 +150,7 @@ class _Resolver:
     def _make_driver(self, name: str, table: dict[str, Any]) -> Driver | None:
         from pydantic import ValidationError
 
-        from umo.wiring.entry import arguments_of, faults_of
+        from umo.wiring.schema import arguments_of, faults_of
 
         declared = name in self.source.drivers
         given = {key: value for key, value in table.items() if key not in RESERVED}

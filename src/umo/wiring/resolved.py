@@ -196,7 +196,7 @@ AT_ONCE, AT_NEXT_TICK = "at once", "at next tick"
 
 
 @dataclass(frozen=True, slots=True)
-class Process:
+class ProcessSettings:
     """Real-time settings of the control process: the wiring's `[process]`, times in s."""
 
     hang_timeout: float = 0.1
@@ -233,7 +233,7 @@ class Wired:
     """Times in s of the watchdogs, by the name of the driver."""
     hardware: dict[str, tuple[str, ...]] = field(default_factory=dict)
     """The devices that each driver takes, by its name; drivers that take none are left out."""
-    process: Process = Process()
+    process: ProcessSettings = ProcessSettings()
     paced: bool = False
     """Whether the option `realtime` paces a timer that runs in virtual time."""
     injection: Injection | None = None

@@ -15,7 +15,7 @@ from umo.system.packages import package_of, station_of
 from umo.text import did_you_mean
 
 if TYPE_CHECKING:
-    from umo.wiring.entry import Entry
+    from umo.wiring.schema import Entry
 
 SECTIONS = ("drivers", "wire", "parameters", "process", "faults", "fault_seed")
 MAX_SUGGESTIONS = 10
@@ -158,7 +158,7 @@ def _absolute(source: WiringSource, name: str, kind: str | Driver) -> str | Driv
 def _read_entry(source: WiringSource, path: str, table: Any) -> None:
     from pydantic import ValidationError
 
-    from umo.wiring.entry import Entry, faults_of
+    from umo.wiring.schema import Entry, faults_of
 
     key = f'wire."{path}"'
     if not isinstance(table, Mapping):

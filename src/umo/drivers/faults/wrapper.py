@@ -36,7 +36,7 @@ class Injection:
         self.texts, self.seed, self.waits = tuple(texts), seed, waits
         """`waits`: whether the run is in wall-clock time, so that a call with a delay takes its time."""
         self.clock: HasNow | None = None
-        self.drivers: list[Faulty] = []
+        self.drivers: list[FaultyDriver] = []
 
     @property
     def active(self) -> int:
@@ -55,7 +55,7 @@ def _of_driver(name: str) -> Any:
     return property(attrgetter(f"driver.{name}"))
 
 
-class Faulty(Driver[Any]):
+class FaultyDriver(Driver[Any]):
     """A driver with faults on some of its channels. Everything else is the driver's own."""
 
     def __init__(self, driver: Driver[Any], effects: Sequence[Effect], injection: Injection) -> None:
@@ -240,7 +240,7 @@ class Faulty(Driver[Any]):
 
 def bare(driver: Driver[Any]) -> Driver[Any]:
     """The driver itself, without injected faults."""
-    return driver.driver if isinstance(driver, Faulty) else driver
+    return driver.driver if isinstance(driver, FaultyDriver) else driver
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from umo.drivers.contract import IntArray, NoWatchdog
 from umo.drivers.modbus.answer import Refused
 from umo.drivers.modbus.channel import HIGHEST_ADDRESS, HOLDING, ModbusChannel, parse
 from umo.drivers.modbus.plan import Requests, plan_reads, plan_writes
-from umo.drivers.modbus.unchanged import Unchanged
+from umo.drivers.modbus.write_cache import WriteCache
 from umo.drivers.option_checks import duration, one_of, within
 from umo.drivers.streams import Host, Serial, place_of
 from umo.drivers.streams.line import Parity
@@ -112,7 +112,7 @@ class Modbus(BlockDriver[ModbusChannel]):
         self._read_write = read_write
         self._skip = 0.0 if skip_unchanged is None else duration("skip_unchanged", skip_unchanged)
         self._recovery = duration("recovery", recovery)
-        self._unchanged = Unchanged(self._skip)
+        self._unchanged = WriteCache(self._skip)
         self._protocol = library("umo.drivers.modbus.unit", "pymodbus") if self.place.prepared() else None
         self._connection: Unit | None = None
         most = _MAX_READ_BACK if read_write else _MAX_REGISTERS

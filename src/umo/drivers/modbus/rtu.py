@@ -41,7 +41,7 @@ UnitFunction = tuple[int, int]
 
 
 @dataclass(frozen=True)
-class Owed:
+class PendingAnswer:
     """An answer that may still come: to this request, given up at this time. Without one: to another process."""
 
     request: bytes
@@ -62,7 +62,7 @@ class SerialLine:
         self._port: Stream | None = None
         self.opened_at = 0.0
         """Time at which the port was opened."""
-        self._owed: dict[UnitFunction, Owed | None] = {}
+        self._owed: dict[UnitFunction, PendingAnswer | None] = {}
         """Answers that are owed by the units that were asked since the line was opened; None: there is none."""
         self._last_byte_at = 0.0
         """Time at which the last byte was on the line."""
@@ -106,11 +106,11 @@ class SerialLine:
             self._port.close()
         self._port = None
 
-    def owed(self, asked: UnitFunction) -> Owed | None:
+    def owed(self, asked: UnitFunction) -> PendingAnswer | None:
         """Answer that may be mistaken for the one to this function, if it is asked for now."""
         if asked[1] in _UNMISTAKABLE:
             return None
-        return self._owed.get(asked, Owed(b"", self.opened_at))
+        return self._owed.get(asked, PendingAnswer(b"", self.opened_at))
 
     def settle(self, asked: UnitFunction) -> None:
         """Nothing is owed: the answer has come, or its time is over."""
@@ -126,7 +126,7 @@ class SerialLine:
             self.port.send(frame, deadline)
             answer = self._answer(request, deadline)
         except BaseException:
-            self._owed[asked] = Owed(request, monotonic())
+            self._owed[asked] = PendingAnswer(request, monotonic())
             self._consider(b"")
             raise
         self.settle(asked)

@@ -11,9 +11,9 @@ from umo.drivers.option_checks import one_of, within
 from umo.drivers.streams import Host, Serial, place_of
 from umo.drivers.streams.line import Flow, Parity
 from umo.drivers.text.channel import ChannelOptions, Channels, Query, QueryOptions, TextChannel
-from umo.drivers.text.conversation import Dialogue, TextLink
 from umo.drivers.text.exchange import QueryLine, RequestLine, plan_reads, plan_writes
 from umo.drivers.text.pattern import NoValue, Pattern
+from umo.drivers.text.text_link import LinkSettings, TextLink
 from umo.errors import DriverError, WiringError
 from umo.presentation.durations import duration
 
@@ -132,7 +132,7 @@ class Text(BlockDriver[TextChannel]):
         if watchdog_set is not None and ("{s}" in watchdog_set) == ("{ms}" in watchdog_set):
             raise WiringError(f"watchdog_set: {watchdog_set!r} needs {{s}} or {{ms}} for the time")
         _check_sendable([channels, confirm, identify, startup, watchdog_set], terminator, encoding)
-        self._dialogue = Dialogue(
+        self._dialogue = LinkSettings(
             terminator=terminator,
             answer_terminator=answer_terminator or terminator,
             encoding=encoding,

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 from umo.drivers.contract import IntArray
 from umo.drivers.text.channel import Query, TextChannel
-from umo.drivers.text.conversation import TextLink
 from umo.drivers.text.pattern import NoValue, Pattern, UnexpectedAnswer, shown
+from umo.drivers.text.text_link import TextLink
 from umo.errors import ChannelsFailed, DriverError
 
 

@@ -12,9 +12,9 @@ import numpy as np
 from umo.drivers.contract import Direction
 from umo.errors import ChannelsFailed
 from umo.testing.conformance.probe import Probe
+from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
-from umo.testing.conformance.trial import Trial
 from umo.text import some
 
 T = TypeVar("T")
@@ -54,29 +54,30 @@ def patterns(outputs: Sequence[Output]) -> Iterator[list[int]]:
     "read_many reads what read reads, of all channels in any order, of halves, of pairs and of one.",
     Cost(each=20, more=150),
 )
-def block_read(trial: Trial) -> str | None:
-    texts = trial.readable
+def block_read(context: RuleContext) -> str | None:
+    texts = context.readable
     if not texts:
         raise NotTried("the driver has no inputs")
-    outputs = trial.subject.outputs
-    with trial.opened() as probe:
+    outputs = context.subject.outputs
+    with context.opened() as probe:
         levels = cycle(patterns(outputs))
-        for order in trial.as_time_allows(orders(texts), FEWEST_BLOCKS, "blocks"):
+        for order in context.as_time_allows(orders(texts), FEWEST_BLOCKS, "blocks"):
             for output, raw in zip(outputs, next(levels), strict=True):
                 probe.write(output.channel, raw)
-            _compare(trial, probe, order)
+            _compare(context, probe, order)
         probe.read_many(())
-    moving = [each.channel for each in trial.subject.inputs if not each.steady]
+    moving = [each.channel for each in context.subject.inputs if not each.steady]
     return f"{some(moving)}: only as far as they stand still" if moving else None
 
 
-def _compare(trial: Trial, probe: Probe, texts: tuple[str, ...]) -> None:
+def _compare(context: RuleContext, probe: Probe, texts: tuple[str, ...]) -> None:
     """RuleBroken if a block reads otherwise. Nothing is known of channels that change meanwhile."""
     for look in range(LOOKS):
         before = [probe.read(text) for text in texts]
         block = probe.read_many(texts)
         after = [probe.read(text) for text in texts]
-        wrong = [i for i, raw in enumerate(block) if before[i] == after[i] and not trial.alike(texts[i], raw, after[i])]
+        steady = [i for i in range(len(texts)) if before[i] == after[i]]
+        wrong = [i for i in steady if not context.alike(texts[i], block[i], after[i])]
         if not wrong:
             return
         if look == LOOKS - 1:
@@ -90,20 +91,20 @@ def _compare(trial: Trial, probe: Probe, texts: tuple[str, ...]) -> None:
     "write_many brings each output to its own level: all outputs in any order, halves, pairs and one.",
     Cost(each=20, more=300),
 )
-def block_write(trial: Trial) -> str | None:
-    outputs = trial.required_outputs
-    with trial.opened() as probe:
+def block_write(context: RuleContext) -> str | None:
+    outputs = context.required_outputs
+    with context.opened() as probe:
         tasks = [*((outputs, raws) for raws in patterns(outputs)), *_parts(outputs)]
-        for number, (part, raws) in enumerate(trial.as_time_allows(tasks, FEWEST_BLOCKS, "blocks")):
+        for number, (part, raws) in enumerate(context.as_time_allows(tasks, FEWEST_BLOCKS, "blocks")):
             step = 1 if number % 2 else -1
             before = {each: each.default for each in outputs if each not in part}
             for each in before:
                 probe.write(each.channel, each.default)
             probe.write_many([output.channel for output in part[::step]], raws[::step])
-            _check(trial, probe, part, raws, "write_many")
-            _check(trial, probe, tuple(before), list(before.values()), "a write_many of others")
+            _check(context, probe, part, raws, "write_many")
+            _check(context, probe, tuple(before), list(before.values()), "a write_many of others")
         probe.write_many([], [])
-    return trial.remark()
+    return context.remark()
 
 
 def _parts(outputs: tuple[Output, ...]) -> Iterator[tuple[tuple[Output, ...], list[int]]]:
@@ -111,9 +112,9 @@ def _parts(outputs: tuple[Output, ...]) -> Iterator[tuple[tuple[Output, ...], li
         yield part, [output.other(number + place) for place, output in enumerate(part)]
 
 
-def _check(trial: Trial, probe: Probe, outputs: tuple[Output, ...], raws: list[int], after: str) -> None:
+def _check(context: RuleContext, probe: Probe, outputs: tuple[Output, ...], raws: list[int], after: str) -> None:
     for output, raw in zip(outputs, raws, strict=True):
-        trial.expect(probe, output, raw, f"{after} of {raw}" if after == "write_many" else after)
+        context.expect(probe, output, raw, f"{after} of {raw}" if after == "write_many" else after)
 
 
 @rule(
@@ -121,17 +122,17 @@ def _check(trial: Trial, probe: Probe, outputs: tuple[Output, ...], raws: list[i
     "The arrays of a block belong to the caller: none is kept, and `raws` is not changed.",
     Cost(each=10),
 )
-def block_buffers(trial: Trial) -> str | None:
-    with trial.opened() as probe:
-        _raws(trial, probe)
-        if trial.readable:
-            _outs(probe, trial.readable)
-    return trial.remark()
+def block_buffers(context: RuleContext) -> str | None:
+    with context.opened() as probe:
+        _raws(context, probe)
+        if context.readable:
+            _outs(probe, context.readable)
+    return context.remark()
 
 
-def _raws(trial: Trial, probe: Probe) -> None:
+def _raws(context: RuleContext, probe: Probe) -> None:
     """One array, of which a part is handed over with other levels in every period, as the image does it."""
-    outputs = trial.required_outputs
+    outputs = context.required_outputs
     texts = [output.channel for output in outputs]
     whole = np.zeros(len(outputs) + 2, np.int64)
     part = whole[1:-1]
@@ -142,7 +143,7 @@ def _raws(trial: Trial, probe: Probe) -> None:
         if part.tolist() != raws:
             raise RuleBroken(f"write_many changed its array from {raws} to {part.tolist()}")
         part[:] = [output.other(number + 1) for output in outputs]  # for the next period; not sent yet
-        _check(trial, probe, outputs, raws, "a write_many whose array was changed later")
+        _check(context, probe, outputs, raws, "a write_many whose array was changed later")
 
 
 def _outs(probe: Probe, texts: tuple[str, ...]) -> None:
@@ -163,46 +164,46 @@ def _outs(probe: Probe, texts: tuple[str, ...]) -> None:
     "If a channel of a block fails, the others are transferred, or the error names them too.",
     Cost(each=20),
 )
-def block_failures(trial: Trial) -> str | None:
-    if not trial.subject.refused:
+def block_failures(context: RuleContext) -> str | None:
+    if not context.subject.refused:
         raise NotTried("no channel is known that the device refuses")
     missing = []
-    with trial.opened() as probe:
+    with context.opened() as probe:
         for direction, others, check in (
-            (Direction.INPUT, trial.readable, _read_with),
-            (Direction.OUTPUT, trial.visible, _write_with),
+            (Direction.INPUT, context.readable, _read_with),
+            (Direction.OUTPUT, context.visible, _write_with),
         ):
-            bad = next((text for text in trial.subject.refused if direction in probe.channel(text).direction), None)
+            bad = next((text for text in context.subject.refused if direction in probe.channel(text).direction), None)
             what = "reads" if direction is Direction.INPUT else "writes"
             if not others:
                 missing.append(f"{what}: no other channel that can be seen")
             elif bad is None:
                 missing.append(f"{what}: no channel of this direction is known that the device refuses")
-            elif trial.failure(partial(probe.read, bad) if what == "reads" else partial(probe.write, bad, 0)) is None:
+            elif context.failure(partial(probe.read, bad) if what == "reads" else partial(probe.write, bad, 0)) is None:
                 missing.append(f"{what}: one of {bad} alone succeeds")
             else:
-                check(trial, probe, bad)
+                check(context, probe, bad)
     if len(missing) == 2:
         raise NotTried("; ".join(missing))
-    return trial.remark(*(f"not tried with {each}" for each in missing))
+    return context.remark(*(f"not tried with {each}" for each in missing))
 
 
-def _read_with(trial: Trial, probe: Probe, bad: str) -> None:
-    expected = {text: probe.read(text) for text in trial.readable}
-    texts = list(trial.readable)
+def _read_with(context: RuleContext, probe: Probe, bad: str) -> None:
+    expected = {text: probe.read(text) for text in context.readable}
+    texts = list(context.readable)
     for place in (0, len(texts) // 2, len(texts)):
         block = [*texts[:place], bad, *texts[place:]]
         out = np.full(len(block), -1 << 40, np.int64)
-        named = _named(trial.failure(probe.read_many, block, out), block, bad, "read_many")
+        named = _named(context.failure(probe.read_many, block, out), block, bad, "read_many")
         for text, raw in zip(block, out.tolist(), strict=True):
-            if text not in named and text in trial.known and not trial.alike(text, raw, expected[text]):
+            if text not in named and text in context.known and not context.alike(text, raw, expected[text]):
                 raise RuleBroken(
                     f"read_many failed for {', '.join(named)}; {text} is {raw} in place of {expected[text]}"
                 )
 
 
-def _write_with(trial: Trial, probe: Probe, bad: str) -> None:
-    outputs = trial.required_outputs
+def _write_with(context: RuleContext, probe: Probe, bad: str) -> None:
+    outputs = context.required_outputs
     for place in (0, len(outputs) // 2, len(outputs)):
         for output in outputs:
             probe.write(output.channel, output.default)
@@ -210,10 +211,10 @@ def _write_with(trial: Trial, probe: Probe, bad: str) -> None:
         texts = [output.channel for output in outputs]
         block = [*texts[:place], bad, *texts[place:]]
         values = [*raws[:place], 0, *raws[place:]]
-        named = _named(trial.failure(probe.write_many, block, values), block, bad, "write_many")
+        named = _named(context.failure(probe.write_many, block, values), block, bad, "write_many")
         for output, raw in zip(outputs, raws, strict=True):
             if output.channel not in named:
-                trial.expect(probe, output, raw, f"a write_many that failed for {', '.join(named)} only")
+                context.expect(probe, output, raw, f"a write_many that failed for {', '.join(named)} only")
 
 
 def _named(error: OSError | None, block: list[str], bad: str, what: str) -> list[str]:

@@ -6,36 +6,36 @@ from typing import Any
 
 from umo.drivers.contract import Channel, Direction, Driver
 from umo.errors import ChannelError, text_of
+from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import Cost, RuleBroken, rule
-from umo.testing.conformance.trial import Trial
 
 UNKNOWN = "no such channel \N{REPLACEMENT CHARACTER}"
 
 
 @rule("channels", "A channel's text means one channel of fixed direction and bits; another text raises ChannelError.",
       Cost(opens=0, each=0))  # fmt: skip
-def channels(trial: Trial) -> None:
-    probe, other = trial.new(), trial.new()
-    for text in trial.channels:
+def channels(context: RuleContext) -> None:
+    probe, other = context.new(), context.new()
+    for text in context.channels:
         channel = probe.channel(text)
         if not isinstance(channel, Channel):
             raise RuleBroken(f"channel({text!r}) returned {channel!r}, not a Channel")
         if channel != other.channel(text) or hash(channel) != hash(other.channel(text)):
             raise RuleBroken(f"channel({text!r}) returned two channels that are not equal")
-    for each in trial.subject.outputs:
+    for each in context.subject.outputs:
         channel = probe.channel(each.channel)
         if Direction.OUTPUT not in channel.direction:
             raise RuleBroken(f"{each.channel} is an input")
         if not channel.lowest <= each.least <= each.greatest <= channel.highest:
             raise RuleBroken(f"{each.channel} takes {channel.lowest} to {channel.highest}, not {each.greatest}")
-    _check_unknown(trial, probe.driver)
+    _check_unknown(context, probe.driver)
 
 
-def _check_unknown(trial: Trial, driver: Driver[Any]) -> None:
+def _check_unknown(context: RuleContext, driver: Driver[Any]) -> None:
     """A driver may take any text. One that does not must not take a part of a text for the whole."""
-    taken = [text for text in (UNKNOWN, *(text + UNKNOWN[-1] for text in trial.channels[:1])) if _takes(driver, text)]
+    taken = [text for text in (UNKNOWN, *(text + UNKNOWN[-1] for text in context.channels[:1])) if _takes(driver, text)]
     if taken and UNKNOWN not in taken:
-        raise RuleBroken(f"the channel {taken[0]!r} was taken for {trial.channels[0]!r}")
+        raise RuleBroken(f"the channel {taken[0]!r} was taken for {context.channels[0]!r}")
 
 
 def _takes(driver: Driver[Any], text: str) -> bool:
@@ -50,22 +50,22 @@ def _takes(driver: Driver[Any], text: str) -> bool:
 
 @rule("before open", "Before `open` a driver accesses no hardware; `devices` names it alike for two drivers.",
       Cost(opens=0, each=0))  # fmt: skip
-def before_open(trial: Trial) -> None:
-    before = _connections(trial)
-    probe, other = trial.new(), trial.new()
-    for text in trial.channels:
+def before_open(context: RuleContext) -> None:
+    before = _connections(context)
+    probe, other = context.new(), context.new()
+    for text in context.channels:
         probe.channel(text)
     devices = probe.call("devices", lambda: list(probe.driver.devices()))
     if devices != other.call("devices", lambda: list(other.driver.devices())):
         raise RuleBroken(f"devices() returned {devices} and then another answer")
     if not all(isinstance(each, str) for each in devices):
         raise RuleBroken(f"devices() returned {devices}, not texts")
-    if _connections(trial) != before:
+    if _connections(context) != before:
         raise RuleBroken("it connected to the device before open")
 
 
-def _connections(trial: Trial) -> int:
-    line = trial.subject.line
+def _connections(context: RuleContext) -> int:
+    line = context.subject.line
     if line is None:
         return 0
     line.settle()

@@ -20,10 +20,10 @@ from umo.presentation.durations import duration
 from umo.testing.conformance.budget import Budget, TimePlan
 from umo.testing.conformance.certificate import Certificate, Finding, Judgement
 from umo.testing.conformance.probe import Stopped, TimeUp, call_of
-from umo.testing.conformance.process import State
+from umo.testing.conformance.process_snapshot import State
+from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import NotTried, Rule, RuleBroken, chosen_rules
 from umo.testing.conformance.subject import Subject
-from umo.testing.conformance.trial import Trial
 
 T = TypeVar("T")
 OnProgress = Callable[[str, float], object]
@@ -65,20 +65,20 @@ def conform(
     does not return within four times its timeout and 2 s) or the device does not answer any more.
     """
     rules = chosen_rules(only)
-    trial = Trial(subject, cycles, Budget(60 * minutes, rules))
-    trial.begin(before)
+    context = RuleContext(subject, cycles, Budget(60 * minutes, rules))
+    context.begin(before)
     driver = subject.make()
     try:
-        examination = _Examination(trial, rules, progress)
+        examination = _Examination(context, rules, progress)
         examination.prepare(plan)
         examination.run()
     except BaseException as error:
-        if unreached := _bring_to_defaults(trial):
+        if unreached := _bring_to_defaults(context):
             failures = [Failure(text, text, "not reset", subject.name) for text in unreached]
             raise StopError("not brought to their defaults", failures) from error
         raise
-    unreached = _bring_to_defaults(trial)
-    certificate = _certificate(trial, driver, examination.findings, unreached)
+    unreached = _bring_to_defaults(context)
+    certificate = _certificate(context, driver, examination.findings, unreached)
     for call in on_certificate:
         call(certificate)
     return certificate
@@ -87,8 +87,8 @@ def conform(
 class _Examination:
     """The rules on one trial, one after the other."""
 
-    def __init__(self, trial: Trial, rules: Sequence[Rule], progress: OnProgress | None) -> None:
-        self.trial, self.rules, self.progress = trial, rules, progress
+    def __init__(self, context: RuleContext, rules: Sequence[Rule], progress: OnProgress | None) -> None:
+        self.context, self.rules, self.progress = context, rules, progress
         self.findings: list[Finding] = []
         self.causes: dict[str, str] = {}
         """Rules that were broken already, by the cause."""
@@ -103,15 +103,15 @@ class _Examination:
 
         def measure() -> None:
             with suppress(OSError, Stopped):  # the rule "answers" says it
-                self.trial.measure()
+                self.context.measure()
             with suppress(Stopped):
-                self.trial.restore()
+                self.context.restore()
 
         try:
-            _in_thread(self.trial, measure)
+            _in_thread(self.context, measure)
         except Hangs as error:
             self.hangs = str(error)
-        plan = self.trial.budget.plan(self.trial.pace, self.trial.cycles, self.trial.subject.line is not None)
+        plan = self.context.budget.plan(self.context.pace, self.context.cycles, self.context.subject.line is not None)
         self._weights = [0.1 + plan.shown.get(rule.id, 0.0) for rule in self.rules]
         if on_plan is not None:
             on_plan(plan)
@@ -121,22 +121,22 @@ class _Examination:
             self.findings.append(self._finding(number, rule))
 
     def _finding(self, number: int, rule: Rule) -> Finding:
-        standing = rule.theme == "standing"
-        if self.ended and not (standing and not self.trial.watch.over):
+        general = rule.theme == "general"
+        if self.ended and not (general and not self.context.watch.over):
             return _finding_on(rule, Judgement.NOT_TRIED, self.ended)
-        if not standing and not self.trial.budget.begin(rule):
+        if not general and not self.context.budget.begin(rule):
             return _finding_on(rule, Judgement.NOT_TRIED, TIME_UP)
         part = self._part(number, rule)
         part(0.0)
         try:
             if self.hangs:
                 raise Hangs(self.hangs)
-            self.trial.share = 0.0
+            self.context.share = 0.0
             finding = _in_thread(
-                self.trial, lambda: _tried(self.trial, rule, self.causes), lambda: part(self.trial.share)
+                self.context, lambda: _tried(self.context, rule, self.causes), lambda: part(self.context.share)
             )
         except Hangs as error:
-            self.ended = f"the driver hangs in {self.trial.watch.doing}"
+            self.ended = f"the driver hangs in {self.context.watch.doing}"
             return _finding_on(rule, Judgement.FAILED, str(error))
         if finding.verdict is Judgement.FAILED and not self.ended:
             self._look_whether_it_lives(rule)
@@ -148,9 +148,9 @@ class _Examination:
             self.ended = f"as above: {self.causes['dead']}"
             return
         try:
-            dead = _in_thread(self.trial, lambda: self.trial.dead() and self.trial.dead())
+            dead = _in_thread(self.context, lambda: self.context.dead() and self.context.dead())
         except Hangs:
-            dead = f"the driver hangs in {self.trial.watch.doing}"
+            dead = f"the driver hangs in {self.context.watch.doing}"
         if dead:
             self.ended = f"since the rule {rule.id}: {dead}"
 
@@ -167,17 +167,17 @@ def _finding_on(rule: Rule, verdict: Judgement, why: str) -> Finding:
     return Finding(rule.id, rule.text, verdict, why, rule.theme)
 
 
-def _tried(trial: Trial, rule: Rule, causes: dict[str, str]) -> Finding:
-    cause, trial.left_out = "", []
-    trial.watch.until = inf if rule.theme == "standing" else trial.budget.latest
+def _tried(context: RuleContext, rule: Rule, causes: dict[str, str]) -> Finding:
+    cause, context.left_out = "", []
+    context.watch.until = inf if rule.theme == "general" else context.budget.latest
     try:
-        verdict, remark = Judgement.PASSED, rule.check(trial)
-        why = "; ".join(filter(None, [remark, *trial.left_out]))
-        if trial.left_out:
-            trial.budget.parts.append(f"{rule.id}: {'; '.join(trial.left_out)}")
+        verdict, remark = Judgement.PASSED, rule.check(context)
+        why = "; ".join(filter(None, [remark, *context.left_out]))
+        if context.left_out:
+            context.budget.parts.append(f"{rule.id}: {'; '.join(context.left_out)}")
     except TimeUp:  # its calls took longer than planned
         verdict, why = Judgement.NOT_TRIED, TIME_UP
-        trial.budget.left_out.append(rule.id)
+        context.budget.left_out.append(rule.id)
     except NotTried as reason:
         verdict, why = Judgement.NOT_TRIED, str(reason)
     except RuleBroken as broken:
@@ -186,14 +186,14 @@ def _tried(trial: Trial, rule: Rule, causes: dict[str, str]) -> Finding:
         verdict, why = Judgement.FAILED, f"{call_of(error)} failed: {text_of(error)}"
         cause = re.sub(r"-?\d+", "#", f"{call_of(error).partition(' ')[0]} failed: {text_of(error)}")
     finally:
-        trial.watch.until = inf
+        context.watch.until = inf
     if verdict is Judgement.FAILED and cause and (first := causes.setdefault(cause, rule.id)) != rule.id:
         verdict, why = Judgement.NOT_TRIED, f"as above ({first}): {why}"
-    trial.restore()
+    context.restore()
     return _finding_on(rule, verdict, why)
 
 
-def _in_thread(trial: Trial, work: Callable[[], T], look: Callable[[], object] = lambda: None) -> T:
+def _in_thread(context: RuleContext, work: Callable[[], T], look: Callable[[], object] = lambda: None) -> T:
     """The result of the work. Hangs if a call of the driver does not return. An exception here, such as
     KeyboardInterrupt, ends the work at its next call of the driver."""
     outcome: Future[T] = Future()  # Thread.join takes a running thread for ended after Ctrl-C (CPython 3.11, 3.12)
@@ -209,43 +209,43 @@ def _in_thread(trial: Trial, work: Callable[[], T], look: Callable[[], object] =
         while not outcome.done():
             look()
             wait([outcome], LOOK_INTERVAL)
-            _check_hang(trial)
+            _check_hang(context)
     except Hangs:
         raise
     except BaseException:
-        trial.watch.stopped = True
-        ended = wait([outcome], 4 * trial.patience + HANG).done
-        trial.watch.stopped, trial.watch.over = False, not ended
+        context.watch.stopped = True
+        ended = wait([outcome], 4 * context.patience + HANG).done
+        context.watch.stopped, context.watch.over = False, not ended
         raise
     return outcome.result()
 
 
-def _check_hang(trial: Trial) -> None:
-    watch = trial.watch
+def _check_hang(context: RuleContext) -> None:
+    watch = context.watch
     began, limit = watch.began, watch.limit
     if began is not None and (took := monotonic() - began) > 4 * limit + HANG:
         watch.over = True
         raise Hangs(f"{watch.doing} did not end within {duration(round(took, 1))}; its timeout is {duration(limit)}")
 
 
-def _bring_to_defaults(trial: Trial) -> tuple[str, ...]:
+def _bring_to_defaults(context: RuleContext) -> tuple[str, ...]:
     """The outputs that were not brought to their defaults. If the driver hangs, its trial is left to its thread, and a
     new one brings them there: the call that hangs may return at any time."""
-    if trial.watch.over:
-        trial = Trial(trial.subject)
-    if trial.subject.line is not None:
-        trial.subject.line.heal()
+    if context.watch.over:
+        context = RuleContext(context.subject)
+    if context.subject.line is not None:
+        context.subject.line.heal()
     try:
-        _in_thread(trial, lambda: trial.restore(always=True))
+        _in_thread(context, lambda: context.restore(always=True))
     except Hangs:
-        return tuple(output.channel for output in trial.subject.outputs)
-    return tuple(trial.unreached)
+        return tuple(output.channel for output in context.subject.outputs)
+    return tuple(context.unreached)
 
 
 def _certificate(
-    trial: Trial, driver: Driver[Any], findings: Iterable[Finding], unreached: tuple[str, ...]
+    context: RuleContext, driver: Driver[Any], findings: Iterable[Finding], unreached: tuple[str, ...]
 ) -> Certificate:
-    subject = trial.subject
+    subject = context.subject
     return Certificate(
         name=subject.name,
         driver=f"{type(driver).__module__}:{type(driver).__qualname__}",
@@ -253,9 +253,9 @@ def _certificate(
         outputs=tuple(f"{each.channel} {each.least} to {each.greatest}" for each in subject.outputs),
         inputs=tuple(each.channel for each in subject.inputs),
         findings=tuple(findings),
-        times=trial.times,
+        times=context.times,
         unreached=unreached,
-        left_out=(*(f"the rule {rule}" for rule in trial.budget.left_out), *trial.budget.parts),
+        left_out=(*(f"the rule {rule}" for rule in context.budget.left_out), *context.budget.parts),
         date=datetime.now(UTC).strftime("%Y-%m-%d"),
         versions={"umo": _version(), "Python": platform.python_version()},
         platform=f"{platform.system()} {platform.machine()}",

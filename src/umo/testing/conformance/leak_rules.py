@@ -20,9 +20,9 @@ from umo.presentation.durations import duration
 from umo.testing.conformance.certificate import TransferTime, time_text
 from umo.testing.conformance.long_run import WARMING_CYCLES, LongRun, fails_at_once
 from umo.testing.conformance.probe import Probe
+from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.taps import Tap
-from umo.testing.conformance.trial import Trial
 
 DESCRIPTORS = "/proc/self/fd"
 OPENINGS = 100
@@ -46,7 +46,7 @@ FREE_GROWTH = 4096
 
 
 @dataclass(frozen=True)
-class Allowed:
+class LeakLimit:
     """Memory that may be left over each time."""
 
     fewest: int = 30
@@ -57,7 +57,7 @@ class Allowed:
     """Objects that only the garbage collector frees."""
 
 
-PER_LOST_CONNECTION = Allowed(fewest=FEWEST_OPENINGS, size=1024.0, circular=50.0)
+PER_LOST_CONNECTION = LeakLimit(fewest=FEWEST_OPENINGS, size=1024.0, circular=50.0)
 """Memory that may be left over by each lost connection: one is lost seldom."""
 
 
@@ -67,107 +67,108 @@ PER_LOST_CONNECTION = Allowed(fewest=FEWEST_OPENINGS, size=1024.0, circular=50.0
     "answer.",
     Cost(opens=9, each=18, waits=16, more=600),
 )
-def descriptors(trial: Trial) -> str:
-    most = OPENINGS if trial.cycles is None else max(FEWEST_OPENINGS, trial.cycles // OPENINGS)
-    _open_often(trial, 2, 2, 1)  # imports, caches
-    before = _counts(trial, None)
+def descriptors(context: RuleContext) -> str:
+    most = OPENINGS if context.cycles is None else max(FEWEST_OPENINGS, context.cycles // OPENINGS)
+    _open_often(context, 2, 2, 1)  # imports, caches
+    before = _counts(context, None)
     # The closed drivers are kept: closing is not left to the garbage collector.
-    closed = _open_often(trial, FEWEST_OPENINGS, most, SILENT_OPENINGS)
-    after, openings = _counts(trial, before), len(closed) - SILENT_OPENINGS
-    trial.left_out += [f"{openings} of {most} openings"] if openings < most else []
+    closed = _open_often(context, FEWEST_OPENINGS, most, SILENT_OPENINGS)
+    after, openings = _counts(context, before), len(closed) - SILENT_OPENINGS
+    context.left_out += [f"{openings} of {most} openings"] if openings < most else []
     for what, number in before.items():
         if after[what] > number:
             raise RuleBroken(f"{after[what] - number} {what} more than before are there after {openings} openings")
     return f"{openings} openings"
 
 
-def _open_often(trial: Trial, least: int, most: int, silent: int) -> list[Probe]:
+def _open_often(context: RuleContext, least: int, most: int, silent: int) -> list[Probe]:
     """Opened, used and closed; the last `silent` ones on a line where nobody answers."""
     closed: list[Probe] = []
-    while len(closed) < least or (len(closed) < most and trial.budget.more):
-        trial.share = len(closed) / most
-        closed.append(_open_and_cut(trial))
-    return closed + [_open_in_silence(trial) for _ in range(silent)]
+    while len(closed) < least or (len(closed) < most and context.budget.more):
+        context.share = len(closed) / most
+        closed.append(_open_and_cut(context))
+    return closed + [_open_in_silence(context) for _ in range(silent)]
 
 
-def _open_in_silence(trial: Trial) -> Probe:
-    probe, line = trial.new(), trial.subject.line
-    trial.hurry(probe)
+def _open_in_silence(context: RuleContext) -> Probe:
+    probe, line = context.new(), context.subject.line
+    context.hurry(probe)
     with line.silent() if line is not None else nullcontext():
-        trial.failure(probe.open)
-        for call in trial.transfers(probe)[::2]:
-            trial.failure(call)
-        trial.failure(probe.close)
+        context.failure(probe.open)
+        for call in context.transfers(probe)[::2]:
+            context.failure(call)
+        context.failure(probe.close)
     return probe
 
 
-def _open_and_cut(trial: Trial) -> Probe:
-    line = trial.subject.line
-    with trial.opened() as probe:
-        trial.use(probe)
+def _open_and_cut(context: RuleContext) -> Probe:
+    line = context.subject.line
+    with context.opened() as probe:
+        context.use(probe)
         if line is not None:
             line.drop()
             for _ in range(2):  # the first may find the end of the connection
-                trial.try_out(probe)
+                context.try_out(probe)
     if line is not None:
         with line.gone():
-            other = trial.new()
-            trial.failure(other.open)
-            trial.failure(other.close)
+            other = context.new()
+            context.failure(other.open)
+            context.failure(other.close)
     return probe
 
 
-def _counts(trial: Trial, goal: dict[str, int] | None) -> dict[str, int]:
+def _counts(context: RuleContext, goal: dict[str, int] | None) -> dict[str, int]:
     """Descriptors and threads, without those of the line. What is closing is waited for, as far as the goal."""
     end = monotonic() + MAX_CLOSING_TIME
     while True:
         gc.collect()  # each time: a call that still runs may leave a cycle behind when it ends
-        found = {"open descriptors": _descriptors(trial), "threads": threading.active_count()}
+        found = {"open descriptors": _descriptors(context), "threads": threading.active_count()}
         if goal is None or monotonic() >= end or all(found[key] <= goal[key] for key in found):
             return found
         sleep(0.01)
 
 
-def _descriptors(trial: Trial) -> int:
-    line = trial.subject.line
+def _descriptors(context: RuleContext) -> int:
+    line = context.subject.line
     with suppress(OSError):
         return len(os.listdir(DESCRIPTORS)) - (line.descriptors if line is not None else 0)
     return 0  # they can be counted on Linux only
 
 
 @rule("time", "The median time per transfer is within the timeout; the certificate has the times.", Cost(each=20))
-def time_per_transfer(trial: Trial) -> str:
-    with trial.opened(direct=True) as probe:
-        kinds = _kinds(trial, probe)
+def time_per_transfer(context: RuleContext) -> str:
+    with context.opened(direct=True) as probe:
+        kinds = _kinds(context, probe)
         for kind, call in kinds.items():
             taken: list[float] = []
-            most = TIMED_CALLS if trial.cycles is None else max(20, min(trial.cycles, TIMED_CALLS))
-            while len(taken) < 5 or (len(taken) < most and trial.budget.more):
+            most = TIMED_CALLS if context.cycles is None else max(20, min(context.cycles, TIMED_CALLS))
+            while len(taken) < 5 or (len(taken) < most and context.budget.more):
                 began = perf_counter()
                 probe.call(kind, call)
                 taken.append(perf_counter() - began)
             median, p99 = (float(np.percentile(taken, share)) for share in (50, 99))
-            trial.times[kind] = TransferTime(median, p99, len(taken))
-    if not trial.times:
+            context.times[kind] = TransferTime(median, p99, len(taken))
+    if not context.times:
         raise NotTried("the subject has no channels")
-    for kind, each in trial.times.items():
-        if each.median > trial.subject.timeout:
-            raise RuleBroken(f"{kind} takes {time_text(each.median)}, its timeout is {duration(trial.subject.timeout)}")
-    return ", ".join(f"{kind} {time_text(each.median)}" for kind, each in trial.times.items())
+    for kind, each in context.times.items():
+        if each.median > context.subject.timeout:
+            timeout = duration(context.subject.timeout)
+            raise RuleBroken(f"{kind} takes {time_text(each.median)}, its timeout is {timeout}")
+    return ", ".join(f"{kind} {time_text(each.median)}" for kind, each in context.times.items())
 
 
-def _kinds(trial: Trial, probe: Probe) -> dict[str, Callable[[], Any]]:
+def _kinds(context: RuleContext, probe: Probe) -> dict[str, Callable[[], Any]]:
     """Each kind of transfer of the driver, without what the kit does around it."""
     driver = probe.driver
     kinds: dict[str, Callable[[], Any]] = {}
-    if trial.readable:
-        readable = tuple(map(probe.channel, trial.readable))
+    if context.readable:
+        readable = tuple(map(probe.channel, context.readable))
         out = np.zeros(len(readable), np.int64)
         kinds["read"] = lambda: driver.read(readable[0])
         kinds[f"read_many of {len(readable)}"] = lambda: driver.read_many(readable, out)
-    if trial.subject.outputs:
-        outputs = tuple(probe.channel(each.channel) for each in trial.subject.outputs)
-        raws = np.array([each.default for each in trial.subject.outputs], np.int64)
+    if context.subject.outputs:
+        outputs = tuple(probe.channel(each.channel) for each in context.subject.outputs)
+        raws = np.array([each.default for each in context.subject.outputs], np.int64)
         kinds["write"] = lambda: driver.write(outputs[0], int(raws[0]))
         kinds[f"write_many of {len(outputs)}"] = lambda: driver.write_many(outputs, raws)
     return kinds
@@ -178,21 +179,21 @@ def _kinds(trial: Trial, probe: Probe) -> dict[str, Callable[[], Any]]:
     "Over many transfers no call fails or becomes slow, each reading is right, and the process does not grow.",
     Cost(each=30),
 )
-def long_run(trial: Trial) -> str:
+def long_run(context: RuleContext) -> str:
     """Direct, without the line. 70,000 transfers pass the end of a number of 16 bits."""
-    with trial.opened(direct=True) as probe:
-        run = LongRun(trial, probe)
+    with context.opened(direct=True) as probe:
+        run = LongRun(context, probe)
         run.go()
     if run.slow:
-        _compare_with_a_new_one(trial, run)
-    trial.left_out += [f"{run.calls:,} of {run.most:,} transfers"] if run.calls < run.most else []
+        _compare_with_a_new_one(context, run)
+    context.left_out += [f"{run.calls:,} of {run.most:,} transfers"] if run.calls < run.most else []
     return run.remark
 
 
-def _compare_with_a_new_one(trial: Trial, run: LongRun) -> None:
+def _compare_with_a_new_one(context: RuleContext, run: LongRun) -> None:
     """RuleBroken if a new driver is quicker: else it is the computer or the device that has become slow."""
-    with trial.opened(direct=True) as probe:
-        new = LongRun(trial, probe)
+    with context.opened(direct=True) as probe:
+        new = LongRun(context, probe)
         new.go(WARMING_CYCLES)
     if run.slower_than(new.early):
         took = f"{time_text(run.late)} after {run.calls:,} transfers, {time_text(new.early)} with a new driver"
@@ -204,51 +205,51 @@ def _compare_with_a_new_one(trial: Trial, run: LongRun) -> None:
     "Python's memory does not grow over many calls, without the garbage collector; also not by calls that fail.",
     Cost(each=100, more=2000),
 )
-def memory(trial: Trial) -> str:
+def memory(context: RuleContext) -> str:
     """The collector is off, as in the control process: an error that holds its own frame stays for ever."""
-    with trial.opened(direct=True) as probe:
-        run = LongRun(trial, probe)
+    with context.opened(direct=True) as probe:
+        run = LongRun(context, probe)
         words = []
         for what, repeat in (("cycles", run.cycle), ("failed calls", run.fail)):
             if what == "failed calls" and not run.failing:
                 words.append("no call can be made to fail at once")
                 continue
-            words.append(_grows(trial, repeat, what))
-    if trial.subject.line is not None:
-        words.append(_over_lost_connections(trial, trial.subject.line))
-        words.append(_without_a_device(trial, trial.subject.line))
+            words.append(_grows(context, repeat, what))
+    if context.subject.line is not None:
+        words.append(_over_lost_connections(context, context.subject.line))
+        words.append(_without_a_device(context, context.subject.line))
     return ", ".join(words)
 
 
-def _over_lost_connections(trial: Trial, line: Tap) -> str:
+def _over_lost_connections(context: RuleContext, line: Tap) -> str:
     """The measurement (`_grows`) of calls that connect again."""
-    with trial.opened() as probe:
-        call = trial.transfers(probe)[0]
+    with context.opened() as probe:
+        call = context.transfers(probe)[0]
 
         def lose() -> None:
             line.drop()
             for _ in range(2):  # the first may find the end of the connection
-                trial.failure(call)
+                context.failure(call)
 
-        return _grows(trial, lose, "lost connections", PER_LOST_CONNECTION)
+        return _grows(context, lose, "lost connections", PER_LOST_CONNECTION)
 
 
-def _without_a_device(trial: Trial, line: Tap) -> str:
+def _without_a_device(context: RuleContext, line: Tap) -> str:
     """The measurement (`_grows`) of calls that fail as the device is away."""
-    with trial.opened() as probe, line.gone():
-        trial.hurry(probe)
-        calls = [call for call in trial.transfers(probe) if fails_at_once(trial, call)]
+    with context.opened() as probe, line.gone():
+        context.hurry(probe)
+        calls = [call for call in context.transfers(probe) if fails_at_once(context, call)]
         if not calls:
             return "calls without the device do not fail at once"
         turns = cycle(calls)
-        return _grows(trial, lambda: trial.failure(next(turns)), "calls without the device")
+        return _grows(context, lambda: context.failure(next(turns)), "calls without the device")
 
 
-def _grows(trial: Trial, repeat: Callable[[], object], what: str, each: Allowed = Allowed()) -> str:
+def _grows(context: RuleContext, repeat: Callable[[], object], what: str, each: LeakLimit = LeakLimit()) -> str:
     """RuleBroken if memory is left over; else what was measured."""
-    most = CYCLES if trial.cycles is None else max(10, min(CYCLES, trial.cycles // ROUNDS))
+    most = CYCLES if context.cycles is None else max(10, min(CYCLES, context.cycles // ROUNDS))
     began, count = monotonic(), 0
-    while count < min(each.fewest, most) or (count < most and trial.budget.more and monotonic() - began < 1.0):
+    while count < min(each.fewest, most) or (count < most and context.budget.more and monotonic() - began < 1.0):
         repeat()  # warm, and how many fit
         count += 1
     allowed = FREE_GROWTH + each.size * count
@@ -257,9 +258,9 @@ def _grows(trial: Trial, repeat: Callable[[], object], what: str, each: Allowed 
     with _traced():
         while (rounds := len(growths)) < ROUNDS or (
             min(growths) > allowed
-            and (rounds < MAX_ROUNDS or (rounds * count < CACHE_FILLING_CALLS and trial.budget.more))
+            and (rounds < MAX_ROUNDS or (rounds * count < CACHE_FILLING_CALLS and context.budget.more))
         ):
-            trial.share = rounds / max(ROUNDS, rounds + 1)
+            context.share = rounds / max(ROUNDS, rounds + 1)
             gc.collect()
             gc.disable()
             before = tracemalloc.get_traced_memory()[0]

@@ -12,10 +12,10 @@ from umo.drivers.contract import Direction
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.recovery import recovers, values
 from umo.testing.conformance.requests import constant
+from umo.testing.conformance.rule_context import DriverCall, RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
 from umo.testing.conformance.traffic import Change, Traffic
-from umo.testing.conformance.trial import DriverCall, Trial
 
 IDLE_TIME = 0.1
 """Time in s in which a driver that is left alone must send nothing to be judged."""
@@ -30,63 +30,63 @@ REFERENCE_CALLS = 2
     "A request is sent once within a call, also if it fails: a pulse would come twice.",
     Cost(opens=2, each=32, waits=12),
 )
-def retry(trial: Trial) -> str | None:
-    line = trial.line
+def retry(context: RuleContext) -> str | None:
+    line = context.line
     faults: list[tuple[str, Change, bool]] = [
         ("got no answer", lambda answer: b"", False),
         ("found the connection closed", lambda answer: b"", True),
         ("got a garbled answer", lambda answer: bytes(each ^ 0x95 for each in answer), False),
     ]
-    opening = _opening(trial)
+    opening = _opening(context)
     tried = False
-    with trial.opened() as probe:
+    with context.opened() as probe:
         with line.counting() as traffic:
-            sleep(max(IDLE_TIME, trial.haste))
+            sleep(max(IDLE_TIME, context.haste))
         if traffic.asked:
             raise NotTried("the driver sends requests by itself")
-        for number in range(len(trial.transfers(probe)) - bool(trial.subject.outputs)):
-            usual = [_counted(trial, probe, number) for _ in range(REFERENCE_CALLS)]
+        for number in range(len(context.transfers(probe)) - bool(context.subject.outputs)):
+            usual = [_counted(context, probe, number) for _ in range(REFERENCE_CALLS)]
             if not usual[0].asked:
                 continue
             tried = True
             for what, change, hangup in faults:
-                traffic = _counted(trial, probe, number, lambda: line.spoiling(change, hangup=hangup))  # noqa: B023
-                _check_once(trial, traffic, usual, opening, what)
-        _check_refused(trial, probe, opening)
-        if trial.subject.outputs:
-            _check_doubled(trial, probe, trial.subject.outputs[0])
+                traffic = _counted(context, probe, number, lambda: line.spoiling(change, hangup=hangup))  # noqa: B023
+                _check_once(context, traffic, usual, opening, what)
+        _check_refused(context, probe, opening)
+        if context.subject.outputs:
+            _check_doubled(context, probe, context.subject.outputs[0])
     if not tried:
         raise NotTried("no call sends anything over the line")
     return None
 
 
-def _opening(trial: Trial) -> list[int]:
+def _opening(context: RuleContext) -> list[int]:
     """The lengths of what a driver sends to open: a call that connects again may send them too."""
-    probe = trial.new()
-    with trial.line.counting() as traffic:
+    probe = context.new()
+    with context.line.counting() as traffic:
         probe.open()
-    trial.failure(probe.close)
+    context.failure(probe.close)
     return [len(each) for each in traffic.requests]
 
 
-def _counted(trial: Trial, probe: Probe, number: int, fault: Callable[[], Any] | None = None) -> Traffic:
+def _counted(context: RuleContext, probe: Probe, number: int, fault: Callable[[], Any] | None = None) -> Traffic:
     """Traffic of one kind of call, with a fault or without. The outputs are at other levels before it."""
-    probe.timeout = trial.patience
-    if trial.subject.outputs:
-        texts = [each.channel for each in trial.subject.outputs]
-        trial.insist(probe.write_many, texts, [each.other() for each in trial.subject.outputs])
+    probe.timeout = context.patience
+    if context.subject.outputs:
+        texts = [each.channel for each in context.subject.outputs]
+        context.insist(probe.write_many, texts, [each.other() for each in context.subject.outputs])
     else:
-        trial.insist(trial.transfers(probe)[0])
-    call = trial.transfers(probe)[number]
+        context.insist(context.transfers(probe)[0])
+    call = context.transfers(probe)[number]
     if fault is None:
-        return trial.traffic(call)
-    trial.hurry(probe)
-    with trial.line.counting() as traffic, fault():
-        trial.failure(call)
+        return context.traffic(call)
+    context.hurry(probe)
+    with context.line.counting() as traffic, fault():
+        context.failure(call)
     return traffic
 
 
-def _check_once(trial: Trial, traffic: Traffic, usual: list[Traffic], opening: list[int], what: str) -> None:
+def _check_once(context: RuleContext, traffic: Traffic, usual: list[Traffic], opening: list[int], what: str) -> None:
     """RuleBroken if a request of the usual length was sent more often than usual."""
     if traffic.asked <= max(each.asked for each in usual) or not traffic.requests:
         return
@@ -94,28 +94,28 @@ def _check_once(trial: Trial, traffic: Traffic, usual: list[Traffic], opening: l
     sent = sum(len(each) == length for each in traffic.requests)
     most = max(sum(len(each) == length for each in one.requests) for one in usual) or 1
     if sent > most + opening.count(length):
-        raise RuleBroken(f"{trial.watch.doing} sent its request {sent} times when it {what}")
+        raise RuleBroken(f"{context.watch.doing} sent its request {sent} times when it {what}")
 
 
-def _check_refused(trial: Trial, probe: Probe, opening: list[int]) -> None:
+def _check_refused(context: RuleContext, probe: Probe, opening: list[int]) -> None:
     """A request that the device answers with an error is sent as often as one that it carries out."""
-    for text in trial.subject.refused:
-        for call in list(_transfers_of(trial, probe, text))[::2]:
-            usual = _usual_of(trial, probe, call.func == probe.write)
-            probe.timeout = trial.patience
-            with trial.line.counting() as traffic:
-                trial.failure(call)
+    for text in context.subject.refused:
+        for call in list(_transfers_of(context, probe, text))[::2]:
+            usual = _usual_of(context, probe, call.func == probe.write)
+            probe.timeout = context.patience
+            with context.line.counting() as traffic:
+                context.failure(call)
             if usual is not None:
-                _check_once(trial, traffic, [usual], opening, "was refused")
+                _check_once(context, traffic, [usual], opening, "was refused")
 
 
-def _check_doubled(trial: Trial, probe: Probe, output: Output) -> None:
+def _check_doubled(context: RuleContext, probe: Probe, output: Output) -> None:
     """RuleBroken if a write that succeeds sends two requests with the same level, which differ in nothing but what
     differs between equal writes too, as a number does."""
     levels = dict.fromkeys((*(output.other(number) for number in range(3)), output.default))
     sent: dict[int, list[list[bytes]]] = {raw: [] for raw in levels}
     for raw in [*levels] * EQUAL_WRITES:
-        with trial.line.counting() as traffic:
+        with context.line.counting() as traffic:
             probe.write(output.channel, raw)
         sent[raw].append(traffic.requests)
     writes, *others = sent.values()
@@ -135,34 +135,34 @@ def _constant(writes: list[list[bytes]], number: int) -> dict[int, int]:
     return constant(requests) if len(requests) == len(writes) else {}
 
 
-def _usual_of(trial: Trial, probe: Probe, writes: bool) -> Traffic | None:
+def _usual_of(context: RuleContext, probe: Probe, writes: bool) -> Traffic | None:
     """Traffic of a single transfer that succeeds."""
     if writes:
-        output = trial.subject.outputs[0]
+        output = context.subject.outputs[0]
         probe.write(output.channel, output.other())
-        return trial.traffic(probe.write, output.channel, output.default)
-    return trial.traffic(probe.read, trial.readable[0]) if trial.readable else None
+        return context.traffic(probe.write, output.channel, output.default)
+    return context.traffic(probe.read, context.readable[0]) if context.readable else None
 
 
 @rule("error answer", "An error that the device answers is an OSError, not a value and not a timeout.", Cost(each=12))
-def error_answer(trial: Trial) -> str | None:
-    if not trial.subject.refused:
+def error_answer(context: RuleContext) -> str | None:
+    if not context.subject.refused:
         raise NotTried("no channel is known that the device refuses")
     silent, kinds = [], set()
-    with trial.opened() as probe:
-        expected = values(trial, probe)
-        for text in trial.subject.refused:
-            for call in _transfers_of(trial, probe, text):
-                answered, error = _refusal(trial, call)
+    with context.opened() as probe:
+        expected = values(context, probe)
+        for text in context.subject.refused:
+            for call in _transfers_of(context, probe, text):
+                answered, error = _refusal(context, call)
                 if not answered:
-                    silent.append(trial.watch.doing)
+                    silent.append(context.watch.doing)
                     continue
-                kinds.add("writes" if "write" in trial.watch.doing else "reads")
+                kinds.add("writes" if "write" in context.watch.doing else "reads")
                 if error is None:
-                    raise RuleBroken(f"{trial.watch.doing} succeeded; the device refuses it")
+                    raise RuleBroken(f"{context.watch.doing} succeeded; the device refuses it")
                 if isinstance(error, TimeoutError) and answered == "seen":
-                    raise RuleBroken(f"{trial.watch.doing} timed out; the device answers it with an error")
-            recovers(trial, probe, expected, "an error answer")
+                    raise RuleBroken(f"{context.watch.doing} timed out; the device answers it with an error")
+            recovers(context, probe, expected, "an error answer")
     words = [f"no {each} that the device refuses are known" for each in ("reads", "writes") if each not in kinds]
     words += [f"the device does not answer {silent[0]}"] if silent else []
     if not kinds:
@@ -170,23 +170,23 @@ def error_answer(trial: Trial) -> str | None:
     return "; ".join(words) or None
 
 
-def _refusal(trial: Trial, call: DriverCall) -> tuple[str, OSError | None]:
+def _refusal(context: RuleContext, call: DriverCall) -> tuple[str, OSError | None]:
     """The error of a call that the device refuses; whether it was answered: "seen", "perhaps" without a line, or ""."""
-    if trial.subject.line is None:
-        return "perhaps", trial.failure(call)
-    with trial.subject.line.counting(answers=True) as traffic:
-        error = trial.failure(call)
+    if context.subject.line is None:
+        return "perhaps", context.failure(call)
+    with context.subject.line.counting(answers=True) as traffic:
+        error = context.failure(call)
     if not traffic.asked:
         return "perhaps", error
     return "seen" if traffic.answer else "", error
 
 
-def _transfers_of(trial: Trial, probe: Probe, text: str) -> Iterator[partial[Any]]:
+def _transfers_of(context: RuleContext, probe: Probe, text: str) -> Iterator[partial[Any]]:
     """Reads and writes of a channel that the device refuses, in the directions that it has."""
     direction = probe.channel(text).direction
     if Direction.INPUT in direction:
         yield partial(probe.read, text)
         yield partial(probe.read_many, (text,))
-    if Direction.OUTPUT in direction and trial.subject.outputs:
+    if Direction.OUTPUT in direction and context.subject.outputs:
         yield partial(probe.write, text, 0)
         yield partial(probe.write_many, (text,), (0,))

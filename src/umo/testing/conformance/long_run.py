@@ -12,9 +12,9 @@ import numpy as np
 from umo.drivers.contract import Direction
 from umo.testing.conformance.budget import LONG_RUN_TRANSFERS
 from umo.testing.conformance.probe import Probe
+from umo.testing.conformance.rule_context import DriverCall, RuleContext
 from umo.testing.conformance.rules import RuleBroken
 from umo.testing.conformance.subject import Output
-from umo.testing.conformance.trial import DriverCall, Trial
 
 WARMING_CYCLES = 50
 """Cycles in which a loop-back that takes its time is found."""
@@ -37,26 +37,26 @@ class LongRun:
     """Cycles of a driver with open channels. Each writes all outputs as a block and one alone, and reads all channels
     as a block and one alone."""
 
-    def __init__(self, trial: Trial, probe: Probe) -> None:
-        self.trial, self.probe = trial, probe
+    def __init__(self, context: RuleContext, probe: Probe) -> None:
+        self.context, self.probe = context, probe
         self.calls = 0
-        self.readable = tuple(map(probe.channel, trial.readable))
-        self.outputs = tuple(probe.channel(each.channel) for each in trial.subject.outputs)
+        self.readable = tuple(map(probe.channel, context.readable))
+        self.outputs = tuple(probe.channel(each.channel) for each in context.subject.outputs)
         self._out = np.zeros(len(self.readable), np.int64)
-        outputs = trial.subject.outputs
+        outputs = context.subject.outputs
         table = [[each.other(i + 3 * number) for i, each in enumerate(outputs)] for number in range(LEVEL_SETS - 1)]
         self._table = [np.array(raws, np.int64) for raws in (*table, [each.default for each in outputs])]
         self._turn = 0
-        self._shown = {i: each for i, each in enumerate(outputs) if each in trial.viewed}
+        self._shown = {i: each for i, each in enumerate(outputs) if each in context.viewed}
         """Outputs that can be read, by their number."""
-        self._place = {text: i for i, text in enumerate(trial.readable)}
+        self._place = {text: i for i, text in enumerate(context.readable)}
         self._lags: set[str] = set()
         """Channels whose level takes its time, or that do not read it exactly."""
-        self._steady = {text: probe.read(text) for text in trial.steady if text in trial.readable}
+        self._steady = {text: probe.read(text) for text in context.steady if text in context.readable}
         self._before: dict[str, int] = {}
         self.failing = self._failing()
         self.per_cycle = 2 * bool(self.readable) + 2 * bool(self.outputs)
-        self.most = LONG_RUN_TRANSFERS if trial.cycles is None else self.per_cycle * trial.cycles
+        self.most = LONG_RUN_TRANSFERS if context.cycles is None else self.per_cycle * context.cycles
         self._grown = 0
         self.early = inf
         """Duration in s of the quickest of the first cycles."""
@@ -82,17 +82,17 @@ class LongRun:
         """One call that fails."""
         call = self.failing[self._turn % len(self.failing)]
         self._turn += 1
-        self.trial.failure(call)
+        self.context.failure(call)
 
     def go(self, most: int | None = None) -> None:
         """Run so many cycles; default: until there were enough transfers, or the time is up."""
         number, early = 0, 0
-        while (self.per_cycle and number < FEWEST_CYCLES) or (self.calls < self.most and self.trial.budget.more):
+        while (self.per_cycle and number < FEWEST_CYCLES) or (self.calls < self.most and self.context.budget.more):
             if number == most:
                 return
-            self.trial.share = self.calls / self.most
+            self.context.share = self.calls / self.most
             self.cycle()
-            self._took.append(self.trial.watch.took)
+            self._took.append(self.context.watch.took)
             if number < WARMING_CYCLES:
                 self.early = min(self._took)
             self.calls += self.per_cycle
@@ -137,22 +137,22 @@ class LongRun:
 
     def _look(self, number: int) -> None:
         """RuleBroken if a reading of the last cycle is wrong."""
-        found = dict(zip(self.trial.readable, self._out.tolist(), strict=True))
+        found = dict(zip(self.context.readable, self._out.tolist(), strict=True))
         alone = {}
         if self.readable:
             place, raw = self._alone
-            alone[self.trial.readable[place]] = raw
+            alone[self.context.readable[place]] = raw
         for text, expected in self._steady.items():
             for now in (found[text], alone.get(text, expected)):
                 if now != expected:
                     self._wrong(text, now, expected, f"reading of {text}")
         raws = self._table[(self._turn - 1) % LEVEL_SETS]
         for i, output in self._shown.items():
-            view, raw = self.trial.view(output), int(raws[i])
+            view, raw = self.context.view(output), int(raws[i])
             if view in self._lags and number % WARMING_CYCLES:
                 continue
             for now in (found[view], alone.get(view, found[view])):
-                if now != raw and not self.trial.same(output, raw, now):
+                if now != raw and not self.context.same(output, raw, now):
                     self._explain(view, output, raw, now, number)
                     break
             self._before[view] = raw
@@ -161,10 +161,10 @@ class LongRun:
         """A loop-back may take its time: it is on its way then, and gets there. One that takes longer than a cycle, as
         the first ones show, may be on its way to any of the levels before."""
         low, high = sorted((raw, self._before.get(view, output.default)))
-        there = self.trial.is_read(self.probe, output, raw)
-        on_its_way = low <= now <= high or view in self._lags or self.trial.subject.agree is not None
+        there = self.context.is_read(self.probe, output, raw)
+        on_its_way = low <= now <= high or view in self._lags or self.context.subject.agree is not None
         if not there or (not on_its_way and number > WARMING_CYCLES):
-            recorded = self.trial.subject.levels is not None
+            recorded = self.context.subject.levels is not None
             self._wrong(view, now, raw, f"reading of {view}" if recorded else f"level of {output.channel}")
         self._lags.add(view)
 
@@ -175,24 +175,24 @@ class LongRun:
 
     def _failing(self) -> list[DriverCall]:
         """Calls that the device or the driver refuses at once."""
-        trial, probe = self.trial, self.probe
+        context, probe = self.context, self.probe
         calls: list[DriverCall] = []
-        for text in trial.subject.refused:
+        for text in context.subject.refused:
             direction = probe.channel(text).direction
             if Direction.INPUT in direction:
-                calls += [partial(probe.read, text), partial(probe.read_many, (*trial.readable, text))]
-            if Direction.OUTPUT in direction and trial.subject.outputs:
+                calls += [partial(probe.read, text), partial(probe.read_many, (*context.readable, text))]
+            if Direction.OUTPUT in direction and context.subject.outputs:
                 calls += [partial(probe.write, text, 0)]
-        if trial.subject.outputs:
-            only_in = [t for t in trial.readable if Direction.OUTPUT not in probe.channel(t).direction]
+        if context.subject.outputs:
+            only_in = [t for t in context.readable if Direction.OUTPUT not in probe.channel(t).direction]
             calls += [partial(probe.write_many, (text,), (0,)) for text in only_in[:1]]
-        return [call for call in calls if fails_at_once(trial, call)]
+        return [call for call in calls if fails_at_once(context, call)]
 
 
-def fails_at_once(trial: Trial, call: DriverCall) -> bool:
+def fails_at_once(context: RuleContext, call: DriverCall) -> bool:
     """Whether a call fails, and not by waiting."""
-    error = trial.failure(call)
-    return error is not None and not isinstance(error, TimeoutError) and trial.watch.took < QUICK_FAILURE
+    error = context.failure(call)
+    return error is not None and not isinstance(error, TimeoutError) and context.watch.took < QUICK_FAILURE
 
 
 def _resident() -> int:

@@ -15,9 +15,9 @@ from types import FrameType
 from typing import Any, TextIO
 
 from umo.testing.conformance.probe import Probe
-from umo.testing.conformance.process import change, state, threads
+from umo.testing.conformance.process_snapshot import change, state, threads
+from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
-from umo.testing.conformance.trial import Trial
 
 IDLE_TIME = 0.25
 """Time in s for which processor time is measured."""
@@ -34,38 +34,38 @@ WAITING_FUNCTIONS = {
 
 @rule("idle", "No processor time is used for waiting: not while the device is silent, not between calls.",
       Cost(each=4, waits=8))  # fmt: skip
-def idle(trial: Trial) -> str | None:
+def idle(context: RuleContext) -> str | None:
     if not threads():
         raise NotTried("the kernel does not tell the processor time of threads")
-    with trial.opened() as probe:
-        for call in trial.transfers(probe)[::2]:
+    with context.opened() as probe:
+        for call in context.transfers(probe)[::2]:
             call()
-        _quiet(trial, lambda: sleep(IDLE_TIME), "between two calls")
-        if trial.subject.line is None:
+        _quiet(context, lambda: sleep(IDLE_TIME), "between two calls")
+        if context.subject.line is None:
             return "between calls only: there is no line that could be silent"
-        probe.timeout = max(trial.haste, IDLE_TIME)
-        for call in trial.transfers(probe)[:4:2]:
-            _quiet(trial, partial(trial.unanswered, call), "")
+        probe.timeout = max(context.haste, IDLE_TIME)
+        for call in context.transfers(probe)[:4:2]:
+            _quiet(context, partial(context.unanswered, call), "")
     return None
 
 
-def _quiet(trial: Trial, wait: Callable[[], object], when: str) -> None:
+def _quiet(context: RuleContext, wait: Callable[[], object], when: str) -> None:
     """RuleBroken if threads that are not older than the trial run while they should wait."""
     shares = []
     for _ in range(TRIES):
         before, began = threads(), monotonic()
         wait()
         took = monotonic() - began
-        shares.append(_share(trial, before, took))
+        shares.append(_share(context, before, took))
         if took < IDLE_TIME / 2 or shares[-1] < MAX_SHARE:  # one that ends at once does not wait
             return
-    when = when or f"in {trial.watch.doing}, while the device was silent"
+    when = when or f"in {context.watch.doing}, while the device was silent"
     raise RuleBroken(f"{min(shares):.0%} of a processor was used {when}")
 
 
-def _share(trial: Trial, before: dict[int, tuple[float, float]], took: float) -> float:
+def _share(context: RuleContext, before: dict[int, tuple[float, float]], took: float) -> float:
     """The largest share of a thread, in the time in which it was not kept from running by others."""
-    own = [tid for tid in before if tid not in trial.threads or tid == get_native_id()]
+    own = [tid for tid in before if tid not in context.threads or tid == get_native_id()]
     shares = [0.0]
     for tid, (ran, kept) in threads().items():
         if tid in own:
@@ -75,31 +75,31 @@ def _share(trial: Trial, before: dict[int, tuple[float, float]], took: float) ->
 
 @rule("interrupt", "Ctrl-C passes through a call that waits: KeyboardInterrupt is not turned into anything else.",
       Cost(opens=4, each=4))  # fmt: skip
-def interrupt(trial: Trial) -> str | None:
+def interrupt(context: RuleContext) -> str | None:
     """The interrupt is raised where the call would wait in a function in C."""
-    kinds = len(trial.transfers(trial.new()))
-    waited = [number for number in range(kinds) if _interrupted(trial, number)]
+    kinds = len(context.transfers(context.new()))
+    waited = [number for number in range(kinds) if _interrupted(context, number)]
     if not waited:
         raise NotTried("no call waits in a function that can be interrupted")
     return f"{kinds - len(waited)} of {kinds} calls did not wait" if len(waited) < kinds else None
 
 
-def _interrupted(trial: Trial, number: int) -> bool:
+def _interrupted(context: RuleContext, number: int) -> bool:
     """Whether a call of this kind waited, and so was interrupted. What it leaves behind is not judged."""
-    probe, before, waits = trial.new(), sys.getprofile(), _Interrupt()
+    probe, before, waits = context.new(), sys.getprofile(), _Interrupt()
     try:
-        trial.bring_up(probe)
-        call = trial.transfers(probe)[number]
-        trial.watch.interrupted = False
+        context.bring_up(probe)
+        call = context.transfers(probe)[number]
+        context.watch.interrupted = False
         sys.setprofile(waits)
         try:
-            trial.failure(call)
+            context.failure(call)
         finally:
             sys.setprofile(before)
-        if waits.raised and not trial.watch.interrupted:
-            raise RuleBroken(f"{trial.watch.doing} swallowed Ctrl-C while it waited in {waits.raised}")
+        if waits.raised and not context.watch.interrupted:
+            raise RuleBroken(f"{context.watch.doing} swallowed Ctrl-C while it waited in {waits.raised}")
     finally:
-        trial.failure(trial.leave, probe)
+        context.failure(context.leave, probe)
     return bool(waits.raised)
 
 
@@ -118,14 +118,14 @@ class _Interrupt:
 @rule("process", "The process stays as it was: signals, working directory, default timeout of sockets, environment, "
       "locale, processors, priority, garbage collector, child processes, logging; nothing is printed, also if a call "
       "fails.", Cost(opens=1, each=16, waits=4))  # fmt: skip
-def process(trial: Trial) -> str | None:
+def process(context: RuleContext) -> str | None:
     on, remark = gc.isenabled(), None
     gc.disable()  # as in the control process
     try:
-        with _printed(trial) as printed, trial.opened() as probe:
-            trial.use(probe)
+        with _printed(context) as printed, context.opened() as probe:
+            context.use(probe)
             try:
-                _fail(trial, probe)
+                _fail(context, probe)
             except NotTried as reason:
                 remark = str(reason)
         if gc.isenabled():
@@ -134,33 +134,33 @@ def process(trial: Trial) -> str | None:
         (gc.enable if on else gc.disable)()
     if text := "".join(printed).strip():
         raise RuleBroken(f"it prints: {text.splitlines()[0][:80]!r}")
-    if changed := change(trial.before, state()):
+    if changed := change(context.before, state()):
         raise RuleBroken(f"it changed {changed}")
     return remark
 
 
-def _fail(trial: Trial, probe: Probe) -> None:
+def _fail(context: RuleContext, probe: Probe) -> None:
     """Calls without an answer, with a garbled one, and without the device. Then the driver is in use again."""
-    trial.fail_some(probe)
-    if trial.subject.line is not None:
-        for call in trial.transfers(probe)[::3]:
-            _resume(trial, probe)
-            trial.hurry(probe)
-            trial.spoiled(lambda answer: bytes(each ^ 0x95 for each in answer), True, call)
-            with trial.line.gone():
-                trial.failure(call)
-    _resume(trial, probe)
+    context.fail_some(probe)
+    if context.subject.line is not None:
+        for call in context.transfers(probe)[::3]:
+            _resume(context, probe)
+            context.hurry(probe)
+            context.spoiled(lambda answer: bytes(each ^ 0x95 for each in answer), True, call)
+            with context.line.gone():
+                context.failure(call)
+    _resume(context, probe)
 
 
-def _resume(trial: Trial, probe: Probe) -> None:
+def _resume(context: RuleContext, probe: Probe) -> None:
     """Calls of which the first may find out that the connection is lost."""
-    probe.timeout = trial.patience
+    probe.timeout = context.patience
     for _ in range(TRIES):
-        trial.try_out(probe)
+        context.try_out(probe)
 
 
 @contextmanager
-def _printed(trial: Trial) -> Iterator[list[str]]:
+def _printed(context: RuleContext) -> Iterator[list[str]]:
     """Texts that are printed within the block, but not by threads that are older than the drivers, such as the progress
     of the kit. What goes to `logging` is not printed: where it ends is the program's own choice."""
     found: list[str] = []
@@ -171,7 +171,7 @@ def _printed(trial: Trial) -> Iterator[list[str]]:
             self._stream = stream
 
         def write(self, text: str) -> int:
-            if get_native_id() in trial.threads:
+            if get_native_id() in context.threads:
                 return self._stream.write(text)
             found.append(text)
             return len(text)

@@ -7,15 +7,15 @@ from random import Random
 
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.requests import Writes
+from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import RuleBroken
 from umo.testing.conformance.subject import Output
-from umo.testing.conformance.trial import Trial
 
 FEWEST_WRITES = 32
 """Writes whose requests are compared, at least: enough of them to change every bit of a number or checksum."""
 
 
-def looks_for_pulses(trial: Trial, output: Output) -> bool:
+def looks_for_pulses(context: RuleContext, output: Output) -> bool:
     """Whether the requests of initialise and reset are all the same as those of writes, so that their levels are known.
     RuleBroken if one of these is neither the default nor the level before.
 
@@ -23,17 +23,17 @@ def looks_for_pulses(trial: Trial, output: Output) -> bool:
     of a level then is not known.
     """
     levels = _levels(output)
-    if trial.subject.line is None or len(levels) < 2:
+    if context.subject.line is None or len(levels) < 2:
         return False
     found: list[tuple[str, int, bytes]] = []
-    with trial.opened() as probe:
-        samples = _written(trial, probe, output, levels)
+    with context.opened() as probe:
+        samples = _written(context, probe, output, levels)
         for call in (probe.reset, probe.initialize):
             for before in (output.default, output.other()):
                 probe.write(output.channel, before)
-                sent = _sent(trial, call, output.channel, output.default)
-                found.append((trial.watch.doing, before, sent))
-        samples += _written(trial, probe, output, levels)  # a number has had each of its bits before or after
+                sent = _sent(context, call, output.channel, output.default)
+                found.append((context.watch.doing, before, sent))
+        samples += _written(context, probe, output, levels)  # a number has had each of its bits before or after
     writes = Writes((raw, sent) for raw, sent in samples if sent)
     ways = [(doing, before, writes.levels(sent, (output.default, before))) for doing, before, sent in found]
     for doing, before, way in ways:
@@ -43,12 +43,12 @@ def looks_for_pulses(trial: Trial, output: Output) -> bool:
     return all(way is not None for _, _, way in ways)
 
 
-def _written(trial: Trial, probe: Probe, output: Output, levels: list[int]) -> list[tuple[int, bytes]]:
-    return [(raw, _sent(trial, probe.write, output.channel, raw)) for raw in _order(levels)]
+def _written(context: RuleContext, probe: Probe, output: Output, levels: list[int]) -> list[tuple[int, bytes]]:
+    return [(raw, _sent(context, probe.write, output.channel, raw)) for raw in _order(levels)]
 
 
-def _sent(trial: Trial, call: Callable[..., object], *arguments: object) -> bytes:
-    with trial.line.counting() as traffic:
+def _sent(context: RuleContext, call: Callable[..., object], *arguments: object) -> bytes:
+    with context.line.counting() as traffic:
         call(*arguments)
     return b"".join(traffic.requests)
 

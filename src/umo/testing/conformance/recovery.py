@@ -6,30 +6,32 @@ from collections.abc import Mapping
 
 from umo.errors import text_of
 from umo.testing.conformance.probe import Probe
+from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import RuleBroken
 from umo.testing.conformance.subject import Output
-from umo.testing.conformance.trial import Trial
 
 TRIES = 3
 """Calls within which a driver recovers."""
 
 
-def values(trial: Trial, probe: Probe) -> dict[str, int | None]:
+def values(context: RuleContext, probe: Probe) -> dict[str, int | None]:
     """Readings of the channels, None for those that move by themselves. Every output is brought to another level than
     its default; the inputs that read them are waited for."""
-    probe.timeout = trial.patience
-    outputs = trial.subject.outputs
+    probe.timeout = context.patience
+    outputs = context.subject.outputs
     for number, output in enumerate(outputs):
-        rewrite(trial, probe, output, output.other(number), "what was tried before")
+        rewrite(context, probe, output, output.other(number), "what was tried before")
     for number, output in enumerate(outputs):
-        if output in trial.viewed:
-            trial.is_read(probe, output, output.other(number))
-    return {text: probe.read(text) if text in trial.known else None for text in trial.readable}
+        if output in context.viewed:
+            context.is_read(probe, output, output.other(number))
+    return {text: probe.read(text) if text in context.known else None for text in context.readable}
 
 
-def recovers(trial: Trial, probe: Probe, expected: Mapping[str, int | None], after: str, tries: int = TRIES) -> None:
+def recovers(
+    context: RuleContext, probe: Probe, expected: Mapping[str, int | None], after: str, tries: int = TRIES
+) -> None:
     """Each channel reads its value, at the last of the tries at the latest, and no other one before."""
-    probe.timeout = trial.patience
+    probe.timeout = context.patience
     for text, raw in expected.items():
         for left in range(tries - 1, -1, -1):
             try:
@@ -38,17 +40,17 @@ def recovers(trial: Trial, probe: Probe, expected: Mapping[str, int | None], aft
                 if not left:
                     raise RuleBroken(f"read of {text} still fails after {after}: {text_of(error)}") from error
                 continue
-            if raw is not None and not (trial.alike(text, raw, found) or trial.fallen(text, found)):
+            if raw is not None and not (context.alike(text, raw, found) or context.fallen(text, found)):
                 raise RuleBroken(f"{text} read {found} after {after}; it is at {raw}", f"reading of {text}")
             break
 
 
-def rewrite(trial: Trial, probe: Probe, output: Output, raw: int, after: str) -> None:
+def rewrite(context: RuleContext, probe: Probe, output: Output, raw: int, after: str) -> None:
     """The output takes a level, at the third call at the latest."""
-    probe.timeout = trial.patience
+    probe.timeout = context.patience
     for left in range(TRIES - 1, -1, -1):
-        error = trial.failure(probe.write, output.channel, raw)
+        error = context.failure(probe.write, output.channel, raw)
         if error is None:
             return
         if not left:
-            raise RuleBroken(f"{trial.watch.doing} still fails after {after}: {text_of(error)}")
+            raise RuleBroken(f"{context.watch.doing} still fails after {after}: {text_of(error)}")

@@ -42,8 +42,8 @@ NOTHING = Cost(opens=0, each=0)
 
 @dataclass(frozen=True)
 class Rule:
-    """One rule. `check`, given a `Trial`, returns a remark or None, or raises RuleBroken or NotTried; any OSError that
-    leaves it is the failure of a call that had to succeed."""
+    """One rule. `check`, given a `RuleContext`, returns a remark or None, or raises RuleBroken or NotTried; any OSError
+    that leaves it is the failure of a call that had to succeed."""
 
     id: str
     text: str
@@ -56,10 +56,10 @@ class Rule:
         return self.check.__module__.rpartition(".")[2].removesuffix("_rules")
 
 
-THEMES = ("channel", "value", "block", "segment", "timing", "spoiled", "line", "device", "process", "leak", "standing")
-"""Modules of rules, in the order in which they are tried."""
-LINE = ("timing", "spoiled", "line")
+LINE = ("timing", "corruption", "line")
 """Themes that need a line between driver and device."""
+THEMES = ("channel", "value", "block", "lifecycle", *LINE, "device", "process", "leak", "general")
+"""Modules of rules, in the order in which they are tried."""
 _RULES: dict[str, Rule] = {}
 C = TypeVar("C", bound=Callable[..., "str | None"])
 

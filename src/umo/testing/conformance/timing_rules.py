@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 from umo.errors import text_of
 from umo.presentation.durations import duration
 from umo.testing.conformance.probe import Probe
+from umo.testing.conformance.rule_context import DriverCall, RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
-from umo.testing.conformance.trial import DriverCall, Trial
 
 T = TypeVar("T")
 TRIES = 3
@@ -30,70 +30,70 @@ MAX_DELAY = 2.0
     "answers the request to connect.",
     Cost(opens=8, each=8, waits=16),
 )
-def timeout(trial: Trial) -> None:
-    line = trial.line
-    with trial.opened() as probe:
-        trial.use(probe)  # what is kept of it must not be given later
-        trial.hurry(probe)
+def timeout(context: RuleContext) -> None:
+    line = context.line
+    with context.opened() as probe:
+        context.use(probe)  # what is kept of it must not be given later
+        context.hurry(probe)
         first: list[DriverCall] = [
-            partial(probe.initialize, each.channel, each.default) for each in trial.subject.outputs[:1]
+            partial(probe.initialize, each.channel, each.default) for each in context.subject.outputs[:1]
         ]
-        for call in (*first, *trial.transfers(probe)):
-            error, lost = _timed(trial, probe, partial(trial.unanswered, call))
+        for call in (*first, *context.transfers(probe)):
+            error, lost = _timed(context, probe, partial(context.unanswered, call))
             if error is None and lost:
-                raise RuleBroken(f"{trial.watch.doing} succeeded without an answer")
+                raise RuleBroken(f"{context.watch.doing} succeeded without an answer")
             if error is not None and not isinstance(error, TimeoutError):
                 raise RuleBroken(
-                    f"{trial.watch.doing} raised {type(error).__name__}, not a TimeoutError: {text_of(error)}"
+                    f"{context.watch.doing} raised {type(error).__name__}, not a TimeoutError: {text_of(error)}"
                 )
-        with line.endless(trial.haste / 4):
-            for call in trial.transfers(probe)[1::2]:  # the blocks
-                in_time(trial, probe, call)
-    probes = [trial.new() for _ in range(TRIES)]
+        with line.endless(context.haste / 4):
+            for call in context.transfers(probe)[1::2]:  # the blocks
+                in_time(context, probe, call)
+    probes = [context.new() for _ in range(TRIES)]
     with line.silent():
-        _open_in_time(trial, probes)
-    _without_a_connection(trial)
+        _open_in_time(context, probes)
+    _without_a_connection(context)
 
 
-def _open_in_time(trial: Trial, probes: list[Probe]) -> None:
+def _open_in_time(context: RuleContext, probes: list[Probe]) -> None:
     """Open, or fail, and close. The quickest of several drivers counts."""
-    limit = allowed(trial.haste)
+    limit = allowed(context.haste)
     for probe in probes:
-        trial.hurry(probe)
+        context.hurry(probe)
         slow = ""
         for call in (probe.open, probe.close):
-            trial.failure(call)
-            if trial.watch.took > limit:
-                slow = slow or _slow(trial, trial.haste)
+            context.failure(call)
+            if context.watch.took > limit:
+                slow = slow or _slow(context, context.haste)
         if not slow:
             return
     raise RuleBroken(slow)
 
 
-def _without_a_connection(trial: Trial) -> None:
-    others = [trial.new() for _ in range(TRIES)]
-    with trial.opened() as probe:
-        trial.hurry(probe)
-        with trial.line.unreachable() as possible:
+def _without_a_connection(context: RuleContext) -> None:
+    others = [context.new() for _ in range(TRIES)]
+    with context.opened() as probe:
+        context.hurry(probe)
+        with context.line.unreachable() as possible:
             if possible:
-                for call in trial.transfers(probe, default=False)[1::2]:
-                    if in_time(trial, probe, call) is None:
-                        raise RuleBroken(f"{trial.watch.doing} succeeded without a connection")
-                _open_in_time(trial, others)
+                for call in context.transfers(probe, default=False)[1::2]:
+                    if in_time(context, probe, call) is None:
+                        raise RuleBroken(f"{context.watch.doing} succeeded without a connection")
+                _open_in_time(context, others)
 
 
-def in_time(trial: Trial, probe: Probe, call: Callable[..., object], *arguments: Any) -> OSError | None:
+def in_time(context: RuleContext, probe: Probe, call: Callable[..., object], *arguments: Any) -> OSError | None:
     """The error of a call that has to end within its timeout."""
-    return _timed(trial, probe, partial(trial.failure, call, *arguments))
+    return _timed(context, probe, partial(context.failure, call, *arguments))
 
 
-def _timed(trial: Trial, probe: Probe, attempt: Callable[[], T]) -> T:
+def _timed(context: RuleContext, probe: Probe, attempt: Callable[[], T]) -> T:
     """The result of an attempt at a call, which has to end within its timeout; the quickest of some counts."""
     for _ in range(TRIES):
         found = attempt()
-        if trial.watch.took <= allowed(probe.timeout):
+        if context.watch.took <= allowed(probe.timeout):
             return found
-    raise RuleBroken(_slow(trial, probe.timeout))
+    raise RuleBroken(_slow(context, probe.timeout))
 
 
 def allowed(timeout: float) -> float:
@@ -101,8 +101,8 @@ def allowed(timeout: float) -> float:
     return 1.5 * timeout + 0.05
 
 
-def _slow(trial: Trial, timeout: float) -> str:
-    return f"{trial.watch.doing} took {duration(round(trial.watch.took, 3))}, its timeout is {duration(timeout)}"
+def _slow(context: RuleContext, timeout: float) -> str:
+    return f"{context.watch.doing} took {duration(round(context.watch.took, 3))}, its timeout is {duration(timeout)}"
 
 
 @rule(
@@ -110,24 +110,24 @@ def _slow(trial: Trial, timeout: float) -> str:
     "The timeout is that of the whole call: it does not begin anew with each byte or part of an answer.",
     Cost(each=4, waits=8),
 )
-def one_deadline(trial: Trial) -> None:
-    line, tried = trial.line, False
-    steady = max(trial.haste, TRICKLE_TIMEOUT)
+def one_deadline(context: RuleContext) -> None:
+    line, tried = context.line, False
+    steady = max(context.haste, TRICKLE_TIMEOUT)
 
     def half(answer: bytes) -> bytes:
         sleep(0.9 * steady)
         return answer[: len(answer) // 2]
 
-    with trial.opened() as probe:
-        for call in trial.transfers(probe)[::2]:
-            probe.timeout = trial.patience
+    with context.opened() as probe:
+        for call in context.transfers(probe)[::2]:
+            probe.timeout = context.patience
             call()  # connected
             probe.timeout = steady
             before = line.spoiled
             with line.trickling(TRICKLE_STEP * steady):
-                in_time(trial, probe, call)
+                in_time(context, probe, call)
             with line.spoiling(half):
-                in_time(trial, probe, call)
+                in_time(context, probe, call)
             tried |= line.spoiled > before
     if not tried:
         raise NotTried("no call was answered")
@@ -138,37 +138,37 @@ def one_deadline(trial: Trial) -> None:
     "A longer `timeout`, set after `open`, holds at once: initialise and reset get one.",
     Cost(opens=2, each=3, waits=8),
 )
-def patience(trial: Trial) -> str | None:
-    delay = min(2 * trial.haste, MAX_DELAY, trial.patience / 2)
-    quick = min(trial.haste, delay / 2)
+def patience(context: RuleContext) -> str | None:
+    delay = min(2 * context.haste, MAX_DELAY, context.patience / 2)
+    quick = min(context.haste, delay / 2)
 
     def slow(answer: bytes) -> bytes:
         sleep(delay)
         return answer
 
-    line = trial.line
-    with trial.leaving(trial.new()) as probe:
-        hurried = _open_in_a_hurry(probe, trial, quick)
-        probe.timeout = trial.patience
-        for text in trial.channels:
-            probe.initialize(text, trial.default(text))
+    line = context.line
+    with context.leaving(context.new()) as probe:
+        hurried = _open_in_a_hurry(probe, context, quick)
+        probe.timeout = context.patience
+        for text in context.channels:
+            probe.initialize(text, context.default(text))
         with line.spoiling(slow):
-            for call in trial.transfers(probe)[::-2]:  # the last is a reset
+            for call in context.transfers(probe)[::-2]:  # the last is a reset
                 probe.timeout = quick
-                probe.timeout = trial.patience
-                if (error := trial.failure(call)) is not None:
-                    times = f"a timeout of {duration(trial.patience)} and an answer after {duration(delay)}"
-                    raise RuleBroken(f"{trial.watch.doing} failed with {times}: {text_of(error)}")
+                probe.timeout = context.patience
+                if (error := context.failure(call)) is not None:
+                    times = f"a timeout of {duration(context.patience)} and an answer after {duration(delay)}"
+                    raise RuleBroken(f"{context.watch.doing} failed with {times}: {text_of(error)}")
     return None if hurried else f"open needs more than {duration(quick)}: it was opened with the longer timeout"
 
 
-def _open_in_a_hurry(probe: Probe, trial: Trial, timeout: float) -> bool:
+def _open_in_a_hurry(probe: Probe, context: RuleContext, timeout: float) -> bool:
     """Opened with a short timeout, if this is possible: the device or the computer may need longer."""
     probe.timeout = timeout
     for _ in range(TRIES):
-        if trial.failure(probe.open) is None:
+        if context.failure(probe.open) is None:
             return True
         probe.close()
-    probe.timeout = trial.patience
+    probe.timeout = context.patience
     probe.open()
     return False

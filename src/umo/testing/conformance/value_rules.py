@@ -9,9 +9,9 @@ import numpy as np
 from umo.drivers.contract import Direction
 from umo.errors import DriverError
 from umo.testing.conformance.probe import Probe
+from umo.testing.conformance.rule_context import DriverCall, RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
-from umo.testing.conformance.trial import DriverCall, Trial
 from umo.text import some
 
 INT64 = 1 << 63
@@ -20,9 +20,9 @@ FEWEST_LEVELS = 8
 
 
 @rule("answers", "The device answers: channels are initialised, inputs are read, outputs are written their defaults.")
-def answers(trial: Trial) -> None:
+def answers(context: RuleContext) -> None:
     """The other rules are not tried if it does not."""
-    if why := trial.dead():
+    if why := context.dead():
         raise RuleBroken(why, "dead")
 
 
@@ -32,33 +32,33 @@ def answers(trial: Trial) -> None:
     "neighbours, every value of each byte.",
     Cost(each=12, more=600),
 )
-def raw_range(trial: Trial) -> str | None:
-    with trial.opened() as probe:
-        tasks = [(output, raw) for output in trial.required_outputs for raw in output.samples[:FEWEST_LEVELS]]
+def raw_range(context: RuleContext) -> str | None:
+    with context.opened() as probe:
+        tasks = [(output, raw) for output in context.required_outputs for raw in output.samples[:FEWEST_LEVELS]]
         fewest = len(tasks)
-        tasks += [(output, raw) for output in trial.required_outputs for raw in output.samples[FEWEST_LEVELS:]]
-        for output, raw in trial.as_time_allows(tasks, fewest, "levels"):
+        tasks += [(output, raw) for output in context.required_outputs for raw in output.samples[FEWEST_LEVELS:]]
+        for output, raw in context.as_time_allows(tasks, fewest, "levels"):
             probe.write(output.channel, raw)
-            trial.expect(probe, output, raw, f"write({raw})")
-    return trial.remark()
+            context.expect(probe, output, raw, f"write({raw})")
+    return context.remark()
 
 
 @rule("one beyond", "A raw level beyond the channel's bits is refused by an OSError, and changes nothing.",
       Cost(each=18, more=18))  # fmt: skip
-def one_beyond(trial: Trial) -> str | None:
+def one_beyond(context: RuleContext) -> str | None:
     """Outputs are tried where a driver that clamps or wraps would not leave the range that may be driven."""
-    probe = trial.new()
-    wide = [output for output in trial.required_outputs if _beyond(probe, output)]
+    probe = context.new()
+    wide = [output for output in context.required_outputs if _beyond(probe, output)]
     if not wide:
         raise NotTried("no output may be driven over all of its bits: a driver that clamped would leave the range")
-    with trial.opened() as probe:
+    with context.opened() as probe:
         for output in wide:
             for raw in _beyond(probe, output):
-                _refused(trial, probe, output, raw)
+                _refused(context, probe, output, raw)
             for raw in _beyond_words(probe, output):
-                if trial.budget.more:
-                    _refused(trial, probe, output, raw)
-    return trial.remark()
+                if context.budget.more:
+                    _refused(context, probe, output, raw)
+    return context.remark()
 
 
 def _beyond(probe: Probe, output: Output) -> tuple[int, ...]:
@@ -74,57 +74,57 @@ def _beyond_words(probe: Probe, output: Output) -> tuple[int, ...]:
     return tuple(raw for bits in (16, 32) if (raw := (1 << bits) + output.other()) > highest + 1)
 
 
-def _refused(trial: Trial, probe: Probe, output: Output, raw: int) -> None:
+def _refused(context: RuleContext, probe: Probe, output: Output, raw: int) -> None:
     """Alone, in a block of one, and behind the others in a block."""
-    before = [each for each in trial.visible if each != output]
+    before = [each for each in context.visible if each != output]
     calls: list[DriverCall] = [partial(probe.write, output.channel, raw)]
     for others in [[], before] if before else [[]]:
         texts = [each.channel for each in (*others, output)]
         calls += [partial(probe.write_many, texts, [*(each.default for each in others), raw])]
     for call in calls:
         probe.write(output.channel, output.default)
-        error = trial.failure(call)
-        came_to = trial.level(probe, output)
+        error = context.failure(call)
+        came_to = context.level(probe, output)
         if error is None:
-            raise RuleBroken(f"{trial.subject.name} took {raw} for {output.channel}, which is at {came_to} now")
-        if not trial.is_at(probe, output, output.default):
+            raise RuleBroken(f"{context.subject.name} took {raw} for {output.channel}, which is at {came_to} now")
+        if not context.is_at(probe, output, output.default):
             raise RuleBroken(f"{output.channel} went to {came_to} with a write of {raw}, which was refused")
 
 
 @rule("directions", "A write to an input is refused, and changes nothing.")
-def directions(trial: Trial) -> str | None:
-    probe = trial.new()
-    inputs = [each for each in trial.subject.inputs if probe.channel(each.channel).direction is Direction.INPUT]
+def directions(context: RuleContext) -> str | None:
+    probe = context.new()
+    inputs = [each for each in context.subject.inputs if probe.channel(each.channel).direction is Direction.INPUT]
     if not inputs:
         raise NotTried("there is no channel that is an input only")
-    with trial.opened() as probe:
+    with context.opened() as probe:
         for each in inputs:
             before = probe.read(each.channel)
-            raw = before ^ 1 if each.channel in trial.steady else before  # another level, if a change of it can be seen
+            raw = before ^ 1 if each.channel in context.steady else before  # another level, if its change can be seen
             for many in (False, True):
                 what = f"{'write_many' if many else 'write'} to {each.channel}"
-                if trial.failure(probe.call, what, _write, probe, each.channel, raw, many) is None:
+                if context.failure(probe.call, what, _write, probe, each.channel, raw, many) is None:
                     raise RuleBroken(f"a {what}, an input, was taken")
-            if each.channel in trial.steady and (after := probe.read(each.channel)) != before:
+            if each.channel in context.steady and (after := probe.read(each.channel)) != before:
                 raise RuleBroken(f"a refused write to {each.channel} changed it from {before} to {after}")
-    unsure = [each.channel for each in inputs if each.channel not in trial.steady]
+    unsure = [each.channel for each in inputs if each.channel not in context.steady]
     return f"whether it changes {some(unsure)} was not seen: nothing says that the level is steady" if unsure else None
 
 
 @rule("reading", "Reading changes no output.", Cost(each=6))
-def reading(trial: Trial) -> str | None:
-    if not trial.readable:
+def reading(context: RuleContext) -> str | None:
+    if not context.readable:
         raise NotTried("the driver has no inputs")
-    outputs = trial.required_outputs
-    with trial.opened() as probe:
+    outputs = context.required_outputs
+    with context.opened() as probe:
         for number, output in enumerate(outputs):
             probe.write(output.channel, output.other(number))
-        for text in trial.readable:
+        for text in context.readable:
             probe.read(text)
-        probe.read_many(trial.readable)
+        probe.read_many(context.readable)
         for number, output in enumerate(outputs):
-            trial.expect(probe, output, output.other(number), "reading all inputs")
-    return trial.remark()
+            context.expect(probe, output, output.other(number), "reading all inputs")
+    return context.remark()
 
 
 def _write(probe: Probe, text: str, raw: int, many: bool) -> None:

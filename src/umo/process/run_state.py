@@ -56,7 +56,7 @@ def clock() -> int:
     return time.clock_gettime_ns(CLOCK)
 
 
-class Life:
+class RunState:
     """Made by the guardian before it forks."""
 
     def __init__(self) -> None:

@@ -8,7 +8,7 @@ from functools import cached_property
 from threading import Event, Thread
 from time import monotonic, sleep
 
-from umo.testing.conformance.clients import Clients
+from umo.testing.conformance.driver_factory import DriverFactory
 from umo.testing.conformance.probe import Probe, Watch
 from umo.testing.conformance.rules import NotTried, RuleBroken
 from umo.testing.conformance.subject import Output
@@ -24,7 +24,7 @@ ONLY_CONFIRMED = (
 )
 
 
-class Sight(Clients):
+class OutputObserver(DriverFactory):
     """The levels of the outputs, as far as they can be seen."""
 
     last_level = 0

@@ -22,7 +22,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from umo.errors import StandsStopped, UmoError
+from umo.errors import AcknowledgeRequired, UmoError
 from umo.system import folders
 from umo.text import printable, some, time_of_day
 
@@ -97,7 +97,7 @@ class Ended:
         return f"{name} was stopped{by} at {when}: {self.what}; {reached}"
 
 
-class Record:
+class DeviceRecord:
     """The record of one run, on each of its devices."""
 
     def __init__(self, devices: Iterable[str], station: str, wiring: str) -> None:
@@ -109,8 +109,8 @@ class Record:
         """Records of this user that this run takes the place of."""
 
     def begin(self, acknowledged: bool) -> None:
-        """Record the start of a run. StandsStopped if the last run on a device ended unsafely and was not acknowledged.
-        UmoError if the record cannot be written: an unsafe end could then not be distinguished from a safe one."""
+        """Record the start of a run. AcknowledgeRequired if the last run on a device ended unsafely and was not
+        acknowledged. UmoError if the record cannot be written: an unsafe end could then not be told from a safe one."""
         try:
             found = {device: standing(device) for device in self._devices}
             for device, ended in found.items():
@@ -121,7 +121,7 @@ class Record:
         before = [each for ended in found.values() for each in ended]
         if before and not acknowledged:
             told = "\n".join(dict.fromkeys(f"{ended}." for ended in before))
-            raise StandsStopped(f"{told}\n{INSPECT[0].upper()}{INSPECT[1:]}")
+            raise AcknowledgeRequired(f"{told}\n{INSPECT[0].upper()}{INSPECT[1:]}")
         try:
             for device in self._devices:
                 self._write(device, "running")

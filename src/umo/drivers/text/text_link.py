@@ -17,7 +17,7 @@ _MAX_DOUBLINGS = 4
 
 
 @dataclass(frozen=True)
-class Dialogue:
+class LinkSettings:
     """Rules of the conversation: the options of the driver that are not about a channel."""
 
     terminator: str
@@ -43,7 +43,7 @@ class TextLink:
     again. On TCP a late answer is lost with the connection. On a serial line everything that comes in is thrown away
     until the line has been quiet for a time; then the answer to `identify` shows that no late answer is left."""
 
-    def __init__(self, dial: Dial, dialogue: Dialogue) -> None:
+    def __init__(self, dial: Dial, dialogue: LinkSettings) -> None:
         self._dial, self._dialogue = dial, dialogue
         self.errors, self._longest = dialogue.errors, dialogue.longest_answer
         self._end = dialogue.answer_terminator.encode(dialogue.encoding)

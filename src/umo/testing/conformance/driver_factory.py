@@ -13,7 +13,7 @@ from umo.testing.conformance.probe import Probe, Stopped, Watch
 from umo.testing.conformance.subject import Subject
 
 
-class Clients:
+class DriverFactory:
     """Makes drivers of the subject. What their calls do is watched."""
 
     def __init__(self, subject: Subject) -> None:

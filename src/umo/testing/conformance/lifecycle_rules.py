@@ -8,9 +8,9 @@ from itertools import pairwise
 from umo.errors import text_of
 from umo.testing.conformance.probe import Probe, call_of
 from umo.testing.conformance.pulses import looks_for_pulses
+from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
-from umo.testing.conformance.trial import Trial
 from umo.text import some
 
 FEWEST_OUTPUTS = 2
@@ -21,52 +21,52 @@ MAX_OTHERS = 8
 
 @rule("initialise", "An output comes up at its default; the others stay where they are.",
       Cost(opens=8, each=14, more=24))  # fmt: skip
-def initialise(trial: Trial) -> str | None:
-    for output, _ in _left_levels(trial):
-        others = [each for each in trial.visible if each != output]
-        with trial.leaving(trial.new()) as probe:
+def initialise(context: RuleContext) -> str | None:
+    for output, _ in _left_levels(context):
+        others = [each for each in context.visible if each != output]
+        with context.leaving(context.new()) as probe:
             probe.open()
             probe.initialize(output.channel, output.default)
-            trial.expect(probe, output, output.default, f"initialize({output.default})")
-            _check_the_rest(trial, probe, output, others[:MAX_OTHERS])
-    return trial.remark()
+            context.expect(probe, output, output.default, f"initialize({output.default})")
+            _check_the_rest(context, probe, output, others[:MAX_OTHERS])
+    return context.remark()
 
 
-def _left_levels(trial: Trial) -> Iterator[tuple[Output, int]]:
+def _left_levels(context: RuleContext) -> Iterator[tuple[Output, int]]:
     """Each output, and the level at which a process that died has left it; the other outputs are at other levels."""
-    for output in trial.as_time_allows(trial.required_outputs, FEWEST_OUTPUTS, "outputs"):
+    for output in context.as_time_allows(context.required_outputs, FEWEST_OUTPUTS, "outputs"):
         for left in dict.fromkeys((output.default, output.other())):
-            _leave_at(trial, output, left)
+            _leave_at(context, output, left)
             yield output, left
 
 
-def _leave_at(trial: Trial, output: Output, raw: int) -> None:
+def _leave_at(context: RuleContext, output: Output, raw: int) -> None:
     """Leave the output as a process that died leaves it; the other outputs are at other levels."""
-    trial.left_dirty()
-    probe = trial.new()
+    context.left_dirty()
+    probe = context.new()
     try:
         probe.open()
-        for each in trial.subject.outputs:
+        for each in context.subject.outputs:
             probe.initialize(each.channel, each.default)
             probe.write(each.channel, raw if each == output else each.other())
     finally:
         probe.close()
 
 
-def _check_the_rest(trial: Trial, probe: Probe, initialised: Output, others: Sequence[Output]) -> None:
+def _check_the_rest(context: RuleContext, probe: Probe, initialised: Output, others: Sequence[Output]) -> None:
     """The others come up at their own defaults. Those that the driver has initialised before stay where they are. (A
     device may let go of others by itself, or share a register with them that cannot be read.)"""
     for each in others:
         probe.initialize(each.channel, each.default)
-        trial.expect(probe, each, each.default, f"initialize({each.default})")
-    if trial.subject.levels is None:
+        context.expect(probe, each, each.default, f"initialize({each.default})")
+    if context.subject.levels is None:
         return
     for each in others:
         probe.write(each.channel, each.other())
     probe.initialize(initialised.channel, initialised.default)
     for each in others:
-        if not trial.is_at(probe, each, each.other()):
-            text = f"{each.channel} went from {each.other()} to {trial.last_level} while {initialised.channel} was"
+        if not context.is_at(probe, each, each.other()):
+            text = f"{each.channel} went from {each.other()} to {context.last_level} while {initialised.channel} was"
             raise RuleBroken(f"{text} initialised", f"level of {each.channel}")
 
 
@@ -75,31 +75,31 @@ def _check_the_rest(trial: Trial, probe: Probe, initialised: Output, others: Seq
     "Reset brings an output to its default from any level; it changes nothing of an input or another output.",
     Cost(each=10),
 )
-def reset(trial: Trial) -> str | None:
-    with trial.opened() as probe:
-        _check_inputs(trial, probe)
-        for output in trial.required_outputs:
+def reset(context: RuleContext) -> str | None:
+    with context.opened() as probe:
+        _check_inputs(context, probe)
+        for output in context.required_outputs:
             for raw in output.inner:
                 probe.write(output.channel, raw)
                 probe.reset(output.channel, output.default)
-                trial.expect(probe, output, output.default, f"reset({output.default}) from {raw}")
-        _check_others(trial, probe)
-    return trial.remark()
+                context.expect(probe, output, output.default, f"reset({output.default}) from {raw}")
+        _check_others(context, probe)
+    return context.remark()
 
 
-def _check_others(trial: Trial, probe: Probe) -> None:
+def _check_others(context: RuleContext, probe: Probe) -> None:
     """Outputs keep their levels while one after the other is reset."""
-    for order in (trial.required_outputs, trial.required_outputs[::-1]):
+    for order in (context.required_outputs, context.required_outputs[::-1]):
         for output in order:
             probe.write(output.channel, output.other())
         for number, gone in enumerate(order):
             probe.reset(gone.channel, gone.default)
             for output in order[number + 1 :]:
-                trial.expect(probe, output, output.other(), f"reset of {gone.channel}")
+                context.expect(probe, output, output.other(), f"reset of {gone.channel}")
 
 
-def _check_inputs(trial: Trial, probe: Probe) -> None:
-    for text in trial.steady:
+def _check_inputs(context: RuleContext, probe: Probe) -> None:
+    for text in context.steady:
         before = probe.read(text)
         probe.reset(text, None)
         if (after := probe.read(text)) != before:
@@ -111,21 +111,21 @@ def _check_inputs(trial: Trial, probe: Probe) -> None:
     "Initialise and reset bring an output directly to its default: no other level in between.",
     Cost(opens=8, each=12, more=24),
 )
-def glitch(trial: Trial) -> str | None:
+def glitch(context: RuleContext) -> str | None:
     watched: set[str] = set()
-    for output, left in _left_levels(trial):
-        with trial.leaving(trial.new()) as probe:
-            with trial.observing(output, until=output.default) as levels:
+    for output, left in _left_levels(context):
+        with context.leaving(context.new()) as probe:
+            with context.observing(output, until=output.default) as levels:
                 probe.open()
                 probe.initialize(output.channel, output.default)
-            watched |= _direct(trial, output, levels, left, "initialised")
+            watched |= _direct(context, output, levels, left, "initialised")
             probe.write(output.channel, output.other())
-            with trial.observing(output, until=output.default) as levels:
+            with context.observing(output, until=output.default) as levels:
                 probe.reset(output.channel, output.default)
-            watched |= _direct(trial, output, levels, output.other(), "reset")
-    unseen = _short_pulses(trial)
-    watched |= {each.channel for each in trial.visible} - set(unseen)
-    unwatched = [each.channel for each in trial.subject.outputs if each.channel not in watched]
+            watched |= _direct(context, output, levels, output.other(), "reset")
+    unseen = _short_pulses(context)
+    watched |= {each.channel for each in context.visible} - set(unseen)
+    unwatched = [each.channel for each in context.subject.outputs if each.channel not in watched]
     if not watched:
         raise NotTried(f"nobody watched {some(unwatched)}: it needs a record of levels, or a loop-back and two clients")
     words = [f"nobody watched {some(unwatched)}"] if unwatched else []
@@ -133,22 +133,22 @@ def glitch(trial: Trial) -> str | None:
     return "; ".join(words) or None
 
 
-def _short_pulses(trial: Trial) -> list[str]:
+def _short_pulses(context: RuleContext) -> list[str]:
     """The outputs of which they cannot be seen: neither in a record of levels, nor in the requests."""
-    if trial.subject.levels is not None:
+    if context.subject.levels is not None:
         return []
-    if trial.subject.line is None:
-        return [each.channel for each in trial.visible]
-    tried = trial.as_time_allows(trial.visible, FEWEST_OUTPUTS, "outputs watched for pulses")
-    known = {output for output in tried if looks_for_pulses(trial, output)}
-    return [each.channel for each in trial.visible if each not in known]
+    if context.subject.line is None:
+        return [each.channel for each in context.visible]
+    tried = context.as_time_allows(context.visible, FEWEST_OUTPUTS, "outputs watched for pulses")
+    known = {output for output in tried if looks_for_pulses(context, output)}
+    return [each.channel for each in context.visible if each not in known]
 
 
-def _direct(trial: Trial, output: Output, levels: Sequence[int], left: int, doing: str) -> set[str]:
+def _direct(context: RuleContext, output: Output, levels: Sequence[int], left: int, doing: str) -> set[str]:
     """The output, if it was watched. Between what it was at before (the first level) and what it came to, it may be at
     its default."""
     for level in levels[1:-1]:
-        if level != levels[0] and not any(trial.same(output, raw, level) for raw in (left, output.default)):
+        if level != levels[0] and not any(context.same(output, raw, level) for raw in (left, output.default)):
             text = f"{output.channel} was at {', '.join(map(str, levels))} while it was {doing} at {output.default}"
             raise RuleBroken(text, f"level of {output.channel}")
     return {output.channel} if levels else set()
@@ -159,36 +159,36 @@ def _direct(trial: Trial, output: Output, levels: Sequence[int], left: int, doin
     "Channels are finalised in any order; the others go on working, and keep their levels.",
     Cost(opens=2, each=12),
 )
-def finalise(trial: Trial) -> str | None:
-    if len(trial.channels) < 2:
+def finalise(context: RuleContext) -> str | None:
+    if len(context.channels) < 2:
         raise NotTried("the subject has one channel only")
-    for order in (trial.channels, trial.channels[::-1]):
-        with trial.opened() as probe:
-            for output in trial.subject.outputs:
+    for order in (context.channels, context.channels[::-1]):
+        with context.opened() as probe:
+            for output in context.subject.outputs:
                 probe.write(output.channel, output.other())
             for gone, text in pairwise(order):
-                probe.reset(gone, trial.default(gone))
+                probe.reset(gone, context.default(gone))
                 probe.finalize(gone)
-                _check_left(trial, probe, gone)
+                _check_left(context, probe, gone)
                 try:
-                    _use(trial, probe, text)
+                    _use(context, probe, text)
                 except OSError as error:
                     raise RuleBroken(f"{text} failed after {gone} was finalised: {text_of(error)}") from error
-    return trial.looked()
+    return context.looked()
 
 
-def _check_left(trial: Trial, probe: Probe, gone: str) -> None:
+def _check_left(context: RuleContext, probe: Probe, gone: str) -> None:
     """The outputs that were not finalised are where they were."""
-    for output in trial.visible:
+    for output in context.visible:
         if output.channel in probe.opened:
-            trial.expect(probe, output, output.other(), f"finalize of {gone}")
+            context.expect(probe, output, output.other(), f"finalize of {gone}")
 
 
-def _use(trial: Trial, probe: Probe, text: str) -> None:
-    for output in trial.subject.outputs:
+def _use(context: RuleContext, probe: Probe, text: str) -> None:
+    for output in context.subject.outputs:
         if output.channel == text:
             probe.write(text, output.other())
-    if text in trial.readable:
+    if text in context.readable:
         probe.read(text)
 
 
@@ -198,29 +198,29 @@ def _use(trial: Trial, probe: Probe, text: str) -> None:
     "again, also if they were driven in the meantime.",
     Cost(opens=10, each=9),
 )
-def reopen(trial: Trial) -> str | None:
-    probe = trial.new()
+def reopen(context: RuleContext) -> str | None:
+    probe = context.new()
     probe.close()
     for _ in range(3):
-        with trial.leaving(probe):
+        with context.leaving(probe):
             try:
-                trial.bring_up(probe)
-                for output in trial.visible:
-                    trial.expect(probe, output, output.default, f"initialize({output.default}) when opened again")
-                for text in trial.channels:
-                    _use(trial, probe, text)
+                context.bring_up(probe)
+                for output in context.visible:
+                    context.expect(probe, output, output.default, f"initialize({output.default}) when opened again")
+                for text in context.channels:
+                    _use(context, probe, text)
             except OSError as error:
                 raise RuleBroken(f"opened again, {call_of(error)} failed: {text_of(error)}") from error
         probe.close()
-        for output in trial.subject.outputs[:1]:
-            _leave_at(trial, output, output.other())
-    _open_in_turns(trial)
-    return trial.looked()
+        for output in context.subject.outputs[:1]:
+            _leave_at(context, output, output.other())
+    _open_in_turns(context)
+    return context.looked()
 
 
-def _open_in_turns(trial: Trial) -> None:
+def _open_in_turns(context: RuleContext) -> None:
     """Another driver of the same device after each other."""
     for _ in range(3):
-        with trial.opened() as probe:
-            for text in trial.channels:
-                _use(trial, probe, text)
+        with context.opened() as probe:
+            for text in context.channels:
+                _use(context, probe, text)

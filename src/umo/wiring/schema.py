@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictInt, Strict
 
 from umo.system.packages import station_of
 from umo.text import did_you_mean
-from umo.wiring.plain import as_plain
+from umo.wiring.json_values import as_plain
 
 PLAIN_MESSAGES = {
     "int_type": "must be a whole number",

@@ -6,7 +6,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from umo.drivers.faults.words import InjectedFault
+from umo.drivers.faults.fault_syntax import InjectedFault
 
 
 def as_plain(value: Any) -> Any:

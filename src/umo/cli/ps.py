@@ -17,8 +17,8 @@ from umo.frames.reader import progress_of
 from umo.presentation.families import ANY
 from umo.presentation.run_facts import FREE, since
 from umo.remote import search
-from umo.system.hold import is_held
-from umo.system.record import Ended, all_standing
+from umo.system.device_lock import is_held
+from umo.system.device_record import Ended, all_standing
 from umo.text import printable
 from umo.wiring.patterns import chosen
 

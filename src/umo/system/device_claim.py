@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from umo.system.hold import Hold
-from umo.system.record import INSPECT, Record
+from umo.system.device_lock import DeviceLock
+from umo.system.device_record import INSPECT, DeviceRecord
 
 
-class Custody:
-    """Created before a driver is opened: raises DeviceHeld, or StandsStopped unless `acknowledge`. One of its methods
-    ends it. If a process ends without that, its record shows an unsafe end.
+class DeviceClaim:
+    """Created before a driver is opened: raises DeviceHeld, or AcknowledgeRequired unless `acknowledge`. One of its
+    methods ends it. If a process ends without that, its record shows an unsafe end.
     """
 
     def __init__(self, devices: Iterable[str], station: str, wiring: str = "", *, acknowledge: bool = False) -> None:
         self._devices = devices = tuple(devices)
-        self.hold = Hold(devices, f"{station}, {wiring}" if wiring else station)
-        self._record = Record(devices, station, wiring)
+        self.hold = DeviceLock(devices, f"{station}, {wiring}" if wiring else station)
+        self._record = DeviceRecord(devices, station, wiring)
         try:
             self._record.begin(acknowledge)
         except BaseException:

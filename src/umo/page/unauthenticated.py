@@ -22,7 +22,7 @@ MAX_STRANGERS = 100
 off."""
 
 
-class Strangers:
+class UnauthenticatedConnections:
     """The connections of one server that have not shown the token."""
 
     def __init__(self) -> None:
@@ -47,12 +47,12 @@ class Strangers:
             transport.abort()
 
 
-class Visit(H11Protocol):
+class HttpConnection(H11Protocol):
     """One connection. Its requests find it as `visit` in their state. With `context` it speaks TLS."""
 
     def __init__(
         self,
-        strangers: Strangers,
+        strangers: UnauthenticatedConnections,
         context: ssl.SSLContext | None,
         config: Config,
         server_state: Any,
@@ -77,7 +77,7 @@ class Visit(H11Protocol):
             self._handshake = asyncio.create_task(self._begin_tls(transport, self._context))
 
     async def _begin_tls(self, transport: asyncio.Transport, context: ssl.SSLContext) -> None:
-        """The handshake is part of the visit: `Strangers` count it, and end it."""
+        """The handshake is part of the visit: `UnauthenticatedConnections` count it, and end it."""
         try:
             secured = await self.loop.start_tls(transport, self, context, server_side=True, ssl_handshake_timeout=STAY)
         except (OSError, ssl.SSLError):  # the other side speaks no TLS, or has gone
@@ -113,4 +113,4 @@ class Visit(H11Protocol):
 
 def visits(context: ssl.SSLContext | None) -> Any:
     """Maker of uvicorn's connections (`Config.http`)."""
-    return partial(Visit, Strangers(), context)
+    return partial(HttpConnection, UnauthenticatedConnections(), context)

@@ -12,10 +12,10 @@ from time import monotonic, sleep, time
 
 from umo.errors import FramesError, text_of
 from umo.frames import Reader
-from umo.frames.cells import Cells
+from umo.frames.client_memory import ClientMemory
 from umo.frames.folder import new_path
 from umo.frames.frame_server import FrameServer
-from umo.frames.memory import Ends
+from umo.frames.memory import RunDescriptors
 from umo.latency import blackbox
 from umo.system import realtime
 from umo.text import Moment
@@ -28,15 +28,15 @@ BLACK_BOX_TIMEOUT = 5.0
 """Timeout in s at the end of a run for a black box that is being written."""
 
 
-class Watcher:
+class FrameWatcher:
     """Follows the frames of one run. Writes in a child process: the disk does not delay the guardian."""
 
     def __init__(self, station: str) -> None:
-        self.frames: tuple[Ends, FrameServer] | None = None
+        self.frames: tuple[RunDescriptors, FrameServer] | None = None
         """The descriptors by which the control process writes, and the server that it makes listen; None: no frames."""
         self._station = station
         self._reader: Reader | None = None
-        self._cells: Cells | None = None
+        self._cells: ClientMemory | None = None
         self._missed = 0
         self._box_due: float | None = None
         self._next_box = 0.0
@@ -48,7 +48,7 @@ class Watcher:
         """Make the memory, which the control process inherits; why there is none, or ""."""
         try:
             path = new_path(self._station)
-            ends, readers = Ends.pair()
+            ends, readers = RunDescriptors.pair()
             self.frames = ends, FrameServer(path, readers)
         except (FramesError, OSError) as error:
             return text_of(error)
@@ -124,14 +124,14 @@ class Watcher:
             with suppress(FramesError, OSError):  # they are not complete yet
                 ends = self.frames[1].ends
                 self._reader = self._reader or Reader(self._station, ends.again())
-                self._cells = Cells(ends.cells, self._reader.layout)
+                self._cells = ClientMemory(ends.cells, self._reader.layout)
         return self._cells is not None
 
     def _write(self, reader: Reader, reason: str) -> None:
         """In the child; never returns. Should it stick, it holds none of the guardian's locks and sockets."""
         with suppress(BaseException):
             os.closerange(3, os.sysconf("SC_OPEN_MAX"))  # the frames stay mapped
-            realtime.stand_back()
+            realtime.drop_realtime()
             folder = blackbox.folder()
             blackbox.save(reader, blackbox.name_for(folder, self._station.replace(os.sep, "_"), time()), reason)
             blackbox.thin(folder)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from umo.cycle.stage import Stage
 from umo.presentation.durations import duration
-from umo.process.life import Life
-from umo.process.share import Share
+from umo.process.processor_share import ProcessorShare
+from umo.process.run_state import RunState
 
 LOOK_INTERVAL = 0.02
 """Time in s between two looks of the guardian."""
@@ -28,12 +28,12 @@ def guardian_limit(hang: float) -> float:
     return max(hang, MIN_GUARDIAN_LIMIT)
 
 
-class Silence:
+class HangDetector:
     """How long the control process has given no sign of life. `hang`: limit in s while it runs; `period` in s. The
     time for which other processes kept it from running is not counted, up to `STARVED_LIMITS` times the limit."""
 
-    def __init__(self, life: Life, share: Share, hang: float, period: float) -> None:
-        self._life = life
+    def __init__(self, run_state: RunState, share: ProcessorShare, hang: float, period: float) -> None:
+        self._run_state = run_state
         self._share = share
         self._hang = hang
         self._period = period
@@ -41,16 +41,16 @@ class Silence:
 
     def look(self) -> str:
         """One look, every `LOOK_INTERVAL` s: empty, or in words that the control process hangs."""
-        life, share = self._life, self._share
-        if self._beat != life.last_beat:
-            self._beat, self._looks = life.last_beat, 0
+        run_state, share = self._run_state, self._share
+        if self._beat != run_state.last_beat:
+            self._beat, self._looks = run_state.last_beat, 0
             share.begin()
-            life.excuse(0.0)
+            run_state.excuse(0.0)
             return ""
         self._looks += 1
         share.look()
-        life.excuse(share.kept_waiting)
-        silence, limit = life.silence, self.limit
+        run_state.excuse(share.kept_waiting)
+        silence, limit = run_state.silence, self.limit
         # several looks: if the whole computer stood still, the control process gets time to report that itself
         if silence <= limit or self._looks < max(MIN_SILENT_LOOKS, limit / LOOK_INTERVAL):
             return ""
@@ -58,12 +58,12 @@ class Silence:
         if silence - waited <= limit and silence <= STARVED_LIMITS * limit:
             return ""
         if waited > silence / 2:
-            return f"was kept from running for {waited:.2f} s while {life.stage}: {share.by_whom}"
-        return f"hung: no sign of life for {duration(limit)} while {life.stage}"
+            return f"was kept from running for {waited:.2f} s while {run_state.stage}: {share.by_whom}"
+        return f"hung: no sign of life for {duration(limit)} while {run_state.stage}"
 
     @property
     def limit(self) -> float:
         """The limit in s in the present stage of the run."""
-        if self._life.stage is Stage.STARTING:
+        if self._run_state.stage is Stage.STARTING:
             return STARTING_LIMIT + 2 * self._period
-        return REPORTING_LIMIT if self._life.stage is Stage.ENDED else self._hang
+        return REPORTING_LIMIT if self._run_state.stage is Stage.ENDED else self._hang

@@ -8,7 +8,7 @@ _MAX_REQUESTS = 256
 """Requests that are remembered."""
 
 
-class Unchanged:
+class WriteCache:
     """Cells that the device has confirmed, by request. `keep`: time in s after which a write is repeated."""
 
     def __init__(self, keep: float) -> None:

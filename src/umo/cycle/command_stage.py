@@ -86,7 +86,7 @@ class Command:
         return self.written is not None and not self.client and now - self.written >= self.expires - A_TICK
 
 
-class Commands:
+class CommandStage:
     """The command stage of one connected machine."""
 
     def __init__(self, root: Compound, image: Image) -> None:

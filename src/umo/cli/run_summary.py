@@ -22,7 +22,7 @@ MAX_VALUE_LENGTH = 100
 
 
 @dataclass
-class Result:
+class RunSummary:
     """One run, as its table and its summary show it."""
 
     statistics: Statistics

@@ -28,7 +28,7 @@ BACKLOG = 4096
 SOCKET_TABLE = Path("/proc/net/unix")
 
 
-class Hold:
+class DeviceLock:
     """Devices held by this process and by every process that it forks from now on, until all of them have ended or
     released them. DeviceHeld names the owner of a device and the start time; then no device is held."""
 

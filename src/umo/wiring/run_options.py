@@ -29,7 +29,7 @@ SIMULATED = {"wire": {"timer": {"driver": "simulated"}}}
 """The drivers of a machine without a wiring."""
 
 
-class Shares(NamedTuple):
+class OptionShares(NamedTuple):
     """The options of a run, as each of its parts takes them."""
 
     machine: dict[str, Any]
@@ -37,13 +37,13 @@ class Shares(NamedTuple):
     wiring: dict[str, Any]
 
 
-def share(
+def distribute_options(
     given: Mapping[str, Any],
     *,
     machine: Callable[..., Any] | None = None,
     application: Callable[..., Any] | None = None,
     wiring: WiringText | None = None,
-) -> Shares:
+) -> OptionShares:
     """Hand each option to all who take one of that name: the function that makes the machine, the application (its
     first parameter is the machine), the drivers of the wiring (`{}`: there are none). OptionError if nobody takes one,
     if a required one is missing, or if a value is no choice of its parameter (`arguments_for`)."""
@@ -62,7 +62,7 @@ def share(
         taker: {} if function is None else arguments_for(function, taker, given, skip)
         for taker, (function, skip) in takers.items()
     }
-    return Shares(**shares, wiring={name: value for name, value in given.items() if name in of_wiring})
+    return OptionShares(**shares, wiring={name: value for name, value in given.items() if name in of_wiring})
 
 
 def driver_options(wiring: WiringText | None) -> dict[str, tuple[str, inspect.Parameter]]:
@@ -92,7 +92,7 @@ def _driver_options(wiring: WiringText) -> tuple[dict[str, tuple[str, inspect.Pa
 
 def maker_of(wiring: WiringText | None, name: str) -> partial[Driver[Any]]:
     """Makes drivers like that of this name, in a wiring that `check` found right; keywords change options."""
-    from umo.wiring.entry import arguments_of
+    from umo.wiring.schema import arguments_of
 
     source = read({} if wiring is None else wiring)
     table = {"type": name} | source.drivers.get(name, {})

@@ -18,7 +18,7 @@ OVERLONG = 0.04
 """Time in s that a control process may work, or wait for a processor, before its guardian does something."""
 
 
-class Share:
+class ProcessorShare:
     """The share of one control process, since its last sign of life. It is pinned to `core`, unless that is None, until
     it is let onto every core. What is done for it is told by `say`."""
 

@@ -8,14 +8,14 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from umo.process.control_watch import ControlWatch
+from umo.process.frame_watcher import FrameWatcher
 from umo.process.job import Plan
-from umo.process.life import Life, Who
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
 from umo.process.reset import Resetter, summary
-from umo.process.watcher import Watcher
+from umo.process.run_state import RunState, Who
 from umo.system import realtime
-from umo.system.custody import Custody
+from umo.system.device_claim import DeviceClaim
 from umo.system.streams import say_without_waiting
 from umo.text import in_brackets, printable
 
@@ -29,13 +29,20 @@ MAX_MESSAGE_LENGTH = 1000
 """Length of the message at most, characters."""
 
 
-class Conclusion:
+class RunEnd:
     """The work of a guardian when the control process has ended or hangs."""
 
-    def __init__(self, plan: Plan, custody: Custody, life: Life, channel: MessageSocket, watcher: Watcher) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        device_claim: DeviceClaim,
+        run_state: RunState,
+        channel: MessageSocket,
+        watcher: FrameWatcher,
+    ) -> None:
         self._plan = plan
-        self._custody = custody
-        self._life = life
+        self._device_claim = device_claim
+        self._run_state = run_state
         self._channel = channel
         self._watcher = watcher
         self.title = "guardian"
@@ -49,10 +56,10 @@ class Conclusion:
 
     def _begin_reset(self) -> None:
         """In the child that resets."""
-        self._life.hold(Who.RESET)
+        self._run_state.hold(Who.RESET)
         process = self._plan.wired.process
         # one below the guardian: a driver that loops for ever must not keep the guardian from ending it
-        realtime.guard(process.priority - 1, process.cpu)
+        realtime.prepare_guardian(process.priority - 1, process.cpu)
 
     def step_in(self, control: ControlWatch, why: str, said: Callable[[str], object]) -> Outcome:
         """The control process died without resetting the machine, or hangs: make sure that it is dead, then reset."""
@@ -76,8 +83,8 @@ class Conclusion:
 
     def _reset(self, control: ControlWatch, said: Callable[[str], object]) -> dict[str, str]:
         """Reset every actuator, in stop order; what was not reached, with the cause."""
-        self._life.conclude()
-        self._custody.hold.used_here()
+        self._run_state.conclude()
+        self._device_claim.hold.used_here()
         while self._spares:
             os.close(self._spares.pop())
         lasting = self._plan.wired.process.reset_for
@@ -89,13 +96,13 @@ class Conclusion:
         what = failure.message.partition("\n")[0] if failure is not None else "it was stopped"
         with suppress(Exception):
             if outcome.unsafe:
-                told = self._custody.stopped(what, outcome.unreached)
+                told = self._device_claim.stopped(what, outcome.unreached)
                 if told and failure is not None:
                     failure.message += f"; {told}"
             elif outcome.driven:
-                self._custody.finish()
+                self._device_claim.finish()
             else:
-                self._custody.abandon()
+                self._device_claim.abandon()
         if failure is not None:
             self._watcher.keep(what)
         with suppress(Exception):

@@ -34,7 +34,7 @@ def size_of(layout: Layout) -> int:
     return SIGNS + 16 * (1 + len(layout.objects) + len(layout.actions))
 
 
-class Cells:
+class ClientMemory:
     """The cells as the machine or a client has them. FramesError if this memory is not what the frames describe."""
 
     def __init__(self, file: int, layout: Layout) -> None:

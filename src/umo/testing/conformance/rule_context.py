@@ -12,10 +12,10 @@ from typing import Any, TypeVar
 from umo.errors import text_of
 from umo.testing.conformance.budget import Budget, CallTime
 from umo.testing.conformance.certificate import TransferTime
+from umo.testing.conformance.output_observer import OutputObserver
 from umo.testing.conformance.probe import Probe, call_of
-from umo.testing.conformance.process import State, state, threads
+from umo.testing.conformance.process_snapshot import State, state, threads
 from umo.testing.conformance.rules import NotTried, RuleBroken
-from umo.testing.conformance.sight import Sight
 from umo.testing.conformance.subject import Subject
 from umo.testing.conformance.taps import Tap
 from umo.testing.conformance.traffic import Change, Traffic
@@ -32,7 +32,7 @@ HASTE_FACTOR = 10
 NO_LINE = "there is no line between driver and device that the kit can disturb"
 
 
-class Trial(Sight):
+class RuleContext(OutputObserver):
     """The subject in use. `share` is how much of the present rule is done, for a progress line."""
 
     def __init__(self, subject: Subject, cycles: int | None = None, budget: Budget | None = None) -> None:

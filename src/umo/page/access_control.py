@@ -23,14 +23,14 @@ from starlette.responses import HTMLResponse, PlainTextResponse, RedirectRespons
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from umo.page.certified_names import covers
-from umo.page.strangers import Visit
+from umo.page.unauthenticated import HttpConnection
 from umo.system.folders import written
 
 REFUSAL_TIME = 0.5
 """s that the answer to a wrong token takes."""
 MAX_JUDGED = 8
 """Tokens that are judged at once; the others wait in line, the right one too: guessing stays slow. As the connections
-without the token are few (`umo.page.strangers`), the line is short, and nobody is turned away from it."""
+without the token are few (`umo.page.unauthenticated`), the line is short, and nobody is turned away from it."""
 MAX_FORM_BYTES = 4096
 """Bytes of a form that are read."""
 FORM_TIMEOUT = 5.0
@@ -56,7 +56,7 @@ def new_token(file: Path) -> str:
     return token
 
 
-class Guard:
+class AccessControl:
     """An ASGI application around another. Requests without the token do not reach it."""
 
     def __init__(
@@ -187,10 +187,10 @@ class Guard:
         return wrapped
 
 
-def _visit(scope: Scope) -> Visit | None:
+def _visit(scope: Scope) -> HttpConnection | None:
     """The connection of a request; None where the server is another one than ours."""
     visit = scope.get("state", {}).get("visit")
-    return visit if isinstance(visit, Visit) else None
+    return visit if isinstance(visit, HttpConnection) else None
 
 
 def _is_behind_another_site(headers: Headers) -> bool:

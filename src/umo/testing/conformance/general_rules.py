@@ -1,0 +1,64 @@
+"""Rules of every call: what it returns and raises. They come last, as they judge the calls of the others too, and are
+tried at any rate."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+from umo.testing.conformance.probe import Probe
+from umo.testing.conformance.rule_context import RuleContext
+from umo.testing.conformance.rules import NOTHING, NotTried, RuleBroken, rule
+from umo.text import some
+
+
+@rule("readings", "A reading is an int, within the bits of its channel.", NOTHING)
+def readings(context: RuleContext) -> None:
+    """Also of all readings of the rules before."""
+    if not context.readable:
+        raise NotTried("the driver has no inputs")
+    with suppress(OSError), context.opened() as probe:
+        for text in context.readable:
+            probe.read(text)
+        probe.read_many(context.readable)
+    if context.watch.wrong_types:
+        raise RuleBroken(context.watch.wrong_types[0])
+
+
+@rule("kind of errors", "A call that fails raises an OSError, whatever failed.", NOTHING)
+def kind_of_errors(context: RuleContext) -> None:
+    """Also of all calls of the rules before."""
+    with suppress(OSError, NotTried), context.opened() as probe:
+        context.fail_some(probe)
+    if context.watch.wrong_kinds:
+        raise RuleBroken(context.watch.wrong_kinds[0])
+
+
+@rule("end", "At the end every output is at its default. Closing a driver moves none.", NOTHING)
+def end(context: RuleContext) -> str | None:
+    """A new driver looks at the outputs."""
+    if not context.subject.outputs:
+        raise NotTried("the driver has no outputs")
+    context.restore(always=True)
+    if context.unreached:
+        raise RuleBroken(f"{some(context.unreached)} could not be brought to the default")
+    with context.leaving(context.new()) as probe:
+        probe.open()
+        for output in context.visible:  # reset again: a model that is opened anew knows nothing of the reset before
+            probe.reset(output.channel, output.default)
+            context.expect(probe, output, output.default, f"reset({output.default}) at the end")
+    _check_closed(context, probe)
+    return context.looked()
+
+
+def _check_closed(context: RuleContext, closed: Probe) -> None:
+    """A device may let go of its outputs by itself when a connection ends: it does so without a `close` too."""
+    line, outputs = context.subject.line, context.visible
+    if line is None or context.subject.levels is None:
+        return
+    for output in outputs:
+        if not context.is_at(closed, output, output.default):
+            text = f"{output.channel} is at {context.last_level} since the driver was closed, not at {output.default}"
+            with context.opened() as probe:
+                line.drop()
+                if context.is_at(probe, output, output.default):
+                    raise RuleBroken(text)
