@@ -13,7 +13,7 @@ import pytest
 
 import umo
 from helpers import process_box
-from helpers.process_box import ClientMemory as Box
+from helpers.process_box import Cells as Box
 from helpers.runs import Run, assert_safe
 from helpers.waiting import until
 from umo.errors import FramesError
