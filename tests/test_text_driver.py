@@ -364,7 +364,7 @@ def test_a_lost_connection_fails_for_the_rest_of_the_block() -> None:
 
 def test_the_quiet_time_is_doubled_with_each_failure_in_succession(monkeypatch: pytest.MonkeyPatch) -> None:
     passed = [0.0]
-    for module in ("text.conversation", "streams.stream"):
+    for module in ("text.text_link", "streams.stream"):
         monkeypatch.setattr(f"umo.drivers.{module}.monotonic", lambda: monotonic() + passed[0])
 
     def is_quiet_after(seconds: float) -> None:
