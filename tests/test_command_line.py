@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from tools.command_line import PAGE, page
 from umo.cli.app import app
-from umo.process.outcome import FAILED, MISTAKE, NOT_RECORDED, TIME_OVER, UNREACHED
+from umo.exit_status import ExitStatus
 
 COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]
 
@@ -28,5 +28,5 @@ def test_the_page_of_the_command_line_is_made_of_the_help() -> None:
 
 def test_the_page_names_every_status() -> None:
     rows = [line.split("|")[1].strip() for line in page().splitlines() if line.startswith("| ")]
-    for status in (0, FAILED, MISTAKE, UNREACHED, NOT_RECORDED, TIME_OVER):
+    for status in ExitStatus:
         assert str(status) in rows

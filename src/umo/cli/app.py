@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from .argument_parsing import MISTAKE
+from umo.exit_status import ExitStatus
+
 from .shared import (
     NO_STATION,
     Acknowledge,
@@ -195,4 +196,4 @@ def _options(
 ) -> None:
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
-        raise typer.Exit(MISTAKE)
+        raise typer.Exit(ExitStatus.MISTAKE)

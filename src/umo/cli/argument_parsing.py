@@ -11,11 +11,11 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from umo.exit_status import ExitStatus
 from umo.text import did_you_mean
 
 from .console import err
 
-MISTAKE = 2
 NEGATIVE = re.compile(r"-\.?\d")
 """The beginning of a negative number, with or without a unit. No option begins so."""
 
@@ -58,7 +58,7 @@ class CommandLine(TyperGroup):
             if not hasattr(error, "format_message"):  # of click, which newer versions of typer hold inside
                 raise
             err.print(in_a_line(error), soft_wrap=True)
-            status = MISTAKE
+            status = ExitStatus.MISTAKE
         sys.exit(status or 0)
 
 

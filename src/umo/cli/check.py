@@ -9,6 +9,7 @@ from rich.text import Text
 
 from umo.cycle.inhibition import interlocks_of
 from umo.errors import Mistake, OptionError
+from umo.exit_status import ExitStatus
 from umo.objects import Compound, actions_of, numbers_of
 from umo.presentation.durations import duration
 from umo.process.station import Station
@@ -39,7 +40,7 @@ def check_station(station: Station, wiring: str | None, every: bool = False, arg
 
 def _check_wiring(machine: Compound, file: Path | None) -> int:
     if reported(check(machine, file)):
-        return 2
+        return ExitStatus.MISTAKE
     wired = resolve(machine, file)
     tunable = sum(number.declared.tunable for number in numbers_of(machine).values())
     offered = [(len(actions_of(machine)), "action"), (tunable, "tunable number")]

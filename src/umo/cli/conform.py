@@ -18,10 +18,10 @@ from umo.drivers import Direction, Driver
 from umo.drivers.faults.wrapper import bare
 from umo.drivers.streams import Host, Serial
 from umo.errors import DriverError, PathError, StopError, text_of
+from umo.exit_status import ExitStatus
 from umo.objects import Compound, Digital
 from umo.objects.units import convert
 from umo.presentation.in_words import span
-from umo.process.outcome import FAILED
 from umo.process.station import Station, StationError, find
 from umo.signature import signature_of
 from umo.system.device_claim import DeviceClaim
@@ -73,7 +73,7 @@ def conform_wiring(target: str, wiring: str | None, choice: Choice, arguments: S
     if certificate_file is not None:
         certificate_file.write_text(certificate.to_json(), encoding="utf-8")
     if not certificate.passed:
-        return FAILED
+        return ExitStatus.FAILED
     return 0 if certificate.whole else IN_PART
 
 

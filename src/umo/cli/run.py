@@ -12,8 +12,9 @@ from umo.cycle import connect, drive
 from umo.cycle.stopping import TimeLimit, signal_name
 from umo.cycle.trace import Statistics, Trace
 from umo.errors import text_of
+from umo.exit_status import ExitStatus
 from umo.process.job import Job, Plan
-from umo.process.outcome import NOT_RECORDED, TIME_OVER, Failed, Outcome, plain, plain_reports
+from umo.process.outcome import Failed, Outcome, plain, plain_reports
 from umo.process.start import LINUX
 from umo.text import printable
 
@@ -50,7 +51,7 @@ def run_station(job: Job, recording: Recording, *, full_traceback: bool = False)
     try:
         folder = RunFolder.make(plan) if recording.record else None
     except NotRecorded as error:
-        return _fail(Failed("NotRecorded", str(error), NOT_RECORDED), full_traceback)
+        return _fail(Failed("NotRecorded", str(error), ExitStatus.NOT_RECORDED), full_traceback)
     trace = Trace()
     try:
         result = _run(plan, trace, folder)
@@ -73,7 +74,7 @@ def run_station(job: Job, recording: Recording, *, full_traceback: bool = False)
             _leave_behind(folder, result, trace, title)
             complete &= folder.complete
     status = result.outcome.status
-    return status if complete or status not in (0, TIME_OVER) else NOT_RECORDED
+    return status if complete or status not in (ExitStatus.DONE, ExitStatus.TIME_OVER) else ExitStatus.NOT_RECORDED
 
 
 def _run(plan: Plan, trace: Trace, folder: RunFolder | None) -> RunSummary:

@@ -12,8 +12,9 @@ from typing import Annotated, Any, TypeVar
 import typer
 
 from umo.errors import UmoError, text_of
+from umo.exit_status import ExitStatus
 
-from .argument_parsing import MISTAKE, CommandLine, Subcommand
+from .argument_parsing import CommandLine, Subcommand
 
 app = typer.Typer(
     name="umo",
@@ -107,7 +108,7 @@ Take = Annotated[bool, typer.Option("--take", help="Take the lease over from who
 def guarded(work: Callable[[], int | None]) -> None:
     """Print any error in one or two lines on stderr and exit. Status 2: a user's mistake. 1 or 3: a device failed.
     1 with file and line: any other exception. 130: Ctrl-C before a machine was started."""
-    from umo.process.outcome import FAILED, message_of, status_of
+    from umo.process.outcome import message_of, status_of
 
     from .console import say
 
@@ -120,12 +121,12 @@ def guarded(work: Callable[[], int | None]) -> None:
         status = status_of(error)
     except (OSError, UnicodeError) as error:  # of files and folders that were named
         say(_about_file(error))
-        status = MISTAKE
+        status = ExitStatus.MISTAKE
     except KeyboardInterrupt:
         status = 128 + signal.SIGINT
     except BaseException as error:  # SystemExit too: whoever ends Python in the middle has not succeeded
         say(text_of(error))
-        status = FAILED
+        status = ExitStatus.FAILED
     raise typer.Exit(status)
 
 

@@ -22,6 +22,7 @@ from umo.errors import (
     UmoError,
     WiringError,
 )
+from umo.exit_status import ExitStatus
 from umo.process.station import StationError
 from umo.text import Moment, in_a_line, in_brackets, place_of, str_of
 from umo.user_code import as_json
@@ -39,9 +40,6 @@ USER_ERRORS = (
     FramesError,
     CommandRefused,
 )
-FAILED, MISTAKE, UNREACHED, NOT_RECORDED = 1, 2, 3, 4
-TIME_OVER = 124
-"""Exit status at a time limit, as that of timeout(1)."""
 MAX_LENGTH = 12_000
 """Length of a traceback, a message or a result at most, characters."""
 MAX_BYTES = 60_000
@@ -97,14 +95,14 @@ class Outcome:
 
     @property
     def status(self) -> int:
-        """The exit status: 0, or 1, 2, 3 as `Failed.status`, or 124 at its time limit, or 128 and the signal."""
+        """The exit status: as in `ExitStatus`, or 128 and the signal."""
         if self.unreached:
-            return UNREACHED
+            return ExitStatus.UNREACHED
         if self.failure is not None:
             return self.failure.status
         if self.stopped_by is not None:
             return 128 + self.stopped_by
-        return TIME_OVER if self.time_over else 0
+        return ExitStatus.TIME_OVER if self.time_over else ExitStatus.DONE
 
     def dump(self) -> dict[str, Any]:
         """As plain data, at most `MAX_BYTES` bytes as JSON, whatever the application returned. Long texts are cut, and
@@ -152,8 +150,9 @@ def plain_reports(reports: Mapping[str, Any], longest: int = MAX_LENGTH) -> dict
 def status_of(failure: BaseException) -> int:
     """A user's mistake is one before the run; what is raised in the run is a failure of it."""
     if isinstance(failure, StopError):
-        return UNREACHED
-    return MISTAKE if isinstance(failure, USER_ERRORS) and not _moment(failure) else FAILED
+        return ExitStatus.UNREACHED
+    is_mistake = isinstance(failure, USER_ERRORS) and not _moment(failure)
+    return ExitStatus.MISTAKE if is_mistake else ExitStatus.FAILED
 
 
 def message_of(failure: BaseException) -> str:

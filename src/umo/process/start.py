@@ -18,6 +18,7 @@ from typing import Any
 from umo.cycle.stage import Progress, Stage
 from umo.cycle.stopping import signal_name
 from umo.errors import DriverError, FramesError, TaskFailed
+from umo.exit_status import ExitStatus
 from umo.frames import Reader
 from umo.frames.memory import RunDescriptors
 from umo.frames.reader import progress_of
@@ -25,7 +26,7 @@ from umo.objects import Compound
 from umo.presentation.html_table import html_table, never_raises
 from umo.process.job import Job, reference
 from umo.process.messages import MessageSocket
-from umo.process.outcome import UNREACHED, Failed, Outcome
+from umo.process.outcome import Failed, Outcome
 from umo.remote.search import station_name
 from umo.system.device_record import INSPECT
 from umo.system.processes import ENDED, STOPPED, is_stopped, state
@@ -281,11 +282,13 @@ def vanished(status: int, left: Outcome | None, actuators: Sequence[str], name: 
     if status > 0 or not running:
         when = "" if running else " before the machine was started"
         text = f"the guardian ended with status {status}{when}; its report was lost"
-        if status != UNREACHED:
+        if status != ExitStatus.UNREACHED:
             return Outcome(Failed("Lost", text, max(status, 1)))
         return Outcome(Failed("Lost", f"{text}\n{unreached}", status), unsafe=True, unreached=list(actuators))
     text = (
         "guardian, standby guardian and control process have all ended without resetting the actuators; "
         "only watchdogs of the circuits can have reset them"
     )
-    return Outcome(Failed("Vanished", f"{text}\n{unreached}", UNREACHED), unsafe=True, unreached=list(actuators))
+    return Outcome(
+        Failed("Vanished", f"{text}\n{unreached}", ExitStatus.UNREACHED), unsafe=True, unreached=list(actuators)
+    )
