@@ -55,7 +55,7 @@ class Failed:
     name: str
     message: str
     status: int
-    """Exit status: 1: the machine or its control code failed. 2: the user's mistake. 3: an output was not reached."""
+    """As in `ExitStatus`."""
     traceback: str = ""
 
     def cut(self, longest: int) -> Failed:
