@@ -335,12 +335,12 @@ def _driven(subject: Subject, minutes: float, before: State) -> Certificate:
     may be driven; what a signal leaves behind is said."""
     began = time.monotonic()
     only = None if subject.outputs else [rule.id for rule in all_rules() if rule.id != "directions"]
-    with OneLine(err) as line:
+    try:
+        with OneLine(err) as line:
 
-        def progress(rule: str, share: float) -> None:
-            line.show(time.monotonic() - began, rule, share)
+            def progress(rule: str, share: float) -> None:
+                line.show(time.monotonic() - began, rule, share)
 
-        try:
             return conform(
                 subject,
                 only=only,
@@ -349,7 +349,7 @@ def _driven(subject: Subject, minutes: float, before: State) -> Certificate:
                 plan=lambda plan: say(str(plan)),
                 progress=progress if err.is_terminal else None,
             )
-        except KeyboardInterrupt:
-            end = "every output is at its default" if subject.outputs else "no output was driven"
-            say(f"stopped; {end}")
-            raise
+    except KeyboardInterrupt:
+        end = "every output is at its default" if subject.outputs else "no output was driven"
+        say(f"stopped; {end}")
+        raise

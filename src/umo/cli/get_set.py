@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from umo.cycle import connect
-from umo.errors import BadInput, FramesError, OptionError, PathError, RangeError
+from umo.errors import BadInput, DeclarationError, FramesError, OptionError, PathError, RangeError
 from umo.frames import Reader
 from umo.objects import Actuator, Atomic, Binary, Compound, DigitalActuator, DigitalSensor
 from umo.objects.description import converted, described, row_of
@@ -123,7 +123,7 @@ def _has_wiring(reader: Reader, name: str, wiring: str) -> bool:
     try:
         station = find(name)
         wired = resolve(station.machine(**reader.about.get("options", {})), station.wiring(wiring))
-    except StationError:  # what runs has no folder of that name
+    except (StationError, DeclarationError):  # what runs has no folder of that name, or another machine in it
         return False
     return bool(set(wired.devices) & set(reader.about["devices"]))
 

@@ -95,13 +95,17 @@ def interlocks_of(root: Compound) -> list[Interlock]:
     machine's."""
     own = set(map(id, atoms(root)))
     compounds = (node for node in (root, *walk(root)) if isinstance(node, Compound))
-    declaring = (node for node in compounds if getattr(node.interlocks, "__func__", None) is not Compound.interlocks)
+    declaring = (node for node in compounds if _declares(node))
     found = [each for node in declaring for each in _declared_by(node)]
     for interlock in found:
         for item in interlock.actuators():
             if id(item) not in own:
                 raise DeclarationError(f"interlock {interlock.reason!r} forbids {item!r} of another machine")
     return found
+
+
+def _declares(node: Compound) -> bool:
+    return type(node).interlocks is not Compound.interlocks or "interlocks" in vars(node)
 
 
 def _declared_by(node: Compound) -> list[Interlock]:

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from enum import Flag
-from functools import cache, cached_property
+from functools import cache
 from operator import index
 from typing import Any, Generic, NamedTuple
 
@@ -19,6 +19,7 @@ from umo.errors import ChannelsFailed, DriverError, text_of
 IntArray = npt.NDArray[np.int64]
 INT64 = np.iinfo(np.int64)
 """The raw integers that a transfer can have."""
+_LEAST, _GREATEST = int(INT64.min), int(INT64.max)
 UNREAD = -0x7EAD_7EAD_7EAD_7EAD
 """Raw integer of a place in a buffer that the driver has not filled yet; it counts as not read. A channel of 64 bits
 that reads exactly this loses the reading: one raw integer of 2**64."""
@@ -60,7 +61,8 @@ class Channel:
     def __hash__(self) -> int:  # plans are looked up by their channels in every period, and a string keeps its hash
         return hash(self.text)
 
-    def __init_subclass__(cls) -> None:
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        super().__init_subclass__(**keywords)
         if "__hash__" not in vars(cls):  # dataclass would make another one
             cls.__hash__ = Channel.__hash__  # type: ignore[method-assign]
 
@@ -75,15 +77,15 @@ class Channel:
         if not self.lowest <= raw <= self.highest:
             raise DriverError(f"{raw} does not fit {self.text}: it takes {self.lowest} to {self.highest}")
 
-    @cached_property
+    @property  # a cached one would give each channel a dict of its own, and every driver slower attributes
     def lowest(self) -> int:
         """The least raw integer that its bits and an int64 hold."""
-        return max(-(1 << (self.bits - 1)), INT64.min) if self.signed else 0
+        return max(-(1 << (self.bits - 1)), _LEAST) if self.signed else 0
 
-    @cached_property
+    @property
     def highest(self) -> int:
         """The greatest raw integer that its bits and an int64 hold."""
-        return min((1 << (self.bits - 1 if self.signed else self.bits)) - 1, INT64.max)
+        return min((1 << (self.bits - 1 if self.signed else self.bits)) - 1, _GREATEST)
 
 
 @cache

@@ -221,7 +221,8 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
             channel = self.channel(name)
             if needed not in channel.direction:
                 raise WiringError(f"{option}: {name} cannot be {'read' if needed is Direction.INPUT else 'written'}")
-            found.append((channel, within(f"{option}.{name}", value, channel.lowest, channel.highest)))
+            highest = channel.highest if channel.signed else (1 << channel.bits) - 1  # also beyond an int64
+            found.append((channel, within(f"{option}.{name}", value, channel.lowest, highest)))
         return found
 
 

@@ -27,9 +27,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from umo.drivers.contract import Channel, Direction, Driver, IntArray
+from umo.drivers.option_checks import one_of
 from umo.errors import ChannelError, DriverError, WiringError
 
 from .courier import Report
@@ -97,6 +98,8 @@ class Plant(Driver[PlantChannel]):
             raise WiringError(f"parts must be 1 to {MAX_PARTS}, not {parts}")
         if not 0 <= preset < 1 << 16:
             raise WiringError(f"the preset {preset} does not fit the 16 bits of the z counter")
+        for fault in faults:
+            one_of("faults", fault, get_args(Breakage))
         self._seed, self._parts, self._preset, self._faults = seed, parts, preset, frozenset[str](faults)
         self._physics: Physics | None = None
         self._steps = 1
