@@ -55,7 +55,7 @@ class Failed:
     name: str
     message: str
     status: int
-    """As in `ExitStatus`."""
+    """Exit status, as in `ExitStatus`."""
     traceback: str = ""
 
     def cut(self, longest: int) -> Failed:
