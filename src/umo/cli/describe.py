@@ -17,7 +17,6 @@ from umo.errors import ChannelError, WiringError, text_of
 from umo.signature import parameters_of, signature_of
 from umo.system.packages import package_of
 from umo.text import options_in
-from umo.wiring.schema import options_of
 
 from .check import label
 from .console import out
@@ -111,6 +110,8 @@ def _written(parameter: inspect.Parameter) -> str:
 def _forms(cls: type[Driver], given: dict[str, Any]) -> str:
     """The forms that the driver itself names for a channel that it does not know; if it needs options, those of its
     class. With options, an error of its constructor is the user's."""
+    from umo.wiring.schema import options_of  # pydantic: not for a plain list of drivers
+
     try:
         driver = cls(**options_of(cls.__name__, signature_of(cls), given)) if given else cls()
     except (Exception, SystemExit) as error:
