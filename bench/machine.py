@@ -166,10 +166,12 @@ class Umo:
                 vector.write(values)
 
     def period(self, periods: int) -> None:
+        """The motors' commands change in each period, as a control law's do: what is unchanged is sent more quickly."""
         m = self.plant
-        for _ in range(periods):
+        turned = [(motor, -volts) for motor, volts in self.volts]
+        for number in range(periods):
             m.sample()
-            for motor, volts in self.volts:
+            for motor, volts in turned if number % 2 else self.volts:
                 motor.write(volts)
             for valve, state in self.states:
                 valve.write(state)

@@ -87,7 +87,7 @@ def test_a_product_is_rounded_before_the_sum() -> None:
     """0.1 * 3 - 0.3 is 5.6e-17; in one operation, without rounding in between, 2.8e-17."""
     scales = (np.array([number]) for number in (0.1, -0.3, -1.0, 1.0))
     raws, values, times = arrays(1, 1, 1)
-    assert conversion.extension.Inputs((np.array([3]), *scales, raws, values, times), 0).convert(0.0) == []
+    assert conversion.extension.Inputs((np.array([3]), *scales, raws, values, times), 0).convert(0.0) == ()
     assert values[0] == 0.1 * 3 - 0.3
 
 

@@ -62,6 +62,6 @@ def test_each_frame_has_the_utc_of_its_period(monkeypatch: pytest.MonkeyPatch) -
         frames = reader.read()
         assert frames["utc"].tolist() == [10**18] * 2
         assert frames["utc_error"].tolist() == [5_000] * 2
-        ring._utc_read -= UTC_PAUSE
+        ring._utc_until -= UTC_PAUSE
         periods(m)
         assert (reader.latest()["utc"], reader.latest()["utc_error"]) == (10**18 + 7, UNKNOWN)

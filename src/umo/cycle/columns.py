@@ -62,7 +62,8 @@ class Scales:
         """`default_raws`: the raw integer of each actuator's default, None for a sensor."""
         count = len(wires)
         self.resolution, self.zero_offset = np.array([wire.scale for wire in wires], float).reshape(count, 2).T.copy()
-        self.low, self.high = np.array([wire.bounds for wire in wires], float).reshape(count, 2).T.copy()
+        bounds = [wire.bounds if wire.item.direction is Direction.INPUT else (-inf, inf) for wire in wires]
+        self.low, self.high = np.array(bounds, float).reshape(count, 2).T.copy()
         """Bounds within which a sensor's value is GOOD."""
         self.least, self.greatest = np.array([_raw_bounds(wire) for wire in wires], float).reshape(count, 2).T.copy()
         """The least and the greatest raw integer of an actuator."""
@@ -112,7 +113,7 @@ class Block:
         """Inputs: contents of the buffer before a transfer."""
         self.transfer: Callable[[Any, IntArray], None]
         """The driver's block transfer, as the transfer stage calls it."""
-        self.convert: Callable[[float], list[tuple[int, float]]]
+        self.convert: Callable[[float], Sequence[tuple[int, float]]]
         """Inputs: takes the buffer to raws, values and, with the time given in s, times of the image. If any values are
         out of bounds, their (slot, value) pairs are returned and not kept, and the times are left to the caller."""
         self.give: Callable[[float, float], None]

@@ -83,23 +83,22 @@ class Inputs:
         self._zero_offset = np.concatenate([zero_offset, -zero_offset])
         self._bounds = np.concatenate([scales.low[slots], -scales.high[slots]])
         self._hidden = [(raw, np.array(places)) for raw, places in hidden.items()]
-        self._twice = np.zeros((2, block.count), np.int64)
-        self._once_view, self._again_view = self._twice[0].data, self._twice[1].data
-        self._numbers = self._twice.reshape(-1)
         self._both = np.zeros(2 * block.count)
         """The values that were found, then the negative of each: both bounds are one comparison."""
-        self._found, self._negative = self._both.reshape(2, block.count)
+        self._rows = self._both.reshape(2, block.count)
+        self._found, self._negative = self._rows
         self._found_view = self._found.data
         self._inside = np.zeros(2 * block.count, np.bool_)
         self._all_inside = bytes([True]) * 2 * block.count
         self._shifted = zero_offset.any() or not (resolution > 0).all()  # raw 0 is 0.0, not -0.0
         self._plain = not (linearizations or hidden)
 
-    def convert(self, now: float) -> list[tuple[int, float]]:
+    def convert(self, now: float) -> Sequence[tuple[int, float]]:
         """As `Block.convert`."""
         block, both = self._block, self._both
-        self._raws[:] = self._once_view[:] = self._again_view[:] = block.view
-        multiply(self._numbers, self._resolution, both)
+        self._raws[:] = block.view
+        self._rows[...] = block.buffer  # as floats: quicker than a product of integers and floats
+        multiply(both, self._resolution, both)
         if self._shifted:
             add(both, self._zero_offset, both)
         if not self._plain:
@@ -107,7 +106,7 @@ class Inputs:
         if greater_equal(both, self._bounds, self._inside).tobytes() == self._all_inside:  # quicker than all()
             self._values_view[:] = self._found_view
             self._times.fill(now)
-            return []
+            return ()
         inside = self._inside.reshape(2, block.count).all(axis=0)
         np.copyto(self._values, self._found, where=inside)
         return [(block.start + int(i), float(self._found[i])) for i in np.flatnonzero(~inside)]
@@ -146,6 +145,8 @@ class Outputs:
         if self._limited or not self._plain:
             send(self._columns, self._scales, self._block.slots, self._linearizations, now, dt)
             return
+        if self._sent_view.tobytes() == self._pending.tobytes():  # quicker than ==
+            return  # what was given last is still to be sent
         self._sent_view[:] = self._pending
         found, scaled = self._found, self._sent
         if self._shifted:

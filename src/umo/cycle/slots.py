@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from math import inf, nan
+from math import inf
 from typing import Any, cast
 
 import numpy as np
@@ -38,7 +38,7 @@ class Slots:
         self.clock = clock
         self.wires = sorted(wired.wires, key=_group_order(wired.wires))
         self.items = [wire.item for wire in self.wires]
-        self.wire_texts: Sequence[str] = [wired.text_of(wire) for wire in self.wires]
+        self.wire_texts: Sequence[str] = wired.texts_of(self.wires)
         self.slot_of = {id(item): slot for slot, item in enumerate(self.items)}
         self.timer = -1 if wired.timer is None else self.slot_of[id(wired.timer)]
         self._least_ticks, self._most_ticks = self.wires[self.timer].raw_bounds if wired.timer is not None else (0, 0)
@@ -63,7 +63,8 @@ class Slots:
         """Failures of the sensors that were marked BAD and not logged yet."""
         self._next_log: dict[int, float] = {}
         """Time in s from which a marked sensor is logged again, by slot."""
-        self.invalid_raws = {slot: raws for slot in range(count) if (raws := self._invalid(slot))}
+        sensors = (slot for slot, item in enumerate(self.items) if item.direction is Direction.INPUT)
+        self.invalid_raws = {slot: raws for slot in sensors if (raws := self._invalid(slot))}
         self.base = [
             Quality.UNREFERENCED if isinstance(item, DigitalSensor) and item.incremental else Quality.GOOD
             for item in self.items
@@ -78,15 +79,12 @@ class Slots:
             self._prepare(block)
         for block in self.outputs:
             convert_outputs(block, columns, scales)
-        for slot, item in enumerate(self.items):
-            if item.direction is Direction.OUTPUT:
-                self._set_quality(slot, Quality.GOOD)
-                self.set_default(slot)
-                self._give_default(slot)
-                self.values[slot] = self.sent[slot]  # a rate begins there
-            else:
-                self.values[slot] = nan  # nothing was read yet
-                self._set_quality(slot, Quality.BAD)
+        columns.pending[:] = columns.sent[:] = columns.values[:] = scales.defaults  # of a sensor NaN: nothing was read
+        columns.sent_raws[:] = scales.default_raws
+        columns.stepped.fill(clock.now)  # a rate begins there
+        columns.quality[:] = np.where(np.isnan(scales.defaults), int(Quality.BAD), int(Quality.GOOD))
+        for block in self.inputs:
+            block.unsettled.update(range(block.start, block.stop))
 
     def _prepare(self, block: Block) -> None:
         """An input block: a raw integer that the circuit reports as invalid gives a value that is out of bounds."""
@@ -172,7 +170,7 @@ class Slots:
                 if block.start <= slot < block.stop:
                     block.unsettled.add(slot)
 
-    def _settle(self, block: Block, outside: list[tuple[int, float]], now: float, failures: list[Failure]) -> None:
+    def _settle(self, block: Block, outside: Sequence[tuple[int, float]], now: float, failures: list[Failure]) -> None:
         """The slow path of `sample`: something in the block is, or was, not as it should be."""
         failed = {slot: (cause, self.times[slot]) for slot, _ in outside if (cause := self._refused(slot))}
         for slot in block.unsettled - failed.keys():

@@ -94,7 +94,7 @@ class Ring:
         head, places = arrange(layout, self.slots, self.journal_entries, CHECKSUM if checksum else 0)
         self._first, self._journal_at, self._content = places.first, places.journal, layout.content
         self._events_at, self._tunables_at = places.events, places.tunables
-        self._seldom_packed, self._seldom_stands, self._told_progress = b"", False, Progress()
+        self._seldom_packed, self._seldom_is_plain, self._progress, self._taken = b"", False, Progress(), 0
         self._late = round(machine.clock.period * LATE_SHARE * 1e9)
         self._map = fill(ends.frames, head, places.size, private=True)
         fill(ends.cells, b"", size_of(layout), private=False).close()
@@ -107,7 +107,8 @@ class Ring:
             self._refresh(number)
         self.usage = Usage()
         self._counts = *self.usage.read(), 0
-        self._utc, self._utc_read, self._told_taken = utc(), time.monotonic_ns(), 0
+        self._collections, self._count_at = self._counts[COLLECTIONS], 0
+        self._utc, self._utc_until = utc(), time.monotonic_ns() + UTC_PAUSE
         self._write = writer(image, layout, self._map)
         image.transfer.journal = self.journal = Journal(capacity)
 
@@ -179,25 +180,34 @@ class Ring:
         self.journal.clear()
 
     def _seldom_part(self, frame: Frame, took: int) -> bytes:
-        """Counters, journal and progress: packed when they may have changed. The counters are read after a period that
-        took long, that missed others, or in which the collector ran, and in one of `COUNTER_PERIODS`."""
-        journal, progress = self.journal, frame.progress
+        """Counters, UTC, commands taken, journal and progress: packed when they may have changed. The counters are read
+        after a period that took long, that missed others, or in which the collector ran, and in one of
+        `COUNTER_PERIODS`."""
+        journal, progress, clients = self.journal, frame.progress, self._machine.clients
+        empty = not (journal.count or journal.sampled or journal.updated)
+        taken = 0 if clients is None else clients.inbox.taken
         counted = (
-            took > self._late
+            self.index >= self._count_at
+            or took > self._late
             or frame.missed > 0
-            or self.usage.collections != self._counts[COLLECTIONS]
-            or not self.index % COUNTER_PERIODS
+            or self.usage.collections != self._collections
         )
-        old = frame.began - self._utc_read >= UTC_PAUSE
-        taken = 0 if self._machine.clients is None else self._machine.clients.inbox.taken
-        told = taken == self._told_taken and progress is self._told_progress
-        stands = told and not (counted or old or journal.count or journal.sampled or journal.updated)
-        if stands and self._seldom_stands:
+        old = frame.began >= self._utc_until
+        if (
+            self._seldom_is_plain
+            and empty
+            and not counted
+            and not old
+            and taken == self._taken
+            and progress is self._progress
+        ):
             return self._seldom_packed
         if counted:
             self._counts = *self.usage.read(), self.index
+            self._collections = self._counts[COLLECTIONS]
+            self._count_at = self.index - self.index % COUNTER_PERIODS + COUNTER_PERIODS
         if old:
-            self._utc, self._utc_read = utc(), frame.began
+            self._utc, self._utc_until = utc(), frame.began + UTC_PAUSE
         first, checksum = self._entries, self._keep(journal) if journal.count else 0
         text = _cut(progress.text, NOTE)
         self._seldom_packed = SELDOM.pack(
@@ -205,8 +215,7 @@ class Ring:
             first, journal.count, journal.lost, journal.sampled, journal.updated, checksum,
             min(progress.done, MAX_INTEGER), min(progress.total, MAX_INTEGER), text,
         )  # fmt: skip
-        self._seldom_stands = not (journal.count or journal.sampled or journal.updated)
-        self._told_progress, self._told_taken = progress, taken
+        self._seldom_is_plain, self._progress, self._taken = empty, progress, taken
         return self._seldom_packed
 
     def _keep(self, journal: Journal) -> int:

@@ -79,11 +79,7 @@ class Compound(Node):
     _children: Mapping[str, Node] = MappingProxyType({})
     _fixed: frozenset[str] = frozenset()  # the fields that hold parts
     _parametrised: bool = False  # `setup` last saw fields that a wiring had set
-    cycle: Cycle
-    """The running cycle, seen from this object: `m.cycle.start(...)`, `m.cycle.running`."""
     _machine: Machine
-    _sample: Callable[[], bool]
-    _update: Callable[[], bool]
 
     def __init_subclass__(
         cls,
@@ -193,18 +189,27 @@ class Compound(Node):
         """Seconds on the cycle's clock."""
         return self._machine.clock.now
 
+    @property
+    def cycle(self) -> Cycle:
+        """The running cycle, seen from this object: `m.cycle.start(...)`, `m.cycle.running`."""
+        return Cycle(self._machine)
+
     def _connect(self, machine: Machine, sample: Callable[[], bool], update: Callable[[], bool]) -> None:
         """`sample` and `update` are what moves this compound: in every period they are called without a look-up."""
-        self._machine, self._sample, self._update = machine, sample, update
-        self.__dict__["cycle"] = Cycle(machine)
         # `m.control()` drives the whole part; the class's own override stays reachable for `super()`
-        self.__dict__["control"] = partial(machine.control, self)
+        control = partial(machine.control, self)
+        vars(self).update(_machine=machine, _sample=sample, _update=update, control=control)
 
     def _disconnect(self) -> None:
-        self._machine = machine = cast("Machine", Unconnected(self))
-        self._sample, self._update = lambda: machine.sample(self), lambda: machine.update(self)
-        self.__dict__["cycle"] = Cycle(machine)
-        self.__dict__.pop("control", None)
+        self._machine = cast("Machine", Unconnected(self))
+        for name in ("_sample", "_update", "control"):
+            vars(self).pop(name, None)
+
+    def _sample(self) -> bool:
+        return self._machine.sample(self)
+
+    def _update(self) -> bool:
+        return self._machine.update(self)
 
     def _is_below(self, other: object) -> bool:
         """Whether the other object is this one, its parent, or further up: a part may have its parent as an

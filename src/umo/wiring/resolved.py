@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -66,7 +66,9 @@ class Wire:
     @property
     def exact(self) -> bool:
         """Whether the raw integer nearest to any value of an actuator's range stands for a value in the range."""
-        return tuple(sorted(to_raw(end, *self.scale) for end in self.ends)) == self.raw_bounds
+        scale, (minimum, maximum) = self.scale, self.ends
+        ends = to_raw(minimum, *scale), to_raw(maximum, *scale)
+        return (min(ends), max(ends)) == raw_bounds(minimum, maximum, *scale)
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -129,7 +131,7 @@ class Wire:
             assert isinstance(self.item, Binary)
             before = INVERTED if self.item._inverted else LEVEL
             self.item._inverted = self.inverted
-        return replace(self, calibration=before)
+        return Wire(self.item, self.driver, self.channel, before)
 
 
 class Parameter(NamedTuple):
@@ -244,11 +246,14 @@ class Wired:
         """Every device of the machine."""
         return sorted({device for devices in self.hardware.values() for device in devices})
 
-    def text_of(self, wire: Wire) -> str:
-        """Text of an object's wire: `box:coil:3 inverted`."""
-        drivers = (wire.driver, getattr(wire.driver, "timer", None))  # a timer that is paced stands before its driver
-        name = next((name for name, driver in self.drivers.items() if any(driver is each for each in drivers)), "timer")
-        return f"{name}:{wire.channel.text}{' inverted' * wire.inverted}"
+    def texts_of(self, wires: Iterable[Wire]) -> list[str]:
+        """Text of each wire: `box:coil:3 inverted`."""
+        names = {id(driver): name for name, driver in self.drivers.items()}
+
+        def name_of(driver: Driver) -> str:  # a timer that is paced stands before its driver
+            return names.get(id(driver)) or names.get(id(getattr(driver, "timer", None)), "timer")
+
+        return [f"{name_of(wire.driver)}:{wire.channel.text}{' inverted' * wire.inverted}" for wire in wires]
 
     @property
     def timer_wire(self) -> Wire | None:
