@@ -314,7 +314,7 @@ def test_outputs_that_the_control_process_could_not_reach_are_tried_by_the_guard
         ({"machine": "helpers.process_box:nothing"}, "cannot be imported"),
         ({"machine": "helpers.process_box:OUTPUTS"}, "is not a function"),
         ({"station": "zteta", "machine": None}, "did you mean 'ztheta'"),
-        ({"wiring": {"wire": {}}}, "faults in the wiring"),
+        ({"wiring": {"wire": {}}}, "mistakes in the wiring"),
         ({"options": {"nonsense": 1}}, "--nonsense"),
     ],
 )

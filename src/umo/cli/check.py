@@ -22,8 +22,8 @@ from .station_options import machine_of
 
 
 def check_station(station: Station, wiring: str | None, every: bool = False, arguments: Sequence[str] = ()) -> int:
-    """Print every fault of a wiring, or of every one, or a line on what is wired; then which wirings were not looked
-    at. 2 if there is a fault."""
+    """Print every mistake in a wiring, or of every one, or a line on what is wired; then which wirings were not looked
+    at. 2 if there is one."""
     if every and wiring is not None:
         raise OptionError("give --wiring or --all, not both")
     machine = machine_of(station, arguments)
@@ -60,11 +60,11 @@ def _count(number: int, what: str) -> str:
     return f"{number} {what}{'s' * (number != 1)}"
 
 
-def reported(faults: list[Mistake]) -> int:
-    """Print every fault; how many there are."""
-    for fault in faults:
-        err.print(str(fault), soft_wrap=True)
-    return len(faults)
+def reported(mistakes: list[Mistake]) -> int:
+    """Print every mistake; how many there are."""
+    for mistake in mistakes:
+        err.print(str(mistake), soft_wrap=True)
+    return len(mistakes)
 
 
 def label(*words: tuple[str, str]) -> Text:

@@ -140,8 +140,8 @@ class Axis(Compound, numbers=_numbers):
         duration=lambda axis: Range("s", 0.0, 3600.0),  # here, as a unit needs pint, which is not imported with umo
     )
     async def move_to(self, position: float, *, speed: float = inf, duration: float = 0.0) -> None:
-        """To a position, at most at this speed, in at least `duration` s, jerk-limited. Ends when the encoder has
-        arrived.
+        """Move to a position, jerk-limited, at this speed at most and in `duration` s at least. It ends when the
+        encoder has arrived.
 
         RangeError if the position is outside the encoder's range, BadInput if the encoder is not referenced, AxisError
         if the axis does not arrive, Busy during another motion.
@@ -267,7 +267,7 @@ class Axis(Compound, numbers=_numbers):
         self._shift(self.reading - before)
 
     async def travel(self, position: float, *, speed: float = inf, duration: float = 0.0) -> None:
-        """To a position, also beyond the range; ends when the encoder has arrived. AxisError if it does not."""
+        """Move to a position, also beyond the range. It ends when the encoder has arrived. AxisError if it does not."""
         end = self.now + duration  # after an interruption only what is left of the duration counts
         try:
             self._go(lambda: self.profile.to(position, velocity=self._speed(speed), duration=max(end - self.now, 0.0)))

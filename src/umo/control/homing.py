@@ -20,7 +20,7 @@ class IndexPulse:
     """The circuit loads its counter at the encoder's index pulse, while it is enabled to.
 
     The axis moves in `direction` until the reading jumps to `index`. If it meets the end stop first, it moves back
-    across the index. Either it began beyond the index, or the count was right from an earlier run.
+    across the index: either it began beyond the index, or the count was right already and did not jump.
     """
 
     enable: BinaryActuator[Any]
@@ -51,7 +51,7 @@ class IndexPulse:
         axis.reference()
 
     def _keep_enabled(self) -> bool:
-        """Also after an interlock has reset it. Never true, as the condition of a search."""
+        """Enable the pulse again after an interlock has reset it. False: as a condition it does not end the search."""
         enable = self.enable
         enabled = enable.one if enable.default is enable.zero else enable.zero
         if enable.read() is not enabled:

@@ -32,8 +32,8 @@ COPIED_OBJECTS = 50
 
 
 def wait_busily(wired: Wired, seconds: float) -> None:
-    """From now on the timer of this connected machine, if it runs in real time, wakes its thread so many s before each
-    tick, and warms the caches; 0: at the tick."""
+    """Let the timer of this connected machine, if it runs in real time, wake its thread so many s before each tick and
+    warm the caches; 0: at the tick."""
     ticker = None if wired.timer_wire is None else getattr(bare(wired.timer_wire.driver), "ticker", None)
     if ticker is None:
         return

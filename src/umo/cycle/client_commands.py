@@ -24,8 +24,8 @@ class Mode(IntEnum):
 
 @dataclass(frozen=True)
 class ClientCommand:
-    """One command of a client. `do` is a name of `umo.cycle.client_control.COMMANDS`; which of the others it takes
-    depends on it."""
+    """One command of a client. `do` is a name of `umo.cycle.client_control.COMMANDS`; it decides which of the
+    other fields are used."""
 
     number: int
     who: str = ""
@@ -76,7 +76,7 @@ class Levels(Protocol):
 
     @property
     def stop(self) -> tuple[int, str] | None:
-        """The signal as after which the run is to end, and who asks for it; None: nobody does."""
+        """The stop signal that was requested, and the client that requested it; None: there is no request."""
 
     def signed(self, path: str, lease: int) -> float:
         """The time of the last sign of life of the holder of this lease for what it holds at this path, in s on the

@@ -74,7 +74,7 @@ class _Held:
     slot: int = -1
     """The actuator; -1 for an action."""
     is_running: bool = False
-    """Whether it is a sequence that has not ended: the end of that is told by itself."""
+    """Whether it is a sequence that still runs; the end of a sequence is told as such."""
 
 
 class ClientControl:

@@ -2,9 +2,8 @@
 
     source, range, interlock, expiry, then the image
 
-The object itself checks the range first. The column `restrictions` of the image, which is the command stage's alone,
-says which actuators are to be asked for here; a write to another one goes straight into the image and costs no time.
-The image limits the rate.
+The object itself checks the range first. Only writes to actuators that are marked in the column `restrictions` come
+here; the column belongs to the command stage. All other writes go straight into the image. The image limits the rate.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ class connect(Generic[C]):
     `realtime=True` lets a timer in virtual time keep the pace of the wall clock, `fault="z.encoder stuck at 5 s"` (or a
     list) injects faults (`umo.testing.faults`).
 
-    On entry: check the wiring (WiringError lists every fault); reserve the devices (DeviceHeld names the owner;
+    On entry: check the wiring (WiringError lists every mistake); reserve the devices (DeviceHeld names the owner;
     AcknowledgeRequired if the last run on a device ended unsafely, unless `acknowledge`); open the drivers; initialise
     every object at its default; arm the watchdogs; take one sample. On exit: reset every actuator in stop order,
     then finalise in reverse order. A failure does not stop the other resets; StopError lists by path the actuators

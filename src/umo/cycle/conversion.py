@@ -27,8 +27,8 @@ extension: Any = None
 with suppress(ImportError):
     extension = import_module("umo.cycle._columns")
 ROUNDING = 1.5 * 2.0**52
-"""Number that rounds: one below 2**51 that is added to it becomes a whole number, half to even, which is then the
-difference of the two floats' bits: a fifth of the time of numpy's rint and its conversion to integers."""
+"""Constant that rounds: the sum of it and a float below 2**51 is rounded half to even; the difference of the bits of
+sum and constant is the integer. This takes a fifth of the time of numpy's rint and its conversion to integers."""
 
 
 def convert_inputs(block: Block, columns: Columns, scales: Scales, hidden: Mapping[int, Sequence[int]]) -> None:

@@ -63,7 +63,8 @@ class Phases:
         return UNKNOWN if ticker is None else ticker.woke - ticker.due
 
     def _watched(self, block: Block, number: int, kind: Kind) -> Callable[..., None]:
-        """A block's transfer, timed; the journal says where it stood, or, if it is moved again, what it moved."""
+        """A block's transfer, timed. The first one of a period notes its position in the journal, a repeated one each
+        object that it has moved."""
         ns, transfer, whole, moved = self.ns, block.transfer, self._image.transfer, self._moved
         reads = kind is Kind.READ
 

@@ -25,8 +25,8 @@ UNREAD = -0x7EAD_7EAD_7EAD_7EAD
 that reads exactly this loses the reading: one raw integer of 2**64."""
 
 MAX_DEFAULT_TIMEOUT = 1.0
-"""Default timeout in s at most; a longer one is given in the wiring. The timeouts of a period add up, and a stop and
-the guardian wait for them."""
+"""Upper limit of a default timeout in s; a longer one is given in the wiring. The timeouts of a period add up, and a
+stop and the guardian wait for them."""
 
 
 class Direction(Flag):

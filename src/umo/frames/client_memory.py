@@ -61,7 +61,7 @@ class ClientMemory:
 
     @property
     def stop(self) -> tuple[int, str] | None:
-        """The signal as after which the run is to end, and who asks for it; None: nobody does."""
+        """The stop signal that was requested, and the client that requested it; None: there is no request."""
         word = self.words[STOP >> 3]
         if not word or word ^ STOP_MARK not in SIGNALS:
             return None

@@ -68,7 +68,8 @@ class Compound(Node):
     max_period: The longest sampling period for which `control` is designed, in s or as "2 ms". Default: not limited.
     numbers: The numbers that are no fields, such as those of laws and properties, by the names of the attributes:
         `numbers={"law.gain": Number("V/mm", 0.0, 2.0, tunable=True), "load": Number("N", shown=True)}`, or a function
-        of the object that returns them. They count beside those of the base, and before them.
+        of the object that returns them. Those of the base are kept; for a name in both, those of the
+        subclass count.
 
     A field with a number (or bool, text, Enum) is one that a wiring may set. Unit, range and use are annotated:
 

@@ -156,7 +156,8 @@ def status_of(failure: BaseException) -> int:
 
 
 def message_of(failure: BaseException) -> str:
-    """What, when and where, in one line; in a second one what else failed. The faults of a wiring have a line each."""
+    """What, when and where, in one line; in a second one what else failed. The mistakes in a wiring have a line
+    each."""
     if isinstance(failure, StopError) and failure.__cause__ is not None:
         return "\n".join([message_of(failure.__cause__).partition("\n")[0], in_a_line(str_of(failure))])
     text = str_of(failure)

@@ -70,7 +70,7 @@ def start(
     file, or its contents. `options` are passed to the application and the drivers, as on the command
     line. `acknowledge` starts a machine whose last run ended unsafely. `manual`: in manual mode, in which the
     application waits (`umo.attach`). Linux only (DriverError elsewhere). What the other process finds, such as an
-    option that nobody takes or a fault of the wiring, is raised by `wait`, as RunFailed.
+    option that nobody takes or a mistake in the wiring, is raised by `wait`, as RunFailed.
     """
     if callable(station):
         machine, script = reference(station)

@@ -123,6 +123,7 @@ class _Binding:
             if amount < 0:
                 raise DeclarationError(f"a standard deviation is not negative: {self.given!r}")
             return Effect(**about, change=lambda raw, since, random: shift(raw, random.gauss(0.0, amount)))
+        assert kind == "drift", kind
         return Effect(**about, change=lambda raw, since, random: shift(raw, amount * since))
 
     # Amounts -------------------------------------------------------------------------------------------

@@ -22,7 +22,7 @@ def arguments_for(function: Callable[..., Any], taker: str, given: Mapping[str, 
         return {}
     from pydantic import ValidationError
 
-    from umo.wiring.schema import faults_of, options_of
+    from umo.wiring.schema import mistakes_of, options_of
 
     checked = {
         name: each if is_converted(each.annotation) else each.replace(annotation=Any) for name, each in accepted.items()
@@ -30,7 +30,7 @@ def arguments_for(function: Callable[..., Any], taker: str, given: Mapping[str, 
     try:
         return options_of(taker, checked, {name: given[name] for name in accepted})
     except ValidationError as error:
-        name, message = next(faults_of(error, list(accepted)))
+        name, message = next(mistakes_of(error, list(accepted)))
         raise OptionError(f"{flag(name)}: {message}") from None
 
 

@@ -96,16 +96,16 @@ def _allotted(
     return allotted
 
 
-def collapsed(faults: Iterable[Mistake], origin: Mapping[str, str]) -> list[Mistake]:
+def collapsed(mistakes: Iterable[Mistake], origin: Mapping[str, str]) -> list[Mistake]:
     """Faults of entries that a pattern has made, under the key of the pattern: one for all that say the same."""
     grouped: dict[tuple[str, str], list[Mistake]] = {}
-    for fault in faults:
-        found = re.fullmatch(r'wire\."(.*)"(.*)', fault.key)  # such as `wire."z.motor".channel`
+    for mistake in mistakes:
+        found = re.fullmatch(r'wire\."(.*)"(.*)', mistake.key)  # such as `wire."z.motor".channel`
         path, rest = found.groups() if found else ("", "")
         if path in origin:
-            fault = Mistake(fault.file, f'wire."{origin[path]}"{rest}', f"{path}: {fault.message}")
-        alike = re.sub(r"\d+", "0", fault.message) if path in origin else f"{fault.message} {len(grouped)}"
-        grouped.setdefault((fault.key, alike), []).append(fault)
+            mistake = Mistake(mistake.file, f'wire."{origin[path]}"{rest}', f"{path}: {mistake.message}")
+        alike = re.sub(r"\d+", "0", mistake.message) if path in origin else f"{mistake.message} {len(grouped)}"
+        grouped.setdefault((mistake.key, alike), []).append(mistake)
     firsts = [(group[0], len(group) - 1) for group in grouped.values()]
     return [Mistake(first.file, first.key, counted(first.message, more)) for first, more in firsts]
 

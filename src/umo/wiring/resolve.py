@@ -46,7 +46,7 @@ from umo.wiring.fault_binding import inject
 from umo.wiring.linearized import from_table
 from umo.wiring.patterns import collapsed, counted, expand, expand_parameters
 from umo.wiring.process_table import process_of
-from umo.wiring.resolved import INVERTED, LEVEL, Parameter, Wire, Wired, fault_of_parameters
+from umo.wiring.resolved import INVERTED, LEVEL, Parameter, Wire, Wired, mistake_of_parameters
 from umo.wiring.run_options import FAULT, FAULT_SEED, REALTIME, RESERVED, WIRING_OPTIONS
 from umo.wiring.source import SECTIONS, WiringSource, read
 
@@ -59,26 +59,26 @@ FAULT_OPTION = "--fault "
 
 
 def check(root: Compound, wiring: Path | str | Mapping[str, Any] | None = None) -> list[Mistake]:
-    """Every fault of the wiring; empty if it fits the machine. Nothing is opened. Its parameters are tried on the
+    """Every mistake in the wiring; empty if it fits the machine. Nothing is opened. Its parameters are tried on the
     machine, which calls `setup`, and taken back."""
     resolver = _Resolver(root, wiring, {})
-    wired, faults = resolver.run()
-    if not faults and (text := fault_of_parameters(root, wired.parameters)):
+    wired, mistakes = resolver.run()
+    if not mistakes and (text := mistake_of_parameters(root, wired.parameters)):
         return [Mistake(resolver.source.file, "parameters", text)]
-    return list(faults)
+    return mistakes
 
 
 def resolve(
     root: Compound, wiring: Path | str | Mapping[str, Any] | None, options: Mapping[str, Any] | None = None
 ) -> Wired:
-    """The wiring checked and put together; WiringError lists every fault. Nothing is opened. `options`: those that its
-    drivers take (`umo.wiring.run_options.distribute_options`)."""
-    found, faults = _Resolver(root, wiring, options or {}).run()
-    if faults:
-        wired = any(not each.file.startswith(FAULT_OPTION) for each in faults)
-        what, where = ("fault", "in the wiring") if wired else ("mistake", f"in {FAULT_OPTION.strip()}")
-        raise WiringError(f"{len(faults)} {what}{'s' * (len(faults) > 1)} {where}", faults)
-    return found
+    """The wiring checked and put together; WiringError lists every mistake. Nothing is opened. `options`: those that
+    its drivers take (`umo.wiring.run_options.distribute_options`)."""
+    wired, mistakes = _Resolver(root, wiring, options or {}).run()
+    if mistakes:
+        in_wiring = any(not each.file.startswith(FAULT_OPTION) for each in mistakes)
+        where = "the wiring" if in_wiring else FAULT_OPTION.strip()
+        raise WiringError(f"{len(mistakes)} mistake{'s' * (len(mistakes) > 1)} in {where}", mistakes)
+    return wired
 
 
 class _Resolver:
@@ -150,7 +150,7 @@ class _Resolver:
     def _make_driver(self, name: str, table: dict[str, Any]) -> Driver | None:
         from pydantic import ValidationError
 
-        from umo.wiring.schema import arguments_of, faults_of
+        from umo.wiring.schema import arguments_of, mistakes_of
 
         declared = name in self.source.drivers
         given = {key: value for key, value in table.items() if key not in RESERVED}
@@ -176,7 +176,7 @@ class _Resolver:
             signature = signature_of(cls)
             return cls(**arguments_of(cls, signature, given, self.source.file, self.options))
         except ValidationError as error:
-            for key, message in faults_of(error, [*signature, *RESERVED], signature):
+            for key, message in mistakes_of(error, [*signature, *RESERVED], signature):
                 self.source.mistake(f"drivers.{name}.{key}", message)
         except (Exception, SystemExit) as error:  # of the driver's constructor
             self.source.mistake(f"drivers.{name}", text_of(error))

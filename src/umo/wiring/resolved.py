@@ -174,7 +174,7 @@ def apply_parameters(
         raise DeclarationError(f"the wiring's parameter {error}") from None
 
 
-def fault_of_parameters(root: Compound, parameters: list[Parameter]) -> str:
+def mistake_of_parameters(root: Compound, parameters: list[Parameter]) -> str:
     """Fault that the machine finds in them, tried on it without devices; "" if it accepts all, or is connected."""
     restore: list[Callable[[], object]] = []
     before = root._parametrised
@@ -205,8 +205,8 @@ class ProcessSettings:
     """Time in s without a finished period after which the process counts as hanging. Default: 20 periods, at least
     0.1 s, and above the sum of the timeouts of one period."""
     reset_for: float = 10.0
-    """Time in s for which the guardian retries to reach a device that does not answer. Then it tries once, for as long
-    at most, what it has not tried."""
+    """Time in s for which the guardian retries to reach a device that does not answer. Then it tries once the actuators
+    that it has not tried yet, for as long at most."""
     priority: int = 80
     """Priority of the control process under SCHED_FIFO, 1 to 98. The guardian runs at one above."""
     cpu: int | None = None

@@ -101,7 +101,7 @@ def arguments_of(
     return {key: value if key in own else beside(value) for key, value in options.items()}
 
 
-def faults_of(
+def mistakes_of(
     error: ValidationError, known: list[str], types: Mapping[str, inspect.Parameter] | None = None
 ) -> Iterator[tuple[str, str]]:
     """(key, message) for each key that is wrong; with dots where it is in a table within (`types`: of the options)."""

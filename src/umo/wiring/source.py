@@ -1,4 +1,4 @@
-"""Reading a wiring: TOML to flat entries by object path, every fault with its file and key."""
+"""Reading a wiring: TOML to flat entries by object path, every mistake with its file and key."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ def _absolute(source: WiringSource, name: str, kind: str | Driver) -> str | Driv
 def _read_entry(source: WiringSource, path: str, table: Any) -> None:
     from pydantic import ValidationError
 
-    from umo.wiring.schema import Entry, faults_of
+    from umo.wiring.schema import Entry, mistakes_of
 
     key = f'wire."{path}"'
     if not isinstance(table, Mapping):
@@ -172,7 +172,7 @@ def _read_entry(source: WiringSource, path: str, table: Any) -> None:
         source.entries[path] = Entry.model_validate(dict(table))
     except ValidationError as error:
         source.refused.add(path)
-        for name, message in faults_of(error, list(Entry.model_fields)):
+        for name, message in mistakes_of(error, list(Entry.model_fields)):
             source.mistake(f"{key}.{name}", message)
 
 
