@@ -1,7 +1,7 @@
 """The transfer stage: every call of a driver is made here, for the image and for the guardian.
 
-What every call needs is here once: timing of the phases of a period, the journal, mapping exceptions to the objects
-concerned, and the list of drivers that do not answer.
+What every call needs is here once: the journal, mapping exceptions to the objects concerned, and the list of drivers
+that do not answer.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The cores of the computer, shared out among the control processes that run on it: each takes the one with the fewest
 others.
 
-A place on a core is taken by an abstract Unix socket of its name, as devices are held (`hold`): atomic, for every user
+A place on a core is taken by an abstract Unix socket of its name, as devices are held (`device_lock`): atomic, for every user
 of the computer, and given back by the kernel at the latest when the last process that has it ends.
 """
 

@@ -210,7 +210,8 @@ class ProcessSettings:
     priority: int = 80
     """Priority of the control process under SCHED_FIFO, 1 to 98. The guardian runs at one above."""
     cpu: int | None = None
-    """The core of the control process. None: an isolated core or the last one, if SCHED_FIFO is permitted."""
+    """The core of the control process. None: if SCHED_FIFO is permitted, one that no other station has, isolated cores
+    first, then the last."""
     busy_wait: float | None = None
     """Time in s before each tick of a timer in real time (timerfd, `--realtime`) from which the control process waits
     busily (spins); 0: it sleeps until the tick. None: 200 us, at most half of the period, if SCHED_FIFO and a core were
