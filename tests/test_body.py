@@ -16,8 +16,8 @@ from helpers.conversions import BUILT, choose
 from helpers.machines import sensor
 from umo import Compound, DigitalSensor, connect
 from umo.cycle.image import Image
-from umo.frames.body import BODY, writer
 from umo.frames.layout import SELDOM, Layout
+from umo.frames.ring import BODY, writer
 
 WHOLE = st.integers(-(2**63), 2**63 - 1)
 REAL = st.floats()

@@ -22,8 +22,7 @@ from umo.cli.values import state
 from umo.process.start import LINUX
 from umo.remote import HeldLease
 from umo.remote.search import readers
-from umo.system.device_claim import DeviceClaim
-from umo.system.device_record import all_standing
+from umo.system.device_record import DeviceClaim, all_standing
 
 pytestmark = pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from umo.errors import FramesError
-from umo.frames.folder import folder
+from umo.frames.frame_server import folder
 from umo.latency import blackbox
 from umo.system import folders
 
@@ -158,7 +158,7 @@ def test_a_link_to_another_users_file_does_not_hide_whose_it_is(tmp_path: Path) 
 @needs_root
 def test_another_users_folder_of_frames_does_not_refuse_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("UMO_FRAMES")
-    monkeypatch.setattr("umo.frames.folder.SHARED_MEMORY", tmp_path)
+    monkeypatch.setattr("umo.frames.frame_server.SHARED_MEMORY", tmp_path)
     theirs = given_away(tmp_path / f"umo-{os.getuid()}")
     path = folder()
     assert path.parent == tmp_path
@@ -168,7 +168,7 @@ def test_another_users_folder_of_frames_does_not_refuse_ours(tmp_path: Path, mon
 
 def test_without_shared_memory_frames_lie_with_temporary_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("UMO_FRAMES")
-    monkeypatch.setattr("umo.frames.folder.SHARED_MEMORY", tmp_path / "nowhere")
+    monkeypatch.setattr("umo.frames.frame_server.SHARED_MEMORY", tmp_path / "nowhere")
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert folder().parent == tmp_path
 

@@ -21,7 +21,7 @@ from umo.cycle.journal import Journal, Kind
 from umo.cycle.phases import Phases
 from umo.errors import DriverError, FramesError
 from umo.frames import Reader, Ring, Stage, rings
-from umo.frames.folder import folder
+from umo.frames.frame_server import folder
 from umo.frames.layout import Layout, describe_objects
 from umo.frames.memory import RunDescriptors
 from umo.states import OnOff

@@ -21,8 +21,7 @@ from helpers.waiting import until
 from umo import connect, published
 from umo.errors import FramesError
 from umo.frames import Reader, Stage, rings
-from umo.frames.folder import folder, new_path
-from umo.frames.frame_server import MAX_WAITING, FrameServer, is_served, receive
+from umo.frames.frame_server import MAX_WAITING, FrameServer, folder, is_served, new_path, receive
 from umo.frames.memory import RunDescriptors
 from umo.testing import Scripted, VirtualTimer, periods
 

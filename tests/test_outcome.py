@@ -13,12 +13,12 @@ from rich.console import Console
 
 from helpers.machines import Bench, actuator, bench, sensor, timer, wired
 from umo import Compound, DigitalActuator, DigitalSensor, connect, run
-from umo.cli.run_summary import RunSummary
+from umo.cli.run_folder import RunSummary
 from umo.control import until, wait
 from umo.cycle.trace import Statistics
 from umo.errors import DeclarationError, DriverError, Failure, Mistake, RangeError, StateError, StopError, WiringError
 from umo.objects import find
-from umo.process.outcome import Failed, message_of
+from umo.process.outcome import Failed, Outcome, message_of
 from umo.testing import Scripted, periods
 
 HERE = r"\S*test_outcome\.py:\d+"
@@ -175,3 +175,11 @@ def test_the_table_of_a_run_points_at_umo_why_where_periods_were_missed() -> Non
         console = Console(width=80, record=True, file=StringIO())
         console.print(RunSummary(statistics).table("umo run"))
         assert f"{hint} " in console.export_text()
+
+
+def test_the_table_of_a_run_shows_times_as_everything_else_does() -> None:
+    console = Console(width=80, record=True, file=StringIO())
+    statistics = Statistics()
+    statistics.periods = 3
+    console.print(RunSummary(statistics, Outcome(simulated=0.004), elapsed=0.000_25).table("umo run"))
+    assert "4 ms in 250 µs, 16 x real time" in console.export_text()

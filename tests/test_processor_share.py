@@ -16,12 +16,11 @@ import pytest
 from helpers import process_box
 from helpers.process_box import Cells
 from helpers.runs import Run
-from umo.process import processor_share as share_module
-from umo.process.hang_detection import LOOK_INTERVAL
+from umo.process import hang_detection as share_module
+from umo.process.hang_detection import LOOK_INTERVAL, OVERLONG, ProcessorShare
 from umo.process.outcome import Outcome
-from umo.process.processor_share import OVERLONG, ProcessorShare
-from umo.system import cores, processes
-from umo.system.cores import CorePlace
+from umo.system import processes, realtime
+from umo.system.realtime import CorePlace
 
 
 def may_use_fifo() -> bool:
@@ -43,9 +42,9 @@ needs_fifo = pytest.mark.skipif(not may_use_fifo(), reason="needs SCHED_FIFO and
 @pytest.fixture
 def place(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Callable[..., CorePlace]]:
     """Takes places of this test alone, on three cores: other stations run on this computer."""
-    monkeypatch.setattr(cores, "SOCKET_NAME", f"umo test {tmp_path}"[-60:])
-    monkeypatch.setattr(cores, "isolated_cores", list)
-    monkeypatch.setattr(cores.os, "sched_getaffinity", lambda pid: {0, 1, 2})
+    monkeypatch.setattr(realtime, "CORE_SOCKET_NAME", f"umo test {tmp_path}"[-60:])
+    monkeypatch.setattr(realtime, "isolated_cores", list)
+    monkeypatch.setattr(realtime.os, "sched_getaffinity", lambda pid: {0, 1, 2})
     taken: list[CorePlace] = []
 
     def take(cpu: int | None = None) -> CorePlace:
@@ -66,15 +65,15 @@ def test_each_station_takes_the_core_with_the_fewest_others_the_last_one_first(p
 
 
 def test_an_isolated_core_is_taken_first(place, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cores, "isolated_cores", lambda: [1])
+    monkeypatch.setattr(realtime, "isolated_cores", lambda: [1])
     assert [place().core for _ in range(2)] == [1, 2]
 
 
 def test_where_there_is_one_core_or_no_place_no_core_is_kept(place, monkeypatch: pytest.MonkeyPatch) -> None:
-    for _ in range(3 * cores.MAX_PLACES):
+    for _ in range(3 * realtime.MAX_PLACES):
         assert place().core is not None
     assert place().core is None
-    monkeypatch.setattr(cores.os, "sched_getaffinity", lambda pid: {0})
+    monkeypatch.setattr(realtime.os, "sched_getaffinity", lambda pid: {0})
     assert place().core is None
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from umo.system import realtime
+from umo.system.processes import user_name
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time needs Linux")
 
@@ -136,3 +137,12 @@ def test_a_run_without_privileges_ends_as_well(tmp_path: Path) -> None:
         command, capture_output=True, text=True, check=False, env=environment, preexec_fn=ordinary, timeout=60
     )
     assert done.stdout == "2 driven 0\n", done.stderr
+
+
+def test_a_user_without_a_name_and_without_a_number_has_a_word(monkeypatch: pytest.MonkeyPatch) -> None:
+    def unknown() -> str:
+        raise ImportError("pwd")
+
+    monkeypatch.setattr("getpass.getuser", unknown)
+    monkeypatch.delattr("os.getuid")
+    assert user_name() == "a user"

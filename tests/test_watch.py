@@ -20,15 +20,13 @@ from helpers.machines import Bench, actuator, bench, relay, sensor, switch, time
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Interlock, connect, published
 from umo.cli.app import app
 from umo.cli.follow import _name_other_runs
-from umo.cli.keys import parse, pressed
 from umo.cli.ps import attach, how_ended
 from umo.cli.traces import Traces, spark, traced_span
-from umo.cli.watch import WatchScreen
+from umo.cli.watch import WatchScreen, parse, pressed
 from umo.errors import FramesError, PathError
 from umo.page.watched import Watched
 from umo.presentation.durations import lasting
-from umo.presentation.families import folded
-from umo.presentation.rows import quality_of, value_of
+from umo.presentation.rows import folded, quality_of, value_of
 from umo.states import OnOff
 from umo.system.device_record import DeviceRecord
 from umo.testing import Scripted, VirtualTimer, periods

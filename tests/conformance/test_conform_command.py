@@ -22,8 +22,8 @@ from helpers.tiers import first
 from umo.cli import conform as conform_command
 from umo.errors import AcknowledgeRequired
 from umo.process.station import StationError
-from umo.system.device_claim import DeviceClaim
 from umo.system.device_lock import DeviceLock
+from umo.system.device_record import DeviceClaim
 from umo.testing.conformance import Certificate, PtyTap, leak_rules, long_run
 
 Umo = Callable[..., Result]

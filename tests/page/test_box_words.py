@@ -6,7 +6,7 @@ import time
 
 from umo.frames import Reader, rings
 from umo.latency import blackbox
-from umo.page.box_words import BoxInWords, newest_box
+from umo.page.ending import BoxInWords, newest_box
 
 from .conftest import running
 

@@ -18,8 +18,7 @@ from umo import connect, published
 from umo.cycle.events import CommandState, Event
 from umo.cycle.stopping import TimeLimit
 from umo.frames import Reader, rings
-from umo.page.box_words import BoxInWords
-from umo.page.ending import UNKNOWN_END, Ending, ending_of
+from umo.page.ending import UNKNOWN_END, BoxInWords, Ending, ending_of
 from umo.page.feed import Feed
 from umo.page.watched import Watched
 from umo.system.device_record import DeviceRecord

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import threading
+import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from http.client import HTTPException
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -15,14 +18,12 @@ from websockets.exceptions import ConnectionClosed
 
 from umo.errors import FramesError
 from umo.frames import Reader
-from umo.frames.client_memory import size_of
-from umo.frames.folder import folder
-from umo.frames.frame_server import FrameServer
+from umo.frames.frame_server import FrameServer, folder
 from umo.frames.layout import Layout, arrange
-from umo.frames.memory import RunDescriptors, fill
+from umo.frames.memory import RunDescriptors, fill, size_of
 from umo.objects import Quality
 from umo.page import feed
-from umo.page.box_words import BoxInWords
+from umo.page.ending import BoxInWords
 from umo.page.feed import Feed
 from umo.page.live import Subscription
 from umo.page.page_client import PageClient
@@ -400,7 +401,7 @@ def test_a_ring_that_could_not_be_opened_for_a_moment_is_shown_later(monkeypatch
     monkeypatch.setattr(feed, "RETRY_PAUSE", 0.0)
     with running(), monkeypatch.context() as patch:
         looking = Feed()
-        patch.setattr("umo.page.watched.Reader", full)
+        patch.setattr("umo.page.feed.Reader", full)
         search(looking)
         assert looking.watched == {}
         patch.undo()
@@ -421,3 +422,33 @@ def test_the_server_ends_with_its_feed_and_tells_why(monkeypatch: pytest.MonkeyP
         thread.join(PATIENCE)
         assert not thread.is_alive()
     assert isinstance(serving.failure, ZeroDivisionError)
+
+
+def test_an_end_while_a_twin_loads_is_no_error_of_the_server(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, go_on, told = threading.Event(), threading.Event(), list[str]()
+
+    def slow(layout: Layout) -> None:
+        asked.set()
+        go_on.wait(PATIENCE)
+
+    class Told(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            told.append(record.getMessage())
+
+    monkeypatch.setattr("umo.page.server.described_twin", slow)
+    monkeypatch.setattr("umo.page.server.GRACE_TIME", 0)
+    with running(), serving() as served:
+        monkeypatch.setattr(logging.getLogger("uvicorn.error"), "handlers", [Told()])
+        with opened(served.socket) as client:
+            client.get("description")
+
+        def load() -> None:
+            with suppress(OSError, HTTPException):  # the server has ended
+                urllib.request.urlopen(served.url.replace("/?", "/twin/press?")).close()
+            go_on.set()
+
+        loading = Thread(target=load)
+        loading.start()
+        assert asked.wait(PATIENCE)
+    loading.join()
+    assert told == []

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 import umo.page as umo_page
-from umo.presentation.in_words import as_shown
-from umo.presentation.qualities import SIGNS, WORDS
+from umo.presentation.in_words import SIGNS, WORDS, as_shown
 from umo.process.station import find
 from umo.twin.declared import declared_by
 

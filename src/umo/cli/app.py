@@ -78,7 +78,7 @@ def run(
     from umo.process.job import Job
     from umo.process.station import find
 
-    from .run import Recording, run_station
+    from .run import run_station
     from .station_options import parse
     from .values import duration
 
@@ -86,11 +86,10 @@ def run(
     options |= {"realtime": True} if realtime or manual else {}
     end = None if until is None else duration("--until", until)
     job = Job(name, wiring=wiring, options=options, acknowledge=acknowledge, manual=manual, until=end)
-    return run_station(job, Recording(not no_record, not no_plot, summary), full_traceback=full_traceback)
+    return run_station(job, record=not no_record, plot=not no_plot, summary=summary, full_traceback=full_traceback)
 
 
 def _injected(faults: list[str] | None, seed: int | None) -> dict[str, Any]:
-    """The options of a run for the faults to inject."""
     return ({"fault": faults} if faults else {}) | ({} if seed is None else {"fault_seed": seed})
 
 

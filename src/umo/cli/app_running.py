@@ -26,7 +26,7 @@ def ps(as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False
 
 @command(
     epilog="Examples: umo watch  |  umo watch z gripper.vacuum  |  umo watch 'zones.*.temperature'  |  "
-    "umo watch ztheta z.encoder --seconds 10",
+    "umo watch ztheta z.encoder --seconds 10"
 )
 def watch(
     words: Annotated[
@@ -100,9 +100,7 @@ def view(
     show(ViewOptions(station, host, port, token, open_, operate, certificate, key))
 
 
-@command(
-    epilog="Examples: umo mode ztheta  |  umo mode ztheta manual  |  umo mode ztheta automatic --take",
-)
+@command(epilog="Examples: umo mode ztheta  |  umo mode ztheta manual  |  umo mode ztheta automatic --take")
 def mode(
     station: Running,
     wanted: Annotated[str | None, typer.Argument(metavar="[automatic|manual]", help="The new mode.")] = None,
@@ -145,9 +143,7 @@ def call(
     return work(station, action, arguments or [], take, hold)
 
 
-@command(
-    epilog="Examples: umo tune ztheta  |  umo tune ztheta z.servo.gain  |  umo tune ztheta z.servo.gain 0.004",
-)
+@command(epilog="Examples: umo tune ztheta  |  umo tune ztheta z.servo.gain  |  umo tune ztheta z.servo.gain 0.004")
 def tune(
     station: Running,
     path: Annotated[str | None, typer.Argument(metavar="[PATH]", help="Such as z.servo.gain.")] = None,
@@ -191,9 +187,7 @@ def stop(station: Running) -> None:
     work(station)
 
 
-@command(
-    epilog="Examples: umo why  |  umo why ztheta  |  umo why ztheta --now  |  umo why --file kept.box",
-)
+@command(epilog="Examples: umo why  |  umo why ztheta  |  umo why ztheta --now  |  umo why --file kept.box")
 def why(
     station: Annotated[
         str | None, typer.Argument(metavar="[STATION]", help="Name of a station; default: all stations.")

@@ -219,9 +219,7 @@ def conform(
 
 
 @command_of_new(epilog="Examples: umo new my-machine && umo run my-machine")
-def new(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="A new or empty folder.")],
-) -> None:
+def new(directory: Annotated[Path, typer.Argument(metavar="DIR", help="A new or empty folder.")]) -> None:
     """Create a small working station with tests."""
     from .new import make_station
 

@@ -22,8 +22,7 @@ from .station_options import machine_of
 
 
 def check_station(station: Station, wiring: str | None, every: bool = False, arguments: Sequence[str] = ()) -> int:
-    """Print every mistake in a wiring, or of every one, or a line on what is wired; then which wirings were not looked
-    at. 2 if there is one."""
+    """Print every mistake in a wiring or in all, or what is wired, and which were not looked at. 2 for one."""
     if every and wiring is not None:
         raise OptionError("give --wiring or --all, not both")
     machine = machine_of(station, arguments)

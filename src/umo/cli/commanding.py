@@ -17,13 +17,12 @@ from umo.errors import CommandRefused, FramesError, LeaseHeld, PathError, RangeE
 from umo.frames import Reader
 from umo.objects.description import converted
 from umo.presentation.digits import number_text, setting_text
-from umo.presentation.in_words import span
+from umo.presentation.in_words import shown_unit, span
 from umo.presentation.rows import quality_of, sentence_of, value_of
-from umo.presentation.unit_text import shown_unit
 from umo.remote import HeldLease, RemoteStation
 from umo.remote.members import RemoteObject, call_action
 from umo.remote.search import meant_by
-from umo.system.device_claim import DeviceClaim
+from umo.system.device_record import DeviceClaim
 from umo.system.processes import user_name
 from umo.text import did_you_mean, printable, some
 
@@ -57,7 +56,6 @@ def leased(station: RemoteStation, over: bool) -> Iterator[HeldLease]:
 
 
 def mode(name: str, wanted: str | None, over: bool) -> None:
-    """Show the mode and who has the lease; or change the mode."""
     with station_of(name) as station:
         if wanted is not None:
             with leased(station, over):
@@ -68,8 +66,7 @@ def mode(name: str, wanted: str | None, over: bool) -> None:
 
 
 def acknowledge(name: str, path: str, over: bool) -> None:
-    """Acknowledge latched interlocks of a station that runs; else how its last run, or the last one on a device of this
-    name, has ended."""
+    """Acknowledge latched interlocks of a station that runs; else the end of its last run, or of the device's."""
     try:
         reader = attach(name)
     except FramesError:
@@ -92,7 +89,6 @@ def acknowledge(name: str, path: str, over: bool) -> None:
 
 
 def stop(name: str) -> None:
-    """Ask a run to end safely, and wait until it has."""
     with station_of(name) as station:
         station.stop(f"{user_name()}, umo stop (pid {os.getpid()})")
         while station.running:
@@ -132,8 +128,7 @@ def call(name: str, path: str | None, words: list[str], over: bool, hold: float 
 
 
 def _called(station: RemoteStation, action: dict[str, Any], given: dict[str, Any]) -> Any:
-    """Call an action; its result. Progress is shown if the action tells some: what the machine said before is none of
-    it."""
+    """Call an action; its result. Progress is shown if it tells some: what was said before is none of it."""
     with OneLine(err) as line:
         began, before = time.monotonic(), station.progress
 
@@ -197,7 +192,6 @@ def _described(about: dict[str, Any]) -> str:
 
 
 def tune(name: str, path: str | None, text: str | None, over: bool) -> None:
-    """List the tunable numbers of a station, show one, or change it."""
     with station_of(name) as station:
         known = {entry["path"]: entry for entry in station.reader.layout.tunables}
         now = station.reader.tunables()

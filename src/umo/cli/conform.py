@@ -24,7 +24,7 @@ from umo.objects.units import convert
 from umo.presentation.in_words import span
 from umo.process.station import Station, StationError, find
 from umo.signature import signature_of
-from umo.system.device_claim import DeviceClaim
+from umo.system.device_record import DeviceClaim
 from umo.system.packages import station_of
 from umo.testing.conformance import Certificate, Input, Output, PtyTap, Subject, Tap, TcpTap, all_rules, conform
 from umo.testing.conformance.process_snapshot import State, state
@@ -34,7 +34,7 @@ from umo.wiring.run_options import maker_of
 
 from .console import err, out, say
 from .progress_line import OneLine
-from .signals import handling, interrupt_once
+from .shared import handling, interrupt_once
 from .station_options import machine_of
 from .values import check_file
 
@@ -112,7 +112,6 @@ def _station(target: str, wiring: str | None) -> tuple[Station, str | None]:
 
 
 def _driver(wired: Wired, given: str | None) -> str:
-    """The name of the driver to test."""
     names = ", ".join(wired.drivers)
     if given is not None:
         if given not in wired.drivers:

@@ -43,7 +43,8 @@ def show_drivers() -> None:
             tree.add(label((known, "bold"), (str(error), "red")))
             continue
         branch = tree.add(label((known, "bold"), (_doc(cls).partition("\n")[0], "")))
-        brief = [_brief(each) for each in parameters_of(cls).values()]
+        options = parameters_of(cls).values()
+        brief = [each.name if each.default is each.empty else f"{each.name} = {each.default!r}" for each in options]
         branch.add(Text(f"options: {', '.join([*brief, *_of_all(cls)])}"))
         if forms := _forms(cls, {}):
             branch.add(Text(f"channels: {forms}"))
@@ -92,18 +93,11 @@ def _of_all(cls: type[Driver]) -> dict[str, tuple[str, str]]:
     return {key: value for key, value in COMMON_OPTIONS.items() if key != "watchdog" or has_watchdog}
 
 
-def _brief(parameter: inspect.Parameter) -> str:
-    return parameter.name if parameter.default is parameter.empty else f"{parameter.name} = {parameter.default!r}"
-
-
 def _written(parameter: inspect.Parameter) -> str:
     """`host: str = '127.0.0.1'`, as in the source; `model: Path (required)`."""
     kind = parameter.annotation
-    name = (
-        parameter.name
-        if kind is parameter.empty
-        else f"{parameter.name}: {_MODULES.sub('', inspect.formatannotation(kind))}"
-    )
+    written = "" if kind is parameter.empty else f": {_MODULES.sub('', inspect.formatannotation(kind))}"
+    name = f"{parameter.name}{written}"
     return f"{name} (required)" if parameter.default is parameter.empty else f"{name} = {parameter.default!r}"
 
 

@@ -18,7 +18,7 @@ from umo.process.outcome import Outcome
 
 from .console import say
 from .ps import readers
-from .signals import handling
+from .shared import handling
 
 POLL_TIMEOUT = 0.05
 """s between two looks at the frames."""
@@ -27,26 +27,19 @@ POLL_TIMEOUT = 0.05
 class RingFrame:
     """A frame read from a ring, as observers see the live one (`umo.Frame`)."""
 
+    time = 0.0
+    progress = Progress()
+    whole = True
+    """Whether the observers have seen the run to its end."""
+
     def __init__(self, machine: Compound) -> None:
         self._machine = machine
-        self.items: list[Atomic] = []
-        self.number = self.missed = 0
-        self.time = self.execution = 0.0
-        self.values: Any = ()
-        self.quality: Any = ()
-        self.whole = True
-        """Whether the observers have seen the run to its end."""
-        self.progress = Progress()
-        self.signals: list[Signal] = []
-        self.signal_values: Any = ()
 
     def order(self, reader: Reader) -> None:
-        """Take the objects in the order of this ring."""
         known = {item.path: item for item in atoms(self._machine)}
-        self.items = [known[path] for path in reader.paths]
-        self.signals = [
-            Signal(each["path"], each["unit"], None, each["path"].rpartition(".")[2]) for each in reader.layout.signals
-        ]
+        self.items: list[Atomic] = [known[path] for path in reader.paths]
+        entries = reader.layout.signals
+        self.signals = [Signal(each["path"], each["unit"], None, each["path"].rpartition(".")[2]) for each in entries]
 
     def show(self, row: Any) -> None:
         self.number, self.missed = int(row["number"]), int(row["missed"])
@@ -85,8 +78,7 @@ def follow(job: Job, frame: RingFrame, observers: list[Callable[[Any], None]]) -
 
 
 def _show(frames: Reader, frame: RingFrame, observers: list[Callable[[Any], None]]) -> None:
-    """Show the new frames to the observers, until what stands in them makes no sense or an observer fails: the machine
-    runs on, and the record is not complete."""
+    """Show the new frames until they make no sense or an observer fails: the machine runs on, the record has a gap."""
     try:
         for row in frames.read():
             frame.show(row)

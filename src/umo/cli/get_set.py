@@ -39,8 +39,7 @@ UNTIMED_PAUSE = 0.01
 
 
 def get_values(name: str, wiring: str | None, paths: list[str], unit: str | None, acknowledge: bool = False) -> None:
-    """Print each object's value, unit and quality: of a station that runs from its frames, else connected. Options of
-    the machine may be among the paths."""
+    """Print values, units, qualities: from a run's frames, else connected. Paths may hold options of the machine."""
     if (running := _running(name, wiring, paths)) is not None:
         get_running(running, paths, unit)
         return

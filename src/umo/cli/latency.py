@@ -29,7 +29,6 @@ BAR_WIDTH = 30
 
 
 def latency(period: str, seconds: float, load: bool, file: Path | None) -> None:
-    """Measure, show, judge."""
     step = seconds_of(period)
     if not MIN_PERIOD <= step <= MAX_PERIOD:
         raise RangeError(f"--period {period}: umo latency measures periods from 50 us to 1 s")

@@ -37,10 +37,7 @@ def make_station(directory: Path) -> None:
     except OSError as error:
         raise StationError(f"{directory} cannot be written: {error}") from error
     out.print(
-        f"{directory} is a station. Try:  umo run {directory}   umo tree {directory}   pytest {directory}",
-        soft_wrap=True,
-    )
-    out.print(
+        f"{directory} is a station. Try:  umo run {directory}   umo tree {directory}   pytest {directory}\n"
         f"By hand:  umo run {directory} --manual   and in another terminal  umo call {directory} fill target=200mm",
         soft_wrap=True,
     )

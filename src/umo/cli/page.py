@@ -13,7 +13,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from umo.errors import FramesError
-from umo.frames.folder import folder
+from umo.frames.frame_server import folder
 from umo.process.station import StationError, find, shipped
 from umo.remote.search import meant_by, several_runs, station_name
 from umo.system.folders import written

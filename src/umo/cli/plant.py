@@ -15,7 +15,7 @@ from umo.wiring import distribute_options, resolve
 from umo.wiring.source import read
 
 from .console import out
-from .run_summary import rows
+from .run_folder import rows
 from .station_options import parse
 
 MODBUS = "modbus"

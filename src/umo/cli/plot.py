@@ -13,8 +13,8 @@ import numpy as np
 from umo.cycle.frame import Signal
 from umo.cycle.trace import Trace
 from umo.objects import Atomic, Binary, DigitalSensor
-from umo.presentation.families import FOLDED_FROM, families, folded
-from umo.presentation.unit_text import shown_unit
+from umo.presentation.in_words import shown_unit
+from umo.presentation.rows import FOLDED_FROM, families, folded
 from umo.text import some
 
 SENSOR_SIGNALS = ("setpoint", "low", "high")
@@ -95,8 +95,7 @@ def _groups(shown: Sequence[Any]) -> list[list[Any]]:
 
 
 def _panels(shown: Sequence[Any]) -> list[Panel]:
-    """A panel for each family. Of the others, actuators, sensors and signals of one unit share one; setpoints are with
-    the sensors."""
+    """A panel for each family; actuators, sensors (with setpoints) and signals of one unit share one."""
     panels: dict[str, Panel] = {}
     for group in _groups(shown):
         first = group[0]

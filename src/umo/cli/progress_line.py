@@ -60,8 +60,6 @@ class OneLine:
 
 
 class RunProgressLine(OneLine):
-    """An observer that shows the progress of a run."""
-
     def __call__(self, frame: Frame) -> None:
         progress = frame.progress
         self.show(frame.time, progress.text, progress.share if progress.total else None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 from rich.table import Table
 from rich.text import Text
@@ -12,9 +12,8 @@ from rich.text import Text
 from umo.cycle.events import CommandState
 from umo.errors import FramesError, PathError
 from umo.frames import Reader
-from umo.frames.last_event import end_of
 from umo.frames.reader import progress_of
-from umo.presentation.families import ANY
+from umo.presentation.rows import ANY
 from umo.presentation.run_facts import FREE, since
 from umo.remote import search
 from umo.system.device_lock import is_held
@@ -29,18 +28,17 @@ COLUMNS = ("station", "pid", "since", "state", "mode", "period", "periods", "mis
 
 
 def ps(as_json: bool) -> None:
-    """List what runs, and the devices that stand stopped."""
     unread: list[str] = []
     found = list(_lines(unread.append))
     stopped = standing()
     for text in unread:
         say(text)
     if as_json:
-        listed = {"running": [run.data for run in found], "stopped": [vars(ended) for ended in stopped]}
+        listed = {"running": [data for data, _ in found], "stopped": [vars(ended) for ended in stopped]}
         out.print_json(json.dumps(listed), ensure_ascii=True)
         return
     if found:
-        out.print(_table(found))
+        out.print(_table([facts for _, facts in found]))
     else:
         out.print("no station that can be read is running" if unread else "no station is running")
     for ended in stopped:
@@ -52,19 +50,19 @@ def ps(as_json: bool) -> None:
         )
 
 
-def _lines(unread: Callable[[str], object]) -> Iterator[Run]:
+def _lines(unread: Callable[[str], object]) -> Iterator[tuple[dict[str, Any], dict[str, str]]]:
     """A line for each run; one whose frames are damaged does not hide the others: `unread` is told of it."""
     for reader in search.readers(unread):
         try:
             with reader, search.reading(reader.path):
-                yield Run.of(reader)
+                yield _told(reader)
         except FramesError as error:
             unread(str(error))
 
 
 def how_ended(reader: Reader) -> Text:
     """Sentence that a run has ended, and how as far as it could still tell; red where it failed."""
-    name, end = reader.about["station"], end_of(reader)
+    name, end = reader.about["station"], reader.end
     if end is None:
         return Text(f"{name} has ended without telling how; `umo ps` names what stands stopped", "red")
     return Text(f"{name} has ended: {printable(end.text)}", "red" if end.state is CommandState.FAILED else "")
@@ -106,39 +104,33 @@ def standing() -> list[Ended]:
     return [ended for ended in all_standing() if ended.state != "running" or not is_held(ended.device)]
 
 
-class Run(NamedTuple):
+def _told(reader: Reader) -> tuple[dict[str, Any], dict[str, str]]:
     """A run as data, and what is said of it."""
-
-    data: dict[str, Any]
-    facts: dict[str, str]
-
-    @classmethod
-    def of(cls, reader: Reader) -> Run:
-        about, frame = reader.about, reader.latest()
-        data = {
-            "station": about["station"],
-            "wiring": about["wiring"],
-            "pid": about["pid"],
-            "since": about["started"],
-            "state": str(reader.state),
-            "mode": None if reader.mode is None else str(reader.mode),
-            "lease": printable(reader.holder) or None,
-            "progress": printable(progress_of(frame).text),
-            "period_s": about["period"],
-            "periods": reader.head,
-            "missed": reader.missed,
-        }
-        said = {"station": reader.title, "pid": str(about["pid"]), "since": since(about["started"])}
-        return cls(data, said | {"periods": f"{reader.head:,}"} | reader.facts(frame))
+    about, frame = reader.about, reader.latest()
+    data = {
+        "station": about["station"],
+        "wiring": about["wiring"],
+        "pid": about["pid"],
+        "since": about["started"],
+        "state": str(reader.state),
+        "mode": None if reader.mode is None else str(reader.mode),
+        "lease": printable(reader.holder) or None,
+        "progress": printable(progress_of(frame).text),
+        "period_s": about["period"],
+        "periods": reader.head,
+        "missed": reader.missed,
+    }
+    said = {"station": reader.title, "pid": str(about["pid"]), "since": since(about["started"])}
+    return data, said | {"periods": f"{reader.head:,}"} | reader.facts(frame)
 
 
-def _table(found: list[Run]) -> Table:
+def _table(found: list[dict[str, str]]) -> Table:
     """The columns in which something stands; that of the lease only where somebody has one."""
     table = plain_table()
-    held = any(run.facts["lease"] not in ("", FREE) for run in found)
-    titles = [title for title in COLUMNS if any(run.facts[title] for run in found) and (held or title != "lease")]
+    held = any(facts["lease"] not in ("", FREE) for facts in found)
+    titles = [title for title in COLUMNS if any(facts[title] for facts in found) and (held or title != "lease")]
     for title in titles:
         table.add_column(title, overflow="fold", no_wrap=title in ("pid", "period", "periods", "missed"))
-    for run in found:
-        table.add_row(*(run.facts[title] for title in titles))
+    for facts in found:
+        table.add_row(*(facts[title] for title in titles))
     return table

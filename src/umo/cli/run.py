@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import signal
 import time
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from umo.cycle import connect, drive
+from umo.cycle import Frame, connect, drive
 from umo.cycle.stopping import TimeLimit, signal_name
 from umo.cycle.trace import Statistics, Trace
 from umo.errors import text_of
@@ -21,35 +21,30 @@ from umo.text import printable
 from .console import err, out, say
 from .follow import RingFrame, follow
 from .progress_line import RunProgressLine
-from .run_folder import NotRecorded, RunFolder, TraceFile, whole
-from .run_summary import RunSummary
-from .signals import handling, interrupt_once
-from .stillness import Stillness
+from .run_folder import NotRecorded, RunFolder, RunSummary, TraceFile, whole
+from .shared import handling, interrupt_once
 from .values import check_file
 
-
-@dataclass(frozen=True)
-class Recording:
-    """Files that a run leaves behind."""
-
-    record: bool = True
-    """A folder in runs/."""
-    plot: bool = True
-    summary: Path | None = None
-    """A file for the summary."""
+STILL_TIME = 600.0
+"""s on the machine's clock without a change after which it is said."""
+LOOK_PERIODS = 997
+"""Periods between two looks: a prime number, so that a machine that repeats itself is hardly taken for a still one."""
 
 
-def run_station(job: Job, recording: Recording, *, full_traceback: bool = False) -> int:
+def run_station(
+    job: Job, *, record: bool = True, plot: bool = True, summary: Path | None = None, full_traceback: bool = False
+) -> int:
     """Run a station's application to its end; the exit status.
 
-    In real time it runs in processes of its own (`umo.process`), in virtual time in this one.
+    In real time it runs in processes of its own (`umo.process`), in virtual time in this one. With `record` it leaves
+    a folder in runs/, with `plot` a picture in it; `summary` is a file for the summary.
     """
-    check_file("--summary", recording.summary)
+    check_file("--summary", summary)
     plan = Plan(job)
     if job.options.get("realtime") and not plan.wired.paced and not job.manual:
         say("--realtime has no effect: the timer of this wiring is a real-time timer")
     try:
-        folder = RunFolder.make(plan) if recording.record else None
+        folder = RunFolder.make(plan) if record else None
     except NotRecorded as error:
         return _fail(Failed("NotRecorded", str(error), ExitStatus.NOT_RECORDED), full_traceback)
     trace = Trace()
@@ -67,10 +62,10 @@ def run_station(job: Job, recording: Recording, *, full_traceback: bool = False)
         _say_how_it_ended(result.outcome, full_traceback)
         name = f"{plan.name}, {plan.wiring_name}" if plan.wiring_name else plan.name
         out.print(result.table(f"umo run {name}"))
-        complete = recording.summary is None or _write_summary(result, recording.summary)
+        complete = summary is None or _write_summary(result, summary)
         if folder is not None:
             how = result.failed or result.progress.text or "done"
-            title = f"umo run {plan.name}: {how}" if recording.plot else ""
+            title = f"umo run {plan.name}: {how}" if plot else ""
             _leave_behind(folder, result, trace, title)
             complete &= folder.complete
     status = result.outcome.status
@@ -175,3 +170,30 @@ def _plot(title: str, trace: Trace, folder: RunFolder) -> str:
     except Exception as error:  # a name that it cannot show
         say(f"the plot could not be drawn: {text_of(error)}")
     return ""
+
+
+class Stillness:
+    """An observer that says once that no value has changed for a long time, and where the application waits."""
+
+    def __init__(self, say: Callable[[str], object], places: Callable[[], list[str]]) -> None:
+        self._say = say
+        self._places = places
+        self._periods = 0
+        self._before: object = None
+        self._since = 0.0
+
+    def __call__(self, frame: Frame) -> None:
+        self._periods += 1
+        if self._periods % LOOK_PERIODS:
+            return
+        now = (list(frame.raws), frame.progress)
+        if now != self._before:
+            self._before, self._since = now, frame.time
+        elif frame.time - self._since >= STILL_TIME:
+            places = ", ".join(filter(None, self._places()))
+            where = f"the application waits at {places}" if places else "there is no application"
+            self._say(
+                f"nothing has changed for {STILL_TIME:g} s of the machine's time: {where}; "
+                "Ctrl-C ends the run (--until TIME would)"
+            )
+            self._since = float("inf")

@@ -1,20 +1,80 @@
-"""The application `umo`, and what its commands share: help, options, and how a command ends."""
+"""The application `umo`, and what its commands share: how a line is read, help, options, and how a command ends."""
 
 from __future__ import annotations
 
 import math
 import os
+import re
 import signal
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial, wraps
+from types import FrameType
 from typing import Annotated, Any, TypeVar
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
+from umo.cycle.stopping import SIGNALS, signal_name
 from umo.errors import UmoError, text_of
 from umo.exit_status import ExitStatus
+from umo.text import did_you_mean
 
-from .argument_parsing import CommandLine, Subcommand
+from .console import err
+
+F = TypeVar("F", bound=Callable[..., Any])
+USUAL_STATUS = "0 done; 1 the machine, a device or code failed; 2 a mistake, told on stderr; 130 Ctrl-C"
+"""Exit statuses of most commands (docs/command-line.md)."""
+NEGATIVE = re.compile(r"-\.?\d")
+"""The beginning of a negative number, with or without a unit. No option begins so."""
+Handler = Callable[[int, FrameType | None], object] | signal.Handlers
+
+
+class Subcommand(TyperCommand):
+    """Takes negative numbers as values: the parser would look for an option `-0`, and for `-h` in "-5 1/h"."""
+
+    def make_parser(self, ctx: Any) -> Any:
+        parser: Any = super().make_parser(ctx)
+        process_option = parser._process_opts
+
+        def process(word: str, state: Any) -> None:
+            if NEGATIVE.match(word):
+                state.largs.append(word)
+            else:
+                process_option(word, state)
+
+        parser._process_opts = process
+        return parser
+
+
+class CommandLine(TyperGroup):
+    """The command `umo` with its commands; typer would draw a box around a usage error."""
+
+    def main(self, *given: Any, **named: Any) -> Any:
+        try:
+            status = super().main(*given, **named | {"standalone_mode": False})
+        except typer.Abort:
+            status = 1
+        except Exception as error:
+            if not hasattr(error, "format_message"):  # of click, which newer versions of typer hold inside
+                raise
+            err.print(in_a_line(error), soft_wrap=True)
+            status = ExitStatus.MISTAKE
+        sys.exit(status or 0)
+
+
+def in_a_line(error: Any) -> str:
+    """`umo view: no such option: --prot (did you mean '--port'?); umo view --help shows what it takes`."""
+    context = error.ctx
+    where = "umo" if context is None else context.command_path
+    text = " ".join(error.format_message().split()).rstrip(".")
+    if option := getattr(error, "option_name", "") if text.startswith("No such option") else "":
+        known = [each for parameter in context.command.params for each in parameter.opts if each[:1] == "-"]
+        text = f"No such option: {option}{did_you_mean(option, known)}"
+    text = re.sub(r"\. Did you mean (.*)\?$", r" (did you mean \1?)", text)
+    return f"{where}: {text[:1].lower()}{text[1:]}; `{where} --help` shows what it takes"
+
 
 app = typer.Typer(
     name="umo",
@@ -26,9 +86,6 @@ app = typer.Typer(
     help="Universal Mechatronic Objects: run, check and try out machines.\n\n"
     "Examples:  umo run ztheta  |  umo check my-machine  |  umo new my-machine",
 )
-F = TypeVar("F", bound=Callable[..., Any])
-USUAL_STATUS = "0 done; 1 the machine, a device or code failed; 2 a mistake, told on stderr; 130 Ctrl-C"
-"""Exit statuses of most commands (docs/command-line.md)."""
 
 
 class HelpPanel:
@@ -139,3 +196,21 @@ def finite(value: float | None) -> float | None:
     if value is not None and not math.isfinite(value):
         raise typer.BadParameter(f"{value} is not a finite number of seconds")
     return value
+
+
+@contextmanager
+def handling(handler: Handler) -> Iterator[None]:
+    """Have this handler called for each of these signals in the block; `signal.SIG_IGN`: they are passed over."""
+    before = {number: signal.signal(number, handler) for number in SIGNALS}
+    try:
+        yield
+    finally:
+        for number, former in before.items():
+            signal.signal(number, signal.SIG_DFL if former is None else former)
+
+
+def interrupt_once(number: int, frame: FrameType | None) -> None:
+    """A handler: the first signal raises KeyboardInterrupt as Ctrl-C does, later ones interrupt nothing."""
+    for each in SIGNALS:
+        signal.signal(each, signal.SIG_IGN)
+    raise KeyboardInterrupt(signal_name(number))

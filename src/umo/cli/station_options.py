@@ -31,8 +31,6 @@ NUMBERS: dict[Any, click.ParamType[Any]] = {int: click.INT, float: click.FLOAT}
 
 @dataclass(frozen=True)
 class Option:
-    """One option of a station."""
-
     name: str
     kind: Any
     """Type: int, float, str, bool, Path; a Literal or Enum; a sequence of one of these."""
@@ -116,8 +114,7 @@ def machine_of(station: Station, arguments: Sequence[str]) -> Compound:
 
 
 def machine_and_words(station: Station, arguments: Sequence[str]) -> tuple[Compound, list[str]]:
-    """The machine with the options that are among the arguments, and the other arguments. OptionError if one of those
-    is an option too."""
+    """The machine with the options among the arguments, and the other arguments; OptionError if one is an option."""
     options = options_of_machine(station)
     given, others = _parse(station.name, options, arguments)
     for argument in others:

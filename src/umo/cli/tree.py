@@ -13,8 +13,8 @@ from umo.drivers import Direction
 from umo.errors import DeclarationError
 from umo.objects import Atomic, Compound, Digital, DigitalActuator, Node, atoms, children, path_of
 from umo.objects.paths import is_pattern, named
-from umo.presentation.families import FOLDED_FROM, folded
 from umo.presentation.in_words import measure
+from umo.presentation.rows import FOLDED_FROM, folded
 from umo.process.station import Station, StationError
 from umo.wiring import check
 from umo.wiring.linearized import from_table
@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 
 
 def show_tree(station: Station, wiring: str | None, words: Sequence[str] = (), everything: bool = False) -> int:
-    """The objects, or those at a path, with units, ranges and wiring; 2 if the wiring has faults. `words` are the path
-    and options of the machine."""
+    """The objects, or those at a path; 2 if the wiring has faults. `words`: the path and options of the machine."""
     file = station.wiring(wiring)
     machine, paths = machine_and_words(station, words)
     if len(paths) > 1:
@@ -48,8 +47,7 @@ def show_tree(station: Station, wiring: str | None, words: Sequence[str] = (), e
 
 
 def _part(machine: Compound, path: str) -> tuple[str, Mapping[str, Node]]:
-    """The kind and the parts at a path; of a list or dict its members, of a pattern what it names; of an atomic object
-    itself."""
+    """The kind and the parts at a path: members of a list or dict, matches of a pattern, an atomic object itself."""
     found = {path_of(node): node for node in named(machine, path)}
     node = found.get(path)
     if isinstance(node, Compound):
@@ -58,8 +56,6 @@ def _part(machine: Compound, path: str) -> tuple[str, Mapping[str, Node]]:
 
 
 class _Branches:
-    """Adds objects to a tree."""
-
     def __init__(self, source: WiringSource, fold: bool) -> None:
         self._entries: Mapping[str, Any] = source.entries
         self._fold = fold

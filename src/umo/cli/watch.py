@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import re
+import select
 import sys
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,17 +22,15 @@ from rich.text import Text
 from umo.frames import Reader, Stage
 from umo.objects import Quality
 from umo.presentation.digits import number_text
-from umo.presentation.rows import TableRow, quality_of, raw_of, value_of, worst_of
+from umo.presentation.rows import FOLDED_FROM, TableRow, families, folded, quality_of, raw_of, value_of, worst_of
 from umo.remote.search import reading
 from umo.scope.history import samples
 from umo.text import printable, some
 from umo.wiring.patterns import chosen
 
 from .console import out, plain_table
-from .keys import Wait, pressed
 from .ps import attach_first, how_ended
 from .traces import TRACE_SPAN, Traces, spark, traced_span
-from .watch_lines import Line, View
 
 PICTURES_PER_SECOND = 10
 OTHER_LINES = 6
@@ -42,6 +45,31 @@ COLUMN_GAP = 2
 KEYS = "enter: fold, a: all, arrows, page, home, end, q: quit"
 PAUSE_RATIO = 9
 """Pause after a picture, in times of what it took: the computer is the station's, and the terminal may be slow."""
+MARKS = {True: "▾ ", False: "▸ "}
+SEQUENCES = {
+    b"\x1b[A": "up",
+    b"\x1b[B": "down",
+    b"\x1b[5~": "page up",
+    b"\x1b[6~": "page down",
+    b"\x1b[H": "home",
+    b"\x1b[F": "end",
+    b"\x1b[1~": "home",
+    b"\x1b[4~": "end",
+    b"\x1bOA": "up",
+    b"\x1bOB": "down",
+    b"\x1bOH": "home",
+    b"\x1bOF": "end",
+    b"\r": "enter",
+    b"\n": "enter",
+    b" ": "enter",
+    b"a": "all",
+    b"q": "quit",
+}
+"""Characters that a terminal sends (ECMA-48, xterm), and the name of the key."""
+SENT = re.compile(rb"\x1b[\[O][\x00-\x3f\x7f-\xff]*[\x40-\x7e]?|.", re.S)
+"""A control sequence up to its last character, or a character."""
+
+Wait = Callable[[float], list[str]]
 
 
 def watch(words: list[str], once: bool, seconds: float | None) -> None:
@@ -181,8 +209,7 @@ class WatchScreen:
         return line.name, _value(shown), spark(*traced), traced_span(*traced), raw_of(shown)
 
     def _inhibited(self) -> list[Text]:
-        """A line for each reason for which something that is shown is inhibited, the first few; none before the first
-        frame."""
+        """A line for each of the first few reasons of inhibitions that are shown; none before the first frame."""
         taken: dict[str, list[str]] = {}
         if self._frame is not None:
             places = [row for row in self._rows if row < len(self._frame["quality"])]
@@ -201,8 +228,7 @@ def _percentiles(ns: Any) -> str:
 
 
 def _value(line: list[TableRow]) -> Text:
-    """The value, with its quality where that is not good, and with a mark where it is restricted: of a family how many
-    are."""
+    """The value, its quality where that is not good, and marks of restrictions: of a family how many."""
     text = Text(value_of(line))
     if worst := worst_of(line):
         text.append(f" {quality_of(line)}", "red" if worst == Quality.BAD else "yellow")
@@ -211,3 +237,91 @@ def _value(line: list[TableRow]) -> Text:
         sign, _, word = mark.partition(" ")
         text.append(f" {sign} {f'{marks.count(mark)} ' if len(line) > 1 else ''}{word}", "red")
     return text
+
+
+@dataclass(frozen=True)
+class Line:
+    name: str
+    rows: list[int]
+    """Places of what it shows; several: a family."""
+    family: str = ""
+    """The family that it opens and closes."""
+
+
+class View:
+    """State of the list: what is unfolded, where the cursor is, the first line that is seen."""
+
+    def __init__(self, names: Sequence[str], fold: bool = True) -> None:
+        self._names = names
+        self._families = families(names)
+        self._unfolded = set() if fold else set(self._families)
+        self._plain = not fold
+        self.cursor = self.top = 0
+        self.lines = self._lines()
+
+    def _lines(self) -> list[Line]:
+        if self._plain:
+            return [Line(name, [row]) for row, name in enumerate(self._names)]
+        lines = []
+        for family, rows in self._families.items():
+            if len(rows) < FOLDED_FROM:
+                lines += [Line(self._names[row], [row]) for row in rows]
+                continue
+            unfolded = family in self._unfolded
+            lines.append(Line(MARKS[unfolded] + folded([self._names[row] for row in rows]), rows, family))
+            if unfolded:
+                lines += [Line(f"  {self._names[row]}", [row]) for row in rows]
+        return lines
+
+    def press(self, key: str, height: int) -> None:
+        """Move by a key; fold or unfold what the cursor is on, or all."""
+        page = max(1, height - 1)
+        steps = {"up": -1, "down": 1, "page up": -page, "page down": page, "home": -len(self.lines), "end": 10**9}
+        if key in steps:
+            self.cursor += steps[key]
+        elif key == "enter" and (family := self.lines[self.cursor].family):
+            self._unfolded ^= {family}
+        elif key == "all":
+            self._unfolded = set() if self._unfolded else set(self._families)
+        self.lines = self._lines()
+        self.cursor = min(max(self.cursor, 0), len(self.lines) - 1)
+
+    def visible(self, height: int) -> list[Line]:
+        """The lines that fit, with the cursor among them."""
+        self.top = min(max(self.top, self.cursor - height + 1), self.cursor, max(0, len(self.lines) - height))
+        return self.lines[self.top : self.top + height]
+
+
+@contextmanager
+def pressed() -> Iterator[Wait | None]:
+    """A function that waits for keys, at most so many s, and gives their names; None where there are no keys."""
+    try:
+        import termios
+        import tty
+
+        before = termios.tcgetattr(file := sys.stdin.fileno())
+    except (ImportError, AttributeError, OSError, ValueError):  # no such module, no stdin, one that is not a file
+        yield None
+        return
+    except termios.error:
+        yield None
+        return
+    try:
+        tty.setcbreak(file)
+        yield lambda seconds: _read(file, seconds)
+    finally:
+        termios.tcsetattr(file, termios.TCSADRAIN, before)
+
+
+def _read(file: int, seconds: float) -> list[str]:
+    if not select.select([file], [], [], max(seconds, 0.0))[0]:
+        return []
+    data = os.read(file, 1024)
+    if not data:  # the terminal is gone
+        time.sleep(max(seconds, 0.0))
+    return parse(data)
+
+
+def parse(data: bytes) -> list[str]:
+    """The keys in what a terminal has sent; what is not known is passed over."""
+    return [SEQUENCES[sent] for sent in SENT.findall(data) if sent in SEQUENCES]

@@ -31,7 +31,6 @@ PART_TITLES = {WAKE: "waking up", AFTER: "after update"}
 
 
 def why(station: str | None, now: bool, file: Path | None) -> int:
-    """Print the newest black box: of a station, or of all; or keep one of a running station first."""
     if now:
         file = _keep(station)
     elif file is None:
@@ -70,9 +69,7 @@ def _report(reader: Reader, file: Path) -> None:
     if not len(frames):
         raise FramesError(f"no period is in {file}")
     out.print(f"{reader.title}, {blackbox.kept_at(about)}: {about.get('reason', '')}")
-    out.print(
-        f"the last {len(frames)} periods of {duration(about['period'])}; {reader.missed} missed in the whole run",
-    )
+    out.print(f"the last {len(frames)} periods of {duration(about['period'])}; {reader.missed} missed in the whole run")
     verdicts = explain_all(frames, reader.layout)
     if not verdicts:
         out.print("no period was missed in these; usual times:")

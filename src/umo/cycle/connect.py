@@ -21,7 +21,7 @@ from umo.drivers.faults.wrapper import bare
 from umo.errors import DeclarationError, DriverError, Failure, StopError, text_of
 from umo.objects import Compound, atoms
 from umo.objects.description import html_of
-from umo.system.device_claim import DeviceClaim
+from umo.system.device_record import DeviceClaim
 from umo.text import Moment, add_note
 from umo.user_code import attempt
 from umo.wiring import Wired, distribute_options, resolve

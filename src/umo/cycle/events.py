@@ -10,6 +10,9 @@ KEPT_EVENTS = 1000
 """Number of the last events that are kept."""
 EVENT_TEXT_BYTES = 448
 """Length of an event's text that others see, bytes of UTF-8."""
+END = "end"
+"""`Event.asked` of the last event of a run. Its state is DONE (the application has ended), CANCELLED (the run was
+stopped) or FAILED; it has no number of a command."""
 
 
 class CommandState(IntEnum):
@@ -44,6 +47,11 @@ class Event(NamedTuple):
     state: CommandState = CommandState.NONE
     asked: str = ""
     """The command in words."""
+
+    @property
+    def is_end(self) -> bool:
+        """Whether it tells the end of the run."""
+        return self.asked == END and not self.command
 
 
 class Events(deque[Event]):

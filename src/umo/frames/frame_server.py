@@ -1,4 +1,5 @@
-"""The server of a run's frames: a Unix socket in the user's folder, at which clients get the descriptors of its memory.
+"""The server of a run's frames: a Unix socket at which clients get the descriptors of its memory. The folder of these
+sockets: one for each user, in shared memory where there is some.
 
 Only processes of the same user, and root, get them; both ends ask the kernel who the other is (SO_PEERCRED, unix(7)).
 A socket at which nobody listens belongs to a dead process: whoever comes upon it removes it.
@@ -7,6 +8,7 @@ A socket at which nobody listens belongs to a dead process: whoever comes upon i
 from __future__ import annotations
 
 import os
+import re
 import socket
 import stat
 import struct
@@ -18,7 +20,7 @@ from pathlib import Path
 
 from umo.errors import FramesError
 from umo.frames.memory import RunDescriptors
-from umo.system import passing
+from umo.system import folders, passing
 from umo.system.folders import is_own
 
 GREETING = b"umo frames 6"
@@ -33,6 +35,74 @@ CONNECT_PAUSE = 0.005
 ACCEPT_PAUSE = 0.1
 """s from a client that could not be accepted to the next, in a thread."""
 ROOT = 0
+SUFFIX = ".sock"
+FOLDER_VARIABLE = "UMO_FRAMES"
+"""Environment variable that names another folder, for containers and tests."""
+SHARED_MEMORY = Path("/dev/shm")
+MAX_NAME_LENGTH = 40
+"""Characters of a station's name in the name of a socket, whose address is short."""
+_HIDDEN = re.compile(rf"\.(\d+)-[0-9a-f]+{re.escape(SUFFIX)}")
+_OPEN = re.compile(rf"[\w-]+-\d+-[0-9a-f]+{re.escape(SUFFIX)}", re.ASCII)
+
+
+def folder() -> Path:
+    """The user's folder, made if need be; FramesError where that cannot be."""
+    try:
+        if given := os.environ.get(FOLDER_VARIABLE):
+            return folders.checked(Path(given))
+        return folders.own(folders.first_writable([SHARED_MEMORY]))
+    except OSError as error:
+        raise FramesError(f"no folder for frames: {error}") from None
+
+
+def new_path(station: str) -> Path:
+    """A socket for a new run, in the user's folder. What dead processes left there is removed."""
+    rings()
+    name = re.sub(r"[^\w-]", "_", station, flags=re.ASCII)[:MAX_NAME_LENGTH]
+    return folder() / f"{name}-{os.getpid()}-{time.monotonic_ns():x}{SUFFIX}"
+
+
+def rings() -> list[Path]:
+    """The sockets of running stations, oldest first. Those of dead processes are removed, and nothing else."""
+    place = folder()
+    try:
+        names = os.listdir(place)
+    except OSError as error:
+        raise FramesError(f"no folder for frames: {error}") from None
+    for name in names:
+        if (hidden := _HIDDEN.fullmatch(name)) and _is_gone(int(hidden[1])):
+            _remove(place / name)
+    found = sorted((place / name for name in names if _OPEN.fullmatch(name)), key=_made)
+    return [path for path in found if is_living(path)]
+
+
+def is_living(path: Path) -> bool:
+    """Whether this is the socket of a living process. That of a dead one is removed; any other file stays as it is."""
+    served = is_served(path) if is_socket(path) else None
+    if served is False:
+        _remove(path)
+    return bool(served)
+
+
+def _remove(path: Path) -> None:
+    with suppress(OSError):
+        path.unlink(missing_ok=True)
+
+
+def _is_gone(pid: int) -> bool:
+    """Whether there is no such process: it died before its socket got its name."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    except (OSError, OverflowError):
+        return False
+    return False
+
+
+def _made(path: Path) -> int:
+    """ns of CLOCK_MONOTONIC, from the name that `new_path` gave."""
+    return int(path.stem.rpartition("-")[2], 16)
 
 
 class FrameServer:
@@ -51,8 +121,7 @@ class FrameServer:
         self._socket.setblocking(False)
 
     def listen(self) -> None:
-        """Let the run be found from now on. The socket gets its name when it listens already; FramesError if it cannot
-        have it."""
+        """Let the run be found: the socket gets its name when it listens already. FramesError if it cannot have it."""
         hidden = self.path.with_name(f".{os.getpid()}-{time.monotonic_ns():x}{self.path.suffix}")
         try:
             with _address(hidden) as address:
@@ -143,8 +212,7 @@ def is_socket(path: Path) -> bool:
 
 
 def is_served(path: Path) -> bool | None:
-    """Whether somebody listens; None if that cannot be told. Asks the kernel alone, so it does not wait for a process
-    that is stopped."""
+    """Whether somebody listens; None: it cannot be told. A process that is stopped is not waited for."""
     try:
         with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as here, _address(path) as address:
             here.setblocking(False)

@@ -148,11 +148,9 @@ class Layout:
     tunables: tuple[dict[str, Any], ...] = ()
     """Path, unit and range of each."""
     equipment: tuple[dict[str, Any], ...] = ()
-    """Path of each, and the names of its states by their numbers; empty in this version, as are the next two."""
     axes: tuple[dict[str, Any], ...] = ()
-    """Path of each, and the names of its states by their numbers."""
     alarms: tuple[dict[str, Any], ...] = ()
-    """Path of each, and the names of its states by their numbers."""
+    """Of these three: path of each, and the names of its states by their numbers; empty in this version."""
 
     @property
     def columns(self) -> list[Column]:
@@ -213,8 +211,6 @@ class Layout:
 
 
 class Places(NamedTuple):
-    """Offsets of the parts of a ring."""
-
     first: int
     journal: int
     events: int

@@ -1,4 +1,4 @@
-"""Publishing the frames of a connected machine."""
+"""Publishing the frames of a connected machine, and the last event of its run: why it ends, for whoever watches it."""
 
 from __future__ import annotations
 
@@ -8,20 +8,25 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
+from types import MappingProxyType, WrapperDescriptorType
 from typing import Any
 
 from umo.cycle import connect
+from umo.cycle.events import END, CommandState, Event
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.phases import Phases
 from umo.cycle.stage import Stage
-from umo.errors import FramesError
-from umo.frames.folder import new_path
-from umo.frames.frame_server import FrameServer
-from umo.frames.last_event import tell_end
+from umo.cycle.stopping import signal_name
+from umo.errors import FramesError, text_of
+from umo.frames.frame_server import FrameServer, new_path
 from umo.frames.layout import Layout, describe_objects, describe_signals
 from umo.frames.memory import RunDescriptors
 from umo.frames.ring import Ring
+from umo.text import in_brackets, place_of
+from umo.user_code import attempt
+
+PLAIN_TYPES = (str, int, float, bool, type(None))
+"""Types of arguments of exceptions whose text is umo's or Python's own work."""
 
 
 @contextmanager
@@ -56,7 +61,15 @@ def published(
             ends, server = _own_memory(station, memory)
         phases = Phases(machine.image, connection.wired.drivers)
         undo.callback(phases.remove)
-        layout = _layout(machine, phases, about | {"options": dict(options)} | _about(connection))
+        layout = Layout(
+            describe_objects(machine.image.items),
+            tuple(phases.names),
+            about | {"options": dict(options)} | _about(connection),
+            describe_signals(machine.frame.signals),
+            tuple(machine.commands.reasons),
+            tuple(each.describe() for each in machine.actions.values()),
+            tuple(each.describe() for each in machine.tunables.values()),
+        )
         ring = Ring(machine, phases, layout, ends, tunables=list(machine.tunables.values()))
         undo.callback(ring.close)
         if server is not None:
@@ -105,18 +118,6 @@ def _about(connection: connect[Any]) -> dict[str, Any]:
     return about if wired.injection is None else about | {"injected_faults": list(wired.injection.texts)}
 
 
-def _layout(machine: ConnectedMachine, phases: Phases, about: dict[str, Any]) -> Layout:
-    return Layout(
-        describe_objects(machine.image.items),
-        tuple(phases.names),
-        about,
-        describe_signals(machine.frame.signals),
-        tuple(machine.commands.reasons),
-        tuple(each.describe() for each in machine.actions.values()),
-        tuple(each.describe() for each in machine.tunables.values()),
-    )
-
-
 def _end(connection: connect[Any], ring: Ring, memory: ExitStack, error: BaseException | None) -> None:
     machine = connection.machine
     with memory:
@@ -124,3 +125,38 @@ def _end(connection: connect[Any], ring: Ring, memory: ExitStack, error: BaseExc
         if ring in machine.observers:
             machine.observers.remove(ring)
         ring.close()
+
+
+def tell_end(connection: connect[Any], error: BaseException | None) -> None:
+    """Add the last event, unless the run has told its end before. `error` is what ended the run, if it failed."""
+    machine = connection.machine
+    if machine.events and machine.events[-1].is_end:
+        return
+    if error is not None:
+        text, failed = attempt(_text, error)
+        tell(machine, CommandState.FAILED, text if failed is None else type(error).__name__)
+    elif connection.stop.requested:
+        tell(machine, CommandState.CANCELLED, f"stopped by {_stopper(connection)}")
+    else:
+        tell(machine, CommandState.DONE, "the application has ended")
+
+
+def tell(machine: ConnectedMachine, state: CommandState, text: str) -> None:
+    machine.events.add(Event(machine.clock.now, "", text, state=state, asked=END))
+
+
+def _stopper(connection: connect[Any]) -> str:
+    """Name of who has asked for the stop: a client, a signal, a time limit, or else the program itself."""
+    stops = (event for event in reversed(connection.machine.events) if event.asked == "stop")
+    who = next((event.who for event in stops if event.state is CommandState.DONE), "")
+    signal = connection.stop.signal
+    program = "its time limit" if connection.stop.time_over else "the program"
+    return who or (program if signal is None else signal_name(signal))
+
+
+def _text(error: BaseException) -> str:
+    """The text of an exception, as far as that calls no code of the user's: the outcome is not reported yet."""
+    written, plain = type(error).__str__, all(type(arg) in PLAIN_TYPES for arg in error.args)
+    if not plain or not (isinstance(written, WrapperDescriptorType) or written.__module__.startswith("umo.")):
+        return type(error).__name__ + in_brackets(place_of(error))
+    return text_of(error)

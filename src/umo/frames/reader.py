@@ -53,8 +53,7 @@ from umo.wiring.patterns import chosen
 Frames = npt.NDArray[Any]
 """Copies of frames, oldest first: a structured array with the fields of `Layout.columns`."""
 Entries = npt.NDArray[Any]
-"""Copies of entries of the journal, in order: slot, kind and error (`Kind`, `ErrorKind` of `umo.cycle.journal`), raw,
-and the raw before it."""
+"""Copies of entries of the journal, in order: slot, `Kind`, `ErrorKind` (`umo.cycle.journal`), raw, raw before."""
 
 
 LEASE_TRIES = 100
@@ -161,7 +160,6 @@ class Reader:
 
     @property
     def missed(self) -> int:
-        """Missed periods so far."""
         return self._count(Live.MISSED)
 
     @property
@@ -271,8 +269,7 @@ class Reader:
         return self._copy(max(0, head - min(count, self.slots)), head)
 
     def values(self, frame: Any) -> dict[str, float | str]:
-        """The value of every object in a frame by path: a number in its unit, or the name of a state; NaN: it was never
-        read."""
+        """The value of every object by path: a number in its unit, or the name of a state; NaN: it was never read."""
         numbers = frame["values"].tolist()
         return {
             entry["path"]: state_text(entry, value) if "one" in entry and not isnan(value) else value
@@ -280,8 +277,7 @@ class Reader:
         }
 
     def inhibited(self, frame: Any, number: int) -> str | None:
-        """Reason why only the default of an object could be sent in a frame, or the client that had taken it; None:
-        neither."""
+        """Why only the default of an object could be sent, or the client that had taken it; None: neither."""
         state = int(frame["restrictions"][number])
         if state in (FREE, ASKED):
             return None
@@ -293,7 +289,6 @@ class Reader:
 
     @property
     def title(self) -> str:
-        """Station and wiring."""
         return title(self.about["station"], self.about.get("wiring"))
 
     def facts(self, frame: Any) -> dict[str, str]:
@@ -311,8 +306,7 @@ class Reader:
         return facts | {"kept because": self.about.get("reason", "")}
 
     def rows(self, frame: Any, places: Iterable[int] | None = None) -> list[TableRow]:
-        """Objects, signals and tunable numbers at a frame (None: without values), in this order; or those at these
-        places."""
+        """Objects, signals, tunable numbers at a frame (None: without values), or those at these places."""
         numbers = self.tunables()
         return [self._row(frame, place, numbers) for place in (range(len(self._known)) if places is None else places)]
 
@@ -330,8 +324,7 @@ class Reader:
         return TableRow(about, float(value), int(quality), int(raw), note)
 
     def html(self, wanted: Sequence[str] = (), more: Mapping[str, str] = MappingProxyType({})) -> str:
-        """A table of the last frame, for notebooks: objects, signals and tunable numbers, or those at paths and
-        patterns. `more`: facts for the heading."""
+        """A table of the last frame: everything, or what is at paths and patterns. `more`: facts for the heading."""
         if self.closed:
             raise FramesError(f"{self.title} is detached")
         frame = self.latest()
@@ -380,6 +373,11 @@ class Reader:
         ]  # fmt: skip
 
     @property
+    def end(self) -> Event | None:
+        """The last event of a run that has ended; None: it could not tell any more."""
+        return next((each.event for each in reversed(self.events()) if each.event.is_end), None)
+
+    @property
     def next_event(self) -> int:
         """The number of the next event."""
         return self._count(Live.EVENT)
@@ -404,11 +402,10 @@ class Reader:
         whole = (numbers.astype(np.int64) > oldest) & (frames["sequence"] == 2 * numbers + 2)
         whole &= np.isfinite(frames["time"]) & (frames["quality"] <= max(Quality)).all(axis=1)
         if self._checked:
-            whole &= np.array([self._sum(row) for row in rows], np.uint64) == frames["checksum"]
+            content = self.layout.content
+            sums = [zlib.crc32(row[16:content].data, zlib.crc32(row[:8].data)) for row in rows]
+            whole &= np.array(sums, np.uint64) == frames["checksum"]
         return frames if whole.all() else frames[whole]
-
-    def _sum(self, row: npt.NDArray[np.uint8]) -> int:
-        return zlib.crc32(row[16 : self.layout.content].data, zlib.crc32(row[:8].data))
 
     def close(self) -> None:
         if self.closed:

@@ -6,16 +6,17 @@ import platform
 import struct
 import time
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from mmap import mmap
 from pathlib import Path
 
+from umo.cycle import conversion
 from umo.cycle.frame import Frame
+from umo.cycle.image import Image
 from umo.cycle.journal import CAPACITY, Journal
 from umo.cycle.machine import Commanding, ConnectedMachine
 from umo.cycle.phases import UNKNOWN, Phases
 from umo.cycle.stage import Progress, Stage
-from umo.frames.body import BODY, writer
-from umo.frames.client_memory import size_of
 from umo.frames.layout import (
     CHECKSUM,
     DESCRIPTION,
@@ -31,10 +32,9 @@ from umo.frames.layout import (
     Live,
     arrange,
 )
-from umo.frames.memory import RunDescriptors, fill
+from umo.frames.memory import RunDescriptors, fill, size_of
 from umo.objects import MachineNumber
-from umo.system.usage import Usage
-from umo.system.utc import utc
+from umo.system.usage import Usage, utc
 
 MAX_BYTES = 4 << 20
 MAX_SLOTS = 4096
@@ -51,6 +51,48 @@ LATE_SHARE = 0.5
 _EVENT = struct.Struct("<dQQ" + "".join(f"{EVENT_ROW[i].itemsize}s" for i in range(4, 8)))
 ORDERED = platform.machine().lower() in ("x86_64", "amd64", "i686")
 """Whether stores become visible in program order: a sequence counter is enough then."""
+BODY = 16
+"""Offset of the body in a frame."""
+
+
+Write = Callable[[int, int, float, int, int, int, int, bytes, list[int], list[float]], None]
+"""Writes one body, as `_Packed.write`."""
+
+
+def writer(image: Image, layout: Layout, file: mmap) -> Write:
+    """The quickest one. It may hold the file's memory as long as it exists."""
+    shown = image.columns.shown
+    if conversion.extension is not None:
+        write: Write = conversion.extension.Body(file, shown, layout.content - BODY).write
+        return write
+    return _Packed(shown, layout, file).write
+
+
+class _Packed:
+    """The writer in Python, where the extension is not built. Tests prove that both write the same bytes."""
+
+    def __init__(self, shown: memoryview, layout: Layout, file: mmap) -> None:
+        self._shown, self._file = shown, file
+        self._struct = struct.Struct(f"<qdqqqq{SELDOM.size}s{len(layout.phases)}q{len(layout.signals)}d")
+
+    def write(
+        self,
+        at: int,
+        number: int,
+        time: float,
+        missed: int,
+        began: int,
+        wake: int,
+        execution: int,
+        seldom: bytes,
+        phases: list[int],
+        signals: list[float],
+    ) -> None:
+        """Write a body to `at` in the file, with what the image shows. The arguments are of exactly these types; times
+        but `time` are ns; `seldom` is what changes seldom, packed."""
+        self._struct.pack_into(self._file, at, number, time, missed, began, wake, execution, seldom, *phases, *signals)
+        end = at + self._struct.size
+        self._file[end : end + len(self._shown)] = self._shown
 
 
 class Ring:
@@ -123,7 +165,9 @@ class Ring:
         words[at >> 3] = 2 * index + 1
         self._fill(frame, at)
         if self.checksum:
-            words[(at >> 3) + 1] = zlib.crc32(self._bytes[at + BODY : at + self._content], _crc(2 * index + 2))
+            words[(at >> 3) + 1] = zlib.crc32(
+                self._bytes[at + BODY : at + self._content], zlib.crc32((2 * index + 2).to_bytes(8, "little"))
+            )
         words[at >> 3] = 2 * index + 2
         self.index = index = index + 1
         live = self._live
@@ -219,8 +263,7 @@ class Ring:
         return self._seldom_packed
 
     def _keep(self, journal: Journal) -> int:
-        """The entries of this period; their checksum, if there is to be one. Readers are told first that these places
-        are being written to."""
+        """Keep the entries of this period; their checksum, if any. Readers are told first what is being written to."""
         count, at = journal.count, self._entries % self.journal_entries
         self._live[Live.JOURNAL] = self._entries = self._entries + count
         entries = memoryview(journal.buffer)[: count * ENTRY_BYTES]
@@ -241,10 +284,6 @@ class Ring:
         for view in (self._live, self._words, self._numbers, self._bytes):
             view.release()
         self._map.close()
-
-
-def _crc(sequence: int) -> int:
-    return zlib.crc32(sequence.to_bytes(8, "little"))
 
 
 def _cut(text: str, size: int) -> bytes:

@@ -14,6 +14,8 @@ import numpy as np
 
 from umo.cycle.conversion import is_built
 from umo.latency.measure import Measured
+from umo.presentation.digits import number_text
+from umo.presentation.durations import duration
 
 YES, CARE, NO = "yes", "with care", "no"
 SAFE_SHARE = 0.5
@@ -40,7 +42,7 @@ def judge(found: Measured) -> Verdict:
         return Verdict(NO, f"None of {count:,} periods began in time")
     worst, most = float(total.max()), float(np.percentile(total, 99.9))
     lost = f"{missed:,} of {count:,} periods missed" if missed else f"None of {count:,} periods missed"
-    longest = f"the longest wake-up plus work was {worst:.0f} µs, {worst / period:.0%} of the period"
+    longest = f"the longest wake-up plus work was {duration(worst * 1e-6)}, {worst / period:.0%} of the period"
     if not missed and worst < SAFE_SHARE * period:
         return Verdict(YES, f"{lost}; {longest}")
     if missed <= count / 1000 and most < period:
@@ -53,20 +55,22 @@ def recommend(found: Measured) -> str:
     asleep, awake = found.umo, found.umo_busy
     if not (len(asleep.total) and len(awake.total)):
         return ""
-    late = [float(np.percentile(samples.total, 99)) for samples in (asleep, awake)]
-    us, cost = f"{found.busy_wait * 1e6:.0f} µs", f"{max(awake.busy - asleep.busy, 0.0):.0%} more of a processor"
+    before, after = (float(np.percentile(samples.total, 99)) * 1e-6 for samples in (asleep, awake))
+    wait, cost = duration(found.busy_wait), f"{max(awake.busy - asleep.busy, 0.0):.0%} more of a processor"
     compared = (
-        f"99 % of the periods that begin in time end within {late[1]:.0f} µs instead of {late[0]:.0f} µs, "
+        f"99 % of the periods that begin in time end within {duration(after)} instead of {duration(before)}, "
         f"{awake.missed:,} instead of {asleep.missed:,} are missed"
     )
-    better = late[1] < late[0] and awake.missed <= asleep.missed + len(awake.total) / 1000
+    better = after < before and awake.missed <= asleep.missed + len(awake.total) / 1000
     if better and found.granted:
-        return f"umo run waits busily for {us} here: {compared}, for {cost}; `busy_wait = 0` in [process] turns it off"
+        return (
+            f"umo run waits busily for {wait} here: {compared}, for {cost}; `busy_wait = 0` in [process] turns it off"
+        )
     if better:
-        where = f'`busy_wait = "{found.busy_wait * 1e6:.0f} us"` in [process]'
+        where = f'`busy_wait = "{number_text(found.busy_wait * 1e6)} us"` in [process]'
         return f"{where}: {compared}, for {cost}; by itself umo run does so on a core of its own"
     if found.granted:
-        return f"`busy_wait = 0` in [process]: busy waiting for {us} does not help here, and takes {cost}"
+        return f"`busy_wait = 0` in [process]: busy waiting for {wait} does not help here, and takes {cost}"
     return f"busy waiting does not help here: {compared}"
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from umo.errors import PathError
 from umo.objects.atomic import Atomic
 from umo.objects.node import Node
-from umo.presentation.families import ANY
+from umo.presentation.rows import ANY
 from umo.text import did_you_mean
 
 

@@ -13,8 +13,10 @@ import hmac
 import ipaddress
 import secrets
 import socket
+import ssl
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 from urllib.parse import parse_qs
 
 from starlette.datastructures import Headers, MutableHeaders
@@ -22,7 +24,6 @@ from starlette.requests import cookie_parser
 from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from umo.page.certified_names import covers
 from umo.page.unauthenticated import HttpConnection
 from umo.system.folders import written
 
@@ -41,6 +42,9 @@ POLICY = (
 )
 """Content-Security-Policy: everything from this server."""
 LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
+NO_CHECK_TIME = 0x200000
+"""OpenSSL's flag X509_V_FLAG_NO_CHECK_TIME, which Python does not name."""
+NAME_KINDS = ("DNS", "IP Address", "commonName")
 
 
 def new_token(file: Path) -> str:
@@ -60,13 +64,7 @@ class AccessControl:
     """An ASGI application around another. Requests without the token do not reach it."""
 
     def __init__(
-        self,
-        app: ASGIApp,
-        token: str,
-        host: str,
-        port: int,
-        scripts: str,
-        certified: frozenset[str] | None = None,
+        self, app: ASGIApp, token: str, host: str, port: int, scripts: str, certified: frozenset[str] | None = None
     ) -> None:
         """`certified`: the names in the certificate; None: there is none, and no TLS."""
         self._app = app
@@ -120,8 +118,7 @@ class AccessControl:
         return refusal
 
     def _is_our_host(self, text: str) -> bool:
-        """Whether a Host header names this server: by a name of its own, or by an address as such, which no other site
-        can have."""
+        """Whether a Host header names this server, or is an address as such, which no other site can have."""
         name = text[1 : text.find("]")] if text.startswith("[") else text.partition(":")[0]
         name = name.lower().rstrip(".")
         if name in self._names or any(covers(known, name) for known in self._certified):
@@ -233,3 +230,46 @@ FORM = """<!doctype html><html lang="en"><meta charset="utf-8"><title>umo</title
 <button>Open</button></form>
 <p>The address that <code>umo view</code> printed carries the token.</p></html>
 """
+
+
+def names_in(certificate: Path, key: Path | None = None) -> frozenset[str]:
+    """The names and addresses in a certificate (PEM), in small letters; `*.cell.example` stands for one label. Empty
+    where they cannot be read. OSError or ssl.SSLError if the files are no certificate and its key.
+
+    Python decodes only certificates that another side has shown, so one is shown here, in memory.
+    """
+    server = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    server.load_cert_chain(certificate, key)
+    client = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    client.check_hostname = False
+    client.load_verify_locations(certificate)
+    client.verify_flags |= ssl.VERIFY_X509_PARTIAL_CHAIN | NO_CHECK_TIME
+    try:
+        shown = _shown(server, client)
+    except ssl.SSLError:
+        return frozenset()
+    pairs = [*shown.get("subjectAltName", ()), *(pair for part in shown.get("subject", ()) for pair in part)]
+    return frozenset(name.lower() for kind, name in pairs if kind in NAME_KINDS)
+
+
+def _shown(server: ssl.SSLContext, client: ssl.SSLContext) -> dict[str, Any]:
+    """The server's certificate as the client sees it."""
+    to_client, to_server = ssl.MemoryBIO(), ssl.MemoryBIO()
+    sides = [
+        client.wrap_bio(to_client, to_server, server_hostname=None),
+        server.wrap_bio(to_server, to_client, server_side=True),
+    ]
+    for _ in range(3):  # a handshake takes two turns
+        for side in sides:
+            try:
+                side.do_handshake()
+            except ssl.SSLWantReadError:
+                continue
+    return sides[0].getpeercert() or {}
+
+
+def covers(name: str, host: str) -> bool:
+    """Whether a name of a certificate stands for a host, both in small letters."""
+    if not name.startswith("*."):
+        return name == host
+    return host.partition(".")[2] == name[2:] and not host.startswith(".")

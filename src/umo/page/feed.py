@@ -5,11 +5,11 @@ from __future__ import annotations
 import asyncio
 import sys
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from umo.errors import FramesError, text_of
-from umo.frames import rings
+from umo.frames import Reader, rings
 from umo.page.watched import Watched
 from umo.text import printable
 
@@ -62,8 +62,7 @@ class Feed:
             await asyncio.sleep(max(0.001, now + 1 / (RATE if self.pages else IDLE_RATE) - time.monotonic()))
 
     def look(self, states: bool) -> None:
-        """Read every ring once, and wake the pages, with `states` to a new state. A ring that cannot be read is
-        dropped; the others go on."""
+        """Read every ring once, and wake the pages, with `states` to a new state. A damaged ring is dropped."""
         for watched in list(self.watched.values()):
             try:
                 if not watched.over:
@@ -75,12 +74,10 @@ class Feed:
         looked.set()
 
     async def looked(self) -> None:
-        """Wait for the next look at the rings."""
         await self._looked.wait()
 
     async def search(self) -> None:
-        """Attach to new rings; a thread waits for the guardians to answer, some of which may be stopped. Of the runs
-        that have ended only the last are kept."""
+        """Attach to new rings, in a thread: a guardian may be stopped. The last runs that ended are kept."""
         known, now = {watched.path for watched in self.watched.values()}, time.monotonic()
         paths: list[Path] = []
         with suppress(FramesError):  # no folder: nothing runs
@@ -139,7 +136,9 @@ def _opened(paths: list[Path]) -> list[tuple[Path, Watched | Exception]]:
     found: list[tuple[Path, Watched | Exception]] = []
     for path in paths:
         try:
-            found.append((path, Watched.at(path)))
+            with ExitStack() as opened:
+                found.append((path, Watched(opened.enter_context(Reader(path)))))
+                opened.pop_all()
         except Exception as error:  # of another version, damaged, or gone
             found.append((path, error))
     return found

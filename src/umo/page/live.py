@@ -1,19 +1,25 @@
-"""Subscriptions of a page: traces against time, and how much of them it has been sent."""
+"""Traces against time for a page: what it has subscribed to, parts of the history, and every sample as CSV."""
 
 from __future__ import annotations
 
 import asyncio
+import csv
+import io
 import json
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from typing import Any, ParamSpec, TypeVar
 
+import numpy as np
+
 from umo.page.watched import Watched
+from umo.presentation.in_words import file_form, state_text
 from umo.scope.reduction import Points, crossing, measured, measured_state, reduced
 
 MAX_TRACES = 64
@@ -23,6 +29,8 @@ WORKER = ThreadPoolExecutor(1, "history")
 """Thread for what takes long, for all pages: the loop stays free for touches and commands."""
 Arguments = ParamSpec("Arguments")
 T = TypeVar("T")
+PIECE_ROWS = 256
+"""Rows of a piece. Longer ones would keep the loop of the server waiting."""
 
 
 async def in_worker(work: Callable[Arguments, T], *given: Arguments.args, **named: Arguments.kwargs) -> T:
@@ -87,7 +95,6 @@ class HistoryPart:
         return packed(head, reduced(times, values, (self.stop - self.start) / width, self.watched.period))
 
     def measured(self, head: dict[str, Any]) -> str:
-        """A message of what is measured on each trace."""
         times, values = self.watched.history.between(self.start, self.stop, self.columns)
         states = ["one" in self.watched.entries[column] for column in self.columns]
         found = [
@@ -97,7 +104,6 @@ class HistoryPart:
 
 
 def pixels(message: dict[str, Any]) -> int:
-    """The width that a message asks for."""
     return int(min(max(1.0, number(message, "width", 1.0)), MAX_WIDTH))
 
 
@@ -121,8 +127,7 @@ class Subscription:
         return self._trigger is not None or self._sent < 0.0
 
     def next(self) -> bytes | None:
-        """A message of the points since the last one, which is sent again as it may have been half full; None: nothing
-        is new."""
+        """Points since the last one, which is sent again as it may have been half full; None: nothing is new."""
         stop = self._watched.history.stop
         if stop <= self._newest:
             return None
@@ -183,3 +188,39 @@ class Trigger:
         self._moment = None
         self._searched = until
         self._armed = not self.single
+
+
+def csv_of(stretch: HistoryPart) -> Iterator[str]:
+    """A line of names with units, then a line for each sample: time in s, UTC of a run in real time, numbers in their
+    units, names of states; nothing where there is no value."""
+    watched, columns = stretch.watched, stretch.columns
+    entries = [watched.entries[column] for column in columns]
+    utc = watched.utc
+    yield _lines([["time [s]", *(["UTC"] if utc is not None else []), *map(_head, entries)]])
+    for times, values in watched.history.parts(stretch.start, stretch.stop):
+        for first in range(0, len(times), PIECE_ROWS):
+            rows = slice(first, first + PIECE_ROWS)
+            cells = (_cells(entry, values[column, rows]) for entry, column in zip(entries, columns, strict=True))
+            moments = [times[rows].tolist(), *([_moments(times[rows] + utc)] if utc is not None else [])]
+            yield _lines(zip(*chain(moments, cells), strict=True))
+
+
+def _head(entry: dict[str, Any]) -> str:
+    unit = entry.get("unit")
+    return f"{entry['path']} [{unit}]" if unit and unit != "sampling_period" else str(entry["path"])
+
+
+def _moments(times: Any) -> list[str]:
+    """UTC of some times, such as 2026-11-22T21:30:05.123456Z."""
+    return [f"{text}Z" for text in np.datetime_as_string((times * 1e6).astype("datetime64[us]"))]
+
+
+def _cells(entry: dict[str, Any], values: Any) -> list[str | None]:
+    write = partial(state_text, entry) if "one" in entry else file_form(entry).format
+    return [None if value != value else write(value) for value in values.tolist()]
+
+
+def _lines(rows: Iterable[Iterable[Any]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()

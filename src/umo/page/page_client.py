@@ -20,12 +20,10 @@ from starlette.websockets import WebSocketDisconnect
 from umo.cycle.client_control import DEAD_MAN_TIME
 from umo.cycle.events import CommandState
 from umo.errors import CommandRefused, FramesError
-from umo.frames.client_memory import LEASE
+from umo.frames.memory import LEASE
 from umo.page.feed import Feed
 from umo.page.watched import Watched
-from umo.remote import RemoteStation
-from umo.remote.answers import Answers
-from umo.remote.held_lease import SIGNS_OF_LIFE
+from umo.remote.commander import SIGNS_OF_LIFE, Answers, Commander
 from umo.system.processes import user_name
 from umo.text import printable
 
@@ -47,8 +45,7 @@ Tell = Callable[[dict[str, Any]], Awaitable[None]]
 
 
 class PageClient:
-    """The client of one page, for one run. `address` is the page's address; `tell` sends a message to the page.
-    FramesError if the run has ended."""
+    """The client of one page at `address`, for one run. `tell` sends it a message. FramesError if the run has ended."""
 
     def __init__(self, watched: Watched, feed: Feed, address: str, tell: Tell) -> None:
         self.watched = watched
@@ -58,14 +55,13 @@ class PageClient:
         self._who = self._named("")
         self._key = secrets.token_hex(8)
         self._reader = watched.reader.again()
-        self._station = RemoteStation(self._reader)
+        self._station = Commander(self._reader)
         self._held: list[str] = []
         self._touched = 0.0
         self._leased = 0
         """The number of the lease that this page took; 0: none."""
         self._following: dict[asyncio.Task[None], str] = {}
-        """Commands whose end is still to come, with the paths of those that the machine has not taken yet: in a long
-        period what they will begin is held already."""
+        """Commands whose end is still to come, with their paths until they are taken: these are held already."""
         self._ended = False
         self._keeping = asyncio.create_task(self._keep())
 
@@ -118,17 +114,15 @@ class PageClient:
                 for event in answers.new():
                     state = event.state
                     self._following[cast("asyncio.Task[None]", asyncio.current_task())] = ""
-                    leased = (message.get("do"), state) == ("lease", CommandState.DONE)
-                    more = self._take_lease(int(event.text)) if leased else {}
-                    await self._answer(message, state, "" if leased else event.text, command=event.command, **more)
+                    text, more = event.text, {"command": event.command}
+                    if (message.get("do"), state) == ("lease", CommandState.DONE):
+                        self._leased, text = int(event.text), ""
+                        self.touch([], self.watched.number)
+                        more["lease"] = self._leased
+                    await self._answer(message, state, text, **more)
                 await self._feed.looked()
         except (CommandRefused, FramesError) as error:
             await self._answer(message, CommandState.FAILED, str(error))
-
-    def _take_lease(self, number: int) -> dict[str, int]:
-        self._leased = number
-        self.touch([], self.watched.number)
-        return {"lease": self._leased}
 
     async def _answer(self, message: dict[str, Any], state: CommandState, text: str, **more: Any) -> None:
         about = {"type": "answer", "id": message.get("id"), "state": str(state), "text": text}
@@ -138,8 +132,7 @@ class PageClient:
     # The lease -----------------------------------------------------------------------------------------
 
     def touch(self, held: list[str], number: int) -> None:
-        """The page is there, has the state of this number, and holds these paths. An old state does not count: the
-        page or the network is slow."""
+        """The page is there, has this state, and holds these paths. An old state does not count: something is slow."""
         if self.watched.number - number > MAX_STATES_BEHIND:
             return
         self._touched = time.monotonic()

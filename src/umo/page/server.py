@@ -12,9 +12,11 @@ import ssl
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
@@ -26,21 +28,20 @@ from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
 from umo.page import unauthenticated
-from umo.page.access_control import AccessControl
-from umo.page.certified_names import names_in
+from umo.page.access_control import AccessControl, names_in
 from umo.page.feed import Feed
-from umo.page.live import HistoryPart, in_worker
-from umo.page.samples import csv_of
+from umo.page.live import HistoryPart, csv_of, in_worker
 from umo.page.session import InitialStation, Session
-from umo.page.unauthenticated import visits
+from umo.page.unauthenticated import HttpConnection, UnauthenticatedConnections
 from umo.page.watched import described_twin
 
 STATIC = Path(__file__).parent / "static"
 MAX_MESSAGE_BYTES = 1 << 16
 """Bytes of a message of a page, at most."""
 MAX_CONNECTIONS = 500
-"""Connections that have shown the token, at most. With more, a request is answered by 503. Those that have not are
-counted apart (`umo.page.unauthenticated`)."""
+"""Connections that have shown the token, at most; with more, a request is answered by 503."""
+FOREIGN_ERRORS = ("Invalid UTF-8", "Cancel ")
+"""Beginnings of what uvicorn reports that is no error of this server."""
 GRACE_TIME = 1
 """s that open pages are given at the end."""
 
@@ -85,41 +86,33 @@ def application(options: Options, feed: Feed, ended: Callable[[asyncio.Task[None
     routes = [
         Route("/", index),
         WebSocketRoute("/ws", page),
-        Route("/twin/{name}", _twin(feed)),
-        Route("/csv/{name}", _csv(feed)),
+        Route("/twin/{name}", _twin),
+        Route("/csv/{name}", _csv),
         Mount("/static", StaticFiles(directory=STATIC)),
     ]
     app = Starlette(routes=routes, lifespan=lifespan)
+    app.state.feed = feed
     names = None if options.certificate is None else names_in(options.certificate, options.key)
     scripts = _hashes((STATIC / "index.html").read_text())
     return AccessControl(app, options.token, options.host, options.port, scripts, names)
 
 
-def _twin(feed: Feed) -> Callable[[Request], object]:
-    async def answer(request: Request) -> Response:
-        watched = feed.watched.get(request.path_params["name"])
-        if watched is not None:
-            found = await asyncio.to_thread(described_twin, watched.reader.layout)
-            if found is not None:
-                return JSONResponse(found)
-        return PlainTextResponse("no twin\n", 404)
-
-    return answer
+async def _twin(request: Request) -> Response:
+    watched = request.app.state.feed.watched.get(request.path_params["name"])
+    found = None if watched is None else await asyncio.to_thread(described_twin, watched.reader.layout)
+    return PlainTextResponse("no twin\n", 404) if found is None else JSONResponse(found)
 
 
-def _csv(feed: Feed) -> Callable[[Request], object]:
-    async def answer(request: Request) -> Response:
-        watched, query = feed.watched.get(request.path_params["name"]), request.query_params
-        if watched is None:
-            return PlainTextResponse("no such run\n", 404)
-        try:
-            limits = {name: float(query.get(name, "")) for name in ("start", "stop")}
-            stretch = HistoryPart.of(watched, {"paths": query.getlist("path")} | limits)
-        except ValueError as error:  # BadRequest, and what float raises
-            return PlainTextResponse(f"{error}\n", 400)
-        return StreamingResponse(_pieces(csv_of(stretch)), media_type="text/csv", headers=ATTACHMENT)
-
-    return answer
+async def _csv(request: Request) -> Response:
+    watched, query = request.app.state.feed.watched.get(request.path_params["name"]), request.query_params
+    if watched is None:
+        return PlainTextResponse("no such run\n", 404)
+    try:
+        limits = {name: float(query.get(name, "")) for name in ("start", "stop")}
+        stretch = HistoryPart.of(watched, {"paths": query.getlist("path")} | limits)
+    except ValueError as error:  # BadRequest, and what float raises
+        return PlainTextResponse(f"{error}\n", 400)
+    return StreamingResponse(_pieces(csv_of(stretch)), media_type="text/csv", headers=ATTACHMENT)
 
 
 async def _pieces(texts: Iterator[str]) -> AsyncIterator[str]:
@@ -140,8 +133,7 @@ def listen(host: str, port: int) -> socket.socket:
 
 
 def serve(options: Options, listening: socket.socket, ready: Callable[[], None]) -> None:
-    """Serve until Ctrl-C or SIGTERM, then return. `ready` is called when the server answers. An error of the feed ends
-    it, and is raised."""
+    """Serve until Ctrl-C or SIGTERM. `ready` is called when the server answers. An error of the feed is raised."""
     serving = server(options, ready)
     serving.run(sockets=[listening])
     if serving.failure is not None:
@@ -150,10 +142,10 @@ def serve(options: Options, listening: socket.socket, ready: Callable[[], None])
 
 def server(options: Options, ready: Callable[[], None]) -> Server:
     """The server, not yet running."""
-    feed = Feed()
-    app = application(options, feed, lambda task: serving.feed_ended(task))
+    app = application(options, Feed(), lambda task: serving.feed_ended(task))
+    http: Any = partial(HttpConnection, UnauthenticatedConnections(), _tls(options))
     config = uvicorn.Config(
-        app, loop="asyncio", http=visits(_tls(options)), log_level="error", access_log=False, lifespan="on",
+        app, loop="asyncio", http=http, log_level="error", access_log=False, lifespan="on",
         server_header=False, proxy_headers=False, ws="websockets-sansio", ws_max_size=MAX_MESSAGE_BYTES,
         ws_per_message_deflate=False, limit_concurrency=MAX_CONNECTIONS + unauthenticated.MAX_STRANGERS,
         timeout_graceful_shutdown=GRACE_TIME,
@@ -164,9 +156,10 @@ def server(options: Options, ready: Callable[[], None]) -> Server:
 
 
 def _is_of_this_server(record: logging.LogRecord) -> bool:
-    """Whether an error is one of this server. uvicorn reports a text that is no UTF-8 as its own, and closes the page
-    that has sent it."""
-    return "Invalid UTF-8" not in record.getMessage()
+    """Whether an error is this server's. uvicorn also reports a page's text that is no UTF-8, and at the end the
+    answers that are not finished."""
+    unfinished = record.exc_info and isinstance(record.exc_info[1], asyncio.CancelledError)
+    return not unfinished and not record.getMessage().startswith(FOREIGN_ERRORS)
 
 
 def _tls(options: Options) -> ssl.SSLContext | None:
@@ -178,8 +171,7 @@ def _tls(options: Options) -> ssl.SSLContext | None:
 
 
 class Server(uvicorn.Server):
-    """Says when it answers, and ends with its feed. Ctrl-C and SIGTERM end the serving, not the process: its caller
-    goes on and tidies up."""
+    """Says when it answers, and ends with its feed. Ctrl-C and SIGTERM end the serving, not the process."""
 
     def __init__(self, config: uvicorn.Config, ready: Callable[[], None]) -> None:
         super().__init__(config)

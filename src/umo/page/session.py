@@ -126,8 +126,10 @@ class Session:
         if (text := json.dumps({"type": "stations", "stations": lines})) != self._stations:
             self._stations = text
             await self._send(text)
-        if self._name is None and (first := self._choice(runs)) is not None:
-            self._name = first.name
+        if self._name is None:  # the page has chosen none
+            only = runs[0] if len(runs) == 1 else None
+            first = only if self._first is None else self._first.among(runs)
+            self._name = None if first is None else first.name
         watched = self._feed.watched.get(self._name or "")
         if watched is not None and self._place not in (None, watched.place):
             watched = None
@@ -136,12 +138,6 @@ class Session:
             self._live.clear()
             if watched is not None:
                 await self._tell(watched.description())
-
-    def _choice(self, runs: list[Watched]) -> Watched | None:
-        """The run to show while the page has chosen none."""
-        if self._first is not None:
-            return self._first.among(runs)
-        return runs[0] if len(runs) == 1 else None
 
     async def _tell_state(self) -> None:
         watched = self._watched
@@ -205,7 +201,6 @@ class Session:
             raise BadRequest(f"no message {kind!r}")
 
     def _ask(self, work: Callable[[], str | bytes]) -> None:
-        """Have an answer made."""
         try:
             self._asked.put_nowait(work)
         except asyncio.QueueFull:

@@ -9,17 +9,14 @@ from __future__ import annotations
 import asyncio
 import ssl
 from collections import Counter
-from functools import partial
 from typing import Any
 
-from uvicorn.config import Config
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 STAY = 10.0
 """s after which a connection that has not shown the token is cut off."""
 MAX_STRANGERS = 100
-"""Connections that have not shown the token, at most. With more, the oldest of the address that has the most is cut
-off."""
+"""Connections that have not shown the token, at most. Then the oldest of the address that has the most is cut off."""
 
 
 class UnauthenticatedConnections:
@@ -51,15 +48,9 @@ class HttpConnection(H11Protocol):
     """One connection. Its requests find it as `visit` in their state. With `context` it speaks TLS."""
 
     def __init__(
-        self,
-        strangers: UnauthenticatedConnections,
-        context: ssl.SSLContext | None,
-        config: Config,
-        server_state: Any,
-        app_state: dict[str, Any],
-        _loop: asyncio.AbstractEventLoop | None = None,
+        self, strangers: UnauthenticatedConnections, context: ssl.SSLContext | None, *, app_state: Any, **given: Any
     ) -> None:
-        super().__init__(config, server_state, app_state | {"visit": self}, _loop)
+        super().__init__(app_state=app_state | {"visit": self}, **given)
         self._strangers = strangers
         self._context = context
         self._socket: asyncio.Transport | None = None
@@ -109,8 +100,3 @@ class HttpConnection(H11Protocol):
     def over(self) -> bool:
         """Whether the other side has gone."""
         return self._socket is None or self._socket.is_closing()
-
-
-def visits(context: ssl.SSLContext | None) -> Any:
-    """Maker of uvicorn's connections (`Config.http`)."""
-    return partial(HttpConnection, UnauthenticatedConnections(), context)

@@ -14,13 +14,10 @@ from umo.cycle.columns import TAKEN_BY_CLIENT
 from umo.cycle.events import Event
 from umo.errors import UmoError
 from umo.frames import Layout, Reader, Stage
-from umo.frames.last_event import end_of
 from umo.objects import Quality
-from umo.page.box_words import BoxInWords, newest_box
-from umo.page.ending import UNKNOWN_END, Ending, ending_of
+from umo.page.ending import UNKNOWN_END, BoxInWords, Ending, ending_of, newest_box
 from umo.presentation.durations import duration
-from umo.presentation.in_words import as_shown
-from umo.presentation.qualities import SIGNS, WORDS
+from umo.presentation.in_words import SIGNS, WORDS, as_shown
 from umo.presentation.rows import TableRow, declared_of
 from umo.scope.history import History
 from umo.text import printable
@@ -79,23 +76,12 @@ class Watched:
         self._misses: deque[tuple[float, int]] = deque(maxlen=MAX_EVENTS)
         """The last periods before which others were missed: when, and how many."""
 
-    @classmethod
-    def at(cls, path: Path) -> Watched:
-        """The ring of a running station. FramesError, or whatever a damaged description raises."""
-        reader = Reader(path)
-        try:
-            return cls(reader)
-        except BaseException:
-            reader.close()
-            raise
-
     def read(self) -> None:
-        """Take all new frames."""
         self.stage = self.reader.state  # before the frames: the last ones are read in any case
         frames = self.reader.read()
         if self.ended and not self.over:
             self.over, self._ended = True, time.monotonic()
-            self._last_event = end_of(self.reader)
+            self._last_event = self.reader.end
         if not len(frames):
             return
         self._heard = time.monotonic()
@@ -142,8 +128,7 @@ class Watched:
         self._new_misses = self._missed != before_missed
 
     def state(self, full: bool) -> str:
-        """The state as JSON: all values, or only those that have changed since the last number. Made once for all
-        pages."""
+        """The state as JSON: all values, or those that have changed since the last number. Made once for all pages."""
         if self._taken != self.number:
             self._take_state()
         if full not in self._texts:
@@ -170,15 +155,10 @@ class Watched:
         """Facts of the run in words; empty: there is nothing to say."""
         reader, frame = self.reader, self._frame
         facts = {"station": reader.title, "state": "", "end": self.ending.text if self.ending else ""}
-        return (
-            facts
-            | reader.facts(frame)
-            | {
-                "execution": "" if frame is None else duration(int(frame["execution"]) * 1e-9),
-                "not seen": f"{reader.lost:,} periods" if reader.lost else "",
-                "pid": str(self.about["pid"]),
-            }
-        )
+        facts |= reader.facts(frame)
+        facts["execution"] = "" if frame is None else duration(int(frame["execution"]) * 1e-9)
+        facts["not seen"] = f"{reader.lost:,} periods" if reader.lost else ""
+        return facts | {"pid": str(self.about["pid"])}
 
     def _clients(self) -> dict[str, Any]:
         """Mode, lease and tunable numbers, if the station takes commands; which actuators are inhibited or taken."""
@@ -220,7 +200,6 @@ class Watched:
         return dict(zip(old.tolist(), _plain(ages), strict=True))
 
     def line(self) -> dict[str, Any]:
-        """The line of this run in the list of stations."""
         told = {"name": self.name, "station": self.station, "place": self.place}
         told |= {"stage": str(self.stage), "wiring": self.about["wiring"]}
         return told | ({} if self.ending is None else {"ending": self.ending._asdict()})

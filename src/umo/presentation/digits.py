@@ -1,4 +1,4 @@
-"""The digits of a number. `number.js` of the page has the same rules; a test compares the two.
+"""The digits of a number. `presentation.js` of the page has the same rules; a test compares the two.
 
 What has a resolution gets the digits after the point that tell its raw values apart, or up to two more where the
 resolution is then exact (0.25), and never an exponent. What has none gets six significant digits.
@@ -67,8 +67,7 @@ def number_text(value: float, digits: int | None = None) -> str:
 
 
 def scale_texts(levels: Sequence[float]) -> list[str]:
-    """The numbers beside a scale, evenly spaced: six significant digits; where these do not do, as many as the step
-    has."""
+    """The numbers beside a scale, evenly spaced: six significant digits, or as many as the step has."""
     step = float(f"{abs(levels[1] - levels[0]):.6g}") if len(levels) > 1 else inf
     few = all(abs(level) < FEW_STEPS * step for level in levels)
     digits = None if few else next(each for each in range(MAX_DIGITS + 1) if round(step, each) == step)

@@ -22,10 +22,9 @@ from umo.cycle.stage import Stage
 from umo.cycle.stopping import SIGNALS, TimeLimit, request_stop
 from umo.errors import FramesError, StopError, text_of
 from umo.frames import Ring, published
-from umo.frames.client_memory import ClientMemory
 from umo.frames.frame_server import FrameServer
-from umo.frames.last_event import tell
-from umo.frames.memory import RunDescriptors
+from umo.frames.memory import ClientMemory, RunDescriptors
+from umo.frames.publish import tell
 from umo.objects.stop_order import stop_sequence
 from umo.process.control_watch import WHERE_SIGNAL
 from umo.process.hang_detection import LOOK_INTERVAL, STARVED_LIMITS, guardian_limit
@@ -36,7 +35,7 @@ from umo.process.run_end import tell_final_message
 from umo.process.run_state import RunState, Who
 from umo.remote.queue import Receiver
 from umo.system import realtime
-from umo.system.device_claim import DeviceClaim
+from umo.system.device_record import DeviceClaim
 from umo.system.processes import adjust_oom_score, name_process
 from umo.system.streams import say_without_waiting
 from umo.text import Moment, in_brackets
@@ -296,7 +295,7 @@ class Control:
             pid=os.getpid(),
             guardian=self._guardian,
             files=[] if ring is None or self._frames is None else self._frames[1].ends,
-            refusals=[[refusal.what, refusal.why, refusal.grant] for refusal in refusals],
+            refusals=refusals,
         )
         self._stop_if_asked()
 
@@ -307,8 +306,7 @@ class Control:
 
 
 def drive_and_report(control: Control, traces: IO[bytes]) -> int:
-    """The control process, from its fork to its exit status. It writes down in `traces` where it stands when it is
-    asked."""
+    """The control process to its exit status. When it is asked, it writes down in `traces` where it stands."""
     name_process("umo control")
     adjust_oom_score(OOM_SCORE_CHANGE)
     os.register_at_fork(after_in_child=control.stand_aside)

@@ -22,20 +22,18 @@ from umo.latency.blackbox import ON_DEMAND
 from umo.process.control_process import Control, drive_and_report
 from umo.process.control_watch import ControlWatch
 from umo.process.frame_watcher import FrameWatcher
-from umo.process.hang_detection import LOOK_INTERVAL, HangDetector, guardian_limit
+from umo.process.hang_detection import LOOK_INTERVAL, HangDetector, ProcessorShare, guardian_limit
 from umo.process.job import Job, Plan
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
-from umo.process.processor_share import ProcessorShare
 from umo.process.reset import DEATH_TIMEOUT, STOP_SIGNALS
 from umo.process.run_end import RunEnd, tell_final_message
 from umo.process.run_state import RunState, Who
 from umo.process.standby import Standby
 from umo.system import realtime
-from umo.system.cores import CorePlace
-from umo.system.device_claim import DeviceClaim
-from umo.system.device_record import INSPECT
+from umo.system.device_record import INSPECT, DeviceClaim
 from umo.system.processes import adjust_oom_score, carry_out, flush, name_process
+from umo.system.realtime import CorePlace
 from umo.system.streams import keep_open, log_on_lines
 from umo.text import some
 
@@ -140,7 +138,6 @@ class Guardian:
 
     @property
     def forked(self) -> bool:
-        """Whether there has been a control process."""
         return self._control is not None
 
     def give_up(self, outcome: Outcome) -> Outcome:
@@ -207,8 +204,7 @@ class Guardian:
         return ""
 
     def _look_around(self) -> None:
-        """The steps between two looks at the control process, which is watched on whatever fails in them. If nobody can
-        ask for a stop any more, the guardian does."""
+        """The steps between two looks at the control process. If nobody can ask for a stop, the guardian does."""
         self._deaf_looks = 0 if self._try(self._listen) else self._deaf_looks + 1
         if self._deaf_looks == MAX_DEAF_LOOKS:
             self._ask(signal.SIGTERM)

@@ -108,7 +108,6 @@ class Plan:
 
 
 def _functions_of(job: Job) -> tuple[Callable[..., Any], Callable[..., Any] | None]:
-    """The functions that make the machine and the application's sequence."""
     if job.machine is None:
         raise DeclarationError("a job needs a station, or a function that returns the machine")
     make = _import(job.machine, job.script)

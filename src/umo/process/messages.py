@@ -33,8 +33,7 @@ class MessageSocket:
         return cls(here), there
 
     def send(self, kind: str, files: Sequence[int] = (), **content: Any) -> None:
-        """Send a message. Never blocks or raises, even if the starter has ended or does not read.
-        `files` are handed over with the message."""
+        """Send a message with descriptors. Never blocks or raises, even if the starter has ended or does not read."""
         with suppress(OSError):
             text = json.dumps({"kind": kind, **content}).encode()
             passing.send(self._socket, text, files)

@@ -8,37 +8,25 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-from umo.errors import (
-    AcknowledgeRequired,
-    CommandRefused,
-    DeclarationError,
-    DeviceHeld,
-    FramesError,
-    OptionError,
-    PathError,
-    RangeError,
-    StateError,
-    StopError,
-    UmoError,
-    WiringError,
-)
+import umo.errors as errors
+from umo.errors import StopError, UmoError, WiringError
 from umo.exit_status import ExitStatus
 from umo.process.station import StationError
 from umo.text import Moment, in_a_line, in_brackets, place_of, str_of
 from umo.user_code import as_json
 
 USER_ERRORS = (
-    WiringError,
-    DeclarationError,
-    OptionError,
-    PathError,
-    RangeError,
-    StateError,
-    DeviceHeld,
-    AcknowledgeRequired,
+    errors.WiringError,
+    errors.DeclarationError,
+    errors.OptionError,
+    errors.PathError,
+    errors.RangeError,
+    errors.StateError,
+    errors.DeviceHeld,
+    errors.AcknowledgeRequired,
     StationError,
-    FramesError,
-    CommandRefused,
+    errors.FramesError,
+    errors.CommandRefused,
 )
 MAX_LENGTH = 12_000
 """Length of a traceback, a message or a result at most, characters."""

@@ -143,7 +143,7 @@ class Resetter:
     def _run(self, numbers: list[int], is_dead: Callable[[], bool], until: float = inf) -> None:
         """One attempt: in one child, and in one more for each driver that hung or crashed before."""
         self._state.clear()
-        limit = self._limit()
+        limit = CALL_MARGIN + 2 * max(map(self._timeout, self._timeouts), default=0.0)
         for group in self._groups(numbers):
             self._state.begin(-1)
             if self._begin(group):
@@ -243,9 +243,6 @@ class Resetter:
             is_dead()
             sleep(0.01)
 
-    def _limit(self) -> float:
-        return CALL_MARGIN + 2 * max(map(self._timeout, self._timeouts), default=0.0)
-
     def _timeout(self, name: str) -> float:
         """The timeout of a driver in this attempt, s: it grows, up to UNCONTROLLED_TIMEOUT."""
         timeout = self._timeouts[name]
@@ -277,8 +274,7 @@ class Resetter:
         return 0
 
     def _bring_to_defaults(self, numbers: Sequence[int], look: Callable[[], object]) -> None:
-        """Open, initialise at the defaults, reset once the old process is dead, and again when what was under way has
-        been carried out; then give all back."""
+        """Open, initialise, reset once the old process is dead, again when what was under way is done; close."""
         state = self._state
         transfer = self._transfer
 
@@ -326,10 +322,7 @@ class Resetter:
         return opened
 
     def _pass(
-        self,
-        numbers: list[int],
-        segment: Literal["initialize", "reset"],
-        reached: Reached = Reached.ONCE,
+        self, numbers: list[int], segment: Literal["initialize", "reset"], reached: Reached = Reached.ONCE
     ) -> list[int]:
         """One segment for each; those that were reached. This counts only if the old process is dead. What was not
         tried, as its driver had timed out, stays so."""
@@ -353,8 +346,7 @@ def _ending(number: int) -> str:
 
 
 def summary(left: dict[str, str]) -> str:
-    """`z.motor, theta.step: connection refused`, a cause after the first objects that share it and the number of the
-    others."""
+    """`z.motor, theta.step: connection refused`: each cause after the first objects that share it."""
     causes: dict[str, list[str]] = {}
     for path, cause in left.items():
         causes.setdefault(cause, []).append(path)

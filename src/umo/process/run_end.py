@@ -15,7 +15,7 @@ from umo.process.outcome import Failed, Outcome
 from umo.process.reset import Resetter, summary
 from umo.process.run_state import RunState, Who
 from umo.system import realtime
-from umo.system.device_claim import DeviceClaim
+from umo.system.device_record import DeviceClaim
 from umo.system.streams import say_without_waiting
 from umo.text import in_brackets, printable
 
@@ -23,8 +23,7 @@ STANDBY = "standby guardian"
 SPARE_DESCRIPTORS = 16
 """Number of descriptors kept free for the end: the drivers need them."""
 STARTER_END_TIMEOUT = 0.3
-"""Time in s that a starter which is killed together with another process may take to end: its memory is given back
-before its end of the channel is closed."""
+"""Time in s for a starter that is killed too: its memory is given back before its end of the channel is closed."""
 MAX_MESSAGE_LENGTH = 1000
 """Length of the message at most, characters."""
 
@@ -33,12 +32,7 @@ class RunEnd:
     """The work of a guardian when the control process has ended or hangs."""
 
     def __init__(
-        self,
-        plan: Plan,
-        device_claim: DeviceClaim,
-        run_state: RunState,
-        channel: MessageSocket,
-        watcher: FrameWatcher,
+        self, plan: Plan, device_claim: DeviceClaim, run_state: RunState, channel: MessageSocket, watcher: FrameWatcher
     ) -> None:
         self._plan = plan
         self._device_claim = device_claim
@@ -118,12 +112,7 @@ def tell_final_message(channel: MessageSocket, name: str, outcome: Outcome) -> N
     called when the machine has been reset and everything is recorded; no error of it changes how the run ended."""
     with suppress(Exception):
         if channel.peer_is_gone(STARTER_END_TIMEOUT if outcome.unsafe else 0.0):
-            text = f"umo: {name}: the process that started it is gone; {how(outcome)}"
+            reached = "every actuator is at its default" if outcome.driven else "no actuator was driven"
+            how = f"the run has ended, {reached}" if outcome.failure is None else outcome.failure.message
+            text = f"umo: {name}: the process that started it is gone; {how}"
             say_without_waiting(printable(text.replace("\n", "; "))[:MAX_MESSAGE_LENGTH])
-
-
-def how(outcome: Outcome) -> str:
-    """How a run ended and what the actuators are at."""
-    if outcome.failure is not None:
-        return outcome.failure.message
-    return "the run has ended, " + ("every actuator is at its default" if outcome.driven else "no actuator was driven")

@@ -116,8 +116,7 @@ class RunState:
         return answer != errno.ETIMEDOUT
 
     def _lock_until(self, who: Who, within: float) -> int:
-        """The answer of a lock, by the monotonic clock, which nobody sets (glibc from 2.30 on), else by the wall
-        clock."""
+        """The answer of a lock, by the monotonic clock (glibc from 2.30 on), else by the wall clock."""
         mutex, lock = ctypes.byref(self._locks[who]), getattr(self._libc, "pthread_mutex_clocklock", None)
         until = (time.time() if lock is None else time.monotonic()) + within
         limit = ctypes.byref(_Timespec(int(until), int(until % 1 * 1e9)))
@@ -145,8 +144,7 @@ class RunState:
 
     @property
     def excused(self) -> float:
-        """Seconds since the last sign of life for which other processes kept this one from running, as the guardian saw
-        it."""
+        """s since the last sign of life for which others kept this process from running, as the guardian saw it."""
         return self._cells[EXCUSED] * 1e-9
 
     @property
@@ -170,7 +168,6 @@ class RunState:
         self._cells[WATCH] = clock()
 
     def admit(self) -> None:
-        """Let the control process begin."""
         self._cells[ADMITTED] = 1
 
     def excuse(self, seconds: float) -> None:
@@ -208,8 +205,7 @@ class RunState:
         return self._get(REPORT_AT, REPORT_LENGTH)
 
     def conclude(self) -> None:
-        """The guardian resets the machine, or records and tells its end, from now on: its signs of life may be far
-        apart."""
+        """The guardian resets, or records and tells the end, from now on: its signs of life may be far apart."""
         self.watch()
         self._cells[CONCLUDING] = 1
 
@@ -219,8 +215,7 @@ class RunState:
         return bool(self._cells[CONCLUDING])
 
     def settle(self, text: bytes) -> None:
-        """The machine is reset as far as possible, with this outcome. It stands if the guardian dies before it has
-        recorded and told it."""
+        """The machine is reset, with this outcome. It stands if the guardian dies before it is recorded and told."""
         self._put(OUTCOME_AT, OUTCOME_LENGTH, text)
         self.conclude()
 

@@ -22,8 +22,7 @@ from umo.system.processes import ProcessHandle, carry_out, name_process
 LOOK_INTERVAL = 0.1
 """Time in s between two looks at the guardian's signs of life; its death is seen at once."""
 CONCLUDING_LIMIT = 30.0
-"""Timeout in s for the guardian's signs of life while it resets the machine and records and tells its end: a call of a
-driver, or of a slow disk, may take long."""
+"""Timeout in s for the guardian's signs of life while it resets, records and tells: drivers and disks may be slow."""
 FORK_PAUSE = 1.0
 """Time in s from one standby guardian that could not be forked to the next try."""
 
@@ -100,8 +99,7 @@ class Standby:
         return 0
 
     def _wait(self) -> None:
-        """Wait until the guardian is dead, or has given no sign of life in so many looks: the whole computer may stand
-        still for a while."""
+        """Wait until the guardian is dead, or silent for so many looks: the whole computer may stand still."""
         last = looks = 0
         while not self._run_state.gone(LOOK_INTERVAL, Who.GUARDIAN):
             looks = looks + 1 if self._run_state.last_watch == last else 0

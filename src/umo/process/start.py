@@ -136,8 +136,7 @@ class Started:
 
     @property
     def values(self) -> dict[str, float | str]:
-        """The latest value of every object by path: a number in its unit, or the name of a state. Empty before the
-        first frame."""
+        """The latest values by path: a number in its unit, or a state's name. Empty before the first frame."""
         self.poll()
         frame = None if self.frames is None else self.frames.latest()
         return {} if self.frames is None or frame is None else self.frames.values(frame)

@@ -14,9 +14,8 @@ from umo.frames import Reader
 from umo.objects import Quality
 from umo.objects.units import convert
 from umo.presentation.html_table import never_raises
-from umo.presentation.in_words import state_text, value_text
-from umo.presentation.qualities import quality_text
-from umo.remote.commanded import Commanded
+from umo.presentation.in_words import quality_text, state_text, value_text
+from umo.remote.commander import Commander
 from umo.text import did_you_mean
 
 
@@ -52,10 +51,10 @@ class Tree:
 class RemotePart:
     """A compound of a running station, or something that it has, such as a law."""
 
-    def __init__(self, station: Commanded, tree: Tree, path: str) -> None:
+    def __init__(self, station: Commander, tree: Tree, path: str) -> None:
         self.__dict__.update(_station=station, _tree=tree, _path=path)
 
-    _station: Commanded
+    _station: Commander
     _tree: Tree
     _path: str
 
@@ -114,7 +113,7 @@ class NoMember(PathError, AttributeError):
 class RemoteObject:
     """One object of a running station. What is read is of the last finished period."""
 
-    def __init__(self, station: Commanded, entry: dict[str, Any]) -> None:
+    def __init__(self, station: Commander, entry: dict[str, Any]) -> None:
         self._station = station
         self._entry = entry
         self.path: str = entry["path"]
@@ -127,8 +126,7 @@ class RemoteObject:
         return frame
 
     def read(self, unit: str | None = None) -> float | str:
-        """The value: a number in `unit` (default: its own), or the name of a state. Before the
-        first reading: NaN; of a state BadInput."""
+        """A number in `unit` (default: its own), or a state's name. Not read yet: NaN, of a state BadInput."""
         value = float(self._frame()["values"][self._number])
         if "one" in self._entry and isnan(value):
             raise BadInput(self.path, Quality.BAD, why="it was never read")
@@ -187,13 +185,12 @@ class RemoteObject:
 
 
 def call_action(
-    station: Commanded,
+    station: Commander,
     action: dict[str, Any],
     given: dict[str, Any],
     while_running: Callable[[], object] = lambda: None,
 ) -> Any:
-    """Call an action, as described in the frames, and wait for its end; its result. A dead-man action is held from
-    now on, until `release_action`."""
+    """Call an action and wait for its end; its result. A dead-man action is held until `release_action`."""
     path = action["path"]
     if not action["dead_man"]:
         return station.ask("call", path, arguments=given, while_running=while_running)
@@ -201,15 +198,14 @@ def call_action(
         return station.ask("call", path, arguments=given, while_running=while_running)
 
 
-def release_action(station: Commanded, path: str) -> None:
+def release_action(station: Commander, path: str) -> None:
     """End what is held: the machine calls the action's release."""
     station.let_go(path)
     station.ask("let go", path)
 
 
-def _caller(station: Commanded, action: dict[str, Any]) -> Callable[..., Any]:
-    """A function that calls an action and waits for its end. If it is a dead-man action, `release` of the function ends
-    it: `station.z.jog.release()`."""
+def _caller(station: Commander, action: dict[str, Any]) -> Callable[..., Any]:
+    """Calls an action and waits for its end; of a dead-man action with `release`: `station.z.jog.release()`."""
     arguments = action["arguments"]
     path = action["path"]
     signature = Signature([_parameter(each) for each in arguments])

@@ -1,4 +1,4 @@
-"""The queue of commands in the cells (`umo.frames.client_memory`): clients write it, the machine reads it.
+"""The queue of commands in the cells (`umo.frames.memory`): clients write it, the machine reads it.
 
 Clients take turns by a lock that the machine does not take. Each of the `SLOTS` commands is, little-endian: CRC-32 of
 all that follows, size of the text, number of the command (from 1), text (JSON, UTF-8). `HEAD` is the number of commands
@@ -20,7 +20,7 @@ from typing import Any
 from umo.cycle.client_commands import ClientCommand
 from umo.errors import CommandRefused, FramesError
 from umo.frames import Reader
-from umo.frames.client_memory import QUEUE, SLOT, SLOTS, ClientMemory
+from umo.frames.memory import QUEUE, SLOT, SLOTS, ClientMemory
 
 try:
     import fcntl
@@ -74,11 +74,8 @@ class Receiver:
         slot = bytes(self._memory[at : at + SLOT])  # a copy: others may write there at any time
         checksum, size, found = ENTRY.unpack_from(slot)
         text = slot[ENTRY.size : ENTRY.size + size]
-        return (
-            text
-            if size <= MAX_COMMAND_BYTES and found == number and checksum == _checksum(size, number, text)
-            else None
-        )
+        whole = size <= MAX_COMMAND_BYTES and found == number and checksum == _checksum(size, number, text)
+        return text if whole else None
 
     @staticmethod
     def _parsed(number: int, text: bytes) -> ClientCommand | None:
@@ -102,8 +99,7 @@ class Sender:
             raise FramesError(f"{reader.about['station']}: no queue for commands: {error.strerror}") from None
 
     def send(self, command: dict[str, Any]) -> int:
-        """Send a command; its number. CommandRefused if the queue stays full: the machine does not take commands, or
-        too many come."""
+        """Send a command; its number. CommandRefused if the queue stays full."""
         text = json.dumps(command).encode()
         if len(text) > MAX_COMMAND_BYTES:
             raise CommandRefused(f"a command of {len(text)} bytes is too long; the most are {MAX_COMMAND_BYTES}")

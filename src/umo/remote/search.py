@@ -25,8 +25,7 @@ def frames_at(path: Path) -> Reader:
 
 
 def _check(about: Mapping[str, Any]) -> None:
-    """Check the facts by which stations are told apart and listed; any exception if they are not what they should
-    be."""
+    """Check the facts by which stations are told apart and listed: any exception if they are not right."""
     "".join([about["station"], about["wiring"], about["place"], *about["devices"]])
     if not (math.isfinite(about["started"]) and math.isfinite(about["period"]) and about["pid"] == int(about["pid"])):
         raise ValueError("numbers")

@@ -96,8 +96,7 @@ class History:
 
 
 def samples(frames: Frames) -> FloatArray:
-    """A row for each frame: the values of the objects, then of the signals. NaN: the value was BAD, or there is
-    none."""
+    """A row for each frame: objects, then signals. NaN: the value was BAD, or there is none."""
     values, quality = frames["values"], frames["quality"]
     if quality.size and quality.max() >= Quality.BAD:
         values = np.where(quality >= Quality.BAD, np.nan, values)

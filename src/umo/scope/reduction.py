@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from umo.objects.scaling import FloatArray
 
@@ -35,12 +34,8 @@ def reduced(times: FloatArray, values: FloatArray, step: float, period: float) -
         return Points(times, values, values)
     buckets = np.floor(times / step)
     first = np.flatnonzero(np.diff(buckets, prepend=np.nan) != 0)
-    return Points(times[first], _reduceat(np.fmin, values, first), _reduceat(np.fmax, values, first))
-
-
-def _reduceat(function: np.ufunc, values: FloatArray, first: npt.NDArray[np.intp]) -> FloatArray:
-    found: FloatArray = function.reduceat(values, first, axis=1)
-    return found
+    low, high = np.fmin.reduceat(values, first, axis=1), np.fmax.reduceat(values, first, axis=1)
+    return Points(times[first], low, high)
 
 
 def crossing(times: FloatArray, values: FloatArray, kind: str, level: float) -> float | None:

@@ -14,8 +14,7 @@ from umo.frames import Reader
 from umo.objects.scaling import FloatArray
 from umo.presentation.digits import scale_texts
 from umo.presentation.html_table import STYLE, heading
-from umo.presentation.in_words import value_text
-from umo.presentation.unit_text import shown_unit
+from umo.presentation.in_words import shown_unit, value_text
 from umo.scope.history import History
 from umo.scope.reduction import Points, reduced
 from umo.wiring.patterns import chosen
@@ -105,10 +104,8 @@ class Scope:
             style = f'stroke="{COLOURS[row % len(COLOURS)]}" stroke-dasharray="{DASHES[number % len(DASHES)]}"'
             path = _path(x, bottom - (points.low[row] - low) * scale, bottom - (points.high[row] - low) * scale)
             parts.append(f'<path d="{path}" fill="none" {style} stroke-width="1.4" stroke-linecap="round"/>')
-            place, line = (
-                LEFT + number % LEGEND_COLUMNS * (PIXELS / LEGEND_COLUMNS),
-                LINE * (number // LEGEND_COLUMNS) + 12,
-            )
+            place = LEFT + number % LEGEND_COLUMNS * (PIXELS / LEGEND_COLUMNS)
+            line = LINE * (number // LEGEND_COLUMNS) + 12
             parts.append(f'<path d="M{place:g} {line - 4}h24" {style} stroke-width="2.5"/>')
             parts.append(_text(place + 30, line, self._said(row)))
         return "".join([*parts, _text(4, 12, shown_unit(self._entries[lane[0]]["unit"]))])

@@ -80,7 +80,6 @@ class DeviceLock:
 
 
 def is_held(device: str) -> bool:
-    """Whether a process holds the device now."""
     return LINUX and _peer(device) is not None
 
 
@@ -99,8 +98,7 @@ def holder(device: str) -> str:
 
 
 def _peer(device: str) -> tuple[int, int] | None:
-    """The kernel's word on who listens there: pid and user, None for nobody; 0 where it cannot be asked, as too many
-    have asked before."""
+    """Pid and user of who listens there, by the kernel; None: nobody; 0: it cannot be asked, as too many have asked."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         probe.setblocking(False)
         try:

@@ -24,6 +24,7 @@ from typing import Any
 
 from umo.errors import AcknowledgeRequired, UmoError
 from umo.system import folders
+from umo.system.device_lock import DeviceLock
 from umo.text import printable, some, time_of_day
 
 FOLDER = "devices"
@@ -34,8 +35,7 @@ MAX_RECORD_BYTES = 1 << 20
 MAX_TEXT_LENGTH = 2000
 """Bytes of a record, and characters of the text in it, at most."""
 STICKY_MODE = 0o1644
-"""Mode of a record: the sticky bit keeps systemd-tmpfiles from removing an old file (tmpfiles.d(5), XDG base
-directories)."""
+"""Mode of a record: for the sticky bit systemd-tmpfiles leaves an old file alone (tmpfiles.d(5))."""
 
 
 def state_folder() -> Path:
@@ -253,3 +253,42 @@ def _file(device: str) -> str:
 def _replace(path: Path, content: dict[str, Any]) -> None:
     with folders.written(path, STICKY_MODE, to_disk=True) as stream:
         stream.write(json.dumps(content).encode())
+
+
+class DeviceClaim:
+    """Created before a driver is opened: raises DeviceHeld, or AcknowledgeRequired unless `acknowledge`. One of its
+    methods ends it. If a process ends without that, its record shows an unsafe end.
+    """
+
+    def __init__(self, devices: Iterable[str], station: str, wiring: str = "", *, acknowledge: bool = False) -> None:
+        self._devices = devices = tuple(devices)
+        self.hold = DeviceLock(devices, f"{station}, {wiring}" if wiring else station)
+        self._record = DeviceRecord(devices, station, wiring)
+        try:
+            self._record.begin(acknowledge)
+        except BaseException:
+            self.hold.release()
+            raise
+
+    def finish(self) -> None:
+        """Every actuator is at its default, by the ordinary way."""
+        self._record.finish()
+        self.hold.release()
+
+    def abandon(self) -> None:
+        """The machine was not connected: an earlier unsafe end stays to be acknowledged."""
+        self._record.abandon()
+        self.hold.release()
+
+    def stopped(self, what: str, unreached: list[str]) -> str:
+        """The devices stand stopped until somebody acknowledges it. In words: what could not be written down, and what
+        is to be done; empty where no device was driven."""
+        if not self._devices:
+            return ""
+        try:
+            self._record.stopped(what, unreached)
+        except OSError as error:  # the record of the start stands all the same
+            return f"this could not be recorded: {error.strerror or error}; {INSPECT}"
+        finally:
+            self.hold.release()
+        return INSPECT

@@ -18,8 +18,7 @@ from typing import BinaryIO
 PREFIX = "umo-"
 MAX_FOLDERS = 100
 LASTING_PLACES = (Path("/var/tmp"), Path("/tmp"))
-"""Places for records that every user of the computer may read, and only their writer may change; kept over a reboot in
-the first."""
+"""Places for records that all users may read, and only their writer may change; the first is kept over a reboot."""
 STATE_VARIABLE = "UMO_STATE"
 """Environment variable that names another place for what outlives a run, for containers and tests."""
 READABLE_MODE = 0o755

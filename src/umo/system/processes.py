@@ -139,8 +139,8 @@ def name_of(pid: int) -> str:
 
 
 def user_name() -> str:
-    """The name of this user, or the number of one without a name."""
+    """The name of this user, or the number of one without a name; "a user" where users have no numbers (Windows)."""
     try:
         return getpass.getuser()
     except (OSError, KeyError, ImportError):
-        return str(os.getuid())
+        return str(os.getuid()) if hasattr(os, "getuid") else "a user"

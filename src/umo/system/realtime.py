@@ -5,11 +5,13 @@ from __future__ import annotations
 import ctypes
 import gc
 import os
+import socket
 import sys
+from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from math import floor
 from pathlib import Path
+from typing import NamedTuple
 
 from umo.system.processes import user_name
 
@@ -33,10 +35,12 @@ PR_SET_TIMERSLACK = 29
 CAP_IPC_LOCK = 14
 LIMITS = "/etc/security/limits.d/umo.conf, then a new login"
 ISOLATED = Path("/sys/devices/system/cpu/isolated")
+CORE_SOCKET_NAME = "umo core"
+MAX_PLACES = 16
+"""Places on a core that are counted."""
 
 
-@dataclass(frozen=True)
-class Refusal:
+class Refusal(NamedTuple):
     """A setting that was not permitted: what, why, and the line of configuration that permits it."""
 
     what: str
@@ -77,14 +81,12 @@ def granted() -> tuple[int, int | None]:
 
 
 def busy_wait_for(period: float) -> float:
-    """Time of busy waiting before each tick for a loop of this period, in s, in whole us: `BUSY_WAIT`, at most half of
-    the period."""
+    """Busy waiting before each tick of a loop of this period in s, in whole us: at most half of the period."""
     return min(BUSY_WAIT, floor(period / 2 * 1e6 + 1e-6) * 1e-6)
 
 
 def default_busy_wait(period: float) -> float:
-    """The same for a process that was told nothing: 0 without SCHED_FIFO and a core, where it would take the time from
-    others, and they from it."""
+    """The same for a process that was told nothing: 0 without SCHED_FIFO and a core of its own."""
     priority, core = granted()
     return busy_wait_for(period) if priority and core is not None else 0.0
 
@@ -103,8 +105,7 @@ def prepare_guardian(priority: int, cpu: int | None = None) -> None:
 
 
 def die_with_parent(parent: int, number: int) -> None:
-    """Be sent this signal when the parent process ends, however it does (prctl(2)); at once if it has ended already.
-    `parent` is its pid."""
+    """Be sent this signal when the process `parent` (pid) ends, however it does (prctl(2)); at once if it has."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, number, 0, 0, 0)
     if os.getppid() != parent:
         os.kill(os.getpid(), number)
@@ -207,3 +208,41 @@ def _capable(capability: int) -> bool:
         status = Path("/proc/self/status").read_text()
         return bool(int(status.partition("CapEff:")[2].split()[0], 16) >> capability & 1)
     return False
+
+
+class CorePlace:
+    """A place on the core with the fewest others, or on `cpu`, for the control process of the process that makes this.
+
+    It is taken by an abstract Unix socket of its name, as devices are held (`device_lock`): atomic, for every user, and
+    given back by the kernel at the latest when the last process that has it ends."""
+
+    def __init__(self, cpu: int | None = None) -> None:
+        self.core: int | None = cpu
+        """None if no core is to be kept: there is only one."""
+        self._socket: socket.socket | None = None
+        for core, number in _places(cpu):
+            taken = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+            try:
+                taken.bind(f"\0{CORE_SOCKET_NAME} {core} {number}".encode())
+            except OSError:
+                taken.close()
+                continue
+            self.core, self._socket = core, taken
+            return
+
+    def release(self) -> None:
+        """Give it back. (A process that was forked keeps it until it ends or gives it back too.)"""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+
+def _places(cpu: int | None) -> Iterator[tuple[int, int]]:
+    """Cores and places on them in the order of trying: empty cores first, of these the isolated ones, then the last."""
+    allowed, isolated = os.sched_getaffinity(0), set(isolated_cores())
+    if cpu is None and len(allowed) < 2:
+        return
+    cores = sorted(allowed, key=lambda core: (core in isolated, core), reverse=True) if cpu is None else [cpu]
+    for number in range(MAX_PLACES):
+        for core in cores:
+            yield core, number

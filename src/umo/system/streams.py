@@ -38,8 +38,7 @@ def keep_open() -> None:
 
 
 def say_without_waiting(text: str) -> None:
-    """A line on stderr if it takes it at once, else not at all: nothing waits for a terminal that was stopped or a pipe
-    that nobody reads."""
+    """A line on stderr if it is taken at once: nothing waits for a stopped terminal or a pipe that nobody reads."""
     with suppress(OSError):
         flags = os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK | os.O_NOCTTY
         file = os.open("/proc/self/fd/2", flags)  # opened again: O_NONBLOCK must not change the stream of others

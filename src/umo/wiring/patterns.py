@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from umo.errors import Mistake, PathError
 from umo.objects.paths import is_pattern, matches
-from umo.presentation.families import ANY, generalised
+from umo.presentation.rows import ANY, generalised
 from umo.text import did_you_mean
 from umo.wiring.source import WiringSource
 

@@ -4,10 +4,9 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { axesOf, declaredRange, inLane, laneSplits, rangeOf } from "../../../src/umo/page/static/axes.js";
 import { Buffer, doubled, lowerBound } from "../../../src/umo/page/static/buffer.js";
-import { wallDay, wallTime } from "../../../src/umo/page/static/clock.js";
 import { coloursOf, fromAddress, toAddress } from "../../../src/umo/page/static/colours.js";
 import { Cursors } from "../../../src/umo/page/static/cursors.js";
-import { duration, lasting, numberText, scaleTexts, valueText } from "../../../src/umo/page/static/presentation.js";
+import { duration, lasting, numberText, scaleTexts, valueText, wallDay, wallTime } from "../../../src/umo/page/static/presentation.js";
 import { markAt, marksOf, sentence } from "../../../src/umo/page/static/marks.js";
 
 const f64 = (...numbers) => Float64Array.from(numbers);

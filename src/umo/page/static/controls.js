@@ -3,8 +3,7 @@
 import { breakable, el, setText } from "./dom.js";
 import { unquoted } from "./client.js";
 import { NumberInput } from "./number.js";
-import { isBinary, numberText, unitOf, valueText } from "./presentation.js";
-import { shownQuality } from "./quality.js";
+import { isBinary, numberText, shownQuality, unitOf, valueText } from "./presentation.js";
 
 /**
  * @typedef {import("./feed.js").Feed} Feed

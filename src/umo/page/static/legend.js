@@ -1,9 +1,8 @@
 /** The table below the scope: a line for each trace with its value, the cursors, and the measured values. */
 
 import { colour } from "./chart.js";
-import { wallTime } from "./clock.js";
 import { el, setText } from "./dom.js";
-import { clockText, duration, isBinary, numberText, unitOf, valueText } from "./presentation.js";
+import { clockText, duration, isBinary, numberText, unitOf, valueText, wallTime } from "./presentation.js";
 
 /** @typedef {Record<string, number> | null} Measured */
 

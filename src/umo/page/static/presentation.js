@@ -88,3 +88,38 @@ export function lasting(seconds) {
 
 /** A time on the cycle's clock. @param {number} seconds */
 export const clockText = (seconds, digits = 3) => `${fixed(seconds, digits)} s`;
+
+/** @param {number} number @param {number} digits */
+const padded = (number, digits) => String(number).padStart(digits, "0");
+
+/**
+ * The local time of a moment, `21:40:05.123`; "" for a run that does not keep the pace of the wall clock.
+ * @param {number | null | undefined} utc  s since 1970 at the station's time 0.
+ * @param {number} time  s on the station's clock.
+ */
+export function wallTime(utc, time) {
+  if (utc === null || utc === undefined || !Number.isFinite(time)) return "";
+  const date = new Date((utc + time) * 1e3);
+  const clock = [date.getHours(), date.getMinutes(), date.getSeconds()].map((part) => padded(part, 2)).join(":");
+  return `${clock}.${padded(date.getMilliseconds(), 3)}`;
+}
+
+/** The local day of a moment, `2026-11-22`; "" as above. @param {number | null | undefined} utc @param {number} time */
+export function wallDay(utc, time) {
+  if (utc === null || utc === undefined || !Number.isFinite(time)) return "";
+  const date = new Date((utc + time) * 1e3);
+  return `${date.getFullYear()}-${padded(date.getMonth() + 1, 2)}-${padded(date.getDate(), 2)}`;
+}
+
+/** Qualities from which a value is not the present one (umo.Quality). */
+export const STALE = 3;
+
+/**
+ * A sign, a word, which is empty for a good value, and the class that colours it. After the end of a run no value is good: it is the last one before.
+ * @param {number} quality @param {[string, string][]} qualities  Sign and words of each. @param {boolean} ended
+ */
+export function shownQuality(quality, qualities, ended) {
+  const [sign, words] = qualities[quality] ?? ["?", "unknown"];
+  if (ended && quality === 0) return { sign: "◌", word: "", kind: "last" };
+  return { sign, word: quality > 0 ? words : "", kind: words };
+}

@@ -1,8 +1,7 @@
 /** One line of the machine: an object or a signal, or a family of like ones. */
 
 import { breakable, el, setText } from "./dom.js";
-import { lasting, valueText } from "./presentation.js";
-import { shownQuality, STALE } from "./quality.js";
+import { lasting, shownQuality, STALE, valueText } from "./presentation.js";
 
 export class Row {
   /**

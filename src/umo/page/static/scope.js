@@ -1,10 +1,9 @@
 /** The scope: objects and signals against time. */
 
 import { Chart } from "./chart.js";
-import { wallDay, wallTime } from "./clock.js";
 import { coloursOf, fromAddress, toAddress } from "./colours.js";
 import { address, el, save, setText, tracesOfAddress } from "./dom.js";
-import { clockText, duration, isBinary, unitOf } from "./presentation.js";
+import { clockText, duration, isBinary, unitOf, wallDay, wallTime } from "./presentation.js";
 import { gestures } from "./gestures.js";
 import { Legend } from "./legend.js";
 import { markAt, marksOf } from "./marks.js";

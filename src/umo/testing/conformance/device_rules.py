@@ -9,7 +9,7 @@ from typing import Any
 from umo.cycle import connect
 from umo.errors import DriverError, text_of
 from umo.objects import Compound, DigitalActuator, DigitalSensor
-from umo.system.device_claim import DeviceClaim
+from umo.system.device_record import DeviceClaim
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.recovery import rewrite
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
