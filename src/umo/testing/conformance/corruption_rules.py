@@ -18,13 +18,10 @@ UNSTEADY = (
 )
 
 
-@rule(
-    "late answer",
-    "After a timeout, the late answer is never taken for that of a later request.",
-    Cost(each=16, waits=24),
-)
+@rule(Cost(each=16, waits=24))
 def late_answer(context: RuleContext) -> str | None:
-    """The answer to the later request gets lost: if the call succeeds, it took the late one."""
+    """After a timeout, the late answer is never taken for that of a later request."""
+    # The answer to the later request gets lost: if the call succeeds, it took the late one
     tried = False
     with context.opened() as probe:
         for behind in (False, True) if context.line.ordered else (False,):
@@ -96,8 +93,9 @@ def _alive(context: RuleContext, probe: Probe) -> None:
     context.hurry(probe)
 
 
-@rule("answer in pieces", "An answer that comes in several pieces is put together.", Cost(each=8))
+@rule(Cost(each=8))
 def answer_in_pieces(context: RuleContext) -> None:
+    """An answer that comes in several pieces is put together."""
     line = context.line
     with context.opened() as probe:
         expected, before = values(context, probe), line.spoiled
@@ -108,13 +106,10 @@ def answer_in_pieces(context: RuleContext) -> None:
         raise NotTried(NO_ANSWER)
 
 
-@rule(
-    "old answer",
-    "An earlier answer in place of the right one is an error, where answers carry a number.",
-    Cost(each=14, waits=6),
-)
+@rule(Cost(each=14, waits=6))
 def old_answer(context: RuleContext) -> None:
-    """The number shows: two answers to one call, while nothing changes, are not alike."""
+    """An earlier answer in place of the right one is an error, where answers carry a number."""
+    # The number shows: two answers to one call, while nothing changes, are not alike
     with context.opened() as probe:
         tried = False
         why = [] if context.known or not context.readable else [UNSTEADY]
@@ -158,12 +153,10 @@ def _numbered(context: RuleContext, probe: Probe, call: DriverCall) -> bytes | s
     return bytes(answers[-1])
 
 
-@rule(
-    "short answer",
-    "An answer that is cut short, with or without the end of the connection, is an error.",
-    Cost(opens=2, each=40, waits=18),
-)
+@rule(Cost(opens=2, each=40, waits=18))
 def short_answer(context: RuleContext) -> str | None:
+    """An answer that is cut short, with or without the end of the connection, is an error."""
+
     def half(answer: bytes) -> bytes:
         return answer[: len(answer) // 2]
 
@@ -183,13 +176,10 @@ def short_answer(context: RuleContext) -> str | None:
     return whole
 
 
-@rule(
-    "garbled answer",
-    "An answer whose structure is garbled (its start, all of it, random bytes) is an error. A changed digit or "
-    "register in a sound answer cannot be noticed; it is tried only where answers have a checksum.",
-    Cost(each=50, waits=20),
-)
+@rule(Cost(each=50, waits=20))
 def garbled_answer(context: RuleContext) -> str | None:
+    """An answer whose structure is garbled (its start, all of it, random bytes) is an error. A changed digit or
+    register in a sound answer cannot be noticed; it is tried only where answers have a checksum."""
     random = Random(1998)
 
     def noise(count: int) -> bytes:

@@ -25,12 +25,9 @@ REFERENCE_CALLS = 2
 """Calls that succeed, whose requests are counted."""
 
 
-@rule(
-    "retry",
-    "A request is sent once within a call, also if it fails: a pulse would come twice.",
-    Cost(opens=2, each=32, waits=12),
-)
+@rule(Cost(opens=2, each=32, waits=12))
 def retry(context: RuleContext) -> str | None:
+    """A request is sent once within a call, also if it fails: a pulse would come twice."""
     line = context.line
     faults: list[tuple[str, Change, bool]] = [
         ("got no answer", lambda answer: b"", False),
@@ -144,8 +141,9 @@ def _usual_of(context: RuleContext, probe: Probe, writes: bool) -> Traffic | Non
     return context.traffic(probe.read, context.readable[0]) if context.readable else None
 
 
-@rule("error answer", "An error that the device answers is an OSError, not a value and not a timeout.", Cost(each=12))
+@rule(Cost(each=12))
 def error_answer(context: RuleContext) -> str | None:
+    """An error that the device answers is an OSError, not a value and not a timeout."""
     if not context.subject.refused:
         raise NotTried("no channel is known that the device refuses")
     silent, kinds = [], set()
