@@ -6,11 +6,19 @@ from functools import partial
 from random import Random
 
 from umo.testing.conformance.probe import Probe
-from umo.testing.conformance.recovery import recovers, rewrite, values
+from umo.testing.conformance.relay import Change
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
-from umo.testing.conformance.spoiling import MAX_CHANNELS, NO_ANSWER, Spoilt, each_spoiled, spoiled_read
-from umo.testing.conformance.traffic import Change
+from umo.testing.conformance.spoiling import (
+    MAX_CHANNELS,
+    NO_ANSWER,
+    Spoilt,
+    each_spoiled,
+    recovers,
+    rewrite,
+    spoiled_read,
+    values,
+)
 
 UNSTEADY = (
     "whether answers to reads carry a number is not seen, as nothing says that an input stays the same "
@@ -72,7 +80,7 @@ def _late_level(context: RuleContext, probe: Probe, behind: bool) -> bool:
     probe.timeout = context.patience
     probe.write(output.channel, old)
     context.is_read(probe, output, old)
-    context.hurry(probe)
+    probe.timeout = context.haste
     before = line.spoiled
     with line.late(behind=behind):
         context.failure(probe.read, view)
@@ -90,7 +98,7 @@ def _alive(context: RuleContext, probe: Probe) -> None:
     """A call that succeeds, so that the driver is connected; then the short timeout. After a failure it may fail."""
     probe.timeout = context.patience
     context.insist(context.transfers(probe)[0])
-    context.hurry(probe)
+    probe.timeout = context.haste
 
 
 @rule(Cost(each=8))
@@ -140,7 +148,7 @@ def _numbered(context: RuleContext, probe: Probe, call: DriverCall) -> bytes | s
         call()
     doing = context.watch.doing
     line.settle()
-    context.hurry(probe)
+    probe.timeout = context.haste
     exchanges = list(line.exchanges)[-3:]
     if len(exchanges) < 3:
         return f"{doing} has no answer of its own on the line"

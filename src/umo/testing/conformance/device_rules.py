@@ -11,9 +11,9 @@ from umo.errors import DriverError, text_of
 from umo.objects import Compound, DigitalActuator, DigitalSensor
 from umo.system.device_claim import DeviceClaim
 from umo.testing.conformance.probe import Probe
-from umo.testing.conformance.recovery import rewrite
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.spoiling import rewrite
 from umo.testing.conformance.subject import Output
 from umo.testing.conformance.timing_rules import in_time
 
@@ -50,7 +50,7 @@ def _carried_out_unknown(context: RuleContext, probe: Probe, output: Output) -> 
     for reset in (True, False):
         probe.timeout = context.patience
         probe.write(output.channel, output.default)
-        context.hurry(probe)
+        probe.timeout = context.haste
         context.unanswered(probe.write, output.channel, output.other())
         probe.timeout = context.patience
         for text in context.readable[:1]:
@@ -72,7 +72,7 @@ def vanish(context: RuleContext) -> str | None:
         alone: list[DriverCall] = [partial(probe.read, text) for text in context.readable[:MAX_ALONE]]
         for call in (*context.transfers(probe), *alone):
             call()  # what is kept of it must not be given later
-        context.hurry(probe)
+        probe.timeout = context.haste
         with loss():
             for call in (*alone, *reversed(context.transfers(probe, default=False))):
                 if in_time(context, probe, call) is None:
@@ -107,7 +107,7 @@ def _moves_nothing(context: RuleContext, probe: Probe) -> None:
 def _not_opened(context: RuleContext) -> Probe:
     """Another driver cannot be opened, or not be used, and can be closed."""
     probe = context.new()
-    context.hurry(probe)
+    probe.timeout = context.haste
     error = in_time(context, probe, probe.open)
     if error is None and context.failure(context.transfers(probe)[0]) is None:
         raise RuleBroken(f"{context.watch.doing} of a new driver succeeded while the device was away")

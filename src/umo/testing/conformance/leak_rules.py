@@ -89,7 +89,7 @@ def _open_often(context: RuleContext, least: int, most: int, silent: int) -> lis
 
 def _open_in_silence(context: RuleContext) -> Probe:
     probe, line = context.new(), context.subject.line
-    context.hurry(probe)
+    probe.timeout = context.haste
     with line.silent() if line is not None else nullcontext():
         context.failure(probe.open)
         for call in context.transfers(probe)[::2]:
@@ -229,7 +229,7 @@ def _over_lost_connections(context: RuleContext, line: Tap) -> str:
 def _without_a_device(context: RuleContext, line: Tap) -> str:
     """The measurement (`_grows`) of calls that fail as the device is away."""
     with context.opened() as probe, line.gone():
-        context.hurry(probe)
+        probe.timeout = context.haste
         calls = [call for call in context.transfers(probe) if fails_at_once(context, call)]
         if not calls:
             return "calls without the device do not fail at once"

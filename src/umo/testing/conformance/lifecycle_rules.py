@@ -42,7 +42,7 @@ def _left_levels(context: RuleContext) -> Iterator[tuple[Output, int]]:
 
 def _leave_at(context: RuleContext, output: Output, raw: int) -> None:
     """Leave the output as a process that died leaves it; the other outputs are at other levels."""
-    context.left_dirty()
+    context.dirty = True
     probe = context.new()
     try:
         probe.open()

@@ -10,12 +10,12 @@ from typing import Any
 
 from umo.drivers.contract import Direction
 from umo.testing.conformance.probe import Probe
-from umo.testing.conformance.recovery import recovers, values
-from umo.testing.conformance.requests import constant
+from umo.testing.conformance.pulses import constant
+from umo.testing.conformance.relay import Change, Traffic
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.spoiling import recovers, values
 from umo.testing.conformance.subject import Output
-from umo.testing.conformance.traffic import Change, Traffic
 
 IDLE_TIME = 0.1
 """Time in s in which a driver that is left alone must send nothing to be judged."""
@@ -77,7 +77,7 @@ def _counted(context: RuleContext, probe: Probe, number: int, fault: Callable[[]
     call = context.transfers(probe)[number]
     if fault is None:
         return context.traffic(call)
-    context.hurry(probe)
+    probe.timeout = context.haste
     with context.line.counting() as traffic, fault():
         context.failure(call)
     return traffic

@@ -145,7 +145,7 @@ def _fail(context: RuleContext, probe: Probe) -> None:
     if context.subject.line is not None:
         for call in context.transfers(probe)[::3]:
             _resume(context, probe)
-            context.hurry(probe)
+            probe.timeout = context.haste
             context.spoiled(lambda answer: bytes(each ^ 0x95 for each in answer), True, call)
             with context.line.gone():
                 context.failure(call)

@@ -31,7 +31,7 @@ def timeout(context: RuleContext) -> None:
     line = context.line
     with context.opened() as probe:
         context.use(probe)  # what is kept of it must not be given later
-        context.hurry(probe)
+        probe.timeout = context.haste
         first: list[DriverCall] = [
             partial(probe.initialize, each.channel, each.default) for each in context.subject.outputs[:1]
         ]
@@ -56,7 +56,7 @@ def _open_in_time(context: RuleContext, probes: list[Probe]) -> None:
     """Open, or fail, and close. The quickest of several drivers counts."""
     limit = allowed(context.haste)
     for probe in probes:
-        context.hurry(probe)
+        probe.timeout = context.haste
         slow = ""
         for call in (probe.open, probe.close):
             context.failure(call)
@@ -70,7 +70,7 @@ def _open_in_time(context: RuleContext, probes: list[Probe]) -> None:
 def _without_a_connection(context: RuleContext) -> None:
     others = [context.new() for _ in range(TRIES)]
     with context.opened() as probe:
-        context.hurry(probe)
+        probe.timeout = context.haste
         with context.line.unreachable() as possible:
             if possible:
                 for call in context.transfers(probe, default=False)[1::2]:
