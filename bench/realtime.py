@@ -136,7 +136,7 @@ def _busy() -> Iterator[None]:
 
 def _granted() -> Loop:
     """A loop that has ended: it knows the priority and the core that the control process gets here."""
-    loop = Loop(PERIOD, 80, None)
+    loop = Loop(PERIOD)
     loop.close()
     return loop
 

@@ -7,6 +7,7 @@ import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from io import BytesIO
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any
@@ -211,10 +212,7 @@ class Chip(RegisterDriver):
     """Registers that do not answer."""
 
     def _connect(self) -> None:
-        return
-
-    def _disconnect(self) -> None:
-        return
+        self._bus = BytesIO()
 
     def _get(self, address: int, size: int) -> bytes:
         raise OSError(6, "No such device or address")

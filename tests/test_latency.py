@@ -134,7 +134,7 @@ def test_a_short_run_leaves_figures_of_both_loops(
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time needs Linux")
 def test_the_loop_has_a_process_of_one_thread_which_is_not_a_fork(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "fork", lambda: pytest.fail("forked"))
-    with closing(Loop(0.005, 0, None)) as loop:
+    with closing(Loop(0.005, 0)) as loop:
         status = Path(f"/proc/{loop._process.pid}/status").read_text()
         assert "Threads:\t1\n" in status
         assert len(loop.run(3, busy_wait=0.001).times) == 3
@@ -144,7 +144,7 @@ def test_the_loop_has_a_process_of_one_thread_which_is_not_a_fork(monkeypatch: p
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time needs Linux")
 def test_a_loop_that_cannot_begin_is_an_error_and_leaves_no_process(capfd: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(DriverError, match="ended before it started measuring"):
-        Loop(0.0, 0, None)
+        Loop(0.0, 0)
     assert "is 0" in capfd.readouterr().err
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -53,9 +54,7 @@ class Chip(RegisterDriver):
 
     def _connect(self) -> None:
         self.connections += 1
-
-    def _disconnect(self) -> None:
-        pass
+        self._bus = BytesIO()
 
     def _now(self) -> bytearray:
         page = None if self._page_register is None else self.memory[self._page_register]

@@ -32,8 +32,7 @@ from umo.plant import serve as serving
 from umo.plant.box import Box, Watchdog
 from umo.plant.modbus_server import Connection, answer
 from umo.plant.register_map import RegisterMap, register_maps
-from umo.plant.report_file import ReportFile
-from umo.plant.serve import serve, serve_until_signal, turn
+from umo.plant.serve import ReportFile, serve, serve_until_signal, turn
 from umo.plant.simulation import MAX_LAG, MAX_PERIODS, Pace, Simulation
 from umo.process.station import find
 from umo.stations.ztheta.objects import machine

@@ -26,9 +26,6 @@ class Plans(Generic[K, P]):
         self._known: dict[tuple[K, ...], P] = {}
         self._last: tuple[tuple[K, ...], P] | None = None
 
-    def __len__(self) -> int:
-        return len(self._known)
-
     def clear(self) -> None:
         """All plans are made afresh."""
         self._known.clear()

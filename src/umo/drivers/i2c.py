@@ -72,7 +72,6 @@ class I2c(RegisterDriver):
         if pec and (auto_increment or address_bits != 8):
             raise WiringError("pec is for registers moved one by one, with addresses of 8 bits")
         self._smbus = library("smbus2", "smbus2")
-        self._bus: Any = None
         self._limit = 0.0
         self._messages = False
         self._blocks = False
@@ -92,26 +91,18 @@ class I2c(RegisterDriver):
         if self._smbus is None:
             raise DriverError('the i2c driver needs smbus2: pip install "umo[i2c]"')
         self._check_free()
-        functions, bus = self._smbus.I2cFunc, self._smbus.SMBus()
-        try:
-            with opening(self.path):
-                _open(bus, self.path)
-                _set_timeout(bus, self.timeout)
-            if self._pec:
-                if not bus.funcs & functions.SMBUS_PEC:
-                    raise DriverError(f"the adapter of {self.path} has no pec")
-                bus.enable_pec()
-        except BaseException:
-            bus.close()
-            raise
-        self._bus, self._limit = bus, self.timeout
+        functions = self._smbus.I2cFunc
+        bus = self._bus = self._smbus.SMBus()
+        with opening(self.path):
+            _open(bus, self.path)
+            _set_timeout(bus, self.timeout)
+        if self._pec:
+            if not bus.funcs & functions.SMBUS_PEC:
+                raise DriverError(f"the adapter of {self.path} has no pec")
+            bus.enable_pec()
+        self._limit = self.timeout
         self._messages = bool(bus.funcs & functions.I2C) and not self._pec
         self._blocks = bool(bus.funcs & functions.SMBUS_READ_I2C_BLOCK)
-
-    def _disconnect(self) -> None:
-        if self._bus is not None:
-            self._bus.close()
-            self._bus = None
 
     def _begin(self) -> None:
         super()._begin()

@@ -20,7 +20,6 @@ class PacedTimer(TimerFd):
     def __init__(self, timer: Driver[Any]) -> None:
         super().__init__()
         self.timer = timer
-        """The driver whose timer it paces."""
         self.period, self.timeout = timer.period, timer.timeout
 
     def channel(self, text: str) -> Channel:

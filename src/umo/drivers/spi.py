@@ -87,7 +87,6 @@ class Spi(RegisterDriver):
         self._shift = within("address_shift", address_shift, 0, max(address_bits - 1, 0))
         self._dummies = within("dummy_bytes", dummy_bytes, -self._command, _MAX_DUMMY_BYTES)
         self._spidev = library("spidev", "spidev")
-        self._device: Any = None
         super().__init__(registers or {}, page_register, auto_increment, identity or {}, setup or {}, address_bits)
 
     def channel(self, text: str) -> RegisterChannel:
@@ -110,21 +109,15 @@ class Spi(RegisterDriver):
     def _connect(self) -> None:
         if self._spidev is None:
             raise DriverError('the spi driver needs spidev: pip install "umo[spi]" (it needs a C compiler)')
-        device = self._spidev.SpiDev()
-        try:
-            with opening(self.path):
-                device.open_path(self.path)
-            for name, value in self._settings.items():
-                _set(device, self.path, name, value)
-        except BaseException:
-            device.close()
-            raise
-        self._device = device
-
-    def _disconnect(self) -> None:
-        if self._device is not None:
-            self._device.close()
-            self._device = None
+        self._bus = self._spidev.SpiDev()
+        with opening(self.path):
+            self._bus.open_path(self.path)
+        for name, value in self._settings.items():
+            try:
+                setattr(self._bus, name, value)
+            except OSError as error:
+                text = f"the controller of {self.path} refuses {name} = {value} ({error.strerror})"
+                raise DriverError(text) from error
 
     def _get(self, address: int, size: int) -> bytes:
         start = self._command + self._dummies
@@ -143,7 +136,7 @@ class Spi(RegisterDriver):
         """One transfer; of whole words."""
         if len(sent) % self._word:
             raise DriverError(f"a transfer of {len(sent)} bytes is not one of whole words of {8 * self._word} bits")
-        answer = self._device.xfer2(list(_swapped(sent, self._word)))
+        answer = self._bus.xfer2(list(_swapped(sent, self._word)))
         return _swapped(bytes(answer), self._word)
 
 
@@ -152,10 +145,3 @@ def _swapped(data: bytes, word: int) -> bytes:
     if word == 1 or sys.byteorder == "big":
         return data
     return b"".join(data[i : i + word][::-1] for i in range(0, len(data), word))
-
-
-def _set(device: Any, path: str, name: str, value: int) -> None:
-    try:
-        setattr(device, name, value)
-    except OSError as error:
-        raise DriverError(f"the controller of {path} refuses {name} = {value} ({error.strerror})") from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import struct
 import sys
 import time
 from collections.abc import Callable
@@ -15,6 +16,8 @@ from umo.presentation.durations import duration
 
 CLOCK_MONOTONIC = 1
 TFD_TIMER_ABSTIME = 1
+ITIMERSPEC = struct.Struct("@4l")
+"""Packing of the interval and the first expiry, each in s and ns."""
 MAX_AWAKE_SHARE = 15 / 16
 """Share of its processor that a thread which waits busily uses at most. The kernel holds up a real-time thread
 that uses more than 95 % (sched(7), sched_rt_runtime_us)."""
@@ -32,18 +35,6 @@ MAX_DOUBLINGS = 12
 FADING = 8
 """Divisor of what the expected time of the work loses in each period after a long one."""
 TFD_CLOEXEC = getattr(os, "O_CLOEXEC", 0)
-
-
-class _Timespec(ctypes.Structure):
-    _fields_ = [("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long)]
-
-
-class _Itimerspec(ctypes.Structure):
-    _fields_ = [("interval", _Timespec), ("value", _Timespec)]
-
-
-def _timespec(nanoseconds: int) -> _Timespec:
-    return _Timespec(*divmod(nanoseconds, 1_000_000_000))
 
 
 class WhileWaiting:
@@ -194,9 +185,9 @@ class Ticker:
         it refused."""
         if self._fd < 0:
             return 0
-        spec = _Itimerspec(_timespec(self._nanoseconds), _timespec(first))
+        spec = ITIMERSPEC.pack(*divmod(self._nanoseconds, 1_000_000_000), *divmod(first, 1_000_000_000))
         libc = ctypes.CDLL(None, use_errno=True)
-        return int(libc.timerfd_settime(self._fd, TFD_TIMER_ABSTIME, ctypes.byref(spec), None))
+        return int(libc.timerfd_settime(self._fd, TFD_TIMER_ABSTIME, spec, None))
 
     def _refused(self) -> NoReturn:
         raise DriverError(f"timerfd: {os.strerror(ctypes.get_errno())} (period {duration(self.period)})")
@@ -209,7 +200,6 @@ class TimerFd(Driver):
 
     def __init__(self) -> None:
         self.ticker: Ticker | None = None
-        """The running grid."""
 
     def channel(self, text: str) -> Channel:
         return Channel("tick", Direction.INPUT, 63)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import struct
 import subprocess
 import sys
 from collections.abc import Callable
@@ -42,26 +41,16 @@ class Example(Compound):
 
 
 def example() -> Example:
-    def sensor() -> DigitalSensor:
-        return DigitalSensor("um", minimum=-1e6, maximum=1e6, resolution=0.5)
-
-    def motor() -> DigitalActuator:
-        return DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=0.01)
-
-    def valve() -> BinaryActuator[OnOff]:
-        return BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF)
-
-    timer = DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False)
     return Example(
-        timer=timer, sensors=[sensor() for _ in range(4)], motors=[motor() for _ in range(4)],
-        valves=[valve() for _ in range(4)],
-    )  # fmt: skip
+        timer=DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False),
+        sensors=[DigitalSensor("um", minimum=-1e6, maximum=1e6, resolution=0.5) for _ in range(4)],
+        motors=[DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=0.01) for _ in range(4)],
+        valves=[BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF) for _ in range(4)],
+    )
 
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of a control process; numpy's own threads would be started with it."""
-REQUEST = struct.Struct("<qd")
-"""Packing of a request: periods, and s of busy waiting."""
 START = "import sys; from umo.latency.loop import serve; serve(*sys.argv[1:])"
 
 
@@ -71,10 +60,10 @@ class Loop:
     It is a new Python, not a fork: this process has other threads, at least those of numpy.
     """
 
-    def __init__(self, period: float, priority: int, cpu: int | None) -> None:
+    def __init__(self, period: float, priority: int = 80) -> None:
         self._here, there = Pipe()
         with there:
-            words = [there.fileno(), period, priority, -1 if cpu is None else cpu]
+            words = [there.fileno(), period, priority]
             self._process = subprocess.Popen(
                 [sys.executable, "-c", START, *map(str, words)],
                 pass_fds=[there.fileno()],
@@ -101,7 +90,7 @@ class Loop:
 
     def run(self, periods: int, busy_wait: float = 0.0) -> Slice:
         """Measure one slice, as `native.run`."""
-        self._here.send_bytes(REQUEST.pack(periods, busy_wait))
+        self._here.send((periods, busy_wait))
         return Slice.of(self._here.recv_bytes())
 
     def close(self) -> None:
@@ -109,20 +98,20 @@ class Loop:
         self._process.wait()
 
 
-def serve(file: str, period: str, priority: str, cpu: str) -> None:
+def serve(file: str, period: str, priority: str) -> None:
     """The process: slices as they are asked for, until the other end is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     realtime.die_with_parent(os.getppid(), signal.SIGKILL)
-    there, wanted = Connection(int(file)), int(priority)
+    there = Connection(int(file))
     machine = example()
     wire: dict[str, Any] = {item.path: {"driver": "simulated"} for item in atoms(machine)}
     wire["timer"] = {"driver": "timerfd", "period": float(period)}
     connection = connect(machine, {"wire": wire})
     with suppress(EOFError, ConnectionError), connection as m:
         ticker = connection.wired.drivers["timerfd"].ticker  # type: ignore[attr-defined]
-        there.send((realtime.prepare(wanted, None if int(cpu) < 0 else int(cpu)), *realtime.granted()))
+        there.send((realtime.prepare(int(priority), None), *realtime.granted()))
         while True:
-            periods, busy_wait = REQUEST.unpack(there.recv_bytes())
+            periods, busy_wait = there.recv()
             wait_busily(connection.wired, busy_wait)
             there.send_bytes(slice_of(m, ticker, periods).tobytes())
 

@@ -84,20 +84,14 @@ class Measured:
 
 
 def measure(
-    period: float,
-    seconds: float,
-    *,
-    load: bool = False,
-    priority: int = 80,
-    cpu: int | None = None,
-    progress: Callable[[float], object] = lambda share: None,
+    period: float, seconds: float, *, load: bool = False, progress: Callable[[float], object] = lambda share: None
 ) -> Measured:
     """Run all loops for `seconds` s each, in turns; `load` keeps every core busy beside them. Ctrl-C ends it early."""
     periods = max(20, round(SLICE_TIME / period))
     slices = max(1, round(seconds / (periods * period)))
     busy = [subprocess.Popen([sys.executable, "-c", BUSY_PROGRAM]) for _ in range(os.cpu_count() or 1)] if load else []
     try:
-        with closing(Loop(period, priority, cpu)) as loop, native.compiled() as program:
+        with closing(Loop(period)) as loop, native.compiled() as program:
             found = Measured(period, realtime.busy_wait_for(period), loop.refusals, loop.granted)
             if program is not None:
                 found.c, found.c_busy = Samples(), Samples()

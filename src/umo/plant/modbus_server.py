@@ -58,7 +58,7 @@ def _answer(function: int, body: bytes, cells: RegisterCells) -> bytes:
 
 def _read(function: int, body: bytes, cells: RegisterCells) -> bytes:
     table, most = _READS[function]
-    address, count = _two_words(body, len(body))
+    address, count = _two_words(body)
     if not 1 <= count <= most:
         raise ExceptionAnswer(ILLEGAL_VALUE)
     values = cells.read(table, address, count)
@@ -67,7 +67,7 @@ def _read(function: int, body: bytes, cells: RegisterCells) -> bytes:
 
 
 def _write_one(function: int, body: bytes, cells: RegisterCells) -> bytes:
-    address, value = _two_words(body, len(body))
+    address, value = _two_words(body)
     if function == 6:
         cells.write("holding", address, [value])
     elif value in (_ON, _OFF):
@@ -78,10 +78,10 @@ def _write_one(function: int, body: bytes, cells: RegisterCells) -> bytes:
 
 
 def _write_many(function: int, body: bytes, cells: RegisterCells) -> bytes:
-    address, count = _two_words(body, 4 if len(body) > 4 else 0)
+    address, count = _two_words(body[:4])
     packed = body[5:]
     table, most, size = ("coil", 1968, (count + 7) // 8) if function == 15 else ("holding", 123, 2 * count)
-    if not 1 <= count <= most or body[4] != size or len(packed) != size:
+    if not 1 <= count <= most or body[4:5] != bytes([size]) or len(packed) != size:
         raise ExceptionAnswer(ILLEGAL_VALUE)
     if function == 15:
         whole = int.from_bytes(packed, "little")
@@ -94,22 +94,18 @@ def _write_many(function: int, body: bytes, cells: RegisterCells) -> bytes:
 
 def _read_write(body: bytes, cells: RegisterCells) -> bytes:
     """Write registers, then read registers. Where either is refused nothing has changed."""
-    ahead, packed = body[:8], body[9:]
-    from_, count = _two_words(ahead[:4], len(ahead[:4]))
-    to, written = _two_words(ahead[4:], len(ahead[4:]))
-    if (
-        not (1 <= count <= 125 and 1 <= written <= 121)
-        or body[8:9] != bytes([2 * written])
-        or len(packed) != 2 * written
-    ):
+    from_, count = _two_words(body[:4])
+    to, written = _two_words(body[4:8])
+    size, packed = 2 * written, body[9:]
+    if not (1 <= count <= 125 and 1 <= written <= 121) or body[8:9] != bytes([size]) or len(packed) != size:
         raise ExceptionAnswer(ILLEGAL_VALUE)
     cells.read("holding", from_, count)
     cells.write("holding", to, struct.unpack(f">{written}H", packed))
     return bytes([2 * count]) + struct.pack(f">{count}H", *cells.read("holding", from_, count))
 
 
-def _two_words(body: bytes, length: int) -> tuple[int, int]:
-    if length != 4:
+def _two_words(body: bytes) -> tuple[int, int]:
+    if len(body) != 4:
         raise ExceptionAnswer(ILLEGAL_VALUE)
     return body[0] << 8 | body[1], body[2] << 8 | body[3]
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import os
 import signal
-from collections.abc import Callable, Sequence
+import stat
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +16,12 @@ from umo.errors import DriverError, WiringError
 from umo.presentation.durations import duration
 from umo.presentation.in_words import measure
 from umo.process.outcome import plain
+from umo.text import reason_of
 from umo.wiring import Wired
 
 from .box import Box
 from .modbus_server import Connection
 from .register_map import RegisterMap
-from .report_file import ReportFile
 from .simulation import Simulation
 
 MAX_WATCHDOG = 65.535
@@ -138,3 +140,44 @@ def summary_of(simulation: Simulation, boxes: Sequence[Box]) -> Summary:
         "watchdog_drops": sum(box.watchdog.drops for box in boxes),
         "periods_given_up": simulation.pace.given_up,
     }
+
+
+class ReportFile:
+    """A report in JSON, replaced whole: whoever reads it never finds half of one. A symlink stays, the file behind it
+    is replaced. Nothing but a regular file is ever replaced. WiringError at once where none can be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._given = path
+        try:
+            self._path = path.resolve()
+            self._look()
+            self._draft = self._path.with_name(f".umo-report-{os.getpid()}")
+            self._fill_draft("")
+            self._draft.unlink()
+        except (OSError, RuntimeError, ValueError) as error:  # the last two: a loop of symlinks, a null byte
+            raise WiringError(f"no report can be written to {path}: {reason_of(error)}") from None
+
+    def write(self, content: Mapping[str, object]) -> None:
+        """DriverError where it cannot be written any more; the file then is as it was."""
+        try:
+            self._fill_draft(json.dumps(content, indent=2) + "\n")
+            self._look()
+            self._draft.replace(self._path)
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                self._draft.unlink()
+            raise DriverError(f"the report {self._given} cannot be written: {reason_of(error)}") from None
+
+    def _look(self) -> None:
+        try:
+            mode = self._path.lstat().st_mode
+        except FileNotFoundError:
+            return
+        if not stat.S_ISREG(mode):
+            raise OSError("this is not a regular file")
+
+    def _fill_draft(self, text: str) -> None:
+        self._draft.unlink(missing_ok=True)
+        with self._draft.open("x") as file:  # a new file, not one that somebody else has put there
+            file.write(text)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import TracebackType
 from typing import Any
 
 from umo.cycle.transfer import Transfer
@@ -88,9 +87,7 @@ class Simulation:
         self.pace = Pace(self._wired.period or 0.0, self.clock())
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: object, *error: object) -> None:
         failures = self._close()
         if failures and kind is None:
             raise DriverError("the plant could not be closed", failures)

@@ -73,3 +73,7 @@ class Viewpoint:
     def __post_init__(self) -> None:
         if numbers("Viewpoint: eye", self.eye, 3) == numbers("Viewpoint: target", self.target, 3):
             raise DeclarationError(f"Viewpoint: eye and target are the same place, {self.eye!r}")
+
+    def describe(self) -> dict[str, Any]:
+        """The description for the page."""
+        return {"eye": list(map(float, self.eye)), "target": list(map(float, self.target))}

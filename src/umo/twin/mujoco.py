@@ -96,7 +96,7 @@ def _shape(mj: Any, model: Any, geom: int) -> Shape | None:
     options: dict[str, Any] = {
         "position": _floats(model.geom_pos[geom]),
         "rotation": _floats(model.geom_quat[geom]),
-        "colour": f"#{_byte(r):02x}{_byte(g):02x}{_byte(b):02x}",
+        "colour": "#" + bytes(round(255 * min(max(share, 0.0), 1.0)) for share in (r, g, b)).hex(),
         "opacity": opacity,
     }
     x, y, z = _floats(model.geom_size[geom])
@@ -123,10 +123,6 @@ def _mesh(model: Any, mesh: int, **options: Any) -> Mesh:
 def _colour(model: Any, geom: int) -> tuple[float, ...]:
     own, material = _floats(model.geom_rgba[geom]), int(model.geom_matid[geom])
     return _floats(model.mat_rgba[material]) if material >= 0 and own == UNCOLOURED else own
-
-
-def _byte(share: float) -> int:
-    return round(255 * min(max(share, 0.0), 1.0))
 
 
 def _view(model: Any) -> Viewpoint | None:

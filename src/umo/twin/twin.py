@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
@@ -47,11 +47,7 @@ class Twin:
 
     @classmethod
     def from_mujoco(
-        cls,
-        model: str | os.PathLike[str] | Any,
-        joints: Mapping[str, str | Drive],
-        *,
-        more: Iterable[Body] = (),
+        cls, model: str | os.PathLike[str] | Any, joints: Mapping[str, str | Drive], *, more: Iterable[Body] = ()
     ) -> Twin:
         """The bodies, geoms and joints of a MuJoCo model: the path of its file, its XML or an `MjModel`.
 
@@ -74,11 +70,7 @@ class Twin:
         """
         values = Values(entries_of(machine))
         bodies = [body.describe(values) for body in self.bodies]
-        view = (
-            None
-            if self.view is None
-            else {name: list(map(float, getattr(self.view, name))) for name in ("eye", "target")}
-        )
+        view = None if self.view is None else self.view.describe()
         paths = sorted(set(_paths(bodies)))
         return {"bodies": bodies, "floor": self.floor, "view": view, "paths": [dict(values.entry(p)) for p in paths]}
 
@@ -97,7 +89,3 @@ def _paths(bodies: Sequence[Mapping[str, Any]]) -> Iterable[str]:
             yield from (drive["path"] for drive in body[kind])
         for load in body["carried"]:
             yield from (load["sensor"], load["speed"])
-
-
-Declaration = Callable[[Any], Twin]
-"""`twin(machine)` of a station's file twin.py."""

@@ -31,7 +31,6 @@ class Effect:
     loss: str = ""
     """Why transfers of the channel fail; empty: they do not."""
     share: float = 1.0
-    """Share of the transfers that fail."""
     short: bool = False
     """A block transfer ends before the channel: this one and those behind it are not read, or not written."""
     mistake: bool = False

@@ -72,13 +72,8 @@ class InjectedFault:
             raise DeclarationError(f"is not {FORM}, such as 'z.encoder stuck at 5 s'")
         path, *words = head
         count = next((n for n in (3, 2) if _plain(" ".join(words[:n])) in map(_plain, KINDS)), 1)
-        return cls(
-            path,
-            " ".join(words[:count]),
-            " ".join(words[count:]),
-            0.0 if found["at"] is None else found["at"],
-            inf if found["for"] is None else found["for"],
-        )
+        kind, amount = " ".join(words[:count]), " ".join(words[count:])
+        return cls(path, kind, amount, found["at"] or 0.0, found["for"] or inf)
 
     def __str__(self) -> str:
         words = [self.path, self.kind, str(self.amount)]

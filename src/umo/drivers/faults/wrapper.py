@@ -52,7 +52,7 @@ class Injection:
 
 def _of_driver(name: str) -> Any:
     """The attribute of this name that the driver itself has."""
-    return property(attrgetter(f"driver.{name}"))
+    return property(attrgetter(f"driver.{name}"), lambda wrapper, value: setattr(wrapper.driver, name, value))
 
 
 class FaultyDriver(Driver[Any]):
@@ -69,14 +69,7 @@ class FaultyDriver(Driver[Any]):
 
     # What is the driver's own --------------------------------------------------------------------------
 
-    @property
-    def timeout(self) -> float:
-        return self.driver.timeout
-
-    @timeout.setter
-    def timeout(self, seconds: float) -> None:
-        self.driver.timeout = seconds
-
+    timeout = _of_driver("timeout")
     period = _of_driver("period")
     realtime = _of_driver("realtime")
     simulates_time = _of_driver("simulates_time")

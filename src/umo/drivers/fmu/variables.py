@@ -32,7 +32,6 @@ INTEGERS: Mapping[str, tuple[int, bool]] = {
 """Bits and sign of the types that are integers already."""
 SETTABLE = ("input", "parameter")
 LISTED_NAMES = 6
-"""Variables that an error lists."""
 ANY_CHANNEL = "?"
 """Text that is no channel's, with which `umo drivers` asks for the forms: the answer has all variables."""
 MAX_UNIT_LENGTH = 40
@@ -49,7 +48,6 @@ class FmuChannel(Channel):
     """A variable of the model, or the tick."""
 
     reference: int = 0
-    """FMI's value reference."""
     kind: str = TICK
     """Type of the variable, as `kind_of` gives it: Real for fmi2GetReal."""
     scale: float | None = None
@@ -123,16 +121,8 @@ def channel_of(description: Any, text: str) -> FmuChannel:
         raise ChannelError(text, [f"{name}:SCALE"])
     if kind not in FLOATS and scale is not None:
         raise ChannelError(text, [name])
-    return FmuChannel(
-        text,
-        _direction(variable, text),
-        bits,
-        signed,
-        variable.valueReference,
-        kind,
-        scale,
-        _units(variable) if kind in FLOATS else None,
-    )
+    direction, units = _direction(variable, text), _units(variable) if kind in FLOATS else None
+    return FmuChannel(text, direction, bits, signed, variable.valueReference, kind, scale, units)
 
 
 def _units(variable: Any) -> str | None:

@@ -24,7 +24,6 @@ EDGES = ("rising", "falling", "both")
 MAX_LINES = 63
 """Lines of one number at most: it has 63 bits."""
 COUNT_BITS = 63
-"""Bits of a number of edges."""
 
 _NUMBER = re.compile(r"0|[1-9][0-9]{0,4}")
 _RANGE = re.compile(r"(0|[1-9][0-9]{0,4})-(0|[1-9][0-9]{0,4})")

@@ -7,7 +7,7 @@ from __future__ import annotations
 import os
 import re
 import select
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,21 +87,13 @@ def element(folder: Path, channel: str) -> tuple[str, int, ScanType]:
 class Scan:
     """A running buffer of a device. The newest record is the scan: all its values were taken at one instant."""
 
-    def __init__(
-        self,
-        folder: Path,
-        trigger: str,
-        frequency: float | None,
-        channels: Iterable[str],
-        clock: Callable[[], float] = monotonic,
-    ) -> None:
+    def __init__(self, folder: Path, trigger: str, frequency: float | None, channels: Iterable[str]) -> None:
         self.channels = frozenset(channels)
         self._folder = folder
         self._file = sysfs.place(folder)
-        self._clock = clock
         self._layout = ScanLayout.of(element(folder, channel) for channel in sorted(self.channels))
         self._values: dict[str, int] = {}
-        self._taken_at = self._drained_at = clock()
+        self._taken_at = self._drained_at = monotonic()
         with opening(self._file):
             self._fd = os.open(self._file, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
@@ -111,7 +103,7 @@ class Scan:
             raise
         self._waiting = select.poll()
         self._waiting.register(self._fd, select.POLLIN)
-        self._drained_at = clock()
+        self._drained_at = monotonic()
 
     def _start(self, trigger: str, frequency: float | None) -> None:
         folder = self._folder
@@ -137,8 +129,8 @@ class Scan:
     def newest(self, oldest: float, deadline: float) -> dict[str, int]:
         """The values of the newest scan, no older than `oldest` s; a DeviceTimeout if there is none by the deadline."""
         full = self._drain()
-        while full or not self._values or self._clock() - self._taken_at > oldest:
-            left = deadline - self._clock()
+        while full or not self._values or monotonic() - self._taken_at > oldest:
+            left = deadline - monotonic()
             if left <= 0 or not self._waiting.poll(left * 1000):
                 raise DeviceTimeout(f"the trigger has not fired within {duration(oldest)}")
             full = self._drain()
@@ -148,7 +140,7 @@ class Scan:
         """Take the last of the records that are there. True: the buffer was full and its last one is not the newest,
         as the kernel then drops new records."""
         size = self._layout.size
-        before, self._drained_at = self._drained_at, self._clock()
+        before, self._drained_at = self._drained_at, monotonic()
         try:
             data = os.read(self._fd, size * BUFFER_LENGTH)
         except BlockingIOError:

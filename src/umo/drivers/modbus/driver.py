@@ -12,8 +12,7 @@ from umo.drivers._library import library
 from umo.drivers.contract import IntArray, NoWatchdog
 from umo.drivers.modbus.answer import Refused
 from umo.drivers.modbus.channel import HIGHEST_ADDRESS, HOLDING, ModbusChannel, parse
-from umo.drivers.modbus.plan import Requests, plan_reads, plan_writes
-from umo.drivers.modbus.write_cache import WriteCache
+from umo.drivers.modbus.plan import Requests, WriteCache, plan_reads, plan_writes
 from umo.drivers.option_checks import duration, one_of, within
 from umo.drivers.streams import Host, Serial, place_of
 from umo.drivers.streams.line import Parity

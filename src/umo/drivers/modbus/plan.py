@@ -1,4 +1,4 @@
-"""The fewest requests that serve a period's channels: pure functions, no device."""
+"""The fewest requests that serve a period's channels, and which writes may be left out: no device, no clock."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from typing import NamedTuple
 from umo.drivers.contract import IntArray
 from umo.drivers.modbus.channel import ModbusChannel, Table
 from umo.errors import ChannelsFailed, DriverError
+
+_MAX_REMEMBERED = 256
+"""Writes whose confirmation is remembered."""
 
 
 @dataclass(frozen=True)
@@ -129,9 +132,7 @@ def plan_writes(channels: Sequence[ModbusChannel], *, most_registers: int = 123)
 
 
 def _plan(
-    channels: Sequence[ModbusChannel],
-    joins: Callable[[int, ModbusChannel], bool],
-    most: Callable[[Table], int],
+    channels: Sequence[ModbusChannel], joins: Callable[[int, ModbusChannel], bool], most: Callable[[Table], int]
 ) -> Requests:
     runs: list[list[_Placed]] = []
     table: Table | None = None
@@ -171,3 +172,37 @@ def _places(items: Sequence[Item]) -> slice | list[int]:
 
 def _by_place(placed: Iterable[_Placed]) -> list[_Placed]:
     return sorted(placed, key=lambda each: (each[1].table.name, each[1].address, each[0]))
+
+
+class WriteCache:
+    """Cells that the device has confirmed, by request. `keep`: time in s after which a write is repeated."""
+
+    def __init__(self, keep: float) -> None:
+        self._keep = keep
+        self._confirmed: dict[tuple[str, int, int], tuple[list[int], float]] = {}
+
+    def covers(self, request: Request, cells: list[int], now: float) -> bool:
+        """Whether these very cells were confirmed less than `keep` s ago, and nothing was written on them since."""
+        cells_then, then = self._confirmed.get(_key(request), ((), 0.0))
+        return cells_then == cells and now - then < self._keep
+
+    def begins(self, request: Request) -> None:
+        """The request is about to be written: until it is confirmed, nothing is known of its cells."""
+        end = request.address + request.count
+        for key in [key for key in self._confirmed if key[0] == request.table.name]:
+            if key[1] < end and request.address < key[1] + key[2]:
+                del self._confirmed[key]
+
+    def confirmed(self, request: Request, cells: list[int], now: float) -> None:
+        """`now`: when the request began."""
+        if len(self._confirmed) >= _MAX_REMEMBERED:
+            self._confirmed.clear()
+        self._confirmed[_key(request)] = cells, now
+
+    def forget(self) -> None:
+        """Nothing is known."""
+        self._confirmed.clear()
+
+
+def _key(request: Request) -> tuple[str, int, int]:
+    return request.table.name, request.address, request.count

@@ -37,7 +37,6 @@ _LOOK_INTERVAL = 0.005
 
 
 UnitFunction = tuple[int, int]
-"""A unit and a function."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +60,9 @@ class SerialLine:
         self._users = 0
         self._port: Stream | None = None
         self.opened_at = 0.0
-        """Time at which the port was opened."""
         self._owed: dict[UnitFunction, PendingAnswer | None] = {}
         """Answers that are owed by the units that were asked since the line was opened; None: there is none."""
         self._last_byte_at = 0.0
-        """Time at which the last byte was on the line."""
         self._stray = b""
         """Bytes that came in since the last request was sent."""
         self._last_asked: UnitFunction | None = None

@@ -10,7 +10,6 @@ from umo.drivers.modbus.answer import EXCEPTION_SIZE, answer_size, answer_starts
 from umo.drivers.streams import Lost
 
 CHECKSUM_SIZE = 2
-"""Bytes of the check sum."""
 
 
 def answer_end(request: bytes, data: bytes) -> int:

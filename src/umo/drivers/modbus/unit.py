@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
+from functools import partial
 from time import monotonic
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from pymodbus.client.mixin import ModbusClientMixin
-from pymodbus.framer import FramerBase
 from pymodbus.pdu import ModbusPDU
 
 from umo.drivers.modbus.answer import Recovering, Refused
@@ -39,27 +39,10 @@ EXCEPTIONS = {
 }
 
 
-class Transport(Protocol):
-    """The way to one unit: Tcp or Rtu. `begin` and `exchange` raise Lost."""
-
-    @property
-    def framer(self) -> FramerBase: ...
-
-    def begin(self, deadline: float) -> bool: ...
-
-    def recover(self, deadline: float) -> None: ...
-
-    def exchange(self, request: ModbusPDU) -> bytes: ...
-
-    def failed(self, error: Lost) -> None: ...
-
-    def close(self) -> None: ...
-
-
 class _Client(ModbusClientMixin[ModbusPDU]):
     """pymodbus's requests over a transport of umo's; every method raises Lost."""
 
-    def __init__(self, transport: Transport) -> None:
+    def __init__(self, transport: Tcp | Rtu) -> None:
         super().__init__()  # type: ignore[no-untyped-call]
         self._transport = transport
         self._decode = transport.framer.decoder.decode
@@ -81,7 +64,7 @@ class Unit:
         self._unit = unit
         self._name = f"unit {unit}"
         self._timeout = 0.0
-        self._transport: Transport = Tcp(place, answers_as) if isinstance(place, Host) else Rtu(place, unit, recovery)
+        self._transport = Tcp(place, answers_as) if isinstance(place, Host) else Rtu(place, unit, recovery)
         client = self._client = _Client(self._transport)
         self._readers = {
             COIL: client.read_coils,
@@ -111,21 +94,24 @@ class Unit:
 
     def read(self, request: Request) -> Sequence[int]:
         """The cells of the answer, at least as many as were asked for."""
-        answer = self._answer("reading", request, self._read)
+        read, unit = self._readers[request.table], self._unit
+        answer = self._answer("reading", request, lambda: read(request.address, count=request.count, device_id=unit))
         return answer.bits or answer.registers
 
     def write(self, request: Request, cells: list[int]) -> None:
         """Write; the device must confirm what it was sent."""
-        self._answer("writing", request, lambda request: self._write(request, cells))
+        self._answer("writing", request, lambda: self._write(request, cells))
 
     def write_and_read(self, request: Request, cells: list[int]) -> Sequence[int]:
         """Write registers by function 23; what they hold afterwards."""
-        return self._answer("writing", request, lambda request: self._write_and_read(request, cells)).registers
+        address, count, ask = request.address, request.count, self._client.readwrite_registers
+        send = partial(ask, read_address=address, read_count=count, write_address=address, values=cells)
+        return self._answer("writing", request, partial(send, device_id=self._unit)).registers
 
-    def _answer(self, doing: str, request: Request, send: Callable[[Request], ModbusPDU]) -> ModbusPDU:
+    def _answer(self, doing: str, request: Request, send: Callable[[], ModbusPDU]) -> ModbusPDU:
         """The answer to a request, if the device carried it out."""
         try:
-            answer = send(request)
+            answer = send()
         except Lost as error:
             raise self._broken(f"{doing} {request.what}", error) from None
         if answer.isError():  # the connection stays as it is
@@ -133,9 +119,6 @@ class Unit:
             what = f"exception {code}, {EXCEPTIONS.get(code, 'of an unknown kind')}"
             raise Refused(f"{self._name}: {doing} {request.what}: {what}")
         return answer
-
-    def _read(self, request: Request) -> ModbusPDU:
-        return self._readers[request.table](request.address, count=request.count, device_id=self._unit)
 
     def _write(self, request: Request, cells: list[int]) -> ModbusPDU:
         """Write by function 5 or 6, or by 15 or 16 where there is more than one cell."""
@@ -148,15 +131,6 @@ class Unit:
         if request.count == 1:
             return client.write_register(address, cells[0], device_id=unit)
         return client.write_registers(address, cells, device_id=unit)
-
-    def _write_and_read(self, request: Request, cells: list[int]) -> ModbusPDU:
-        return self._client.readwrite_registers(
-            read_address=request.address,
-            read_count=request.count,
-            write_address=request.address,
-            values=cells,
-            device_id=self._unit,
-        )
 
     def _broken(self, what: str, error: Lost) -> DriverError:
         """A failure after which the connection cannot be trusted."""

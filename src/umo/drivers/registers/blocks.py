@@ -92,9 +92,8 @@ def _block(run: list[Register], of: dict[Register, list[tuple[int, RegisterChann
         BlockPart(each, each.address - first.address, tuple(of[each]), any(channel.whole for _, channel in of[each]))
         for each in run
     )
-    return RegisterBlock(
-        first.page, first.address, size, parts, places_of(first.page, first.address, size, joined=joined), _like(parts)
-    )
+    places = places_of(first.page, first.address, size, joined=joined)
+    return RegisterBlock(first.page, first.address, size, parts, places, _like(parts))
 
 
 def _like(parts: Sequence[BlockPart]) -> LikeRegisters | None:

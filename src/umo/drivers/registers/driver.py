@@ -52,7 +52,9 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
         self._setup = self._values("setup", setup, Direction.OUTPUT)
         self._plan = partial(plan, joined=auto_increment, max_size=self.max_block_size)
         self._reads, self._writes = Plans(self._plan), Plans(self._plan_write)
-        self._opened = self._connected = self._broken = False
+        self._opened = self._broken = False
+        self._bus: Any = None
+        """The bus while it is open: made by `_connect`."""
         self._deadline: float | None = None
         """Deadline of the call, set by its first transfer."""
         self._page: int | None = None
@@ -128,11 +130,7 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
 
     @abstractmethod
     def _connect(self) -> None:
-        """Open the bus; DriverError if that fails, and nothing is open then."""
-
-    @abstractmethod
-    def _disconnect(self) -> None:
-        """Close the bus, if it is open."""
+        """Set `_bus` to an object with `close`, and open it; DriverError if that fails."""
 
     @abstractmethod
     def _get(self, address: int, size: int) -> bytes:
@@ -155,13 +153,12 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
         self._deadline = self._page = None
         if self._broken:
             self._shut()
-        if not self._connected:
+        if self._bus is None:
             self._start()
 
     def _start(self) -> None:
-        self._connect()
-        self._connected = True
         try:
+            self._connect()
             for channel, value in self._identity:
                 self._compare(channel, value)
             for channel, value in self._setup:
@@ -178,8 +175,9 @@ class RegisterDriver(BlockDriver[RegisterChannel]):
             raise DriverError(f"{channel.text} is {found:#x} in place of {value:#x}: no device, or another one")
 
     def _shut(self) -> None:
-        self._connected = self._broken = False
-        self._disconnect()
+        bus, self._bus, self._broken = self._bus, None, False
+        if bus is not None:
+            bus.close()
 
     def _read_block(self, page: int | None, address: int, size: int) -> bytes:
         self._turn_to(page)

@@ -155,7 +155,7 @@ class ChipRegisters:
         bits = one_of(f"{what}.bits", table.get("bits", 8), WIDTHS)
         order = one_of(f"{what}.byte_order", table.get("byte_order", "big"), ("big", "little"))
         access = one_of(f"{what}.access", table.get("access", "rw"), tuple(ACCESS))
-        page = table.get("page")
+        page, initial = table.get("page"), table.get("initial")
         if page is not None and not self._paged:
             raise WiringError(f"{what}.page needs the driver's option page_register")
         self.registers[name] = Register(
@@ -166,9 +166,7 @@ class ChipRegisters:
             within(f"{what}.shift", table.get("shift", 0), 0, bits - 1),
             None if page is None else within(f"{what}.page", page, 0, 255),
             ACCESS[access],
-            None
-            if (initial := table.get("initial")) is None
-            else within(f"{what}.initial", initial, 0, (1 << bits) - 1),
+            None if initial is None else within(f"{what}.initial", initial, 0, (1 << bits) - 1),
         )
         fields = table.get("fields", {})
         if not isinstance(fields, Mapping):

@@ -6,8 +6,9 @@ import os
 import select
 from collections.abc import Callable
 from contextlib import suppress
+from io import FileIO
+from socket import socket
 from time import monotonic
-from typing import Protocol
 
 from umo.text import reason_of
 
@@ -27,18 +28,10 @@ class TimedOut(Lost):
     """The deadline has passed; the text says what happened in place of the answer, if anything did."""
 
 
-class File(Protocol):
-    """Thing that a stream owns: a socket or an open device file."""
-
-    def fileno(self) -> int: ...
-
-    def close(self) -> None: ...
-
-
 class Stream:
     """An open connection or serial line that does not block."""
 
-    def __init__(self, file: File, end: str) -> None:
+    def __init__(self, file: socket | FileIO, end: str) -> None:
         """`end` is the text of Gone when the stream ends."""
         self._file, self._end = file, end
         self._fd = file.fileno()

@@ -51,8 +51,10 @@ class Query:
     answer: Pattern
 
     @classmethod
-    def parse(cls, table: QueryOptions, where: str) -> Query | None:
-        """None for an empty table."""
+    def parse(cls, table: QueryOptions | None, where: str) -> Query | None:
+        """None for none, and for an empty table."""
+        if table is None:
+            return None
         checked_table(where, table, QueryOptions.__annotations__, '{ ask = "POS?", answer = "POS={}" }')
         if table and set(table) != {"ask", "answer"}:
             raise WiringError(f'{where} needs both ask and answer: {{ ask = "*IDN?", answer = "ACME*" }}')

@@ -137,10 +137,10 @@ class Text(BlockDriver[TextChannel]):
             answer_terminator=answer_terminator or terminator,
             encoding=encoding,
             errors=tuple(Pattern(text, "errors") for text in errors),
-            identify=_query(identify, "identify"),
+            identify=Query.parse(identify, "identify"),
             startup=tuple(startup),
             acknowledge=Pattern(acknowledge, "acknowledge") if acknowledge else None,
-            confirm=_query(confirm, "confirm"),
+            confirm=Query.parse(confirm, "confirm"),
             greeting=Pattern(greeting, "greeting") if greeting else None,
             echo=echo,
             pause=pause,
@@ -223,10 +223,6 @@ def _in_turn(steps: Sequence[Step], channels: Sequence[TextChannel], carry_out: 
         return [channels[place].text for place in step.places]
 
     in_turn(steps, carry_out, texts_of, lambda error: not isinstance(error, NoValue))
-
-
-def _query(table: QueryOptions | None, where: str) -> Query | None:
-    return None if table is None else Query.parse(table, where)
 
 
 def _check_sendable(thing: object, terminator: str, encoding: str) -> None:

@@ -12,7 +12,6 @@ BLANKS = " \t\r"
 _SHOWN_CHARACTERS = 60
 _WILD = re.compile(r"(\{\}|\*)")
 NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
-"""Form of a number in a text."""
 _NONE = re.compile(r"[+-]?(?:nan|n?inf(?:inity)?)", re.IGNORECASE)
 _WHOLE_LINE = ("", "{}", "")
 _OVERFLOW = Decimal("9.9E37")
@@ -34,10 +33,6 @@ def shown(text: object) -> str:
     """Text of the device for a message: quoted, and not more than 60 characters of it."""
     whole = repr(text)
     return whole if len(whole) <= _SHOWN_CHARACTERS else f"{whole[:_SHOWN_CHARACTERS]}..."
-
-
-def stripped(line: str) -> str:
-    return line.strip(BLANKS)
 
 
 @dataclass(frozen=True)
@@ -63,7 +58,7 @@ class Pattern:
         if len(text) > 1 and text[0] == text[-1] == "/":
             object.__setattr__(self, "regex", self._compiled(text[1:-1]))
             return
-        pieces = tuple(_WILD.split(stripped(text)))
+        pieces = tuple(_WILD.split(text.strip(BLANKS)))
         values = pieces.count("{}")
         if values != self.has_value:
             need = "needs one {} where the value is" if self.has_value else "takes no {}: it has no value"

@@ -8,7 +8,7 @@ from time import monotonic, sleep
 from umo.drivers.streams import Gone, Stream, TimedOut
 from umo.drivers.streams.stream import Dial
 from umo.drivers.text.channel import Query
-from umo.drivers.text.pattern import BLANKS, NoValue, Pattern, UnexpectedAnswer, shown, stripped
+from umo.drivers.text.pattern import BLANKS, NoValue, Pattern, UnexpectedAnswer, shown
 from umo.errors import DeviceTimeout, DriverError
 from umo.presentation.durations import duration
 
@@ -175,7 +175,7 @@ class TextLink:
         *lines, rest = bytes(self._data).split(self._end)
         self._data[:] = rest[-self._longest :]
         encoding = self._dialogue.encoding
-        return any(greeting.match(stripped(line.decode(encoding, "replace"))) is not None for line in lines)
+        return any(greeting.match(line.decode(encoding, "replace").strip(BLANKS)) is not None for line in lines)
 
     def _look(self, stream: Stream) -> None:
         """Nothing may have come in unasked: it would be taken for the answer to the next request."""
@@ -205,7 +205,7 @@ class TextLink:
             raise self.dropped(DriverError(f"sending {shown(request)}: {error}")) from None
         if dialogue.pause:
             self._free = monotonic()
-        if dialogue.echo and (line := self._line(request)) != stripped(request):
+        if dialogue.echo and (line := self._line(request)) != request.strip(BLANKS):
             text = f"the device echoes {shown(line)}, not {shown(request)}; echo = false if it does not echo"
             raise self.dropped(UnexpectedAnswer(text))
 

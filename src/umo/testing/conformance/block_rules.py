@@ -49,12 +49,9 @@ def patterns(outputs: Sequence[Output]) -> Iterator[list[int]]:
         yield [each.other() if each == alone else each.default for each in outputs]
 
 
-@rule(
-    "block read",
-    "read_many reads what read reads, of all channels in any order, of halves, of pairs and of one.",
-    Cost(each=20, more=150),
-)
+@rule(Cost(each=20, more=150))
 def block_read(context: RuleContext) -> str | None:
+    """read_many reads what read reads, of all channels in any order, of halves, of pairs and of one."""
     texts = context.readable
     if not texts:
         raise NotTried("the driver has no inputs")
@@ -86,12 +83,9 @@ def _compare(context: RuleContext, probe: Probe, texts: tuple[str, ...]) -> None
             raise RuleBroken(f"read_many read {block[i]} of {texts[i]}{of}, read before and after it {before[i]}")
 
 
-@rule(
-    "block write",
-    "write_many brings each output to its own level: all outputs in any order, halves, pairs and one.",
-    Cost(each=20, more=300),
-)
+@rule(Cost(each=20, more=300))
 def block_write(context: RuleContext) -> str | None:
+    """write_many brings each output to its own level: all outputs in any order, halves, pairs and one."""
     outputs = context.required_outputs
     with context.opened() as probe:
         tasks = [*((outputs, raws) for raws in patterns(outputs)), *_parts(outputs)]
@@ -117,12 +111,9 @@ def _check(context: RuleContext, probe: Probe, outputs: tuple[Output, ...], raws
         context.expect(probe, output, raw, f"{after} of {raw}" if after == "write_many" else after)
 
 
-@rule(
-    "block buffers",
-    "The arrays of a block belong to the caller: none is kept, and `raws` is not changed.",
-    Cost(each=10),
-)
+@rule(Cost(each=10))
 def block_buffers(context: RuleContext) -> str | None:
+    """The arrays of a block belong to the caller: none is kept, and `raws` is not changed."""
     with context.opened() as probe:
         _raws(context, probe)
         if context.readable:
@@ -159,12 +150,9 @@ def _outs(probe: Probe, texts: tuple[str, ...]) -> None:
         raise RuleBroken("read_many wrote into the array of an earlier call")
 
 
-@rule(
-    "block failures",
-    "If a channel of a block fails, the others are transferred, or the error names them too.",
-    Cost(each=20),
-)
+@rule(Cost(each=20))
 def block_failures(context: RuleContext) -> str | None:
+    """If a channel of a block fails, the others are transferred, or the error names them too."""
     if not context.subject.refused:
         raise NotTried("no channel is known that the device refuses")
     missing = []

@@ -12,9 +12,9 @@ from umo.testing.conformance.rules import Cost, RuleBroken, rule
 UNKNOWN = "no such channel \N{REPLACEMENT CHARACTER}"
 
 
-@rule("channels", "A channel's text means one channel of fixed direction and bits; another text raises ChannelError.",
-      Cost(opens=0, each=0))  # fmt: skip
+@rule(Cost(opens=0, each=0))
 def channels(context: RuleContext) -> None:
+    """A channel's text means one channel of fixed direction and bits; another text raises ChannelError."""
     probe, other = context.new(), context.new()
     for text in context.channels:
         channel = probe.channel(text)
@@ -48,9 +48,9 @@ def _takes(driver: Driver[Any], text: str) -> bool:
     return True
 
 
-@rule("before open", "Before `open` a driver accesses no hardware; `devices` names it alike for two drivers.",
-      Cost(opens=0, each=0))  # fmt: skip
+@rule(Cost(opens=0, each=0))
 def before_open(context: RuleContext) -> None:
+    """Before `open` a driver accesses no hardware; `devices` names it alike for two drivers."""
     before = _connections(context)
     probe, other = context.new(), context.new()
     for text in context.channels:

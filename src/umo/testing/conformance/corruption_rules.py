@@ -6,11 +6,19 @@ from functools import partial
 from random import Random
 
 from umo.testing.conformance.probe import Probe
-from umo.testing.conformance.recovery import recovers, rewrite, values
+from umo.testing.conformance.relay import Change
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
-from umo.testing.conformance.spoiling import MAX_CHANNELS, NO_ANSWER, Spoilt, each_spoiled, spoiled_read
-from umo.testing.conformance.traffic import Change
+from umo.testing.conformance.spoiling import (
+    MAX_CHANNELS,
+    NO_ANSWER,
+    Spoilt,
+    each_spoiled,
+    recovers,
+    rewrite,
+    spoiled_read,
+    values,
+)
 
 UNSTEADY = (
     "whether answers to reads carry a number is not seen, as nothing says that an input stays the same "
@@ -18,13 +26,10 @@ UNSTEADY = (
 )
 
 
-@rule(
-    "late answer",
-    "After a timeout, the late answer is never taken for that of a later request.",
-    Cost(each=16, waits=24),
-)
+@rule(Cost(each=16, waits=24))
 def late_answer(context: RuleContext) -> str | None:
-    """The answer to the later request gets lost: if the call succeeds, it took the late one."""
+    """After a timeout, the late answer is never taken for that of a later request."""
+    # The answer to the later request gets lost: if the call succeeds, it took the late one
     tried = False
     with context.opened() as probe:
         for behind in (False, True) if context.line.ordered else (False,):
@@ -75,7 +80,7 @@ def _late_level(context: RuleContext, probe: Probe, behind: bool) -> bool:
     probe.timeout = context.patience
     probe.write(output.channel, old)
     context.is_read(probe, output, old)
-    context.hurry(probe)
+    probe.timeout = context.haste
     before = line.spoiled
     with line.late(behind=behind):
         context.failure(probe.read, view)
@@ -93,11 +98,12 @@ def _alive(context: RuleContext, probe: Probe) -> None:
     """A call that succeeds, so that the driver is connected; then the short timeout. After a failure it may fail."""
     probe.timeout = context.patience
     context.insist(context.transfers(probe)[0])
-    context.hurry(probe)
+    probe.timeout = context.haste
 
 
-@rule("answer in pieces", "An answer that comes in several pieces is put together.", Cost(each=8))
+@rule(Cost(each=8))
 def answer_in_pieces(context: RuleContext) -> None:
+    """An answer that comes in several pieces is put together."""
     line = context.line
     with context.opened() as probe:
         expected, before = values(context, probe), line.spoiled
@@ -108,13 +114,10 @@ def answer_in_pieces(context: RuleContext) -> None:
         raise NotTried(NO_ANSWER)
 
 
-@rule(
-    "old answer",
-    "An earlier answer in place of the right one is an error, where answers carry a number.",
-    Cost(each=14, waits=6),
-)
+@rule(Cost(each=14, waits=6))
 def old_answer(context: RuleContext) -> None:
-    """The number shows: two answers to one call, while nothing changes, are not alike."""
+    """An earlier answer in place of the right one is an error, where answers carry a number."""
+    # The number shows: two answers to one call, while nothing changes, are not alike
     with context.opened() as probe:
         tried = False
         why = [] if context.known or not context.readable else [UNSTEADY]
@@ -145,7 +148,7 @@ def _numbered(context: RuleContext, probe: Probe, call: DriverCall) -> bytes | s
         call()
     doing = context.watch.doing
     line.settle()
-    context.hurry(probe)
+    probe.timeout = context.haste
     exchanges = list(line.exchanges)[-3:]
     if len(exchanges) < 3:
         return f"{doing} has no answer of its own on the line"
@@ -158,12 +161,10 @@ def _numbered(context: RuleContext, probe: Probe, call: DriverCall) -> bytes | s
     return bytes(answers[-1])
 
 
-@rule(
-    "short answer",
-    "An answer that is cut short, with or without the end of the connection, is an error.",
-    Cost(opens=2, each=40, waits=18),
-)
+@rule(Cost(opens=2, each=40, waits=18))
 def short_answer(context: RuleContext) -> str | None:
+    """An answer that is cut short, with or without the end of the connection, is an error."""
+
     def half(answer: bytes) -> bytes:
         return answer[: len(answer) // 2]
 
@@ -183,13 +184,10 @@ def short_answer(context: RuleContext) -> str | None:
     return whole
 
 
-@rule(
-    "garbled answer",
-    "An answer whose structure is garbled (its start, all of it, random bytes) is an error. A changed digit or "
-    "register in a sound answer cannot be noticed; it is tried only where answers have a checksum.",
-    Cost(each=50, waits=20),
-)
+@rule(Cost(each=50, waits=20))
 def garbled_answer(context: RuleContext) -> str | None:
+    """An answer whose structure is garbled (its start, all of it, random bytes) is an error. A changed digit or
+    register in a sound answer cannot be noticed; it is tried only where answers have a checksum."""
     random = Random(1998)
 
     def noise(count: int) -> bytes:

@@ -11,9 +11,9 @@ from umo.errors import DriverError, text_of
 from umo.objects import Compound, DigitalActuator, DigitalSensor
 from umo.system.device_record import DeviceClaim
 from umo.testing.conformance.probe import Probe
-from umo.testing.conformance.recovery import rewrite
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.spoiling import rewrite
 from umo.testing.conformance.subject import Output
 from umo.testing.conformance.timing_rules import in_time
 
@@ -26,8 +26,9 @@ MAX_LEVEL = 1 << 40
 SOLE_WRITER = "(if it must be alone: `sole_writer` of the subject, --sole-writer)"
 
 
-@rule("reset after failure", "Reset reaches the default also after calls that failed.", Cost(each=12, waits=6))
+@rule(Cost(each=12, waits=6))
 def reset_after_failure(context: RuleContext) -> str | None:
+    """Reset reaches the default also after calls that failed."""
     outputs = context.required_outputs
     with context.opened() as probe:
         for output in outputs:
@@ -49,7 +50,7 @@ def _carried_out_unknown(context: RuleContext, probe: Probe, output: Output) -> 
     for reset in (True, False):
         probe.timeout = context.patience
         probe.write(output.channel, output.default)
-        context.hurry(probe)
+        probe.timeout = context.haste
         context.unanswered(probe.write, output.channel, output.other())
         probe.timeout = context.patience
         for text in context.readable[:1]:
@@ -62,19 +63,16 @@ def _carried_out_unknown(context: RuleContext, probe: Probe, output: Output) -> 
         context.expect(probe, output, output.default, f"{call} after a write without an answer")
 
 
-@rule(
-    "vanish",
-    "While the device is away each call fails in time; when it is back the next call works, and what failed is not "
-    "made up for.",
-    Cost(opens=4, each=17, waits=8),
-)
+@rule(Cost(opens=4, each=17, waits=8))
 def vanish(context: RuleContext) -> str | None:
+    """While the device is away each call fails in time; when it is back the next call works, and what failed is not
+    made up for."""
     loss = context.loss
     with context.opened() as probe:
         alone: list[DriverCall] = [partial(probe.read, text) for text in context.readable[:MAX_ALONE]]
         for call in (*context.transfers(probe), *alone):
             call()  # what is kept of it must not be given later
-        context.hurry(probe)
+        probe.timeout = context.haste
         with loss():
             for call in (*alone, *reversed(context.transfers(probe, default=False))):
                 if in_time(context, probe, call) is None:
@@ -109,7 +107,7 @@ def _moves_nothing(context: RuleContext, probe: Probe) -> None:
 def _not_opened(context: RuleContext) -> Probe:
     """Another driver cannot be opened, or not be used, and can be closed."""
     probe = context.new()
-    context.hurry(probe)
+    probe.timeout = context.haste
     error = in_time(context, probe, probe.open)
     if error is None and context.failure(context.transfers(probe)[0]) is None:
         raise RuleBroken(f"{context.watch.doing} of a new driver succeeded while the device was away")
@@ -138,13 +136,10 @@ def _right(context: RuleContext, probe: Probe, after: str) -> None:
         context.expect(probe, output, output.other(number), f"write({output.other(number)}) since {after}")
 
 
-@rule(
-    "two clients",
-    "A second driver of the device is refused by an OSError, or works; the first goes on working. What one writes "
-    "stays when the other writes something else, and is what the other reads.",
-    Cost(opens=3, each=26),
-)
+@rule(Cost(opens=3, each=26))
 def two_clients(context: RuleContext) -> str | None:
+    """A second driver of the device is refused by an OSError, or works; the first goes on working. What one writes
+    stays when the other writes something else, and is what the other reads."""
     with context.opened() as first:
         context.use(first)  # a device may be in use from the first transfer on
         second = context.new()
@@ -214,9 +209,10 @@ def _join(context: RuleContext, second: Probe) -> None:
     context.use(second)
 
 
-@rule("fresh", "A reading is that of its own call, not of an earlier one.", Cost(opens=2, each=12))
+@rule(Cost(opens=2, each=12))
 def fresh(context: RuleContext) -> str | None:
-    """Another driver moves an input; the first has read it before. Only where that level has come for sure."""
+    """A reading is that of its own call, not of an earlier one."""
+    # Another driver moves an input; the first has read it before. Only where that level has come for sure
     levels = context.subject.levels
     looped = [each for each in context.viewed if context.view(each) != each.channel or levels is not None]
     if not looped:
@@ -245,12 +241,9 @@ def _is_fresh(context: RuleContext, probe: Probe, second: Probe | None, output: 
         raise RuleBroken(f"{context.watch.doing} gave an earlier reading, {old} times of {FRESH_LEVELS}")
 
 
-@rule(
-    "errors are named",
-    "A failure in a connected machine names the objects, their channels and the driver.",
-    Cost(opens=2, waits=2),
-)
-def errors_named(context: RuleContext) -> None:
+@rule(Cost(opens=2, waits=2))
+def errors_are_named(context: RuleContext) -> None:
+    """A failure in a connected machine names the objects, their channels and the driver."""
     loss = context.subject.line.silent if context.subject.line is not None else context.loss
     machine, wiring = _machine_of(context)
     connection = connect(machine, wiring)

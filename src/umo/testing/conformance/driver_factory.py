@@ -21,7 +21,8 @@ class DriverFactory:
         self.watch = Watch()
         self.unreached: list[str] = []
         """Outputs that could not be brought to their defaults."""
-        self._dirty = False
+        self.dirty = False
+        """Whether an output may be left at another level than its default: `restore` has something to do."""
         self._is_full = False
         """The device has turned away a second driver."""
 
@@ -75,7 +76,7 @@ class DriverFactory:
             try:
                 call(*arguments)
             except (OSError, Stopped) as error:
-                self._dirty = True
+                self.dirty = True
                 errors.append(error)
 
         initialised = list(probe.opened)
@@ -89,9 +90,9 @@ class DriverFactory:
 
     def restore(self, always: bool = False) -> None:
         """A new driver brings every output to its default that may not be there."""
-        if not (self._dirty or always) or not self.subject.outputs:
+        if not (self.dirty or always) or not self.subject.outputs:
             return
-        self._dirty = False
+        self.dirty = False
         self.unreached = left = [output.channel for output in self.subject.outputs]
         with suppress(OSError):
             probe = self.new()
@@ -103,10 +104,6 @@ class DriverFactory:
             finally:
                 probe.close()
         self.unreached = left
-
-    def left_dirty(self) -> None:
-        """`restore` has something to do: an output may be left at another level than its default."""
-        self._dirty = True
 
     @contextmanager
     def second(self, direct: bool = False) -> Iterator[Probe | None]:

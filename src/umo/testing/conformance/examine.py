@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, wait
 from contextlib import suppress
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from math import inf
 from threading import Thread
 from time import monotonic
@@ -257,13 +257,6 @@ def _certificate(
         unreached=unreached,
         left_out=(*(f"the rule {rule}" for rule in context.budget.left_out), *context.budget.parts),
         date=datetime.now(UTC).strftime("%Y-%m-%d"),
-        versions={"umo": _version(), "Python": platform.python_version()},
+        versions={"umo": version("umo"), "Python": platform.python_version()},
         platform=f"{platform.system()} {platform.machine()}",
     )
-
-
-def _version() -> str:
-    try:
-        return version("umo")
-    except PackageNotFoundError:  # run from its sources
-        return "?"

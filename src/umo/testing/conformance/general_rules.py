@@ -11,9 +11,10 @@ from umo.testing.conformance.rules import NOTHING, NotTried, RuleBroken, rule
 from umo.text import some
 
 
-@rule("readings", "A reading is an int, within the bits of its channel.", NOTHING)
+@rule(NOTHING)
 def readings(context: RuleContext) -> None:
-    """Also of all readings of the rules before."""
+    """A reading is an int, within the bits of its channel."""
+    # Also of all readings of the rules before
     if not context.readable:
         raise NotTried("the driver has no inputs")
     with suppress(OSError), context.opened() as probe:
@@ -24,18 +25,20 @@ def readings(context: RuleContext) -> None:
         raise RuleBroken(context.watch.wrong_types[0])
 
 
-@rule("kind of errors", "A call that fails raises an OSError, whatever failed.", NOTHING)
+@rule(NOTHING)
 def kind_of_errors(context: RuleContext) -> None:
-    """Also of all calls of the rules before."""
+    """A call that fails raises an OSError, whatever failed."""
+    # Also of all calls of the rules before
     with suppress(OSError, NotTried), context.opened() as probe:
         context.fail_some(probe)
     if context.watch.wrong_kinds:
         raise RuleBroken(context.watch.wrong_kinds[0])
 
 
-@rule("end", "At the end every output is at its default. Closing a driver moves none.", NOTHING)
+@rule(NOTHING)
 def end(context: RuleContext) -> str | None:
-    """A new driver looks at the outputs."""
+    """At the end every output is at its default. Closing a driver moves none."""
+    # A new driver looks at the outputs
     if not context.subject.outputs:
         raise NotTried("the driver has no outputs")
     context.restore(always=True)

@@ -61,13 +61,10 @@ PER_LOST_CONNECTION = LeakLimit(fewest=FEWEST_OPENINGS, size=1024.0, circular=50
 """Memory that may be left over by each lost connection: one is lost seldom."""
 
 
-@rule(
-    "descriptors",
-    "No descriptor is left open and no thread is left over, by many openings, lost connections, and calls without an "
-    "answer.",
-    Cost(opens=9, each=18, waits=16, more=600),
-)
+@rule(Cost(opens=9, each=18, waits=16, more=600))
 def descriptors(context: RuleContext) -> str:
+    """No descriptor is left open and no thread is left over, by many openings, lost connections, and calls without an
+    answer."""
     most = OPENINGS if context.cycles is None else max(FEWEST_OPENINGS, context.cycles // OPENINGS)
     _open_often(context, 2, 2, 1)  # imports, caches
     before = _counts(context, None)
@@ -92,7 +89,7 @@ def _open_often(context: RuleContext, least: int, most: int, silent: int) -> lis
 
 def _open_in_silence(context: RuleContext) -> Probe:
     probe, line = context.new(), context.subject.line
-    context.hurry(probe)
+    probe.timeout = context.haste
     with line.silent() if line is not None else nullcontext():
         context.failure(probe.open)
         for call in context.transfers(probe)[::2]:
@@ -135,8 +132,9 @@ def _descriptors(context: RuleContext) -> int:
     return 0  # they can be counted on Linux only
 
 
-@rule("time", "The median time per transfer is within the timeout; the certificate has the times.", Cost(each=20))
-def time_per_transfer(context: RuleContext) -> str:
+@rule(Cost(each=20))
+def time_(context: RuleContext) -> str:
+    """The median time per transfer is within the timeout; the certificate has the times."""
     with context.opened(direct=True) as probe:
         kinds = _kinds(context, probe)
         for kind, call in kinds.items():
@@ -174,13 +172,10 @@ def _kinds(context: RuleContext, probe: Probe) -> dict[str, Callable[[], Any]]:
     return kinds
 
 
-@rule(
-    "long run",
-    "Over many transfers no call fails or becomes slow, each reading is right, and the process does not grow.",
-    Cost(each=30),
-)
+@rule(Cost(each=30))
 def long_run(context: RuleContext) -> str:
-    """Direct, without the line. 70,000 transfers pass the end of a number of 16 bits."""
+    """Over many transfers no call fails or becomes slow, each reading is right, and the process does not grow."""
+    # Direct, without the line. 70,000 transfers pass the end of a number of 16 bits
     with context.opened(direct=True) as probe:
         run = LongRun(context, probe)
         run.go()
@@ -200,13 +195,10 @@ def _compare_with_a_new_one(context: RuleContext, run: LongRun) -> None:
         raise RuleBroken(f"a cycle takes {took}")
 
 
-@rule(
-    "memory",
-    "Python's memory does not grow over many calls, without the garbage collector; also not by calls that fail.",
-    Cost(each=100, more=2000),
-)
+@rule(Cost(each=100, more=2000))
 def memory(context: RuleContext) -> str:
-    """The collector is off, as in the control process: an error that holds its own frame stays for ever."""
+    """Python's memory does not grow over many calls, without the garbage collector; also not by calls that fail."""
+    # The collector is off, as in the control process: an error that holds its own frame stays for ever
     with context.opened(direct=True) as probe:
         run = LongRun(context, probe)
         words = []
@@ -237,7 +229,7 @@ def _over_lost_connections(context: RuleContext, line: Tap) -> str:
 def _without_a_device(context: RuleContext, line: Tap) -> str:
     """The measurement (`_grows`) of calls that fail as the device is away."""
     with context.opened() as probe, line.gone():
-        context.hurry(probe)
+        probe.timeout = context.haste
         calls = [call for call in context.transfers(probe) if fails_at_once(context, call)]
         if not calls:
             return "calls without the device do not fail at once"

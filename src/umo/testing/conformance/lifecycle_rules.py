@@ -19,9 +19,9 @@ MAX_OTHERS = 8
 """Other outputs that are looked at beside one."""
 
 
-@rule("initialise", "An output comes up at its default; the others stay where they are.",
-      Cost(opens=8, each=14, more=24))  # fmt: skip
+@rule(Cost(opens=8, each=14, more=24))
 def initialise(context: RuleContext) -> str | None:
+    """An output comes up at its default; the others stay where they are."""
     for output, _ in _left_levels(context):
         others = [each for each in context.visible if each != output]
         with context.leaving(context.new()) as probe:
@@ -42,7 +42,7 @@ def _left_levels(context: RuleContext) -> Iterator[tuple[Output, int]]:
 
 def _leave_at(context: RuleContext, output: Output, raw: int) -> None:
     """Leave the output as a process that died leaves it; the other outputs are at other levels."""
-    context.left_dirty()
+    context.dirty = True
     probe = context.new()
     try:
         probe.open()
@@ -70,12 +70,9 @@ def _check_the_rest(context: RuleContext, probe: Probe, initialised: Output, oth
             raise RuleBroken(f"{text} initialised", f"level of {each.channel}")
 
 
-@rule(
-    "reset",
-    "Reset brings an output to its default from any level; it changes nothing of an input or another output.",
-    Cost(each=10),
-)
+@rule(Cost(each=10))
 def reset(context: RuleContext) -> str | None:
+    """Reset brings an output to its default from any level; it changes nothing of an input or another output."""
     with context.opened() as probe:
         _check_inputs(context, probe)
         for output in context.required_outputs:
@@ -106,12 +103,9 @@ def _check_inputs(context: RuleContext, probe: Probe) -> None:
             raise RuleBroken(f"{text} read {before} before its reset and {after} after it")
 
 
-@rule(
-    "glitch",
-    "Initialise and reset bring an output directly to its default: no other level in between.",
-    Cost(opens=8, each=12, more=24),
-)
+@rule(Cost(opens=8, each=12, more=24))
 def glitch(context: RuleContext) -> str | None:
+    """Initialise and reset bring an output directly to its default: no other level in between."""
     watched: set[str] = set()
     for output, left in _left_levels(context):
         with context.leaving(context.new()) as probe:
@@ -154,12 +148,9 @@ def _direct(context: RuleContext, output: Output, levels: Sequence[int], left: i
     return {output.channel} if levels else set()
 
 
-@rule(
-    "finalise",
-    "Channels are finalised in any order; the others go on working, and keep their levels.",
-    Cost(opens=2, each=12),
-)
+@rule(Cost(opens=2, each=12))
 def finalise(context: RuleContext) -> str | None:
+    """Channels are finalised in any order; the others go on working, and keep their levels."""
     if len(context.channels) < 2:
         raise NotTried("the subject has one channel only")
     for order in (context.channels, context.channels[::-1]):
@@ -192,13 +183,10 @@ def _use(context: RuleContext, probe: Probe, text: str) -> None:
         probe.read(text)
 
 
-@rule(
-    "reopen",
-    "A closed driver can be opened again, and one that is not open can be closed. Outputs come up at their defaults "
-    "again, also if they were driven in the meantime.",
-    Cost(opens=10, each=9),
-)
+@rule(Cost(opens=10, each=9))
 def reopen(context: RuleContext) -> str | None:
+    """A closed driver can be opened again, and one that is not open can be closed. Outputs come up at their defaults
+    again, also if they were driven in the meantime."""
     probe = context.new()
     probe.close()
     for _ in range(3):

@@ -10,12 +10,12 @@ from typing import Any
 
 from umo.drivers.contract import Direction
 from umo.testing.conformance.probe import Probe
-from umo.testing.conformance.recovery import recovers, values
-from umo.testing.conformance.requests import constant
+from umo.testing.conformance.pulses import constant
+from umo.testing.conformance.relay import Change, Traffic
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.spoiling import recovers, values
 from umo.testing.conformance.subject import Output
-from umo.testing.conformance.traffic import Change, Traffic
 
 IDLE_TIME = 0.1
 """Time in s in which a driver that is left alone must send nothing to be judged."""
@@ -25,12 +25,9 @@ REFERENCE_CALLS = 2
 """Calls that succeed, whose requests are counted."""
 
 
-@rule(
-    "retry",
-    "A request is sent once within a call, also if it fails: a pulse would come twice.",
-    Cost(opens=2, each=32, waits=12),
-)
+@rule(Cost(opens=2, each=32, waits=12))
 def retry(context: RuleContext) -> str | None:
+    """A request is sent once within a call, also if it fails: a pulse would come twice."""
     line = context.line
     faults: list[tuple[str, Change, bool]] = [
         ("got no answer", lambda answer: b"", False),
@@ -80,7 +77,7 @@ def _counted(context: RuleContext, probe: Probe, number: int, fault: Callable[[]
     call = context.transfers(probe)[number]
     if fault is None:
         return context.traffic(call)
-    context.hurry(probe)
+    probe.timeout = context.haste
     with context.line.counting() as traffic, fault():
         context.failure(call)
     return traffic
@@ -144,8 +141,9 @@ def _usual_of(context: RuleContext, probe: Probe, writes: bool) -> Traffic | Non
     return context.traffic(probe.read, context.readable[0]) if context.readable else None
 
 
-@rule("error answer", "An error that the device answers is an OSError, not a value and not a timeout.", Cost(each=12))
+@rule(Cost(each=12))
 def error_answer(context: RuleContext) -> str | None:
+    """An error that the device answers is an OSError, not a value and not a timeout."""
     if not context.subject.refused:
         raise NotTried("no channel is known that the device refuses")
     silent, kinds = [], set()

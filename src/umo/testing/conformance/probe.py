@@ -55,14 +55,14 @@ class Watch:
         try:
             return function(*arguments)
         except OSError as error:
-            _note(error, what)
+            error.umo_call = what  # type: ignore[attr-defined]
             raise
         except KeyboardInterrupt:
             self.interrupted = True
-            raise _noted(WrongKind("KeyboardInterrupt"), what) from None
+            raise WrongKind("KeyboardInterrupt", what) from None
         except BaseException as error:
             self.wrong_kinds.append(f"{what} raised {text_of(error)}")
-            raise _noted(WrongKind(text_of(error)), what) from None
+            raise WrongKind(text_of(error), what) from None
         finally:
             self.took = monotonic() - began
             self.began = None
@@ -76,30 +76,17 @@ class TimeUp(Stopped):
     """The time of the run is up."""
 
 
-class CallNote(str):
-    """A note on an exception: the call that raised it."""
+class WrongKind(OSError):
+    """The driver raised something else; it is noted in the watch and taken for an OSError."""
 
-    __slots__ = ()
-
-
-def _note(error: OSError, what: str) -> None:
-    notes = getattr(error, "__notes__", [])
-    notes[:] = [note for note in notes if not isinstance(note, CallNote)]  # one that is raised again and again
-    error.add_note(CallNote(what))
-
-
-def _noted(error: OSError, what: str) -> OSError:
-    _note(error, what)
-    return error
+    def __init__(self, text: str, call: str) -> None:
+        super().__init__(text)
+        self.umo_call = call
 
 
 def call_of(error: OSError) -> str:
     """The call that raised the error."""
-    return next((note for note in getattr(error, "__notes__", ()) if isinstance(note, CallNote)), "a call")
-
-
-class WrongKind(OSError):
-    """The driver raised something else; it is noted in the watch and taken for an OSError."""
+    return getattr(error, "umo_call", "a call")
 
 
 class Probe:

@@ -32,9 +32,9 @@ WAITING_FUNCTIONS = {
 """Functions in C in which drivers wait for their devices."""
 
 
-@rule("idle", "No processor time is used for waiting: not while the device is silent, not between calls.",
-      Cost(each=4, waits=8))  # fmt: skip
+@rule(Cost(each=4, waits=8))
 def idle(context: RuleContext) -> str | None:
+    """No processor time is used for waiting: not while the device is silent, not between calls."""
     if not threads():
         raise NotTried("the kernel does not tell the processor time of threads")
     with context.opened() as probe:
@@ -73,10 +73,10 @@ def _share(context: RuleContext, before: dict[int, tuple[float, float]], took: f
     return max(shares)
 
 
-@rule("interrupt", "Ctrl-C passes through a call that waits: KeyboardInterrupt is not turned into anything else.",
-      Cost(opens=4, each=4))  # fmt: skip
+@rule(Cost(opens=4, each=4))
 def interrupt(context: RuleContext) -> str | None:
-    """The interrupt is raised where the call would wait in a function in C."""
+    """Ctrl-C passes through a call that waits: KeyboardInterrupt is not turned into anything else."""
+    # The interrupt is raised where the call would wait in a function in C
     kinds = len(context.transfers(context.new()))
     waited = [number for number in range(kinds) if _interrupted(context, number)]
     if not waited:
@@ -115,10 +115,10 @@ class _Interrupt:
             raise KeyboardInterrupt
 
 
-@rule("process", "The process stays as it was: signals, working directory, default timeout of sockets, environment, "
-      "locale, processors, priority, garbage collector, child processes, logging; nothing is printed, also if a call "
-      "fails.", Cost(opens=1, each=16, waits=4))  # fmt: skip
+@rule(Cost(opens=1, each=16, waits=4))
 def process(context: RuleContext) -> str | None:
+    """The process stays as it was: signals, working directory, default timeout of sockets, environment, locale,
+    processors, priority, garbage collector, child processes, logging; nothing is printed, also if a call fails."""
     on, remark = gc.isenabled(), None
     gc.disable()  # as in the control process
     try:
@@ -145,7 +145,7 @@ def _fail(context: RuleContext, probe: Probe) -> None:
     if context.subject.line is not None:
         for call in context.transfers(probe)[::3]:
             _resume(context, probe)
-            context.hurry(probe)
+            probe.timeout = context.haste
             context.spoiled(lambda answer: bytes(each ^ 0x95 for each in answer), True, call)
             with context.line.gone():
                 context.failure(call)

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from umo.drivers.streams.line import Parity
+from umo.testing.conformance.relay import Tapped
 from umo.testing.conformance.taps import Tap
-from umo.testing.conformance.traffic import Tapped
 
 CMSPAR = 0o10_000_000_000
 """Parity "mark" and "space", on Linux. The module termios has no name for it."""

@@ -11,12 +11,11 @@ import selectors
 import threading
 from abc import ABC, abstractmethod
 from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from time import monotonic, sleep
-from types import TracebackType
 from typing import Self
-
-from umo.testing.conformance.traffic import HOLDING, PASSING, Tapped, Traffic
 
 ANSWER_GAP = 0.005
 """Time in s without a byte that ends an answer."""
@@ -25,9 +24,61 @@ PIECE_INTERVAL = 0.003
 MAX_SETTLING_TIME = 5.0
 """Time in s for which the thread is waited for."""
 KEPT_EXCHANGES = 64
-"""Exchanges that are remembered."""
 MAX_RECEIVED = 65536
 """Bytes that are received at once, at most."""
+Change = Callable[[bytes], bytes]
+"""Function that makes what the driver gets out of what the device answered; nothing: no answer."""
+
+
+@dataclass(frozen=True)
+class AnswerMode:
+    """Treatment of answers; by default they pass."""
+
+    change: Change | None = None
+    hangup: bool = False
+    """Whether the connection is closed after a changed answer."""
+    holding: bool = False
+    """Whether they are kept, to be delivered late."""
+    splitting: bool = False
+    """Whether each comes in three pieces."""
+    step: float = 0.0
+    """Time in s between the bytes of an answer that trickles."""
+    endless: float = 0.0
+    """Time in s between bytes that come without an end, in place of an answer."""
+
+
+PASSING, HOLDING = AnswerMode(), AnswerMode(holding=True)
+
+
+class Traffic:
+    """The bytes that passed a tap in both directions within a block."""
+
+    def __init__(self) -> None:
+        self.requests: list[bytes] = []
+        """Pieces that the driver sent: each is what was there when the tap looked."""
+        self.answer = b""
+        """Bytes that the device sent."""
+
+    @property
+    def asked(self) -> int:
+        """Bytes that the driver sent."""
+        return sum(map(len, self.requests))
+
+
+class Tapped:
+    """A driver and its device: two descriptors, and the present exchange."""
+
+    def __init__(self, driver: int, device: int) -> None:
+        self.driver, self.device = driver, device
+        self.request, self.answer = b"", b""
+        self.held = b""
+        """Late answers."""
+        self.due: float | None = None
+        """Time at which the answer counts as complete."""
+        self.trickle = b""
+        """The rest of an answer that is delivered byte by byte."""
+        self.next_due = 0.0
+        """Time at which the next byte is due."""
 
 
 class Relay(ABC):
@@ -37,9 +88,7 @@ class Relay(ABC):
         self.exchanges: deque[tuple[bytes, bytes]] = deque(maxlen=KEPT_EXCHANGES)
         """The last requests, each with what the device answered."""
         self.connections = 0
-        """Connections that a driver has made so far."""
         self.spoiled = 0
-        """Answers that were spoiled so far."""
         self.missing = ""
         """Cause why the device could not be reached when a driver connected last; empty if it could."""
         self._traffic: Traffic | None = None
@@ -60,9 +109,7 @@ class Relay(ABC):
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._end = True
         self._nudge()
         self._thread.join()
@@ -166,7 +213,7 @@ class Relay(ABC):
         if self._traffic is not None:
             self._traffic.answer += data
         tapped.answer += data
-        if self._mode.spoils or tapped.due is not None:
+        if self._mode != PASSING or tapped.due is not None:
             tapped.due = monotonic() + ANSWER_GAP
             return
         self._put(tapped, tapped.driver, tapped.held + data)

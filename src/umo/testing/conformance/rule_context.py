@@ -15,13 +15,12 @@ from umo.testing.conformance.certificate import TransferTime
 from umo.testing.conformance.output_observer import OutputObserver
 from umo.testing.conformance.probe import Probe, call_of
 from umo.testing.conformance.process_snapshot import State, state, threads
+from umo.testing.conformance.relay import Change, Traffic
 from umo.testing.conformance.rules import NotTried, RuleBroken
 from umo.testing.conformance.subject import Subject
 from umo.testing.conformance.taps import Tap
-from umo.testing.conformance.traffic import Change, Traffic
 
 DriverCall = Callable[[], object]
-"""A call of the driver."""
 T = TypeVar("T")
 MEASURED_CALLS = 3
 """Calls of each kind from which the time of a call is measured."""
@@ -68,10 +67,6 @@ class RuleContext(OutputObserver):
         self.haste = min(self.subject.timeout, max(MIN_HASTE, HASTE_FACTOR * max(taken, default=0.0)))
         mean = sum(taken) / max(1, len(taken))
         self.pace = CallTime(opening, mean, self.haste, max(1, len(self.channels)))
-
-    def hurry(self, probe: Probe) -> None:
-        """Give its calls the short timeout, which is waited for, from now on."""
-        probe.timeout = self.haste
 
     def as_time_allows(self, tasks: Sequence[T], fewest: int, what: str) -> Iterator[T]:
         """The tasks of a rule, `fewest` of them at any rate, the others as long as there is time. `what` they are, if
@@ -182,7 +177,7 @@ class RuleContext(OutputObserver):
             self.failure(probe.read, self.subject.refused[0])
         elif self.subject.line is None and self.subject.gone is None:
             raise NotTried(f"no call can be made to fail: {NO_LINE}, and no channel that the device refuses")
-        self.hurry(probe)
+        probe.timeout = self.haste
         away = self.subject.gone if self.subject.line is None else self.subject.line.silent
         if away is not None:
             with away():

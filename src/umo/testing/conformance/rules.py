@@ -64,11 +64,12 @@ _RULES: dict[str, Rule] = {}
 C = TypeVar("C", bound=Callable[..., "str | None"])
 
 
-def rule(identifier: str, text: str, cost: Cost | None = None) -> Callable[[C], C]:
-    """Registers a function as the check of a rule."""
+def rule(cost: Cost = Cost()) -> Callable[[C], C]:
+    """Registers a function as the check of a rule. Its name is that of the rule, its docstring the rule's text."""
 
     def register(check: C) -> C:
-        _RULES[identifier] = Rule(identifier, text, check, cost or Cost())
+        name = check.__name__.strip("_").replace("_", " ")
+        _RULES[name] = Rule(name, " ".join((check.__doc__ or "").split()), check, cost)
         return check
 
     return register

@@ -1,18 +1,22 @@
-"""Calls whose answers are changed: they must fail, or be right."""
+"""Calls whose answers are changed: they must fail, or be right. After that the driver works again."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
+from umo.errors import text_of
 from umo.testing.conformance.probe import Probe
-from umo.testing.conformance.recovery import recovers, rewrite
+from umo.testing.conformance.relay import Change
 from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import NotTried, RuleBroken
 from umo.testing.conformance.subject import Output
-from umo.testing.conformance.traffic import Change
 
+T = TypeVar("T")
+TRIES = 3
+"""Calls within which a driver recovers."""
 MAX_CHANNELS = 2
 """Channels that are tried with each spoiled answer."""
 NO_ANSWER = "the device answers neither reads nor writes over the line"
@@ -85,7 +89,7 @@ def spoiled_read(context: RuleContext, probe: Probe, text: str, way: Spoilt) -> 
     probe.timeout = context.patience
     output = next((each for each in context.viewed if context.view(each) == text), None)
     known = _moved(context, probe, output) if output is not None else probe.read(text)
-    context.hurry(probe)
+    probe.timeout = context.haste
     found, changed = context.spoiled(way.change, way.hangup, probe.read, text)
     probe.timeout = context.patience
     if changed and not isinstance(found, OSError):
@@ -117,10 +121,54 @@ def _spoiled_write(context: RuleContext, probe: Probe, way: Spoilt) -> bool:
     output = context.subject.outputs[0]
     probe.timeout = context.patience
     probe.write(output.channel, output.default)
-    context.hurry(probe)
+    probe.timeout = context.haste
     found, changed = context.spoiled(way.change, way.hangup, probe.write, output.channel, output.other())
     probe.timeout = context.patience
     if changed and not isinstance(found, OSError):
         raise RuleBroken(f"{context.watch.doing} succeeded with {way.words}")
     rewrite(context, probe, output, output.other(), way.words)
     return changed
+
+
+# Afterwards ---------------------------------------------------------------------------------------
+
+
+def values(context: RuleContext, probe: Probe) -> dict[str, int | None]:
+    """Readings of the channels, None for those that move by themselves. Every output is brought to another level than
+    its default; the inputs that read them are waited for."""
+    probe.timeout = context.patience
+    outputs = context.subject.outputs
+    for number, output in enumerate(outputs):
+        rewrite(context, probe, output, output.other(number), "what was tried before")
+    for number, output in enumerate(outputs):
+        if output in context.viewed:
+            context.is_read(probe, output, output.other(number))
+    return {text: probe.read(text) if text in context.known else None for text in context.readable}
+
+
+def recovers(
+    context: RuleContext, probe: Probe, expected: Mapping[str, int | None], after: str, tries: int = TRIES
+) -> None:
+    """Each channel reads its value, at the last of the tries at the latest, and no other one before."""
+    probe.timeout = context.patience
+    for text, raw in expected.items():
+        found = _at_last(context, after, tries, probe.read, text)
+        if raw is not None and not (context.alike(text, raw, found) or context.fallen(text, found)):
+            raise RuleBroken(f"{text} read {found} after {after}; it is at {raw}", f"reading of {text}")
+
+
+def rewrite(context: RuleContext, probe: Probe, output: Output, raw: int, after: str) -> None:
+    """The output takes a level, at the third call at the latest."""
+    probe.timeout = context.patience
+    _at_last(context, after, TRIES, probe.write, output.channel, raw)
+
+
+def _at_last(context: RuleContext, after: str, tries: int, call: Callable[..., T], *arguments: Any) -> T:
+    """The result of a call that succeeds at the last of the tries at the latest."""
+    for _ in range(tries - 1):
+        with suppress(OSError):
+            return call(*arguments)
+    try:
+        return call(*arguments)
+    except OSError as error:
+        raise RuleBroken(f"{context.watch.doing} still fails after {after}: {text_of(error)}") from error

@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from time import monotonic, sleep
 
-from umo.testing.conformance.relay import ANSWER_GAP, Relay
-from umo.testing.conformance.traffic import HOLDING, PASSING, AnswerMode, Change, Tapped, Traffic
+from umo.testing.conformance.relay import ANSWER_GAP, HOLDING, PASSING, AnswerMode, Change, Relay, Tapped, Traffic
 
 MAX_LATENESS = 0.5
 """Time in s in which an answer that is to be late must have come."""

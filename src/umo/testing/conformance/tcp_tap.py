@@ -33,10 +33,7 @@ class TcpTap(Tap):
         self._go()
         address = self.host, self.port
         try:
-            self._full = [
-                socket.create_server(address, backlog=0),
-                socket.create_connection(address, MAX_CONNECTING),
-            ]
+            self._full = [socket.create_server(address, backlog=0), socket.create_connection(address, MAX_CONNECTING)]
             yield True
         finally:
             self._return()

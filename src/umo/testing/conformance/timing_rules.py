@@ -24,17 +24,14 @@ MAX_DELAY = 2.0
 """Delay in s at most of an answer that a longer timeout waits for; it is twice the short timeout."""
 
 
-@rule(
-    "timeout",
-    "A call ends within `timeout`, which it reads, by a TimeoutError; also if bytes come without end, or nothing "
-    "answers the request to connect.",
-    Cost(opens=8, each=8, waits=16),
-)
+@rule(Cost(opens=8, each=8, waits=16))
 def timeout(context: RuleContext) -> None:
+    """A call ends within `timeout`, which it reads, by a TimeoutError; also if bytes come without end, or nothing
+    answers the request to connect."""
     line = context.line
     with context.opened() as probe:
         context.use(probe)  # what is kept of it must not be given later
-        context.hurry(probe)
+        probe.timeout = context.haste
         first: list[DriverCall] = [
             partial(probe.initialize, each.channel, each.default) for each in context.subject.outputs[:1]
         ]
@@ -59,7 +56,7 @@ def _open_in_time(context: RuleContext, probes: list[Probe]) -> None:
     """Open, or fail, and close. The quickest of several drivers counts."""
     limit = allowed(context.haste)
     for probe in probes:
-        context.hurry(probe)
+        probe.timeout = context.haste
         slow = ""
         for call in (probe.open, probe.close):
             context.failure(call)
@@ -73,7 +70,7 @@ def _open_in_time(context: RuleContext, probes: list[Probe]) -> None:
 def _without_a_connection(context: RuleContext) -> None:
     others = [context.new() for _ in range(TRIES)]
     with context.opened() as probe:
-        context.hurry(probe)
+        probe.timeout = context.haste
         with context.line.unreachable() as possible:
             if possible:
                 for call in context.transfers(probe, default=False)[1::2]:
@@ -105,12 +102,9 @@ def _slow(context: RuleContext, timeout: float) -> str:
     return f"{context.watch.doing} took {duration(round(context.watch.took, 3))}, its timeout is {duration(timeout)}"
 
 
-@rule(
-    "one deadline",
-    "The timeout is that of the whole call: it does not begin anew with each byte or part of an answer.",
-    Cost(each=4, waits=8),
-)
+@rule(Cost(each=4, waits=8))
 def one_deadline(context: RuleContext) -> None:
+    """The timeout is that of the whole call: it does not begin anew with each byte or part of an answer."""
     line, tried = context.line, False
     steady = max(context.haste, TRICKLE_TIMEOUT)
 
@@ -133,12 +127,9 @@ def one_deadline(context: RuleContext) -> None:
         raise NotTried("no call was answered")
 
 
-@rule(
-    "patience",
-    "A longer `timeout`, set after `open`, holds at once: initialise and reset get one.",
-    Cost(opens=2, each=3, waits=8),
-)
+@rule(Cost(opens=2, each=3, waits=8))
 def patience(context: RuleContext) -> str | None:
+    """A longer `timeout`, set after `open`, holds at once: initialise and reset get one."""
     delay = min(2 * context.haste, MAX_DELAY, context.patience / 2)
     quick = min(context.haste, delay / 2)
 

@@ -19,20 +19,18 @@ FEWEST_LEVELS = 8
 """Levels of each output that are tried at any rate."""
 
 
-@rule("answers", "The device answers: channels are initialised, inputs are read, outputs are written their defaults.")
+@rule()
 def answers(context: RuleContext) -> None:
-    """The other rules are not tried if it does not."""
+    """The device answers: channels are initialised, inputs are read, outputs are written their defaults."""
+    # The other rules are not tried if it does not
     if why := context.dead():
         raise RuleBroken(why, "dead")
 
 
-@rule(
-    "range",
-    "An output takes every raw level of its range exactly, and is read so. Tried: both ends, powers of two and their "
-    "neighbours, every value of each byte.",
-    Cost(each=12, more=600),
-)
-def raw_range(context: RuleContext) -> str | None:
+@rule(Cost(each=12, more=600))
+def range_(context: RuleContext) -> str | None:
+    """An output takes every raw level of its range exactly, and is read so. Tried: both ends, powers of two and their
+    neighbours, every value of each byte."""
     with context.opened() as probe:
         tasks = [(output, raw) for output in context.required_outputs for raw in output.samples[:FEWEST_LEVELS]]
         fewest = len(tasks)
@@ -43,10 +41,10 @@ def raw_range(context: RuleContext) -> str | None:
     return context.remark()
 
 
-@rule("one beyond", "A raw level beyond the channel's bits is refused by an OSError, and changes nothing.",
-      Cost(each=18, more=18))  # fmt: skip
+@rule(Cost(each=18, more=18))
 def one_beyond(context: RuleContext) -> str | None:
-    """Outputs are tried where a driver that clamps or wraps would not leave the range that may be driven."""
+    """A raw level beyond the channel's bits is refused by an OSError, and changes nothing."""
+    # Outputs are tried where a driver that clamps or wraps would not leave the range that may be driven
     probe = context.new()
     wide = [output for output in context.required_outputs if _beyond(probe, output)]
     if not wide:
@@ -91,8 +89,9 @@ def _refused(context: RuleContext, probe: Probe, output: Output, raw: int) -> No
             raise RuleBroken(f"{output.channel} went to {came_to} with a write of {raw}, which was refused")
 
 
-@rule("directions", "A write to an input is refused, and changes nothing.")
+@rule()
 def directions(context: RuleContext) -> str | None:
+    """A write to an input is refused, and changes nothing."""
     probe = context.new()
     inputs = [each for each in context.subject.inputs if probe.channel(each.channel).direction is Direction.INPUT]
     if not inputs:
@@ -111,8 +110,9 @@ def directions(context: RuleContext) -> str | None:
     return f"whether it changes {some(unsure)} was not seen: nothing says that the level is steady" if unsure else None
 
 
-@rule("reading", "Reading changes no output.", Cost(each=6))
+@rule(Cost(each=6))
 def reading(context: RuleContext) -> str | None:
+    """Reading changes no output."""
     if not context.readable:
         raise NotTried("the driver has no inputs")
     outputs = context.required_outputs

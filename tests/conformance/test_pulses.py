@@ -9,8 +9,7 @@ from itertools import count
 
 import pytest
 
-from umo.testing.conformance.pulses import _order
-from umo.testing.conformance.requests import Writes
+from umo.testing.conformance.pulses import Writes, _order
 
 LEVELS = [0, 1365, 5, 4095, 2047]
 Make = Callable[[int, int, int], bytes]
