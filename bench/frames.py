@@ -18,7 +18,7 @@ from umo import Compound, connect, published
 from umo.cycle import Frame
 from umo.cycle.client_control import ClientControl
 from umo.frames import Reader, Ring
-from umo.frames.memory import HEAD, ClientMemory
+from umo.frames.client_memory import HEAD, ClientMemory
 from umo.remote.queue import Receiver
 
 BATCH = 200

@@ -18,8 +18,8 @@ from helpers.runs import Run, assert_safe
 from helpers.waiting import until
 from umo.errors import FramesError
 from umo.frames import rings
+from umo.frames.client_memory import ClientMemory
 from umo.frames.frame_server import folder
-from umo.frames.memory import ClientMemory
 from umo.process.control_process import Control
 from umo.system import realtime
 

@@ -27,10 +27,11 @@ from umo.process import outcome as outcome_module
 from umo.process import run_state as life_module
 from umo.process.control_process import Control
 from umo.process.frame_watcher import FrameWatcher
-from umo.process.hang_detection import LOOK_INTERVAL, HangDetector, ProcessorShare
+from umo.process.hang_detection import LOOK_INTERVAL, HangDetector
 from umo.process.job import Job, Plan
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, plain
+from umo.process.processor_share import ProcessorShare
 from umo.process.reset import Resetter
 from umo.process.reset_state import Reached, ResetState
 from umo.process.run_state import MAX_REPORT_BYTES, RunState

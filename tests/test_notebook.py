@@ -29,7 +29,7 @@ from umo.cycle.client_commands import Mode
 from umo.cycle.client_control import ClientControl
 from umo.errors import FramesError, PathError, RangeError
 from umo.frames import Reader
-from umo.frames.memory import ClientMemory
+from umo.frames.client_memory import ClientMemory
 from umo.latency import blackbox
 from umo.process.start import LINUX
 from umo.remote import RemoteStation

@@ -16,9 +16,10 @@ import pytest
 from helpers import process_box
 from helpers.process_box import Cells
 from helpers.runs import Run
-from umo.process import hang_detection as share_module
-from umo.process.hang_detection import LOOK_INTERVAL, OVERLONG, ProcessorShare
+from umo.process import processor_share as share_module
+from umo.process.hang_detection import LOOK_INTERVAL
 from umo.process.outcome import Outcome
+from umo.process.processor_share import OVERLONG, ProcessorShare
 from umo.system import processes, realtime
 from umo.system.realtime import CorePlace
 

@@ -24,7 +24,7 @@ from umo.cycle.client_commands import Mode
 from umo.cycle.client_control import COMMANDS_PER_PERIOD, DEAD_MAN_TIME, ClientControl
 from umo.errors import CommandRefused, FramesError, RangeError
 from umo.frames import Reader
-from umo.frames.memory import HEAD, QUEUE, SLOT, SLOTS, STOP, STOP_MARK, ClientMemory
+from umo.frames.client_memory import HEAD, QUEUE, SLOT, SLOTS, STOP, STOP_MARK, ClientMemory
 from umo.process.start import LINUX
 from umo.remote import RemoteStation
 from umo.remote.queue import MAX_COMMAND_BYTES, Receiver, Sender

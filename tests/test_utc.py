@@ -11,8 +11,8 @@ import pytest
 from helpers.publishing import running
 from umo.frames import Reader
 from umo.frames.ring import UTC_PAUSE
-from umo.system import usage as module
-from umo.system.usage import UNKNOWN, utc
+from umo.system import utc as module
+from umo.system.utc import UNKNOWN, utc
 from umo.testing import periods
 
 

@@ -18,9 +18,10 @@ from websockets.exceptions import ConnectionClosed
 
 from umo.errors import FramesError
 from umo.frames import Reader
+from umo.frames.client_memory import size_of
 from umo.frames.frame_server import FrameServer, folder
 from umo.frames.layout import Layout, arrange
-from umo.frames.memory import RunDescriptors, fill, size_of
+from umo.frames.memory import RunDescriptors, fill
 from umo.objects import Quality
 from umo.page import feed
 from umo.page.ending import BoxInWords

@@ -17,6 +17,7 @@ from umo.cycle.journal import CAPACITY, Journal
 from umo.cycle.machine import Commanding, ConnectedMachine
 from umo.cycle.phases import UNKNOWN, Phases
 from umo.cycle.stage import Progress, Stage
+from umo.frames.client_memory import size_of
 from umo.frames.layout import (
     CHECKSUM,
     DESCRIPTION,
@@ -32,9 +33,10 @@ from umo.frames.layout import (
     Live,
     arrange,
 )
-from umo.frames.memory import RunDescriptors, fill, size_of
+from umo.frames.memory import RunDescriptors, fill
 from umo.objects import MachineNumber
-from umo.system.usage import Usage, utc
+from umo.system.usage import Usage
+from umo.system.utc import utc
 
 MAX_BYTES = 4 << 20
 MAX_SLOTS = 4096

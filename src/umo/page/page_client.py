@@ -20,7 +20,7 @@ from starlette.websockets import WebSocketDisconnect
 from umo.cycle.client_control import DEAD_MAN_TIME
 from umo.cycle.events import CommandState
 from umo.errors import CommandRefused, FramesError
-from umo.frames.memory import LEASE
+from umo.frames.client_memory import LEASE
 from umo.page.feed import Feed
 from umo.page.watched import Watched
 from umo.remote.commander import SIGNS_OF_LIFE, Answers, Commander

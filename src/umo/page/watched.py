@@ -207,11 +207,10 @@ class Watched:
     @property
     def utc(self) -> float | None:
         """s since 1970 at the cycle's time 0; None for a run that does not keep the pace of the wall clock."""
-        about, frame = self.reader.about, self._frame
-        if frame is None or not about.get("realtime"):
+        frame = self._frame
+        if frame is None or not self.reader.about.get("realtime"):
             return None
-        since = (int(frame["began"]) - int(about["started_monotonic"])) * 1e-9
-        return round(float(about["started"]) + since - float(frame["time"]), 3)
+        return round((int(frame["began"]) + int(frame["utc"])) * 1e-9 - float(frame["time"]), 3)
 
     @property
     def ended(self) -> bool:

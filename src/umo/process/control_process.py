@@ -22,8 +22,9 @@ from umo.cycle.stage import Stage
 from umo.cycle.stopping import SIGNALS, TimeLimit, request_stop
 from umo.errors import FramesError, StopError, text_of
 from umo.frames import Ring, published
+from umo.frames.client_memory import ClientMemory
 from umo.frames.frame_server import FrameServer
-from umo.frames.memory import ClientMemory, RunDescriptors
+from umo.frames.memory import RunDescriptors
 from umo.frames.publish import tell
 from umo.objects.stop_order import stop_sequence
 from umo.process.control_watch import WHERE_SIGNAL

@@ -12,8 +12,9 @@ from time import monotonic, sleep, time
 
 from umo.errors import FramesError, text_of
 from umo.frames import Reader
+from umo.frames.client_memory import ClientMemory
 from umo.frames.frame_server import FrameServer, new_path
-from umo.frames.memory import ClientMemory, RunDescriptors
+from umo.frames.memory import RunDescriptors
 from umo.latency import blackbox
 from umo.system import realtime
 from umo.text import Moment

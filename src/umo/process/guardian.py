@@ -22,10 +22,11 @@ from umo.latency.blackbox import ON_DEMAND
 from umo.process.control_process import Control, drive_and_report
 from umo.process.control_watch import ControlWatch
 from umo.process.frame_watcher import FrameWatcher
-from umo.process.hang_detection import LOOK_INTERVAL, HangDetector, ProcessorShare, guardian_limit
+from umo.process.hang_detection import LOOK_INTERVAL, HangDetector, guardian_limit
 from umo.process.job import Job, Plan
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
+from umo.process.processor_share import ProcessorShare
 from umo.process.reset import DEATH_TIMEOUT, STOP_SIGNALS
 from umo.process.run_end import RunEnd, tell_final_message
 from umo.process.run_state import RunState, Who

@@ -19,7 +19,7 @@ from umo.cycle.events import CommandState, Event
 from umo.cycle.stage import Stage
 from umo.errors import CommandRefused, FramesError, LeaseHeld, RangeError, TaskFailed, UmoError
 from umo.frames import Reader
-from umo.frames.memory import LEASE, ClientMemory
+from umo.frames.client_memory import LEASE, ClientMemory
 from umo.remote.queue import Sender
 from umo.system.processes import user_name
 

@@ -1,4 +1,4 @@
-"""The queue of commands in the cells (`umo.frames.memory`): clients write it, the machine reads it.
+"""The queue of commands in the cells (`umo.frames.client_memory`): clients write it, the machine reads it.
 
 Clients take turns by a lock that the machine does not take. Each of the `SLOTS` commands is, little-endian: CRC-32 of
 all that follows, size of the text, number of the command (from 1), text (JSON, UTF-8). `HEAD` is the number of commands
@@ -20,7 +20,7 @@ from typing import Any
 from umo.cycle.client_commands import ClientCommand
 from umo.errors import CommandRefused, FramesError
 from umo.frames import Reader
-from umo.frames.memory import QUEUE, SLOT, SLOTS, ClientMemory
+from umo.frames.client_memory import QUEUE, SLOT, SLOTS, ClientMemory
 
 try:
     import fcntl

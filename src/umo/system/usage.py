@@ -1,15 +1,10 @@
-"""What a frame tells of the computer: counters of what the operating system and the interpreter have done to this
-thread so far; UTC of this computer against its monotonic clock, and how far off it may be."""
+"""Counters of what the operating system and the interpreter have done to this thread so far."""
 
 from __future__ import annotations
 
-import ctypes
 import gc
 import os
-import sys
-from functools import cache
-from time import monotonic_ns, time_ns
-from typing import Any
+from time import monotonic_ns
 
 try:
     import resource
@@ -18,10 +13,6 @@ except ImportError:  # not on this platform
 
 SCHEDSTAT = "/proc/thread-self/schedstat"
 """Time on a processor and time waiting for one, in ns (Documentation/scheduler/sched-stats in Linux)."""
-UNKNOWN = -1
-"""ns: the error of a clock that is not synchronised, or of a platform that does not tell it."""
-UNSYNCHRONISED = 0x40
-"""STA_UNSYNC of `status` (adjtimex(2))."""
 
 
 class Usage:
@@ -62,38 +53,3 @@ class Usage:
         else:
             self.collections += 1
             self._collecting += monotonic_ns() - self._began
-
-
-class _Timex(ctypes.Structure):
-    """The struct timex of adjtimex(2), up to `status`; the rest is room."""
-
-    _fields_ = (
-        ("modes", ctypes.c_uint),
-        ("offset", ctypes.c_long),
-        ("freq", ctypes.c_long),
-        ("maxerror", ctypes.c_long),
-        ("esterror", ctypes.c_long),
-        ("status", ctypes.c_int),
-        ("rest", ctypes.c_byte * 256),
-    )
-
-
-def utc() -> tuple[int, int]:
-    """ns to be added to CLOCK_MONOTONIC for UTC since 1970, and its greatest error in ns; `UNKNOWN`: not told."""
-    before, now, after = monotonic_ns(), time_ns(), monotonic_ns()
-    error = _error()
-    return now - (before + after) // 2, error if error == UNKNOWN else error + (after - before + 1) // 2
-
-
-def _error() -> int:
-    adjtimex, asked = _adjtimex(), _Timex()
-    if adjtimex is None or adjtimex(ctypes.byref(asked)) < 0 or asked.status & UNSYNCHRONISED:
-        return UNKNOWN
-    return int(asked.maxerror) * 1000
-
-
-@cache
-def _adjtimex() -> Any:
-    if not sys.platform.startswith("linux"):
-        return None
-    return getattr(ctypes.CDLL(None), "adjtimex", None)

@@ -56,9 +56,9 @@ def conform(
     before: State | None = None,
 ) -> Certificate:
     """Try every rule (or `only` these) on the driver, for `minutes` at most; what was left out for that is in the
-    certificate. `cycles`: of the search for what adds up, each with a write and a read of every channel as a block and
-    of one; default: enough for 70,000 transfers. `plan` is called before the first rule.
-    `before`: the process before the driver was imported (`process_snapshot.state`), if more than `make` is to be judged.
+    certificate. `cycles`: length of the search for leaks; a cycle writes and reads every channel, as a block and one of
+    them alone; default: enough for 70,000 transfers. `plan` is called before the first rule. `before`: the process
+    before the driver was imported (`process_snapshot.state`), if more than `make` is to be judged.
 
     Outputs are driven within the limits of the subject, and are at their defaults at the end, also after an exception
     or Ctrl-C. A rule that fails does not keep the others from being tried, unless the driver hangs (a call that
