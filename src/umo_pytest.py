@@ -57,16 +57,16 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     folder = config.getoption("--umo-certificates")
     if folder is not None:
-        from umo.testing.conformance import examine
+        from umo.testing.conformance import runner
 
-        examine.on_certificate.append(lambda certificate: certificate.save(Path(folder)))
+        runner.on_certificate.append(lambda certificate: certificate.save(Path(folder)))
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
     if config.getoption("--umo-certificates") is not None:
-        from umo.testing.conformance import examine
+        from umo.testing.conformance import runner
 
-        del examine.on_certificate[:1]
+        del runner.on_certificate[:1]
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -27,9 +27,9 @@ from umo.objects.scaling import to_raw, to_value
 from umo.objects.units import check_unit, same_unit
 from umo.presentation.digits import digits_of, number_text, scale_texts, setting_text
 from umo.presentation.durations import duration, lasting
-from umo.presentation.in_words import SIGNS, WHY, WORDS, as_shown, file_form, measure, shown_unit, span, value_text
 from umo.presentation.rows import TableRow
 from umo.presentation.run_facts import facts_of
+from umo.presentation.value_text import SIGNS, WHY, WORDS, as_shown, file_form, measure, shown_unit, span, value_text
 from umo.testing import Scripted, VirtualTimer, periods
 
 MODULE = Path(umo.__file__).parent / "page/static/presentation.js"

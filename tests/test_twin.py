@@ -342,7 +342,7 @@ def test_a_wrong_twin_py_is_named_with_its_file(
 
 
 def test_a_declaration_that_does_not_fit_is_told_to_the_page(umo: Callable[..., Result], tmp_path: Path) -> None:
-    describe = pytest.importorskip("umo.page.watched").described_twin
+    describe = pytest.importorskip("umo.page.watched_run").described_twin
     assert umo("new", "plainmachine").exit_code == 0
     place = tmp_path / "plainmachine"
     (place / "twin.py").write_text(

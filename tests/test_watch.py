@@ -24,7 +24,7 @@ from umo.cli.ps import attach, how_ended
 from umo.cli.traces import Traces, spark, traced_span
 from umo.cli.watch import WatchScreen, parse, pressed
 from umo.errors import FramesError, PathError
-from umo.page.watched import Watched
+from umo.page.watched_run import Watched
 from umo.presentation.durations import lasting
 from umo.presentation.rows import folded, quality_of, value_of
 from umo.states import OnOff

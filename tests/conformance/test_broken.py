@@ -13,7 +13,7 @@ from conformance import broken, mutants
 from conformance.careful import Careful
 from conformance.mutants import MUTANTS, Mutant
 from conformance.subjects import careful
-from umo.testing.conformance import Certificate, Judgement, all_rules, conform, examine
+from umo.testing.conformance import Certificate, Judgement, all_rules, conform, runner
 
 ENOUGH_TO_GROW = 300
 HANGING = 1.0
@@ -55,7 +55,7 @@ def nothing_left(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def what_hangs_is_found_soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(examine, "HANG", HANGING)
+    monkeypatch.setattr(runner, "HANG", HANGING)
 
 
 def tried(driver: type[Careful], cycles: int, only: list[str] | None = None) -> Certificate:

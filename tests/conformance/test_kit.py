@@ -29,7 +29,7 @@ from umo.testing.conformance import (
     TimePlan,
     all_rules,
     conform,
-    examine,
+    runner,
 )
 from umo.testing.conformance.budget import Budget, CallTime
 
@@ -122,7 +122,7 @@ def test_a_signal_waits_for_the_call_under_way_before_the_outputs_are_brought_to
 
 
 def test_a_driver_that_hangs_without_a_line_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(examine, "HANG", 0.1)
+    monkeypatch.setattr(runner, "HANG", 0.1)
     monkeypatch.setattr("umo.testing.conformance.driver_factory.UNCONTROLLED_TIMEOUT", 0.05)
     end = threading.Event()
 
@@ -139,7 +139,7 @@ def test_a_driver_that_hangs_without_a_line_is_found(monkeypatch: pytest.MonkeyP
 
 
 def test_a_call_that_hung_and_returns_after_all_is_the_last_one_of_its_rule(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(examine, "HANG", 0.1)
+    monkeypatch.setattr(runner, "HANG", 0.1)
     monkeypatch.setattr("umo.testing.conformance.driver_factory.UNCONTROLLED_TIMEOUT", 0.05)
     end = threading.Event()
     hung: list[threading.Thread] = []

@@ -89,7 +89,9 @@ def test_the_scope_asks_for_measured_values_when_it_has_got_the_last_ones(
     go_on = threading.Event()
     sent: list[str] = []
     states: list[str] = []
-    monkeypatch.setattr("umo.page.live.measured", lambda times, values: {"maximum": 7.0, "w": go_on.wait(PATIENCE)})
+    monkeypatch.setattr(
+        "umo.page.subscriptions.measured", lambda times, values: {"maximum": 7.0, "w": go_on.wait(PATIENCE)}
+    )
     page.on("websocket", lambda socket: socket.on("framesent", lambda text: sent.append(text)))
     page.on("websocket", lambda socket: socket.on("framereceived", lambda text: states.append(text)))
     with running(), serving() as served:
@@ -237,7 +239,7 @@ LONG = "the emergency stop at the door of the second hall was pressed, and the g
 def test_a_long_reason_in_the_red_line_can_be_read_to_its_end(
     page: Any, size: tuple[int, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("umo.page.watched.Watched._clients", lambda watched: {"inhibited": {"valve": LONG}})
+    monkeypatch.setattr("umo.page.watched_run.Watched._clients", lambda watched: {"inhibited": {"valve": LONG}})
     page.set_viewport_size({"width": size[0], "height": size[1]})
     cut = "document.querySelector('#forbidden').scrollHeight > document.querySelector('#forbidden').clientHeight + 1"
     with running(), serving() as served:
@@ -260,7 +262,7 @@ def test_a_station_without_a_twin_is_not_asked_for_it(page: Any) -> None:
 
 def test_who_works_an_actuator_by_client_is_named_beside_it(page: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     told = {"by_client": ["valve"], "mode": "manual", "tuned": {}, "lease": {"number": 1, "holder": "Ann (page, ::1)"}}
-    monkeypatch.setattr("umo.page.watched.Watched._clients", lambda watched: told)
+    monkeypatch.setattr("umo.page.watched_run.Watched._clients", lambda watched: told)
     with running(), serving() as served:
         page.goto(served.url + "#view=machine")
         page.locator('tr[data-path="valve"]').get_by_text("by client: Ann (page, ::1)").wait_for()

@@ -20,7 +20,7 @@ from umo.cycle.stopping import TimeLimit
 from umo.frames import Reader, rings
 from umo.page.ending import UNKNOWN_END, BoxInWords, Ending, ending_of
 from umo.page.feed import Feed
-from umo.page.watched import Watched
+from umo.page.watched_run import Watched
 from umo.system.device_record import DeviceRecord
 from umo.testing import Scripted, VirtualTimer, periods
 
@@ -130,7 +130,7 @@ def test_an_end_that_nobody_could_tell_is_a_failure(monkeypatch: pytest.MonkeyPa
     watched.read()
     watched.look_around()
     assert watched.ending is None  # the guardian may still tell it
-    monkeypatch.setattr("umo.page.watched.ENDING_TIME", 0.0)
+    monkeypatch.setattr("umo.page.watched_run.ENDING_TIME", 0.0)
     watched.look_around()
     assert watched.ending == Ending(True, UNKNOWN_END)
     watched.close()

@@ -10,7 +10,7 @@ from urllib.parse import quote
 import numpy as np
 import pytest
 
-from umo.page.live import HistoryPart, csv_of
+from umo.page.subscriptions import HistoryPart, csv_of
 from umo.scope.history import History
 
 from .conftest import TOKEN, Served, opened, running, serving

@@ -26,11 +26,11 @@ from umo.objects import Quality
 from umo.page import feed
 from umo.page.ending import BoxInWords
 from umo.page.feed import Feed
-from umo.page.live import Subscription
 from umo.page.page_client import PageClient
 from umo.page.server import Options, listen, server
 from umo.page.session import MAX_REQUESTS, InitialStation
-from umo.page.watched import Watched
+from umo.page.subscriptions import Subscription
+from umo.page.watched_run import Watched
 from umo.scope.history import History
 from umo.testing import Scripted
 
@@ -179,7 +179,7 @@ def test_a_trigger_shows_the_time_around_it(client: Client) -> None:
 
 def test_a_page_is_answered_while_something_is_measured(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
     go_on = threading.Event()
-    monkeypatch.setattr("umo.page.live.measured", lambda times, values: {"waited": go_on.wait(PATIENCE)})
+    monkeypatch.setattr("umo.page.subscriptions.measured", lambda times, values: {"waited": go_on.wait(PATIENCE)})
     with running() as step:
         client.get("description")
         client.send(type="measure", id=1, paths=["encoder"], start=0, stop=1)
@@ -194,7 +194,9 @@ def test_a_page_is_answered_while_something_is_measured(client: Client, monkeypa
 
 def test_a_page_gets_states_while_a_black_box_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
     go_on = threading.Event()
-    monkeypatch.setattr("umo.page.watched.newest_box", lambda *given: BoxInWords("x", f"read: {go_on.wait(PATIENCE)}"))
+    monkeypatch.setattr(
+        "umo.page.watched_run.newest_box", lambda *given: BoxInWords("x", f"read: {go_on.wait(PATIENCE)}")
+    )
     monkeypatch.setattr("umo.page.feed.DISK_PAUSE", 0.01)
     with running() as step, serving() as served, opened(served.socket) as client:
         client.get("description")
@@ -252,7 +254,7 @@ def test_a_page_whose_client_cannot_be_closed_harms_no_other(monkeypatch: pytest
 
 def test_a_page_may_ask_for_a_bounded_number_of_answers(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
     go_on = threading.Event()
-    monkeypatch.setattr("umo.page.live.measured", lambda times, values: {"waited": go_on.wait(PATIENCE)})
+    monkeypatch.setattr("umo.page.subscriptions.measured", lambda times, values: {"waited": go_on.wait(PATIENCE)})
     with running():
         client.get("description")
         for number in range(MAX_REQUESTS + 2):
@@ -370,7 +372,7 @@ def test_a_run_whose_end_cannot_be_looked_for_hides_no_other(
             raise TypeError("about what?")
         return BoxInWords("x", "read")
 
-    monkeypatch.setattr("umo.page.watched.newest_box", look)
+    monkeypatch.setattr("umo.page.watched_run.newest_box", look)
     monkeypatch.setattr("umo.page.feed.DISK_PAUSE", 0.01)
     with running("oven"), running("press"):
         eventually(lambda: [line["name"] for line in client.get("stations")["stations"]] == ["press"])

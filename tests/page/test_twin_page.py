@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import umo.page as umo_page
-from umo.presentation.in_words import SIGNS, WORDS, as_shown
+from umo.presentation.value_text import SIGNS, WORDS, as_shown
 from umo.process.station import find
 from umo.twin.declared import declared_by
 

@@ -17,10 +17,10 @@ from umo.errors import CommandRefused, FramesError, LeaseHeld, PathError, RangeE
 from umo.frames import Reader
 from umo.objects.description import converted
 from umo.presentation.digits import number_text, setting_text
-from umo.presentation.in_words import shown_unit, span
 from umo.presentation.rows import quality_of, sentence_of, value_of
+from umo.presentation.value_text import shown_unit, span
 from umo.remote import HeldLease, RemoteStation
-from umo.remote.members import RemoteObject, call_action
+from umo.remote.remote_objects import RemoteObject, call_action
 from umo.remote.search import meant_by
 from umo.system.device_record import DeviceClaim
 from umo.system.processes import user_name

@@ -21,7 +21,7 @@ from umo.errors import DriverError, PathError, StopError, text_of
 from umo.exit_status import ExitStatus
 from umo.objects import Compound, Digital
 from umo.objects.units import convert
-from umo.presentation.in_words import span
+from umo.presentation.value_text import span
 from umo.process.station import Station, StationError, find
 from umo.signature import signature_of
 from umo.system.device_record import DeviceClaim

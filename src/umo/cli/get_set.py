@@ -18,8 +18,8 @@ from umo.objects import Actuator, Atomic, Binary, Compound, DigitalActuator, Dig
 from umo.objects.description import converted, described, row_of
 from umo.objects.paths import children
 from umo.objects.paths import find as object_at
-from umo.presentation.in_words import measure, span, value_text
 from umo.presentation.rows import TableRow, quality_of, raw_of, sentence_of, value_of
+from umo.presentation.value_text import measure, span, value_text
 from umo.process.start import LINUX
 from umo.process.station import Station, StationError, find
 from umo.remote.search import is_path, meant_by, several_runs

@@ -13,8 +13,8 @@ import numpy as np
 from umo.cycle.frame import Signal
 from umo.cycle.trace import Trace
 from umo.objects import Atomic, Binary, DigitalSensor
-from umo.presentation.in_words import shown_unit
 from umo.presentation.rows import FOLDED_FROM, families, folded
+from umo.presentation.value_text import shown_unit
 from umo.text import some
 
 SENSOR_SIGNALS = ("setpoint", "low", "high")

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from umo.presentation.digits import number_text
-from umo.presentation.in_words import About, digits_in
+from umo.presentation.value_text import About, digits_in
 
 TRACE_BLOCKS = 16
 """Blocks of a trace, the newest last."""

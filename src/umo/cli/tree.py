@@ -13,11 +13,11 @@ from umo.drivers import Direction
 from umo.errors import DeclarationError
 from umo.objects import Atomic, Compound, Digital, DigitalActuator, Node, atoms, children, path_of
 from umo.objects.paths import is_pattern, named
-from umo.presentation.in_words import measure
 from umo.presentation.rows import FOLDED_FROM, folded
+from umo.presentation.value_text import measure
 from umo.process.station import Station, StationError
 from umo.wiring import check
-from umo.wiring.linearized import from_table
+from umo.wiring.linearization_table import from_table
 from umo.wiring.patterns import expand
 from umo.wiring.source import WiringSource, read
 

@@ -3,10 +3,10 @@
 
 from umo.control.axis import Axis, Homing, Met, move_together
 from umo.control.homing import EndStop, HomeSwitch, IndexPulse
+from umo.control.hysteresis import Hysteresis
 from umo.control.inputs import HOMING, Accept, state_of, value_of
 from umo.control.pid import PID, VectorPID
 from umo.control.profile import Profile, Setpoint
-from umo.control.regulation import Hysteresis
 from umo.control.servo import Servo, VectorServo
 from umo.control.servo_axis import ServoAxis
 from umo.control.stepper_axis import StepperAxis

@@ -17,7 +17,7 @@ from umo.cycle.sequences import next_period, together
 from umo.errors import AxisError, Busy, DeclarationError, RangeError
 from umo.objects import Compound, DigitalSensor, Number, Quality, Range, action
 from umo.presentation.digits import number_text
-from umo.presentation.in_words import measure, span
+from umo.presentation.value_text import measure, span
 
 ACCEPTED_WHEN_REFERENCED = Quality.OUT_OF_RANGE
 """Quality that is accepted of a referenced encoder: at an end of its range an axis may stand a little outside. The

@@ -11,7 +11,7 @@ from umo.control.checks import check_numbers
 from umo.control.inputs import state_of
 from umo.errors import DeclarationError, HomingError
 from umo.objects import BinaryActuator, BinarySensor
-from umo.presentation.in_words import measure
+from umo.presentation.value_text import measure
 from umo.states import TwoState
 
 

@@ -11,7 +11,7 @@ from umo.control.inputs import value_of
 from umo.control.servo import Servo
 from umo.errors import AxisError
 from umo.objects import DigitalActuator, Number
-from umo.presentation.in_words import measure
+from umo.presentation.value_text import measure
 
 
 class AxisServo(Servo):

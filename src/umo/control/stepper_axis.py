@@ -10,7 +10,7 @@ from umo.cycle.sequences import wait
 from umo.errors import AxisError
 from umo.objects import BinaryActuator
 from umo.presentation.digits import number_text
-from umo.presentation.in_words import measure
+from umo.presentation.value_text import measure
 from umo.states import Rotation, UpDown
 
 MAX_CORRECTIONS = 3

@@ -24,7 +24,7 @@ from umo.drivers.timerfd import WhileWaiting
 from umo.errors import text_of
 from umo.objects import Atomic, Compound
 from umo.objects.atomic import Calibration
-from umo.wiring.resolved import Wire, Wired
+from umo.wiring.wired import Wire, Wired
 
 log = logging.getLogger("umo")
 COPIED_OBJECTS = 50

@@ -17,7 +17,7 @@ from umo.drivers.contract import UNREAD, Channel, Direction, Driver
 from umo.objects import Actuator, DigitalActuator
 from umo.objects.linearization import Linearization
 from umo.objects.scaling import IntArray
-from umo.wiring.resolved import Wire
+from umo.wiring.wired import Wire
 
 FREE, ASKED, TAKEN_BY_CLIENT = 0, 254, 255
 """Values of the column `restrictions`: a write goes straight into the image; the command stage is asked, as the

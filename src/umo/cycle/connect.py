@@ -25,7 +25,7 @@ from umo.system.device_record import DeviceClaim
 from umo.text import Moment, add_note
 from umo.user_code import attempt
 from umo.wiring import Wired, distribute_options, resolve
-from umo.wiring.resolved import apply_parameters
+from umo.wiring.wired import apply_parameters
 
 C = TypeVar("C", bound=Compound)
 

@@ -23,7 +23,7 @@ from umo.objects import Action, Compound, Node, actions_of, atoms, numbers_of, w
 from umo.objects.stop_order import stop_sequence
 from umo.presentation.run_facts import facts_of
 from umo.user_code import read_numbers, refuse_exit
-from umo.wiring.resolved import AT_NEXT_TICK, AT_ONCE
+from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE
 
 INJECTED = "injected_faults"
 """The signal of a run with faults: how many are in effect."""

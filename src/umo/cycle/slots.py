@@ -22,7 +22,7 @@ from umo.errors import BadInput, DriverError, Failure, RangeError
 from umo.objects import Binary, DigitalSensor, Quality, Sensor
 from umo.objects.atomic import Digital
 from umo.objects.scaling import to_raw, to_value
-from umo.wiring.resolved import Wire, Wired
+from umo.wiring.wired import Wire, Wired
 
 log = logging.getLogger("umo")
 MARKED_LOG_INTERVAL = 10.0

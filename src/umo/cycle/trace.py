@@ -13,7 +13,7 @@ import numpy.typing as npt
 from umo.cycle.frame import Frame, Signal
 from umo.objects import Atomic, Binary, Digital, Quality
 from umo.objects.description import described
-from umo.presentation.in_words import file_form
+from umo.presentation.value_text import file_form
 
 MAX_ROWS = 100_000
 """Number of rows of a trace at most."""

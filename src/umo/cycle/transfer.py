@@ -20,7 +20,7 @@ from umo.drivers.contract import UNREAD, Channel, Driver
 from umo.errors import ChannelsFailed, DriverError, Failure, forget_frames, text_of
 from umo.objects.scaling import IntArray
 from umo.text import in_brackets, some
-from umo.wiring.resolved import Wire, Wired
+from umo.wiring.wired import Wire, Wired
 
 SETTLE = 0.25
 """Minimum time in s for a device to carry out requests that are still pending."""

@@ -20,7 +20,7 @@ from pathlib import Path
 
 from umo.errors import FramesError
 from umo.frames.memory import RunDescriptors
-from umo.system import folders, passing
+from umo.system import descriptor_passing, folders
 from umo.system.folders import is_own
 
 GREETING = b"umo frames 6"
@@ -159,7 +159,7 @@ class FrameServer:
     def _answer(self, client: socket.socket) -> None:
         with client, suppress(OSError):
             if _peer(client) in (ROOT, os.getuid()):
-                passing.send(client, GREETING, self.ends)
+                descriptor_passing.send(client, GREETING, self.ends)
 
     def close(self) -> None:
         """Nobody finds the run any more; who has its memory keeps it."""
@@ -182,7 +182,7 @@ def receive(path: Path) -> RunDescriptors:
                 _connect(here, address)
             if (user := _peer(here)) not in (ROOT, os.getuid()) and os.getuid() != ROOT:
                 raise FramesError(f"{path} is another user's (uid {user})")
-            data, files = passing.receive(here, len(GREETING) + 1, len(RunDescriptors._fields))
+            data, files = descriptor_passing.receive(here, len(GREETING) + 1, len(RunDescriptors._fields))
         except TimeoutError:
             raise FramesError(f"{path}: the guardian of this run does not answer; it may be stopped") from None
         except OSError as error:

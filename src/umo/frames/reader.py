@@ -43,9 +43,9 @@ from umo.frames.memory import RunDescriptors, mapped
 from umo.objects import Quality
 from umo.presentation.durations import lasting
 from umo.presentation.html_table import html_table, never_raises
-from umo.presentation.in_words import span, state_text
 from umo.presentation.rows import TableRow, restriction
 from umo.presentation.run_facts import facts_of, title
+from umo.presentation.value_text import span, state_text
 from umo.system import folders
 from umo.text import did_you_mean
 from umo.wiring.patterns import chosen

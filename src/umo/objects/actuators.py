@@ -11,7 +11,7 @@ from umo.objects.atomic import Atomic, Binary, Digital, S, _finite
 from umo.objects.linearization import Linearization
 from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
-from umo.presentation.in_words import measure, span
+from umo.presentation.value_text import measure, span
 
 
 class Actuator(Atomic):

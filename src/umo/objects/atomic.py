@@ -16,7 +16,7 @@ from umo.objects.node import Node
 from umo.objects.quality import Quality
 from umo.objects.units import check_unit, convert
 from umo.presentation.digits import NO_VALUE, digits_of, number_text
-from umo.presentation.in_words import measure, quality_text, span
+from umo.presentation.value_text import measure, quality_text, span
 from umo.states import TwoState
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from umo.errors import DeclarationError
 from umo.objects.interpolation import Cubics, Segments, groups_of
 from umo.objects.scaling import BoolArray, FloatArray
 from umo.objects.units import same_unit
-from umo.presentation.in_words import span
+from umo.presentation.value_text import span
 
 
 class Linearization(ABC):

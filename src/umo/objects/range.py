@@ -11,7 +11,7 @@ from umo.errors import DeclarationError, RangeError
 from umo.objects.atomic import Digital
 from umo.objects.units import check_unit
 from umo.presentation.digits import number_text
-from umo.presentation.in_words import measure, span
+from umo.presentation.value_text import measure, span
 
 
 @dataclass(frozen=True)

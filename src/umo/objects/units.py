@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from umo.errors import DeclarationError, RangeError, text_of
-from umo.presentation.in_words import measure
+from umo.presentation.value_text import measure
 
 if TYPE_CHECKING:
     from pint import UnitRegistry

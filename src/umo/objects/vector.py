@@ -15,7 +15,7 @@ from umo.objects.actuators import BinaryActuator, DigitalActuator
 from umo.objects.atomic import Atomic, Binary, Digital
 from umo.objects.scaling import BoolArray, ByteArray, FloatArray, IntArray
 from umo.objects.sensors import BinarySensor, DigitalSensor
-from umo.presentation.in_words import measure, span
+from umo.presentation.value_text import measure, span
 from umo.states import TwoState
 
 if TYPE_CHECKING:

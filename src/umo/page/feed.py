@@ -10,7 +10,7 @@ from pathlib import Path
 
 from umo.errors import FramesError, text_of
 from umo.frames import Reader, rings
-from umo.page.watched import Watched
+from umo.page.watched_run import Watched
 from umo.text import printable
 
 RATE = 30.0

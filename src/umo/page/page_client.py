@@ -22,7 +22,7 @@ from umo.cycle.events import CommandState
 from umo.errors import CommandRefused, FramesError
 from umo.frames.client_memory import LEASE
 from umo.page.feed import Feed
-from umo.page.watched import Watched
+from umo.page.watched_run import Watched
 from umo.remote.commander import SIGNS_OF_LIFE, Answers, Commander
 from umo.system.processes import user_name
 from umo.text import printable

@@ -30,10 +30,10 @@ from starlette.websockets import WebSocket
 from umo.page import unauthenticated
 from umo.page.access_control import AccessControl, names_in
 from umo.page.feed import Feed
-from umo.page.live import HistoryPart, csv_of, in_worker
 from umo.page.session import InitialStation, Session
+from umo.page.subscriptions import HistoryPart, csv_of, in_worker
 from umo.page.unauthenticated import HttpConnection, UnauthenticatedConnections
-from umo.page.watched import described_twin
+from umo.page.watched_run import described_twin
 
 STATIC = Path(__file__).parent / "static"
 MAX_MESSAGE_BYTES = 1 << 16

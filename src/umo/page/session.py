@@ -4,7 +4,7 @@ From the page, JSON: `watch` (name of a run; "": none; place: its folder, null: 
 trigger), `stop` (id), `window` (id, paths, start, stop, width), `measure` (id, paths, start, stop), `command` (id, do,
 path, value, arguments, over, who), `touch` (number of the state that it answers, held).
 To the page, JSON: `server`, `stations`, `description`, `state`, `measured`, `answer`, `error`; binary: points
-(`umo.page.live.packed`).
+(`umo.page.subscriptions.packed`).
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from umo.errors import FramesError
 from umo.page.feed import Feed
-from umo.page.live import BadRequest, HistoryPart, Subscription, in_worker, number, pixels
 from umo.page.page_client import PageClient
-from umo.page.watched import Watched
+from umo.page.subscriptions import BadRequest, HistoryPart, Subscription, in_worker, number, pixels
+from umo.page.watched_run import Watched
 
 MAX_SUBSCRIPTIONS = 16
 """Subscriptions of one page, at most."""

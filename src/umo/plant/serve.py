@@ -14,7 +14,7 @@ from typing import Any
 
 from umo.errors import DriverError, WiringError
 from umo.presentation.durations import duration
-from umo.presentation.in_words import measure
+from umo.presentation.value_text import measure
 from umo.process.outcome import plain
 from umo.text import reason_of
 from umo.wiring import Wired

@@ -7,8 +7,8 @@ from functools import wraps
 from html import escape
 from typing import TypeVar
 
-from umo.presentation.in_words import SIGNS
 from umo.presentation.rows import DECLARED, VALUES, TableRow, folded, lines
+from umo.presentation.value_text import SIGNS
 from umo.user_code import attempt
 
 T = TypeVar("T")

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import nan
 from typing import Any, NamedTuple
 
-from umo.presentation.in_words import WHY, measure, quality_text, span, value_text
+from umo.presentation.value_text import WHY, measure, quality_text, span, value_text
 from umo.text import printable
 
 INHIBITED, BY_CLIENT = "inhibited", "by client"

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
-from umo.system import passing
+from umo.system import descriptor_passing
 
 MAX_BYTES = 1 << 18
 """Size of a message at most, bytes."""
@@ -36,7 +36,7 @@ class MessageSocket:
         """Send a message with descriptors. Never blocks or raises, even if the starter has ended or does not read."""
         with suppress(OSError):
             text = json.dumps({"kind": kind, **content}).encode()
-            passing.send(self._socket, text, files)
+            descriptor_passing.send(self._socket, text, files)
 
     def receive(self, timeout: float | None = 0.0) -> dict[str, Any] | None:
         """The next message within `timeout` s; None if there is none, or none any more (`ended`). Its `files` are
@@ -58,7 +58,7 @@ class MessageSocket:
         """A peer that ended with messages of ours unread makes one call fail; its own last messages come after that."""
         for _ in range(2):
             try:
-                return passing.receive(self._socket, MAX_BYTES, 4)
+                return descriptor_passing.receive(self._socket, MAX_BYTES, 4)
             except ConnectionResetError:
                 continue
             except OSError:

@@ -14,7 +14,7 @@ from umo.frames import Reader
 from umo.frames.reader import progress_of
 from umo.remote.commander import Commander
 from umo.remote.live_view import LiveView
-from umo.remote.members import RemotePart, Tree
+from umo.remote.remote_objects import RemotePart, Tree
 from umo.remote.search import find_running
 from umo.scope.history import samples
 from umo.scope.svg import Scope

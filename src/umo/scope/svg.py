@@ -14,7 +14,7 @@ from umo.frames import Reader
 from umo.objects.scaling import FloatArray
 from umo.presentation.digits import scale_texts
 from umo.presentation.html_table import STYLE, heading
-from umo.presentation.in_words import shown_unit, value_text
+from umo.presentation.value_text import shown_unit, value_text
 from umo.scope.history import History
 from umo.scope.reduction import Points, reduced
 from umo.wiring.patterns import chosen

@@ -19,9 +19,9 @@ from umo.objects.atomic import Binary
 from umo.objects.paths import is_pattern, matches
 from umo.objects.scaling import to_raw
 from umo.objects.units import convert
-from umo.presentation.in_words import span
+from umo.presentation.value_text import span
 from umo.text import did_you_mean
-from umo.wiring.resolved import Wire
+from umo.wiring.wired import Wire
 
 _AMOUNT = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)")
 MAX_AMOUNT = 1e30

@@ -9,8 +9,8 @@ from umo.drivers.contract import MAX_DEFAULT_TIMEOUT
 from umo.duration import seconds
 from umo.errors import DeclarationError
 from umo.presentation.durations import duration
-from umo.wiring.resolved import AT_NEXT_TICK, AT_ONCE, ProcessSettings, Wired
 from umo.wiring.source import WiringSource
+from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE, ProcessSettings, Wired
 
 HANG_PERIODS = 20
 """Periods without a finished one after which a process counts as hanging, by default."""

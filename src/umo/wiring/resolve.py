@@ -39,16 +39,16 @@ from umo.objects.scaling import to_raw
 from umo.objects.units import check_unit
 from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
-from umo.presentation.in_words import measure, span
+from umo.presentation.value_text import measure, span
 from umo.signature import signature_of
 from umo.system.packages import station_of
 from umo.wiring.fault_binding import inject
-from umo.wiring.linearized import from_table
+from umo.wiring.linearization_table import from_table
 from umo.wiring.patterns import collapsed, counted, expand, expand_parameters
 from umo.wiring.process_table import process_of
-from umo.wiring.resolved import INVERTED, LEVEL, Parameter, Wire, Wired, mistake_of_parameters
 from umo.wiring.run_options import FAULT, FAULT_SEED, REALTIME, RESERVED, WIRING_OPTIONS
 from umo.wiring.source import SECTIONS, WiringSource, read
+from umo.wiring.wired import INVERTED, LEVEL, Parameter, Wire, Wired, mistake_of_parameters
 
 if TYPE_CHECKING:
     from umo.wiring.schema import Entry

@@ -6,7 +6,7 @@ import { Feed, unpack } from "../../../src/umo/page/static/feed.js";
 
 globalThis.WebSocket ??= /** @type {any} */ ({ OPEN: 1 });  // this node has none
 
-/** As umo/page/live.py packs it. */
+/** As umo/page/subscriptions.py packs it. */
 function packed(head, rows) {
   const text = new TextEncoder().encode(JSON.stringify(head));
   const padding = (8 - ((4 + text.length) % 8)) % 8;

@@ -1,4 +1,4 @@
-/** What the server tells (umo/page/watched.py), and what the modules of the page give each other. */
+/** What the server tells (umo/page/watched_run.py), and what the modules of the page give each other. */
 
 declare namespace Page {
   /** An object or a signal. */

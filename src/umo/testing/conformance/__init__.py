@@ -18,9 +18,9 @@
 
 from umo.testing.conformance.budget import TimePlan
 from umo.testing.conformance.certificate import Certificate, Finding, Judgement, TransferTime
-from umo.testing.conformance.examine import conform
 from umo.testing.conformance.pty_tap import PtyTap
 from umo.testing.conformance.rules import Rule, all_rules
+from umo.testing.conformance.runner import conform
 from umo.testing.conformance.subject import Input, Output, Subject
 from umo.testing.conformance.taps import Tap
 from umo.testing.conformance.tcp_tap import TcpTap

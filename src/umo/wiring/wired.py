@@ -16,7 +16,7 @@ from umo.objects.linearization import Linearization
 from umo.objects.numbers import MachineNumber, check_settings, numbers_of
 from umo.objects.scaling import raw_bounds, to_raw, to_value
 from umo.objects.units import convert
-from umo.presentation.in_words import measure
+from umo.presentation.value_text import measure
 from umo.user_code import told_as
 
 LEVEL, INVERTED = Calibration(0.0, 1.0, 1.0, 0.0), Calibration(0.0, 1.0, -1.0, 1.0)

@@ -17,8 +17,8 @@ from umo.frames import Layout, Reader, Stage
 from umo.objects import Quality
 from umo.page.ending import UNKNOWN_END, BoxInWords, Ending, ending_of, newest_box
 from umo.presentation.durations import duration
-from umo.presentation.in_words import SIGNS, WORDS, as_shown
 from umo.presentation.rows import TableRow, declared_of
+from umo.presentation.value_text import SIGNS, WORDS, as_shown
 from umo.scope.history import History
 from umo.text import printable
 from umo.twin import declares_twin, twin_of

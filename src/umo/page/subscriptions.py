@@ -18,8 +18,8 @@ from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
-from umo.page.watched import Watched
-from umo.presentation.in_words import file_form, state_text
+from umo.page.watched_run import Watched
+from umo.presentation.value_text import file_form, state_text
 from umo.scope.reduction import Points, crossing, measured, measured_state, reduced
 
 MAX_TRACES = 64

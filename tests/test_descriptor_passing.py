@@ -11,7 +11,7 @@ import pytest
 from helpers.publishing import running
 from umo.frames import Reader
 from umo.process.messages import MAX_BYTES, MessageSocket
-from umo.system import passing
+from umo.system import descriptor_passing
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="machines run in other processes on Linux")
 
@@ -33,15 +33,15 @@ def test_a_message_that_nobody_reads_is_not_waited_for() -> None:
 def test_descriptors_that_were_received_are_not_inherited() -> None:
     here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with here, there, open(os.devnull) as file:
-        passing.send(here, b"message", [file.fileno(), file.fileno()])
-        data, files = passing.receive(there, 100, 4)
+        descriptor_passing.send(here, b"message", [file.fileno(), file.fileno()])
+        data, files = descriptor_passing.receive(there, 100, 4)
         assert data == b"message"
         assert [os.get_inheritable(each) for each in files] == [False, False]
         assert {os.fstat(each).st_rdev for each in files} == {os.stat(os.devnull).st_rdev}
         for each in files:
             os.close(each)
-        passing.send(here, b"no files")
-        assert passing.receive(there, 100, 4) == (b"no files", [])
+        descriptor_passing.send(here, b"no files")
+        assert descriptor_passing.receive(there, 100, 4) == (b"no files", [])
     with running() as (_, ring, _connection), Reader(ring.path) as reader:
         assert reader.ends is not None
         assert not any(map(os.get_inheritable, reader.ends))

@@ -14,7 +14,7 @@ from umo.frames import Reader
 from umo.objects import Quality
 from umo.objects.units import convert
 from umo.presentation.html_table import never_raises
-from umo.presentation.in_words import quality_text, state_text, value_text
+from umo.presentation.value_text import quality_text, state_text, value_text
 from umo.remote.commander import Commander
 from umo.text import did_you_mean
 
