@@ -169,7 +169,8 @@ def acknowledge(
 ) -> None:
     """Acknowledge the latched interlocks of a running station, or of one of its objects, in any mode.
 
-    What they inhibit is free again: the program may write it in the next period. Refused while a condition still holds.
+    What they inhibit is free again: the program may write it in the next period. Refused while the condition of one
+    still holds.
 
     Of a station that does not run, the unsafe end of its last run is acknowledged: by the name of the station, or of
     the device. Inspect the machine first: the next run starts without --acknowledge.

@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from math import inf
+from pathlib import Path
 from typing import Any
 
 from rich.table import Table
@@ -18,10 +19,10 @@ from umo.frames import Reader
 from umo.objects.description import converted
 from umo.presentation.digits import number_text, setting_text
 from umo.presentation.rows import quality_of, sentence_of, value_of
-from umo.presentation.value_text import shown_unit, span
+from umo.presentation.value_text import shown_unit, span, value_text
 from umo.remote import HeldLease, RemoteStation
 from umo.remote.remote_objects import RemoteObject, call_action
-from umo.remote.search import meant_by
+from umo.remote.search import is_path, meant_by
 from umo.system.device_record import DeviceClaim
 from umo.system.processes import user_name
 from umo.text import did_you_mean, printable, some
@@ -71,12 +72,13 @@ def acknowledge(name: str, path: str, over: bool) -> None:
         reader = attach(name)
     except FramesError:
         records = standing()
-        stopped = [each for each in records if name in (each.device, each.station)]
+        names = (name, Path(name).resolve().name) if is_path(name) else (name,)
+        stopped = [each for each in records if each.device == name or each.station in names]
         if path or meant_by(name, readers()):  # several runs of this name go on
             raise
         if not stopped:
             near = did_you_mean(name, [each.station for each in records])
-            raise FramesError(f"{name!r} neither runs nor stands stopped{near}") from None
+            raise FramesError(f"{name!r} neither runs nor has stopped unsafely{near}") from None
         for ended in stopped:
             DeviceClaim([ended.device], ended.station, ended.wiring, acknowledge=True).finish()
             out.print(f"acknowledged: {ended.brief}", soft_wrap=True)
@@ -254,13 +256,21 @@ def set_running(reader: Reader, path: str, text: str, hold: float | None, over: 
         value = state(path, text, item.states) if item.states else number(path, text, item.units)
         with leased(station, over) as lease:
             item.write(value)
-            _let_pass(reader)
-            (row,) = reader.rows(reader.latest(), [reader.index(path)])
-            out.print(f"{path}  {value_of([row])}  {quality_of([row])}")
+            _show_written(reader, path, value)
             status = _hold(lease, path, hold)
             item.release()
-        out.print(f"{path}  reset to its default")
+            _show_written(reader, path, reader.layout.objects[reader.index(path)]["default"], "released: ")
         return status
+
+
+def _show_written(reader: Reader, path: str, wanted: float | str, what: str = "") -> None:
+    """Show an actuator that was written, and where a limited slew rate still takes it."""
+    _let_pass(reader)
+    (row,) = reader.rows(reader.latest(), [reader.index(path)])
+    about, shown = row.about, value_of([row])
+    end = str(wanted) if "one" in about else value_text(about, float(wanted))
+    way = "" if shown == end else f"  (on its way to {end}: its slew rate is limited)"
+    out.print(f"{path}  {what}{shown}  {quality_of([row])}{way}")
 
 
 def _let_pass(reader: Reader) -> None:

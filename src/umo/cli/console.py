@@ -48,4 +48,6 @@ def plain_table() -> Table:
 
 def say(text: str, style: str = "") -> None:
     """A message of umo on stderr, in a line of its own."""
+    if err.is_terminal:
+        err.file.write("\r\x1b[2K")  # the line of a run's progress may stand there
     err.print(f"umo: {text}", style=style, soft_wrap=True)

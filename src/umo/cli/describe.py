@@ -42,7 +42,7 @@ def show_drivers() -> None:
         except WiringError as error:
             tree.add(label((known, "bold"), (str(error), "red")))
             continue
-        branch = tree.add(label((known, "bold"), (_doc(cls).partition("\n")[0], "")))
+        branch = tree.add(label((known, "bold"), (_first_sentence(cls), "")))
         options = parameters_of(cls).values()
         brief = [each.name if each.default is each.empty else f"{each.name} = {each.default!r}" for each in options]
         branch.add(Text(f"options: {', '.join([*brief, *_of_all(cls)])}"))
@@ -86,6 +86,11 @@ def _find(name: str) -> type[Driver]:
 def _doc(cls: type[Driver]) -> str:
     """Docstring of the class itself: that of `Driver` says nothing of it."""
     return inspect.cleandoc(cls.__doc__ or "")
+
+
+def _first_sentence(cls: type) -> str:
+    paragraph = " ".join(_doc(cls).partition("\n\n")[0].split())
+    return re.split(r"(?<=\.) ", paragraph)[0]
 
 
 def _of_all(cls: type[Driver]) -> dict[str, tuple[str, str]]:

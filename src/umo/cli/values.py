@@ -24,7 +24,10 @@ def number(name: str, text: str, unit: str) -> float:
         raise RangeError(f"{name}: {text!r} is not a number{f' in {unit}' if unit else ''}")
     if re.match(r",\d", match[2]):
         raise RangeError(f"{name}: {text!r} is not a number; write {text.strip().replace(',', '.', 1)}")
-    value = convert(float(match[1]), match[2] or unit, unit)
+    try:
+        value = convert(float(match[1]), match[2] or unit, unit)
+    except DeclarationError as error:
+        raise RangeError(f"{name}: {error}") from None
     if not math.isfinite(value):
         raise RangeError(f"{name}: {text!r} is too large for a number{f' in {unit}' if unit else ''}")
     is_whole = match[2] in ("", unit) and re.fullmatch(r"[-+]?\d+", match[1])

@@ -306,15 +306,15 @@ class ClientControl:
         return CommandState.DONE, ""
 
     def _acknowledge(self, command: ClientCommand) -> tuple[CommandState, str]:
-        """The latched interlocks of an object, "": of the machine; said if there was none. CommandRefused while one of
-        its actuators is still inhibited."""
+        """The latched interlocks of an object, "": of the machine; said if there was none. CommandRefused while the
+        condition of one still holds."""
         self.lease.check(command.key)
         item = self._object(command.path)
         parts, commands = list(atoms(item)) if isinstance(item, Compound) else [item], self._machine.commands
-        before = commands.interlocked(parts)
-        if not item.acknowledge():
-            reasons = "; ".join(commands.interlocked(parts))
-            raise CommandRefused(f"{command.path or 'the machine'} is still inhibited: {reasons}")
+        before = commands.latched(parts)
+        item.acknowledge()
+        if left := commands.latched(parts):
+            raise CommandRefused(f"{command.path or 'the machine'} is still inhibited: {'; '.join(left)}")
         return CommandState.DONE, "" if before else _plain("nothing was latched")
 
     def _object(self, path: str) -> Atomic | Compound:

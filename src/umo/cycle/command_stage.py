@@ -185,10 +185,11 @@ class CommandStage:
         self._restrict()
         return all(command.interlocked is None for command in commands)
 
-    def interlocked(self, items: Iterable[Atomic]) -> list[str]:
-        """The reasons of the interlocks that inhibit one of these, each once."""
+    def latched(self, items: Iterable[Atomic]) -> list[str]:
+        """The reasons of the latched interlocks that inhibit one of these, each once."""
         slots = {self._image.slot_of[id(item)] for item in items}
-        return [reason for each, reason in self._inhibiting if each.reason is not None and slots & {*each.slots}]
+        latched = [(each, reason) for each, reason in self._inhibiting if each.reason and each.interlock.latched]
+        return [reason for each, reason in latched if slots & {*each.slots}]
 
     def _restrict(self) -> None:
         """Set the column `restrictions`."""

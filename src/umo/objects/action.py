@@ -181,11 +181,10 @@ def _declared(kind: type[Compound], name: str) -> tuple[Mapping[str, inspect.Par
 def _action(node: Compound, name: str, mark: _Mark) -> Action:
     path = f"{node._path}.{name}".lstrip(".")
     parameters, about = _declared(type(node), name)  # type: ignore[arg-type]
-    arguments = tuple(_argument(node, path, each, mark.ranges) for each in parameters.values())
-    names = [each.name for each in arguments]
     for given in mark.ranges:
-        if given not in names:
-            raise DeclarationError(f"action {path} has no argument {given!r}{did_you_mean(given, names)}")
+        if given not in parameters:
+            raise DeclarationError(f"action {path} has no argument {given!r}{did_you_mean(given, parameters)}")
+    arguments = tuple(_argument(node, path, each, mark.ranges) for each in parameters.values())
     return Action(path, getattr(node, name), arguments, mark.harmless, _release(node, path, mark.release), about)
 
 

@@ -20,7 +20,7 @@ from typing import (
     get_origin,
 )
 
-from umo.errors import DeclarationError
+from umo.errors import DeclarationError, PathError
 from umo.objects.atomic import Binary
 from umo.objects.keywords import ByAttribute, ClassSettings, refuse_in_body, settings_of
 from umo.objects.link import Cycle, Unconnected
@@ -125,7 +125,10 @@ class Compound(Node):
             child._adopt(self, name)
         self._children, self._fixed = MappingProxyType(children), RESERVED | fixed
         for path in self._settings.stop_order:
-            named(self, path)
+            try:
+                named(self, path)
+            except PathError as error:
+                raise PathError(f"stop_order: {error}") from None
         self.setup()
 
     def setup(self) -> None:

@@ -11,7 +11,7 @@ import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import Enum, EnumMeta
 from functools import cache, partial
-from math import nan
+from math import isfinite, nan
 from typing import Annotated, Any, NamedTuple, get_args, get_origin
 
 from umo.errors import DeclarationError, RangeError, UmoError
@@ -234,11 +234,18 @@ def _at(path: str, declared: Number, owner: Any, way: str, name: str) -> Machine
 
 
 def _checked(number: MachineNumber) -> MachineNumber:
-    """DeclarationError for a use that its type does not allow."""
+    """DeclarationError for a use that its type does not allow, and for a value that is not in its range. A value that
+    is not finite stands for none."""
     tunable, shown = number.declared.tunable, number.declared.shown
     if (tunable or shown) and number.kind not in (None, int, float) and (tunable or number.kind is not bool):
         use = "tuned" if tunable else "shown"
         raise DeclarationError(f"number {number.path}: {number.value!r} is not a number; only numbers are {use}")
+    value = number.value if number.settable else nan
+    if not isinstance(value, float) or isfinite(value):
+        try:
+            number.checked(value)
+        except RangeError as error:
+            raise DeclarationError(f"number {error}") from None
     return number
 
 

@@ -92,7 +92,7 @@ class RemoteStation(Commander, RemotePart):
 
     def acknowledge(self, path: str = "") -> bool:
         """Acknowledge latched interlocks, of an object or compound, or ("") of the machine: what they inhibit is free
-        again. False if none was latched. CommandRefused while one of their conditions still holds. Under the lease, in
+        again. False if none was latched. CommandRefused while the condition of one still holds. Under the lease, in
         any mode."""
         return self.ask("acknowledge", path) is None
 

@@ -29,7 +29,7 @@ from umo.text import printable, some, time_of_day
 
 FOLDER = "devices"
 SUFFIX = ".json"
-INSPECT = "inspect the machine, then start it with --acknowledge (acknowledge=True), or use `umo acknowledge`"
+INSPECT = "inspect the machine, then start it with --acknowledge (acknowledge=True), or use `umo acknowledge STATION`"
 """Advice after an unsafe end."""
 MAX_RECORD_BYTES = 1 << 20
 MAX_TEXT_LENGTH = 2000

@@ -105,8 +105,11 @@ class _Resolver:
         watchdogs = self._make_drivers(period)
         drivers = {name: driver for name, driver in self.drivers.items() if driver is not None}
         self.hardware = self._hardware(drivers)
-        wires = [wire for path, item in self.items.items() if (wire := self._wire(path, item)) is not None]
-        for wire in wires:  # after all channels were made, which then lie side by side in memory
+        channels = {path: self._channel(path) for path in self.items}
+        # after all channels were made, which then lie side by side in memory: a driver goes through them in each period
+        found = ((path, channel) for path, channel in channels.items() if channel is not None)
+        wires = [self._wire(path, self.items[path], channel) for path, channel in found]
+        for wire in wires:
             self._check_place(wire)
         injection = self._inject(wires, drivers, timer)
         paced = bool(self.realtime) and self._pace(wires, timer)
@@ -203,7 +206,7 @@ class _Resolver:
 
     # Wires ---------------------------------------------------------------------------------------------
 
-    def _wire(self, path: str, item: Atomic) -> Wire | None:
+    def _channel(self, path: str) -> Channel | None:
         key = f'wire."{path}"'
         entry = self.source.entries.get(path)
         if entry is None:
@@ -221,10 +224,16 @@ class _Resolver:
         except (Exception, SystemExit) as error:  # most are ChannelErrors
             self.source.mistake(f"{key}.channel", text_of(error))
             return None
-        if not isinstance(channel, Channel):
-            what = f"{type(driver).__name__}.channel returned {channel!r}, not a Channel"
-            self.source.mistake(f"{key}.channel", what)
-            return None
+        if isinstance(channel, Channel):
+            return channel
+        what = f"{type(driver).__name__}.channel returned {channel!r}, not a Channel"
+        self.source.mistake(f"{key}.channel", what)
+        return None
+
+    def _wire(self, path: str, item: Atomic, channel: Channel) -> Wire:
+        key, entry = f'wire."{path}"', self.source.entries[path]
+        driver = self.drivers[entry.driver]
+        assert driver is not None  # it has made the channel
         self._check_direction(key, item, channel)
         if not isinstance(item, Digital):
             for name in Calibration._fields:

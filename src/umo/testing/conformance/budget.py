@@ -71,7 +71,7 @@ class TimePlan:
             text += ", ".join(self.left_out)
         elif self.full > self.budget:
             text += f"; everything would take {lasting(self.full)}"
-        return f"{text}. Left out first: transfers of the long run, levels and openings"
+        return f"{text}. If time runs short, these are left out first: transfers of the long run, levels and openings"
 
 
 class Budget:
