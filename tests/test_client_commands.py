@@ -797,6 +797,26 @@ def test_a_latched_interlock_is_acknowledged_by_client_under_the_lease_when_its_
         assert rig.m.taken
 
 
+class Waiting(Guarded):
+    """Its ram waits for something that is no fault, beside the door that latches."""
+
+    def interlocks(self) -> Iterator[Interlock]:
+        yield from super().interlocks()
+        yield Interlock(lambda: True, [self.ram], "no sheet")
+
+
+def test_an_interlock_that_does_not_latch_refuses_no_acknowledgement() -> None:
+    with Rig(Mode.AUTOMATIC, kind=Waiting) as rig:
+        put(rig.m.door, PassFail.FAIL)
+        rig.periods()
+        put(rig.m.door, PassFail.PASS)
+        rig.periods()
+        rig.do("lease")
+        for text in ("", '"nothing was latched"'):
+            done = rig.do("acknowledge")
+            assert (done.state, done.text) == (CommandState.DONE, text)
+
+
 def test_a_jog_ends_without_a_sign_of_life(rig: Rig) -> None:
     rig.call("jog", velocity=2.0)
     rig.periods(int(DEAD_MAN_TIME / PERIOD) - 2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -186,7 +187,7 @@ def test_a_tenth_of_the_zones_may_be_faulted() -> None:
 
 def test_a_zone_that_does_not_arrive_in_time_ends_the_run() -> None:
     m = machine(3)
-    m.following_error = 1e9
+    m.following_error = inf
     m.heating.gain = 1e-6
     with (
         umo.connect(m, SIMULATED),

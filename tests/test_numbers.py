@@ -18,6 +18,7 @@ from umo import Compound, DigitalActuator, DigitalSensor, Number, Range, check, 
 from umo.control import PID, Servo
 from umo.errors import DeclarationError, RangeError, UmoError
 from umo.objects import numbers_of
+from umo.states import TwoState, UpDown
 from umo.testing import Scripted
 
 
@@ -296,3 +297,27 @@ def test_a_law_with_a_field_that_cannot_be_read_is_no_reason_not_to_connect() ->
             self.law = Law()
 
     assert numbers_of(Oven(motor=actuator())) == {}
+
+
+def test_a_value_that_is_not_in_its_declared_range_is_refused_where_it_is_declared() -> None:
+    class Filler(Compound):
+        volume: Annotated[float, Number("ml", 50.0, 950.0, tunable=True)] = 5000.0
+
+    with pytest.raises(DeclarationError, match=r"number volume: 5000 ml is outside 50 to 950"):
+        numbers_of(Filler())
+
+
+def test_a_value_of_another_type_than_its_annotation_is_refused() -> None:
+    class Filler(Compound):
+        volume: Annotated[float, Number("ml", 50.0, 950.0)] = "5"  # type: ignore[assignment]
+
+    with pytest.raises(DeclarationError, match=r"number volume: '5' is not a number in ml"):
+        numbers_of(Filler())
+
+
+def test_a_field_that_is_annotated_with_the_base_of_enums_has_the_type_of_its_value() -> None:
+    class Gate(Compound):
+        idle: TwoState = UpDown.DOWN
+
+    (number,) = numbers_of(Gate()).values()
+    assert number.checked("UP") is UpDown.UP

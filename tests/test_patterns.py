@@ -125,11 +125,11 @@ def test_what_is_wrong_with_a_pattern_is_named(changes: dict[str, Any], key: str
 def test_many_faults_of_one_pattern_are_one() -> None:
     found = faults({"zones.*.fan": {"driver": "box", "channel": "register:{}", "offset": 38, "minimum": 0.0}})
     assert found == [
-        ('wire."zones.*.fan".minimum', "zones.0.fan: is for digital objects; this one is binary (and 1 more)"),
         (
             'wire."zones.*.fan".channel',
             "zones.2.fan: no channel 'register:40' (did you mean 'register:0'?); the forms are: register:0",
         ),
+        ('wire."zones.*.fan".minimum', "zones.0.fan: is for digital objects; this one is binary (and 1 more)"),
     ]
 
 

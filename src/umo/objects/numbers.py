@@ -181,7 +181,8 @@ def _annotated(hint: Any) -> tuple[type | None, Range | str | None]:
         return None, hint
     limits = next((each for each in get_args(hint)[1:] if isinstance(each, Range)), None)
     kind = get_args(hint)[0] if get_origin(hint) is Annotated else hint
-    return kind if isinstance(kind, type) and issubclass(kind, PLAIN) else None, limits
+    known = isinstance(kind, type) and issubclass(kind, PLAIN) and not (isinstance(kind, EnumMeta) and not len(kind))
+    return kind if known else None, limits  # an Enum without members is the base of several: its value tells which
 
 
 def _number(limits: Any) -> Number:

@@ -125,4 +125,4 @@ def find(name: str | Path) -> Station:
     if path.is_dir():
         raise StationError(f"{text} is not a station: it has no {MARK} (`umo new DIR` makes one)")
     near = did_you_mean(text, [*known, *(each.parent.name for each in Path().glob(f"*/{MARK}"))])
-    raise StationError(f"no station {text!r}{near}: no folder of this name; stations: {', '.join(known)}")
+    raise StationError(f"no station {text!r}{near}: give a folder, or one of: {', '.join(known)}")
