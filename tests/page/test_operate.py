@@ -13,7 +13,7 @@ import umo
 from helpers.patient import patient
 from umo.process.start import LINUX
 
-from .conftest import Client, Served, eventually, opened, running, serving, viewing
+from .conftest import PATIENCE, Client, Served, eventually, opened, running, serving, viewing
 
 pytestmark = pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")
 
@@ -342,8 +342,10 @@ def test_a_wrong_value_is_refused_in_the_machine_s_own_words(
 
 
 def test_a_refused_value_leaves_an_actuator_as_it_is_held(
-    page: Any, station: umo.RemoteStation, served: Served
+    page: Any, station: umo.RemoteStation, served: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    for name in ("LEASE_TIME", "TOUCH_TIME"):  # a browser on a busy computer may be silent for long
+        monkeypatch.setattr(f"umo.page.page_client.{name}", PATIENCE)
     take_lease(page, served.url)
     setpoint = control(page, "belt.setpoint")
     setpoint.locator('input[type="number"]').fill("0.1")
