@@ -22,7 +22,7 @@ export class NumberInput {
     const range = about.range ?? "";
     const title = [range, unitOf(about)].filter(Boolean).join(" ");
     this.field = el("input", { type: "number", step: "any", value, placeholder: range, title, "aria-label": label });
-    this.field.addEventListener("input", () => { this._edited = true; });
+    for (const event of ["focus", "pointerdown", "keydown", "input"]) this.field.addEventListener(event, () => { this._edited = true; });
     this.field.addEventListener("blur", () => { this._edited = false; });
     this._edited = false;
     this._digits = about.digits;
@@ -56,7 +56,10 @@ export class NumberInput {
     const busy = document.activeElement;
     if (value === null || busy === this.slider || (busy === this.field && this._edited)) return;
     const text = numberText(value, this._digits);
-    if (this.field.value !== text) this.field.value = text;
+    if (this.field.value !== text) {
+      this.field.value = text;
+      if (busy === this.field) this.field.select(); // what is typed next takes the place of all of it
+    }
     this._shown = { text, value };
     if (this.slider) this.slider.value = String(value);
   }
