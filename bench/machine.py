@@ -133,6 +133,7 @@ class Umo:
         self.actuators = [item for item in items if item.direction is Direction.OUTPUT]
         self.sensors = [item for item in items if item.direction is Direction.INPUT]
         self.volts: list[tuple[DigitalActuator, float]] = []
+        self.turned: list[tuple[DigitalActuator, float]] = []
         self.states: list[tuple[BinaryActuator[Any], Any]] = []
         self.vectors: list[tuple[Vector[Any], Any]] = []
 
@@ -141,6 +142,7 @@ class Umo:
         pairs = list(zip(self.actuators, commands, strict=True))
         self.volts = [(item, value) for item, value in pairs if isinstance(item, DigitalActuator)]
         self.states = [(item, item.one if level else item.zero) for item, level in pairs if hasattr(item, "one")]
+        self.turned = [(item, -value) for item, value in self.volts]
         motors, volts = zip(*self.volts, strict=True)
         self.vectors = [(Vector(motors), np.array(volts))]
         for kind in {item.states: None for item, _ in self.states}:
@@ -168,10 +170,9 @@ class Umo:
     def period(self, periods: int) -> None:
         """The motors' commands change in each period, as a control law's do: what is unchanged is sent more quickly."""
         m = self.plant
-        turned = [(motor, -volts) for motor, volts in self.volts]
         for number in range(periods):
             m.sample()
-            for motor, volts in turned if number % 2 else self.volts:
+            for motor, volts in self.turned if number % 2 else self.volts:
                 motor.write(volts)
             for valve, state in self.states:
                 valve.write(state)

@@ -16,6 +16,7 @@ from rich.table import Table
 from umo.cycle.stage import Progress, Stage
 from umo.errors import CommandRefused, FramesError, LeaseHeld, PathError, RangeError
 from umo.frames import Reader
+from umo.objects import Quality
 from umo.objects.description import converted
 from umo.presentation.digits import number_text, setting_text
 from umo.presentation.rows import quality_of, sentence_of, value_of
@@ -256,20 +257,20 @@ def set_running(reader: Reader, path: str, text: str, hold: float | None, over: 
         value = state(path, text, item.states) if item.states else number(path, text, item.units)
         with leased(station, over) as lease:
             item.write(value)
-            _show_written(reader, path, value)
+            _show(reader, path, "", value)
             status = _hold(lease, path, hold)
             item.release()
-            _show_written(reader, path, reader.layout.objects[reader.index(path)]["default"], "released: ")
+            _show(reader, path, "released: ")
         return status
 
 
-def _show_written(reader: Reader, path: str, wanted: float | str, what: str = "") -> None:
-    """Show an actuator that was written, and where a limited slew rate still takes it."""
+def _show(reader: Reader, path: str, what: str, held_at: float | str | None = None) -> None:
+    """Show an actuator that was written or released; of one that is held, where its slew rate still takes it."""
     _let_pass(reader)
     (row,) = reader.rows(reader.latest(), [reader.index(path)])
-    about, shown = row.about, value_of([row])
-    end = str(wanted) if "one" in about else value_text(about, float(wanted))
-    way = "" if shown == end else f"  (on its way to {end}: its slew rate is limited)"
+    shown, way = value_of([row]), ""
+    if isinstance(held_at, float | int) and row.quality == Quality.GOOD and shown != value_text(row.about, held_at):
+        way = f"  (on its way to {value_text(row.about, held_at)}: its slew rate is limited)"
     out.print(f"{path}  {what}{shown}  {quality_of([row])}{way}")
 
 

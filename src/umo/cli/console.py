@@ -15,6 +15,7 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 from rich.table import Table
 
+from umo.system.streams import CLEAR_LINE
 from umo.text import printable
 
 PIPE_WIDTH = 160
@@ -49,5 +50,5 @@ def plain_table() -> Table:
 def say(text: str, style: str = "") -> None:
     """A message of umo on stderr, in a line of its own."""
     if err.is_terminal:
-        err.file.write("\r\x1b[2K")  # the line of a run's progress may stand there
+        err.file.write(CLEAR_LINE)
     err.print(f"umo: {text}", style=style, soft_wrap=True)

@@ -13,6 +13,7 @@ from typing import Self
 from rich.console import Console
 
 from umo.cycle import Frame
+from umo.system.streams import CLEAR_LINE
 from umo.text import printable
 
 PICTURE_PAUSE = 0.1
@@ -36,14 +37,14 @@ class OneLine:
 
     def __exit__(self, *error: object) -> None:
         if self._terminal:
-            self._write("\r\x1b[2K")
+            self._write(CLEAR_LINE)
 
     def show(self, seconds: float, text: str, share: float | None) -> None:
         """The time, a bar for the share that is done, and a text."""
         if self._terminal:
             if (now := self._clock()) >= self._next:
                 self._next = now + PICTURE_PAUSE
-                self._write(f"\r\x1b[2K{self._line(seconds, printable(text) or 'running', share)[: self._width]}")
+                self._write(f"{CLEAR_LINE}{self._line(seconds, printable(text) or 'running', share)[: self._width]}")
         elif text and text != self._text:
             self._text = text
             self._write(f"{seconds:8.3f} s  {printable(text)}\n")

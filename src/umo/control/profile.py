@@ -94,7 +94,7 @@ class Profile:
         return self._follow(plan, scale, f"at {velocity!r} per s")
 
     def _plan(self) -> tuple[Any, float]:
-        """For ruckig: the current setpoint and the limits, and the scale of their lengths."""
+        """The current setpoint and the limits for ruckig, and the scale of their lengths."""
         if not self.velocity > 0.0:
             raise RangeError(f"no profile within the limits of {self!r}")
         plan = _ruckig().InputParameter(1)

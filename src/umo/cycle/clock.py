@@ -40,7 +40,7 @@ class Clock:
 
 
 class WallClock(Clock):
-    """For machines without a timer: seconds since connecting, read when the whole machine is sampled."""
+    """The clock of a machine without a timer: seconds since connecting, read when the whole machine is sampled."""
 
     __slots__ = ("_source", "_start")
 

@@ -35,7 +35,7 @@ class Source(Enum):
 
 
 class Columns:
-    """What changes while the machine runs.
+    """The numbers that change while the machine runs.
 
     Sensors: `raws`, `values`, `quality`, `times` of the last reading. Actuators: `pending`, the value written; `sent`
     and `sent_raws`, a pair: what the driver was given last, or is given next; `raws`, `values`, `times`: what it has
@@ -56,7 +56,7 @@ class Columns:
 
 
 class Scales:
-    """What converts each object: value = raw * resolution + zero_offset. It changes only by homing."""
+    """The numbers that convert each object: value = raw * resolution + zero_offset. It changes only by homing."""
 
     def __init__(self, wires: Sequence[Wire], default_raws: Sequence[int | None]) -> None:
         """`default_raws`: the raw integer of each actuator's default, None for a sensor."""

@@ -188,8 +188,8 @@ class CommandStage:
     def latched(self, items: Iterable[Atomic]) -> list[str]:
         """The reasons of the latched interlocks that inhibit one of these, each once."""
         slots = {self._image.slot_of[id(item)] for item in items}
-        latched = [(each, reason) for each, reason in self._inhibiting if each.reason and each.interlock.latched]
-        return [reason for each, reason in latched if slots & {*each.slots}]
+        inhibiting = ((each, reason) for each, reason in self._inhibiting if each.reason is not None)
+        return [reason for each, reason in inhibiting if each.interlock.latched and slots & {*each.slots}]
 
     def _restrict(self) -> None:
         """Set the column `restrictions`."""

@@ -191,8 +191,8 @@ def send(
 def _next(
     columns: Columns, scales: Scales, slots: slice | IntArray, now: float, dt: float
 ) -> tuple[FloatArray, FloatArray]:
-    """What is to be sent: `pending`, as near to it as the rate allows from the value last accepted; and `stepped`. One
-    step at each time; none while a reset is still to be accepted, whose `stepped` is infinite."""
+    """The values to be sent: `pending`, as near to it as the rate allows from the value last accepted; and `stepped`.
+    One step at each time; none while a reset is still to be accepted, whose `stepped` is infinite."""
     pending, sent, stepped = columns.pending[slots].copy(), columns.sent[slots], columns.stepped[slots]
     limited = np.isfinite(scales.rate[slots])
     if not limited.any():

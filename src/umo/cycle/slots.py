@@ -217,7 +217,7 @@ class Slots:
             self._set_quality(slot, self._judge(slot, value))
 
     def _accepted(self, slot: int) -> None:
-        """What was sent to one actuator is at the hardware."""
+        """One actuator has accepted what was sent to it."""
         self.values[slot] = self.sent[slot]
         self.times[slot] = self.clock.now
         if self.stepped[slot] == inf:
@@ -248,7 +248,7 @@ class Slots:
             self._marked = []
 
     def _unconverted(self, slot: int, error: Exception, failures: list[Failure]) -> None:
-        """What is pending has no raw integer."""
+        """The pending value has no raw integer."""
         self._fail_output(slot, f"its linearization failed: {cause_of_failure(error)}", failures)
 
     def _fail_output(self, slot: int, cause: str, failures: list[Failure]) -> None:

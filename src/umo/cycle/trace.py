@@ -95,7 +95,7 @@ class Trace:
         return self._rows
 
     def _grow(self, rows: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """To a part of the capacity that is at least twice as much."""
+        """Move the rows to a part of the capacity that is at least twice as much."""
         halvings = HALVINGS
         while self._capacity >> halvings <= len(rows):
             halvings -= 1

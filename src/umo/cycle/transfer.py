@@ -328,7 +328,7 @@ def settling(wired: Wired) -> float:
 
 
 def wait_for(seconds: float, pause: Callable[[float], object], on_call: Callable[[], object]) -> None:
-    """In slices, each with a sign of life."""
+    """Wait in slices, each with a sign of life."""
     while seconds > 0:
         on_call()
         pause(min(WAIT_SLICE, seconds))

@@ -13,6 +13,9 @@ import sys
 from contextlib import suppress
 from typing import TextIO
 
+CLEAR_LINE = "\r\x1b[2K"
+"""Text that clears the line of a terminal: that of a run's progress may stand there."""
+
 
 class _Descriptor(io.FileIO):
     """A descriptor that accepts all text and drops what it cannot write."""
@@ -53,7 +56,7 @@ def log_on_lines() -> None:
     """Log messages that no handler takes begin on a line of their own: the line of a run's progress may stand there."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setLevel(logging.WARNING)
-    handler.setFormatter(logging.Formatter("\r\x1b[2K%(message)s" if sys.stderr.isatty() else None))
+    handler.setFormatter(logging.Formatter(f"{CLEAR_LINE}%(message)s" if sys.stderr.isatty() else None))
     logging.lastResort = handler
 
 

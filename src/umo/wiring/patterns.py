@@ -97,7 +97,7 @@ def _allotted(
 
 
 def collapsed(mistakes: Iterable[Mistake], origin: Mapping[str, str]) -> list[Mistake]:
-    """Faults of entries that a pattern has made, under the key of the pattern: one for all that say the same."""
+    """Mistakes of entries that a pattern has made, under the key of the pattern: one for all that say the same."""
     grouped: dict[tuple[str, str], list[Mistake]] = {}
     for mistake in mistakes:
         found = re.fullmatch(r'wire\."(.*)"(.*)', mistake.key)  # such as `wire."z.motor".channel`
