@@ -9,10 +9,13 @@ from typing import Any
 
 import pytest
 
+from helpers.letters import Letters
 from helpers.machines import actuator, relay, sensor, timer, wired
-from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, TaskFailed, connect
-from umo.control import next_period, until, value_of, wait
-from umo.errors import Cancelled, DeclarationError, DriverError, EquipmentFault
+from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, TaskFailed, action, connect
+from umo.control import ServoAxis, next_period, until, value_of, wait
+from umo.cycle.client_commands import ClientCommand, Mode
+from umo.cycle.client_control import ClientControl
+from umo.errors import AxisError, Cancelled, DeclarationError, DriverError, EquipmentFault
 from umo.objects import atoms
 from umo.states import OnOff
 from umo.testing import Scripted
@@ -79,10 +82,10 @@ def reactor(kind: type[Reactor] = Reactor, **changes: Any) -> Reactor:
 class Rig:
     """The plant; each reactor on a circuit of its own, the rest on a third."""
 
-    def __init__(self, **changes: Any) -> None:
+    def __init__(self, machine: Any = None, **changes: Any) -> None:
         self.boxes = {name: Scripted() for name in ("box", "of_a", "of_b")}
         parts = {"a": reactor(), "b": reactor()} | changes
-        self.m = Plant(timer=timer(), lamp=relay(), level=sensor(), **parts)
+        self.m: Any = machine or Plant(timer=timer(), lamp=relay(), level=sensor(), **parts)
         entries = {path: {"driver": f"of_{path[0]}"} for path in _paths(self.m) if path[:2] in ("a.", "b.")}
         drivers = {name: self.boxes[name] for name in ("of_a", "of_b")}
         self.connection = connect(self.m, wired(self.m, self.boxes["box"], entries=entries, **drivers))
@@ -553,6 +556,129 @@ def test_the_next_connection_begins_without_faults(rig: Rig) -> None:
     rig.connection.__enter__()
     assert m.a.cycle.fault is None
     run_both(rig)
+
+
+# Clients --------------------------------------------------------------------------------------------------
+
+
+class Commanded(Rig):
+    """With a client that has the lease."""
+
+    def __init__(self, mode: Mode = Mode.AUTOMATIC, **changes: Any) -> None:
+        super().__init__(**changes)
+        self.letters, self.mode, self.number = Letters(), mode, 0
+
+    def __enter__(self) -> Commanded:
+        super().__enter__()
+        machine = self.connection.machine
+        machine.clients = ClientControl(machine, self.letters, self.letters, self.mode, lambda: 1.0)
+        self.do("lease")
+        return self
+
+    def do(self, do: str, path: str = "", **more: Any) -> tuple[str, str]:
+        """Send it, and let a period pass; its last answer."""
+        self.number += 1
+        self.letters.signs = dict.fromkeys(("", path), (1, 1.0))
+        self.letters.waiting.append(ClientCommand(self.number, "ann", "key", do, path, **more))
+        self.periods()
+        return self.answer(self.number)
+
+    def answer(self, number: int) -> tuple[str, str]:
+        events = self.connection.machine.events
+        return next((str(each.state), each.text) for each in reversed(events) if each.command == number)
+
+
+class Operated(Reactor, equipment=True):
+    @action
+    async def drain_it(self) -> None:
+        """Drain."""
+        self.drain.write(OnOff.ON)
+        await wait(1.0)
+
+    @action(harmless=True)
+    def count(self) -> int:
+        """Periods."""
+        return self.acted
+
+
+def test_a_client_clears_a_fault_in_automatic_mode() -> None:
+    with Commanded() as rig:
+        rig.m.a.cycle.start(failing())
+        rig.periods(1)
+        assert rig.do("clear", "a.heater") == ("done", '"cleared: a"')
+        assert rig.m.a.cycle.fault is None
+        assert rig.do("clear") == ("done", '"nothing was in fault"')
+
+
+def test_a_client_is_told_why_a_fault_cannot_be_cleared() -> None:
+    with Commanded() as rig:
+        fail_sensor(rig)
+        rig.periods(1)
+        state, text = rig.do("clear", "a")
+        assert state == "refused"
+        assert text == "EquipmentFault: a is in fault: it cannot be cleared while a.thermometer cannot be read"
+
+
+def test_an_action_of_equipment_that_comes_into_fault_ends_and_another_is_refused() -> None:
+    with Commanded(Mode.MANUAL, a=reactor(Operated)) as rig:
+        assert rig.do("call", "a.drain_it")[0] == "begun"
+        number = rig.number
+        rig.periods(2)
+        assert rig.m.a.drain.read() is OnOff.ON
+        fail_sensor(rig)
+        rig.periods(2)
+        state, text = rig.answer(number)
+        assert (state, "a is in fault" in text, rig.m.a.drain.read()) == ("cancelled", True, OnOff.OFF)
+        assert rig.do("call", "a.drain_it")[0] == "refused"
+        assert rig.do("call", "a.count")[0] == "done"
+
+
+def test_what_a_client_holds_ends_with_a_fault_and_says_why() -> None:
+    with Commanded(Mode.MANUAL) as rig:
+        assert rig.do("write", "a.stirrer", value=3.0)[0] == "done"
+        number = rig.number
+        rig.periods(1)
+        assert rig.m.a.stirrer.read() == 3.0
+        fail_sensor(rig)
+        rig.periods(2)
+        assert (rig.answer(number), rig.m.a.stirrer.read()) == (("cancelled", "a is in fault"), 0.0)
+        assert rig.do("write", "a.stirrer", value=3.0) == (
+            "refused",
+            "CommandRefused: a.stirrer is inhibited: a is in fault",
+        )
+
+
+class Slide(Compound):
+    timer: DigitalSensor
+    x: ServoAxis
+
+
+def slide() -> Slide:
+    """Its motor moves nothing."""
+    limits = {"velocity": 50.0, "acceleration": 500.0, "jerk": 1e4, "window": 1.0, "following_error": 0.5}
+    axis = ServoAxis(motor=actuator(), encoder=sensor(minimum=-100.0), gain=0.1, **limits)
+    return Slide(timer=timer(), x=axis)
+
+
+def test_an_axis_that_does_not_follow_in_manual_mode_is_in_fault_alone() -> None:
+    m = slide()
+    with Commanded(Mode.MANUAL, machine=m) as rig:
+        assert rig.do("call", "x.move_to", arguments={"position": 40.0})[0] == "begun"
+        number = rig.number
+        rig.periods(100)
+        assert "x does not follow" in (m.x.cycle.fault or "")
+        assert rig.answer(number)[0] in ("failed", "cancelled")
+        assert "x is in fault: x does not follow" in rig.answer(number)[1]
+        assert rig.do("call", "x.jog", arguments={"velocity": 5.0})[0] == "refused"
+        assert rig.do("clear", "x")[1] == '"cleared: x"'
+        assert rig.do("call", "x.move_to", arguments={"position": 0.0})[0] == "begun"
+
+
+def test_an_axis_that_does_not_follow_in_automatic_mode_ends_the_run() -> None:
+    m = slide()
+    with pytest.raises(AxisError, match="does not follow"), Commanded(Mode.AUTOMATIC, machine=m) as rig:
+        m.cycle.start(m.x.move_to(40.0))
+        rig.periods(100)
 
 
 # Declaration ----------------------------------------------------------------------------------------------

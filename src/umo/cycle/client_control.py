@@ -327,7 +327,7 @@ class ClientControl:
         """The faults of the equipment in an object and around it, "": in the machine; told which."""
         self.lease.check(command.key)
         cleared = self._machine.clear(self._object(command.path))
-        return CommandState.DONE, _plain(", ".join(cleared) or "nothing was in fault")
+        return CommandState.DONE, _plain(f"cleared: {', '.join(cleared)}" if cleared else "nothing was in fault")
 
     def end_in(self, compound: Compound, why: str) -> None:
         """End the actions of one compound; not the one that is being carried out, which has its own error."""

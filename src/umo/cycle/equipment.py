@@ -7,11 +7,14 @@ goes on. What no declared equipment contains ends the run.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
 
 from umo.cycle.command_stage import CommandStage
-from umo.cycle.events import Event
+from umo.cycle.events import FAULT, IN_FAULT, Event
 from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition
 from umo.errors import DriverError, EquipmentFault, Failure
@@ -20,6 +23,15 @@ from umo.objects.keywords import IN_MANUAL
 from umo.objects.paths import is_within
 from umo.objects.sensors import Sensor
 from umo.text import in_a_line
+
+log = logging.getLogger("umo")
+
+
+class EquipmentState(IntEnum):
+    """The state of equipment; the numbers stand in frames."""
+
+    NORMAL = 0
+    FAULT = 1
 
 
 @dataclass(eq=False)
@@ -37,9 +49,19 @@ class Equipment:
     fault: str | None = None
     """The reason of its fault; None: it is not in fault."""
 
+    def describe(self) -> dict[str, Any]:
+        """As plain data."""
+        return {"path": self.path, "states": [state.name.lower() for state in EquipmentState]}
+
     def error(self) -> EquipmentFault:
         """A new one each time: an error that is raised again keeps the frames of each time."""
         return EquipmentFault(self.path, self.fault or "")
+
+
+def equipment_in(root: Compound) -> list[Compound]:
+    """The compounds below the root that are declared equipment, the outer before the inner."""
+    compounds = (node for node in walk(root) if isinstance(node, Compound))
+    return [each for each in compounds if each._settings.equipment]
 
 
 class Containment:
@@ -56,9 +78,7 @@ class Containment:
     ) -> None:
         self._image, self._commands = image, commands
         self._is_manual, self._changed = is_manual, changed
-        compounds = (node for node in walk(root) if isinstance(node, Compound))
-        self.all = [self._equipment(each) for each in compounds if each._settings.equipment]
-        """As declared: the outer before the inner."""
+        self.all = [self._equipment(each) for each in equipment_in(root)]
         self._by_id = {id(each.compound): each for each in self.all}
         self._items = {item.path: item for item in image.items}
         commands.know([each.inhibition for each in self.all if each.inhibition is not None])
@@ -115,7 +135,8 @@ class Containment:
         equipment.fault = in_a_line(reason)
         self._image.in_fault.update(equipment.slots)
         unreached = [] if equipment.inhibition is None else self._commands.inhibit(equipment.inhibition)
-        self._tell(equipment, f"in fault: {equipment.fault}")
+        self._show()
+        self._tell(equipment, f"{IN_FAULT}{equipment.fault}", FAULT)
         if unreached:
             self._tell(equipment, in_a_line(str(DriverError("not brought to their defaults yet", unreached))))
         self._changed(equipment)
@@ -146,6 +167,7 @@ class Containment:
         image.in_fault = {slot for each in self.all if each.fault is not None for slot in each.slots}
         if equipment.inhibition is not None:
             self._commands.free(equipment.inhibition)
+        self._show()
         self._tell(equipment, "fault cleared")
         self._changed(equipment)
 
@@ -158,8 +180,13 @@ class Containment:
             and self._image.quality[slot] == Quality.BAD
         )
 
-    def _tell(self, equipment: Equipment, text: str) -> None:
-        self._commands.events.add(Event(self._image.clock.now, equipment.path, text))
+    def _show(self) -> None:
+        states = [EquipmentState.NORMAL if each.fault is None else EquipmentState.FAULT for each in self.all]
+        self._image.columns.equipment[:] = states
+
+    def _tell(self, equipment: Equipment, text: str, asked: str = "") -> None:
+        self._commands.events.add(Event(self._image.clock.now, equipment.path, text, asked=asked))
+        log.warning("%s: %s", equipment.path, text)
 
 
 def _concern(compound: Compound, part: Node) -> bool:

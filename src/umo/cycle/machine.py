@@ -292,7 +292,8 @@ class ConnectedMachine:
         stage = Stage.RUNNING if self.running else Stage.STOPPING
         mode, holder = (None, "") if self.clients is None else (self.clients.mode, self.clients.lease.holder)
         now, missed = self.clock.now, self.clock.missed_in_all
-        return facts_of(stage, mode, holder, self.frame.progress, time=now, missed=missed)
+        faults = {each.path: each.fault for each in self.equipment.all if each.fault is not None}
+        return facts_of(stage, mode, holder, self.frame.progress, time=now, missed=missed, faults=faults)
 
     def start(self, sequence: Coroutine[Any, Any, Any], part: Node) -> Task:
         if (fault := self.fault_of(part)) is not None:
