@@ -124,22 +124,25 @@ class Containment:
             found = self.innermost(self._items[failure.path])
             (own if found is None else contained.setdefault(found, [])).append(failure)
         for equipment, each in contained.items():
-            self.fault(equipment, str(DriverError(what, each)))
+            if not self._stands(equipment):  # the text takes its time
+                self.fault(equipment, str(DriverError(what, each)))
         if own:
             raise DriverError(what, own)
 
     def fault(self, equipment: Equipment, reason: str) -> None:
         """Put equipment in fault, unless it is. Its actuators are brought to their defaults first."""
-        if any(each.fault is not None for each in self._around(equipment.compound)):
+        if self._stands(equipment):
             return
         equipment.fault = in_a_line(reason)
-        self._image.in_fault.update(equipment.slots)
         unreached = [] if equipment.inhibition is None else self._commands.inhibit(equipment.inhibition)
         self._show()
         self._tell(equipment, f"{IN_FAULT}{equipment.fault}", FAULT)
         if unreached:
             self._tell(equipment, in_a_line(str(DriverError("not brought to their defaults yet", unreached))))
         self._changed(equipment)
+
+    def _stands(self, equipment: Equipment) -> bool:
+        return any(each.fault is not None for each in self._around(equipment.compound))
 
     # And back ------------------------------------------------------------------------------------------
 
@@ -164,7 +167,6 @@ class Containment:
                     image.set_referenced(slot, False)
         equipment.fault = None
         image.failed.difference_update(equipment.slots)
-        image.in_fault = {slot for each in self.all if each.fault is not None for slot in each.slots}
         if equipment.inhibition is not None:
             self._commands.free(equipment.inhibition)
         self._show()

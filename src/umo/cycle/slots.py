@@ -60,8 +60,6 @@ class Slots:
         self.unsent: set[int] = set()
         """Asynchronous actuators whose default the device did not accept. The defaults of the others are sent by every
         `update`."""
-        self.in_fault: set[int] = set()
-        """The objects of equipment in fault: nothing is raised when they fail."""
         self.failed: set[int] = set()
         """The sensors that failed and have not been initialised since."""
         self._marked: list[Failure] = []
@@ -261,8 +259,7 @@ class Slots:
         self._set_quality(slot, Quality.BAD)
         if self.items[slot].direction is Direction.INPUT:
             self.failed.add(slot)
-        if slot not in self.in_fault:
-            failures.append(self.transfer.failure(slot, cause))
+        failures.append(self.transfer.failure(slot, cause))
 
     def _keep_unsent(self, slot: int) -> None:
         """The device did not accept what is pending. A default is sent again, until it is accepted or another value is
