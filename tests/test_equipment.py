@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import weakref
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import pytest
@@ -633,6 +634,32 @@ def test_an_action_of_equipment_that_comes_into_fault_ends_and_another_is_refuse
         assert rig.do("call", "a.count")[0] == "done"
 
 
+def test_a_sequence_that_an_action_of_another_part_has_started_in_equipment_ends_with_its_fault() -> None:
+    class Both(Plant):
+        @action
+        def start_both(self) -> None:
+            """Heat."""
+            for each in (self.a, self.b):
+                each.cycle.start(each.heat())
+
+    m = Both(timer=timer(), lamp=relay(), level=sensor(), a=reactor(), b=reactor())
+    with Commanded(Mode.MANUAL, machine=m) as rig:
+        rig.do("call", "start_both")
+        rig.periods(3)
+        assert (m.a.heater.read(), m.b.heater.read()) == (5.0, 5.0)
+        fail_sensor(rig)
+        rig.periods(3)
+        assert (m.a.heater.read(), m.a.cleaned, m.b.heater.read(), m.b.cleaned) == (0.0, 1, 5.0, 0)
+
+
+def test_a_clients_write_that_a_device_refuses_is_refused_and_a_fault_of_its_equipment() -> None:
+    with Commanded(Mode.MANUAL) as rig:
+        rig.boxes["of_a"].at(len(rig.boxes["of_a"].calls) + 1, OSError("short circuit"))  # after read_many
+        state, text = rig.do("write", "a.drain", value="ON")
+        assert (state, text) == ("refused", "CommandRefused: a.drain is inhibited: a is in fault")
+        assert "short circuit" in (rig.m.a.cycle.fault or "")
+
+
 def test_what_a_client_holds_ends_with_a_fault_and_says_why() -> None:
     with Commanded(Mode.MANUAL) as rig:
         assert rig.do("write", "a.stirrer", value=3.0)[0] == "done"
@@ -653,10 +680,10 @@ class Slide(Compound):
     x: ServoAxis
 
 
-def slide() -> Slide:
+def slide(kind: type[ServoAxis] = ServoAxis, **changes: Any) -> Slide:
     """Its motor moves nothing."""
     limits = {"velocity": 50.0, "acceleration": 500.0, "jerk": 1e4, "window": 1.0, "following_error": 0.5}
-    axis = ServoAxis(motor=actuator(), encoder=sensor(minimum=-100.0), gain=0.1, **limits)
+    axis = kind(motor=actuator(), encoder=sensor(minimum=-100.0), gain=0.1, **(limits | changes))
     return Slide(timer=timer(), x=axis)
 
 
@@ -679,6 +706,48 @@ def test_an_axis_that_does_not_follow_in_automatic_mode_ends_the_run() -> None:
     with pytest.raises(AxisError, match="does not follow"), Commanded(Mode.AUTOMATIC, machine=m) as rig:
         m.cycle.start(m.x.move_to(40.0))
         rig.periods(100)
+
+
+def test_an_axis_that_its_machine_declares_equipment_fails_alone_in_automatic_mode_too() -> None:
+    class Table(ServoAxis, equipment=True):
+        pass
+
+    told: list[str] = []
+
+    async def main(m: Slide) -> str:
+        try:
+            await m.x.move_to(40.0)
+        except TaskFailed as error:
+            told.append(f"{type(error).__name__}: {error}")
+        m.x.cycle.clear()
+        await m.x.move_to(0.0)  # where it stands
+        return "went on"
+
+    m = slide(Table)
+    with Commanded(machine=m) as rig:
+        task = m.cycle.start(main(m))
+        rig.periods(150)
+    assert len(told) == 1
+    assert told[0].startswith("EquipmentFault: x is in fault: x does not follow")
+    assert task.result == "went on"
+
+
+def test_a_motion_that_does_not_arrive_is_a_fault_of_its_axis() -> None:
+    class Table(ServoAxis, equipment=True):
+        pass
+
+    m = slide(Table, following_error=1e9, settling_time=0.05)
+    with Commanded(machine=m) as rig:
+        m.cycle.start(catching(m.x.move_to(0.5, duration=0.0)))
+        m.x.window = 0.1
+        rig.periods(1200)
+        assert "did not arrive" in (m.x.cycle.fault or "")
+        assert not m.x.enabled
+
+
+async def catching(motion: Any) -> None:
+    with suppress(TaskFailed):
+        await motion
 
 
 # Declaration ----------------------------------------------------------------------------------------------

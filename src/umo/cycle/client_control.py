@@ -24,7 +24,7 @@ from umo.cycle.columns import Source
 from umo.cycle.events import EVENT_TEXT_BYTES, CommandState, Event
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.sequences import Sequences, Task
-from umo.errors import CommandRefused, DriverError, PathError, StateError, TaskFailed, UmoError
+from umo.errors import CommandRefused, DriverError, EquipmentFault, PathError, StateError, TaskFailed, UmoError
 from umo.objects import Actuator, Atomic, Binary, Compound, Digital, Range, atoms, find
 from umo.objects.paths import is_within
 from umo.presentation.digits import setting_text
@@ -260,7 +260,8 @@ class ClientControl:
         if not commands.take_for_client(slot, command.who):
             raise CommandRefused(f"{item.path} is inhibited: {commands.inhibited(slot)}")
         self._held[item.path] = _Held(command, lasts, signed, lambda: commands.release_from_client(slot), slot)
-        self._machine.image.command(slot, value, Source.CLIENT)
+        if not self._machine.image.command(slot, value, Source.CLIENT):
+            raise CommandRefused(f"{item.path} is inhibited: {commands.inhibited(slot)}")
         return CommandState.DONE, ""
 
     def _let_go(self, command: ClientCommand) -> tuple[CommandState, str]:
@@ -329,12 +330,17 @@ class ClientControl:
         cleared = self._machine.clear(self._object(command.path))
         return CommandState.DONE, _plain(f"cleared: {', '.join(cleared)}" if cleared else "nothing was in fault")
 
-    def end_in(self, compound: Compound, why: str) -> None:
-        """End the actions of one compound; not the one that is being carried out, which has its own error."""
+    def end_in(self, compound: Compound, fault: Callable[[], EquipmentFault]) -> list[BaseException]:
+        """End the actions of one compound, and the sequences of it that others have started; the errors of their
+        cleaning up. Not the action that is being carried out, which has its own error."""
+        errors: list[BaseException] = []
         for each in self._running.copy():
             part = self._object(each.command.path.rpartition(".")[0])
             if each.started is not self.at_work and is_within(part, compound):
-                self._end(each, why)
+                self._end(each, str(fault()))
+            else:
+                errors += each.started.end_in(compound, fault)
+        return errors
 
     def _object(self, path: str) -> Atomic | Compound:
         """At this path; "": the machine."""

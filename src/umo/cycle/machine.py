@@ -44,8 +44,8 @@ class Commanding(Protocol):
     at_work: Sequences | None
     """The sequences of the action that is being carried out at this moment: what it starts belongs here."""
 
-    def end_in(self, compound: Compound, why: str) -> None:
-        """End the actions of one compound."""
+    def end_in(self, compound: Compound, fault: Callable[[], EquipmentFault]) -> list[BaseException]:
+        """End the actions and sequences of one compound; the errors of their cleaning up."""
 
     def look(self) -> None:
         """Once per period, before the sequences: take what has come in, go on with what runs."""
@@ -237,7 +237,7 @@ class ConnectedMachine:
                 node._enter_fault()
         errors = self.sequences.end_in(compound, equipment.error)
         if self.clients is not None:
-            self.clients.end_in(compound, str(equipment.error()))
+            errors += self.clients.end_in(compound, equipment.error)
         for error in errors:
             self.events.add(Event(self.clock.now, equipment.path, f"in its cleaning up: {told(error).text}"))
 
