@@ -195,6 +195,21 @@ def test_a_failure_of_the_machine_itself_ends_the_run(fail: Any) -> None:
         rig.periods(2)
 
 
+@pytest.mark.parametrize("error", [SystemExit(0), KeyboardInterrupt(), Cancelled()])
+def test_a_law_or_sequence_that_would_end_the_program_is_a_fault_like_any_other(rig: Rig, error: BaseException) -> None:
+    def exits() -> None:
+        raise error
+
+    async def phase() -> None:
+        exits()
+
+    rig.m.a.law = exits
+    rig.m.b.cycle.start(phase())
+    rig.periods(2)
+    assert type(error).__name__ in (rig.m.a.cycle.fault or "")
+    assert rig.m.b.cycle.fault is not None
+
+
 def test_equipment_in_fault_is_reset_in_its_stop_order_and_then_sent_its_defaults_in_each_period(rig: Rig) -> None:
     run_both(rig)
     box = rig.boxes["of_a"]

@@ -179,7 +179,7 @@ class ClientControl:
             self._running.remove(each)
 
     def _new(self, command: ClientCommand) -> _Action:
-        return _Action(command, Sequences(self._machine.sequence_failed))
+        return _Action(command, Sequences(self._machine.equipment.contain_sequence))
 
     def _begin(self, action: _Action, call: Callable[[], Any]) -> Any:
         """Its result; the sequence that this is, and those that it starts, belong to the action."""

@@ -17,12 +17,14 @@ from umo.cycle.command_stage import CommandStage
 from umo.cycle.events import FAULT, IN_FAULT, Event
 from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition
-from umo.errors import DriverError, EquipmentFault, Failure
+from umo.cycle.sequences import Task
+from umo.errors import DriverError, EquipmentFault, Failure, text_of
 from umo.objects import Actuator, Compound, Interlock, Node, Quality, atoms, walk
 from umo.objects.keywords import IN_MANUAL
 from umo.objects.paths import is_within
 from umo.objects.sensors import Sensor
 from umo.text import in_a_line
+from umo.user_code import is_interrupt
 
 log = logging.getLogger("umo")
 
@@ -128,6 +130,28 @@ class Containment:
                 self.fault(equipment, str(DriverError(what, each)))
         if own:
             raise DriverError(what, own)
+
+    def contain(self, part: Node, error: BaseException) -> bool:
+        """Put the equipment of an object in fault; False if there is none but the machine itself."""
+        equipment = self.innermost(part)
+        if equipment is None or is_interrupt(error):
+            return False
+        self.fault(equipment, text_of(error))
+        return True
+
+    def contain_sequence(self, task: Task, error: BaseException) -> bool:
+        """A started sequence has failed: whoever awaits it gets the error. If nobody in the same equipment does, it is
+        in fault; False if it is the machine itself."""
+        equipment, awaiting = self.innermost(task.part), task.awaited_by
+        if is_interrupt(error):
+            return False
+        if awaiting is not None and (equipment is None or is_within(awaiting.part, equipment.compound)):
+            task.error = error
+            return True
+        if not self.contain(task.part, error):
+            return False
+        task.fail(error)
+        return True
 
     def fault(self, equipment: Equipment, reason: str) -> None:
         """Put equipment in fault, unless it is. Its actuators are brought to their defaults first."""

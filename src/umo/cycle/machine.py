@@ -19,12 +19,11 @@ from umo.cycle.stage import Stage
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.drivers.faults.wrapper import Injection
-from umo.errors import DriverError, EquipmentFault, forget_frames, text_of
+from umo.errors import DriverError, EquipmentFault, forget_frames
 from umo.objects import Action, Compound, Node, actions_of, atoms, numbers_of, walk
-from umo.objects.paths import is_within
 from umo.objects.stop_order import stop_sequence
 from umo.presentation.run_facts import facts_of
-from umo.user_code import is_interrupt, read_numbers, refuse_exit, told
+from umo.user_code import read_numbers, refuse_exit, told
 from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE
 
 INJECTED = "injected_faults"
@@ -69,7 +68,6 @@ class ConnectedMachine:
         self.image = image
         self.clock: Clock = image.clock
         self.stop = stop
-        self.sequences = Sequences(self.sequence_failed)
         self.clients: Commanding | None = None
         """The commands from outside, where there may be any."""
         self.observers: list[Observer] = []
@@ -80,6 +78,8 @@ class ConnectedMachine:
         self.tunables = {path: each for path, each in numbers.items() if each.declared.tunable}
         """The numbers that may be changed from outside, by path."""
         self.commands = CommandStage(root, image)
+        self.equipment = Containment(root, image, self.commands, self._is_manual, self._equipment_changed)
+        self.sequences = Sequences(self.equipment.contain_sequence)
         self.events: Events = self.commands.events
         """The last 1,000 actions of guards and clients."""
         self.stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]
@@ -103,7 +103,6 @@ class ConnectedMachine:
             root._connect(self, sample, self._update)
         for compound in self._compounds[1:]:
             compound._connect(self, partial(self.sample, compound), partial(self.update, compound))
-        self.equipment = Containment(root, image, self.commands, self._is_manual, self._equipment_changed)
         self._root_acts = self._overrides(root)
 
     def contain(self, yes: bool) -> None:
@@ -185,8 +184,8 @@ class ConnectedMachine:
             for act in acts:
                 act()
         except BaseException as error:
-            refuse_exit(error, "control")
             if not self.fail(act.args[0], error):
+                refuse_exit(error, "control")
                 raise
             forget_frames(error)
         else:
@@ -200,27 +199,10 @@ class ConnectedMachine:
         return self.equipment.fault_of(part)
 
     def fail(self, part: Node, error: BaseException) -> bool:
-        """Put the equipment of an object in fault; False if there is none but the machine itself."""
-        equipment = self.equipment.innermost(part)
-        if equipment is None or is_interrupt(error):
-            return False
-        self.equipment.fault(equipment, text_of(error))
-        return True
+        return self.equipment.contain(part, error)
 
     def clear(self, part: Node) -> list[str]:
         return self.equipment.clear(part)
-
-    def sequence_failed(self, task: Task, error: BaseException) -> bool:
-        """A started sequence has failed: whoever awaits it gets the error. If nobody in the same equipment does, it is
-        in fault; False if it is the machine itself."""
-        equipment, awaiting = self.equipment.innermost(task.part), task.awaited_by
-        if awaiting is not None and (equipment is None or is_within(awaiting.part, equipment.compound)):
-            task.error = error
-            return True
-        if not self.fail(task.part, error):
-            return False
-        task.fail(error)
-        return True
 
     def _equipment_changed(self, equipment: Equipment) -> None:
         """It is in fault, or was cleared."""
