@@ -276,13 +276,15 @@ class Axis(Compound, numbers=_numbers):
             while steady < self.window_time:
                 await next_period()
                 self._check_enabled()
+                clock = self._machine.clock
+                period = clock.dt / clock.ticks  # in missed periods nothing was controlled, and nothing seen
                 if self._arrived(position):
-                    steady = max(steady + self.dt, 0.0)
+                    steady = max(steady + period, 0.0)
                     continue
                 steady = -inf
                 if self._interrupted or not self.profile.done:
                     late = 0.0
-                elif (late := late + self.dt) > self.settling_time:
+                elif (late := late + period) > self.settling_time:
                     late, corrections = 0.0, corrections + 1
                     self._correct(position, corrections)
         except BaseException:
