@@ -7,15 +7,18 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from enum import Enum
+from functools import partial
 from math import copysign, inf, isfinite, isnan, nan
 from typing import Protocol
 
+from umo.control.axis_suspension import AxisSuspension
 from umo.control.checks import check_numbers
 from umo.control.inputs import HOMING, Accept, value_of
 from umo.control.profile import Profile
 from umo.cycle.sequences import next_period, together
 from umo.errors import AxisError, Busy, DeclarationError, RangeError
 from umo.objects import Compound, DigitalSensor, Number, Quality, Range, action
+from umo.objects.reaction import declared_reaction
 from umo.presentation.digits import number_text
 from umo.presentation.value_text import measure, span
 
@@ -102,6 +105,10 @@ class Axis(Compound, numbers=_numbers):
     searching = False
     """Whether the axis is being homed: its reading may jump, and is not compared with the setpoint."""
     _interrupted = False
+    """Whether the motion is to be planned anew as soon as the axis is free."""
+    _standing = False
+    """Whether it is planned from where the axis then stands, and not from its setpoint: an interlock has let go of
+    it."""
 
     def setup(self) -> None:
         names = ("velocity", "acceleration", "jerk", "window", "following_error", "settling_time")
@@ -200,7 +207,8 @@ class Axis(Compound, numbers=_numbers):
         """Follow the setpoint, from where the axis stands. BadInput if the encoder's quality is not accepted."""
         if not self.enabled:
             self._stand()
-            self._interrupted, self._replan = False, self._stand
+            self._interrupted = self._standing = False
+            self._replan = self._stand
             self.enabled = True
 
     @action
@@ -332,6 +340,7 @@ class Axis(Compound, numbers=_numbers):
         """The next connection begins with an axis that is not enabled."""
         super()._disconnect()
         self._motion = None
+        self._suspension = AxisSuspension(self, partial(declared_reaction, self))
         self.enabled = self.searching = self._interrupted = False
 
     def check_target(self, position: float) -> None:
@@ -371,12 +380,13 @@ class Axis(Compound, numbers=_numbers):
 
     def _interrupt(self) -> None:
         """An interlock inhibits the axis: the setpoint stays where the axis is."""
-        self._interrupted = True
+        self._interrupted = self._standing = True
         self._stand()
 
     def _go_on(self) -> None:
-        self._interrupted = False
-        self._stand()
+        if self._standing:
+            self._stand()
+        self._interrupted = self._standing = False
         self._replan()
 
 

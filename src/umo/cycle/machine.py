@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, NoReturn, Protocol, cast
 
 from umo.cycle.client_commands import Inbox, Lease, Mode
 from umo.cycle.clock import Clock, WallClock
+from umo.cycle.columns import TAKEN_BY_CLIENT
 from umo.cycle.command_stage import CommandStage
 from umo.cycle.events import Events
 from umo.cycle.frame import Frame, Observer, Signal, show, signals_of
@@ -19,9 +20,9 @@ from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.drivers.faults.wrapper import Injection
 from umo.errors import DriverError
-from umo.objects import Action, Compound, Node, actions_of, atoms, numbers_of, walk
+from umo.objects import Action, Compound, Node, actions_of, atoms, described, numbers_of, walk
 from umo.objects.stop_order import stop_sequence
-from umo.presentation.run_facts import facts_of
+from umo.presentation.run_facts import driven_text, facts_of
 from umo.user_code import read_numbers, refuse_exit
 from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE
 
@@ -160,6 +161,16 @@ class ConnectedMachine:
             refuse_exit(error, "control")
             raise
 
+    def after_laws(self, call: Callable[[], None]) -> None:
+        """Call it once, after the laws of this period."""
+        acts = self._root_acts
+
+        def once() -> None:
+            self._root_acts = acts
+            call()
+
+        self._root_acts = [*acts, once]
+
     def update(self, part: Node) -> bool:
         return self.image.update_some(self._slots_of(part).outputs)
 
@@ -211,7 +222,14 @@ class ConnectedMachine:
         stage = Stage.RUNNING if self.running else Stage.STOPPING
         mode, holder = (None, "") if self.clients is None else (self.clients.mode, self.clients.lease.holder)
         now, missed = self.clock.now, self.clock.missed_in_all
-        return facts_of(stage, mode, holder, self.frame.progress, time=now, missed=missed)
+        driven = self._driven(holder) if mode is Mode.MANUAL else ""
+        return facts_of(stage, mode, holder, self.frame.progress, driven=driven, time=now, missed=missed)
+
+    def _driven(self, holder: str) -> str:
+        image, taken = self.image, TAKEN_BY_CLIENT
+        slots = (slot for slot, item in enumerate(image.items) if item.direction is Direction.OUTPUT)
+        each = ((described(image.items[slot]), image.values[slot], image.restrictions[slot] == taken) for slot in slots)
+        return driven_text(each, holder)
 
     def start(self, sequence: Coroutine[Any, Any, Any]) -> Task:
         by_client = None if self.clients is None else self.clients.at_work

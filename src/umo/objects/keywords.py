@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from umo.duration import seconds
 from umo.errors import DeclarationError
 from umo.objects.range import Range
+from umo.objects.reaction import REACTIONS, Reaction
 from umo.text import did_you_mean
 
 ByAttribute = Mapping[str, Range] | Callable[[Any], Mapping[str, Range]]
@@ -24,6 +25,7 @@ class ClassSettings(NamedTuple):
     max_period: str | float | None = None
     numbers: tuple[ByAttribute, ...] = ()
     """Numbers of the class, then of its bases."""
+    when_suspended: Reaction | None = None
 
 
 def settings_of(cls: type, given: Mapping[str, Any]) -> ClassSettings:
@@ -47,6 +49,7 @@ KEYWORDS = {
     "stop_order": "a tuple of paths and patterns",
     "max_period": 'a duration such as "2 ms"',
     "numbers": "a mapping by names of attributes, or a function of the object that returns one",
+    "when_suspended": '"default", "hold" or "run on"',
 }
 """The class keywords, and what each of them is."""
 FORMER_NAMES = {"stopping": "stop_order", "longest_period": "max_period", "signals": "numbers", "tunable": "numbers"}
@@ -77,6 +80,8 @@ def _is_valid(name: str, value: Any) -> bool:
         with suppress(DeclarationError):
             return not isinstance(value, bool) and seconds(value) > 0
         return False
+    if name == "when_suspended":
+        return value in REACTIONS
     return isinstance(value, Mapping) or callable(value)
 
 

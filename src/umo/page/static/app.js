@@ -117,8 +117,8 @@ function announce(text) {
 function onState() {
   const { state } = feed;
   if (!state) return;
-  const { progress, missed, mode } = state.facts;
-  const parts = [progress, `missed ${missed}`, mode];
+  const { progress, missed, mode, driven } = state.facts;
+  const parts = [progress, `missed ${missed}`, mode, driven && `driven: ${driven}`];
   if (client.holder) parts.push(`lease: ${client.leased ? "you" : client.holder}`);
   setText(summary, parts.filter(Boolean).join(" · "));
   const why = forbidden(state.inhibited).map((reason) => `⊘ ${reason}`).join("; ");
