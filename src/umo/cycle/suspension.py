@@ -217,15 +217,9 @@ class Suspension:
             axis.restore()
         self.resuming = Sequences()
         if changed:
-            self.resuming.start(self._sent(changed))
+            self.resuming.start(_sent())
         for node in self._resuming:
             self.resuming.start(_resumed(node))
-
-    async def _sent(self, changed: dict[int, float]) -> None:
-        """Wait until the values that were restored are at the hardware, or are others by now."""
-        pending, values = self._machine.image.pending, self._machine.image.values
-        while any(values[slot] != value == pending[slot] for slot, value in changed.items()):
-            await next_period()
 
     def advance(self) -> Raised | None:
         """A step of what runs before the application goes on; why it failed."""
@@ -248,6 +242,11 @@ class Suspension:
 
     def _tell(self, path: str, text: str) -> None:
         self._machine.events.add(Event(self._machine.clock.now, path, text))
+
+
+async def _sent() -> None:
+    """Let the values that were restored be sent before the application reads them."""
+    await next_period()
 
 
 async def _resumed(node: Compound) -> None:
