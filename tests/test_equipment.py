@@ -716,6 +716,45 @@ def test_an_axis_that_does_not_follow_in_manual_mode_is_in_fault_alone() -> None
         assert rig.do("call", "x.move_to", arguments={"position": 0.0})[0] == "begun"
 
 
+def test_automatic_mode_is_refused_while_an_axis_is_in_fault() -> None:
+    m = slide()
+    with Commanded(Mode.MANUAL, machine=m) as rig:
+        rig.do("call", "x.move_to", arguments={"position": 40.0})
+        rig.periods(100)
+        state, text = rig.do("mode", value="automatic")
+        assert state == "refused"
+        assert "the application cannot go on: x is in fault: x does not follow" in text
+        rig.do("clear", "x")
+        assert rig.do("mode", value="automatic")[0] == "done"
+
+
+def test_what_ended_by_a_fault_in_manual_mode_is_not_driven_again_in_automatic_mode() -> None:
+    with Commanded(Mode.AUTOMATIC) as rig:
+        run_both(rig)
+        rig.do("mode", value="manual")
+        rig.periods(2)
+        assert [driven(each) for each in (rig.m.a, rig.m.b)] == [AT_DEFAULT] * 2
+        fail_sensor(rig)
+        rig.periods(2)
+        rig.boxes["of_a"].set("a.thermometer", 50)
+        rig.periods(1)
+        rig.do("clear", "a")
+        assert rig.do("mode", value="automatic")[0] == "done"
+        rig.periods(3)
+        assert (driven(rig.m.a), driven(rig.m.b)) == (AT_DEFAULT, DRIVEN)
+
+
+def test_a_fault_in_the_period_of_a_change_to_manual_mode_keeps_its_laws_from_acting() -> None:
+    with Commanded(Mode.AUTOMATIC) as rig:
+        run_both(rig)
+        fail_law(rig)
+        rig.do("mode", value="manual")
+        acted, others = rig.m.a.acted, rig.m.b.acted
+        rig.periods(3)
+        assert (rig.m.a.acted, rig.m.b.acted) == (acted, others + 3)
+        assert driven(rig.m.a) == AT_DEFAULT
+
+
 def test_an_axis_that_does_not_follow_in_automatic_mode_ends_the_run() -> None:
     m = slide()
     with pytest.raises(AxisError, match="does not follow"), Commanded(Mode.AUTOMATIC, machine=m) as rig:

@@ -23,7 +23,9 @@ from umo.wiring.patterns import chosen
 
 from .console import out, plain_table, say
 
-COLUMNS = ("station", "pid", "since", "state", "mode", "period", "periods", "missed", "lease", "progress", IN_FAULT)
+COLUMNS = (
+    "station", "pid", "since", "state", "mode", "period", "periods", "missed", "lease", "driven", "progress", IN_FAULT
+)  # fmt: skip
 """Facts that `umo ps` shows."""
 
 
@@ -115,6 +117,7 @@ def _told(reader: Reader) -> tuple[dict[str, Any], dict[str, str]]:
         "state": str(reader.state),
         "mode": None if reader.mode is None else str(reader.mode),
         "lease": printable(reader.holder) or None,
+        "driven": reader.driven(frame) or None,
         "progress": printable(progress_of(frame).text),
         "period_s": about["period"],
         "periods": reader.head,

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, NoReturn, Protocol, cast
 
 from umo.cycle.client_commands import Inbox, Lease, Mode
 from umo.cycle.clock import Clock, WallClock
+from umo.cycle.columns import TAKEN_BY_CLIENT
 from umo.cycle.command_stage import CommandStage
 from umo.cycle.equipment import Containment, Equipment
 from umo.cycle.events import Event, Events
@@ -20,9 +21,9 @@ from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.drivers.faults.wrapper import Injection
 from umo.errors import DriverError, EquipmentFault, forget_frames
-from umo.objects import Action, Compound, Node, actions_of, atoms, numbers_of, walk
+from umo.objects import Action, Compound, Node, actions_of, atoms, described, numbers_of, walk
 from umo.objects.stop_order import stop_sequence
-from umo.presentation.run_facts import facts_of
+from umo.presentation.run_facts import driven_text, facts_of
 from umo.user_code import read_numbers, refuse_exit, told
 from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE
 
@@ -85,6 +86,7 @@ class ConnectedMachine:
         self.stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         self._slots: dict[int, _PartSlots] = {}
         self._acts: dict[int, list[_Act]] = {}
+        self._after_laws: list[_Act] = []
         self._started = 0
         self._unsent = False
         """Whether an `update` waits for the next tick."""
@@ -103,7 +105,7 @@ class ConnectedMachine:
             root._connect(self, sample, self._update)
         for compound in self._compounds[1:]:
             compound._connect(self, partial(self.sample, compound), partial(self.update, compound))
-        self._root_acts = self._overrides(root)
+        self._choose_acts()
 
     def contain(self, yes: bool) -> None:
         """Whether equipment contains failures of its objects: between connecting and disconnecting."""
@@ -208,8 +210,24 @@ class ConnectedMachine:
         """It is in fault, or was cleared."""
         if equipment.fault is not None:
             self._end_in(equipment)
-        acts = self._overrides(self.root)
-        self._root_acts = [act for act in acts if self.fault_of(act.args[0]) is None] if self.equipment.all else acts
+        self._choose_acts()
+
+    def _choose_acts(self) -> None:
+        """What is called in each period: the laws but those of equipment in fault, then what waits for them."""
+        laws = (act for act in self._overrides(self.root) if self.fault_of(act.args[0]) is None)
+        self._root_acts = [*laws, *self._after_laws]
+
+    def after_laws(self, call: Callable[[], None]) -> None:
+        """Call it once, after the laws of this period."""
+
+        def once(root: Compound) -> None:
+            self._after_laws.remove(act)
+            self._choose_acts()
+            call()
+
+        act = partial(once, self.root)
+        self._after_laws.append(act)
+        self._choose_acts()
 
     def _end_in(self, equipment: Equipment) -> None:
         """Whatever is under way in equipment that is in fault now."""
@@ -275,7 +293,15 @@ class ConnectedMachine:
         mode, holder = (None, "") if self.clients is None else (self.clients.mode, self.clients.lease.holder)
         now, missed = self.clock.now, self.clock.missed_in_all
         faults = {each.path: each.fault for each in self.equipment.all if each.fault is not None}
-        return facts_of(stage, mode, holder, self.frame.progress, time=now, missed=missed, faults=faults)
+        driven = self._driven(holder) if mode is Mode.MANUAL else ""
+        progress = self.frame.progress
+        return facts_of(stage, mode, holder, progress, driven=driven, time=now, missed=missed, faults=faults)
+
+    def _driven(self, holder: str) -> str:
+        image, taken = self.image, TAKEN_BY_CLIENT
+        slots = (slot for slot, item in enumerate(image.items) if item.direction is Direction.OUTPUT)
+        each = ((described(image.items[slot]), image.values[slot], image.restrictions[slot] == taken) for slot in slots)
+        return driven_text(each, holder)
 
     def start(self, sequence: Coroutine[Any, Any, Any], part: Node) -> Task:
         if (fault := self.fault_of(part)) is not None:

@@ -45,7 +45,7 @@ from umo.objects import Quality
 from umo.presentation.durations import lasting
 from umo.presentation.html_table import html_table, never_raises
 from umo.presentation.rows import TableRow, restriction
-from umo.presentation.run_facts import facts_of, title
+from umo.presentation.run_facts import driven_text, facts_of, title
 from umo.presentation.value_text import span, state_text
 from umo.system import folders
 from umo.text import did_you_mean
@@ -306,11 +306,13 @@ class Reader:
         """Facts of the run at a frame (None: it has none yet), by name, in the order in which they are shown."""
         state, period = self.state, self.about.get("period") or None
         moment = None if frame is None else float(frame["time"])
+        mode, holder, driven = self.mode, self.holder, self.driven(frame)
         facts = facts_of(
             state,
-            self.mode,
-            self.holder,
+            mode,
+            holder,
             progress_of(frame),
+            driven=driven,
             time=moment,
             period=period,
             missed=self.missed,
@@ -322,6 +324,13 @@ class Reader:
         if state is Stage.RUNNING and silence > max(SILENCE, 10 * self.about["period"]):
             facts["no frame for"] = lasting(silence)
         return facts | {"kept because": self.about.get("reason", "")}
+
+    def driven(self, frame: Any) -> str:
+        """The actuators that are away from their defaults in manual mode, and why; "": none, or another mode."""
+        if frame is None or self.mode is not Mode.MANUAL:
+            return ""
+        taken = (frame["restrictions"] == TAKEN_BY_CLIENT).tolist()
+        return driven_text(zip(self.layout.objects, frame["values"].tolist(), taken, strict=True), self.holder)
 
     def rows(self, frame: Any, places: Iterable[int] | None = None) -> list[TableRow]:
         """Objects, signals, tunable numbers at a frame (None: without values), or those at these places."""

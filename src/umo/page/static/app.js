@@ -137,8 +137,8 @@ function announce(text) {
 function onState() {
   const { state } = feed;
   if (!state) return;
-  const { progress, missed, mode } = state.facts;
-  const parts = [progress, `missed ${missed}`, mode];
+  const { progress, missed, mode, driven } = state.facts;
+  const parts = [progress, `missed ${missed}`, mode, driven && `driven: ${driven}`];
   if (client.holder) parts.push(`lease: ${client.leased ? "you" : client.holder}`);
   setText(summary, parts.filter(Boolean).join(" · "));
   showFaults(state.faults);
