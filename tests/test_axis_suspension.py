@@ -293,3 +293,5 @@ def test_an_axis_that_an_action_has_left_moving_stops_when_the_lease_ends(make: 
         ann.run(300)
         assert (ann.x.profile.setpoint.velocity, ann.x.enabled) == (0.0, True)
         assert ann.notes[-1].startswith("the lease has ended: x stops")
+        ann.do("lease", seconds=60.0)
+        assert ann.call("x.move_to", position=40.0).state is CommandState.BEGUN

@@ -370,6 +370,18 @@ def test_an_application_does_not_go_on_while_an_actuator_that_it_needs_is_inhibi
         assert m.spindle.read() == 240.0
 
 
+def test_what_a_law_runs_is_not_restored_and_keeps_nobody_from_going_on() -> None:
+    m = winder()
+    with operated(m) as ann:
+        m.speed = 240.0
+        ann.run(3)
+        ann.mode("manual")
+        put(m.door, PassFail.FAIL)
+        ann.run(2)
+        assert m.spindle.read() == 0.0
+        assert ann.mode("automatic").state is CommandState.DONE
+
+
 def test_a_value_that_its_device_refuses_leads_back_to_manual_mode() -> None:
     box = Box()
     m = winder(spindle=spindle(synchronous=False))
