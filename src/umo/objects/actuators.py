@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, TypeAlias, get_args
 
 from umo.drivers.contract import Direction
 from umo.duration import seconds
@@ -13,6 +13,9 @@ from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
 from umo.presentation.value_text import measure, span
 
+OnWriteError: TypeAlias = Literal["raise", "retry"]
+"""The effect of a write that the device did not confirm."""
+
 
 class Actuator(Atomic):
     """The common part of the two."""
@@ -21,6 +24,8 @@ class Actuator(Atomic):
 
     direction = Direction.OUTPUT
     _expires: float | None
+    _max_age: float | None
+    """Time in s for which a value that was not confirmed is sent again; None: not at all."""
 
     @property
     def expires(self) -> float | None:
@@ -41,23 +46,37 @@ class Actuator(Atomic):
         """The default as a number of the process image: of a state its level."""
         raise NotImplementedError
 
-    def _expiry_text(self) -> str:
-        return "" if self._expires is None else f", expires after {duration(self._expires)}"
+    def _times_text(self) -> str:
+        expiry = "" if self._expires is None else f", expires after {duration(self._expires)}"
+        return expiry + ("" if self._max_age is None else f", sent again for {duration(self._max_age)}")
 
 
 class BinaryActuator(Actuator, Binary[S]):
     """One output bit: a valve, a relay, a step input. EPICS bo, Modbus coil, OPC UA TwoState, BACnet BO.
 
     `expires` (s, or a text such as "100 ms"): without a write for this time the default is sent. Default: never.
+    `on_error` is what a write does that the device did not confirm. "raise" (default): the quality is BAD, DriverError.
+    "retry": the value is sent again in every period, with the quality STALE, until it is confirmed or older than
+    `max_age` (s, or a text such as "2 s"), counted from the last confirmation, of an asynchronous actuator from the
+    write; then as "raise". For channels that hold a level: a pulse must not be sent twice.
     """
 
-    __slots__ = ("_default", "_expires")
+    __slots__ = ("_default", "_expires", "_max_age")
 
     def __init__(
-        self, states: type[S], *, one: S, default: S, synchronous: bool = True, expires: str | float | None = None
+        self,
+        states: type[S],
+        *,
+        one: S,
+        default: S,
+        synchronous: bool = True,
+        expires: str | float | None = None,
+        on_error: OnWriteError = "raise",
+        max_age: str | float | None = None,
     ) -> None:
         super().__init__(states, one, synchronous)
         self._expires = _expiry(expires)
+        self._max_age = _retried(on_error, max_age)
         if type(default) is not states:
             raise DeclarationError(f"default={default!r} is not a state of {states.__name__}")
         self._default = default
@@ -68,7 +87,7 @@ class BinaryActuator(Actuator, Binary[S]):
         return self._default
 
     def describe(self) -> str:
-        return super().describe() + self._expiry_text()
+        return super().describe() + self._times_text()
 
     @property
     def pending(self) -> S:
@@ -78,8 +97,8 @@ class BinaryActuator(Actuator, Binary[S]):
     def write(self, value: S) -> bool:
         """Set a new state. Synchronous: sent by the next `update`. Asynchronous: sent at once.
 
-        True: accepted. False: not accepted, see `inhibited`. Raises StateError for a state of another type and changes
-        nothing. Asynchronous: also DriverError.
+        True: accepted, or sent again with on_error="retry". False: not accepted, see `inhibited`. Raises StateError for
+        a state of another type and changes nothing. Asynchronous: also DriverError.
         """
         level = 1.0 if value is self._one else 0.0 if value is self._zero else float(self._level(value))
         image, slot = self._image, self._slot
@@ -104,10 +123,11 @@ class DigitalActuator(Actuator, Digital):
     text such as "100 ms"): without a write for this time the default is sent. `slew_rate` (units per s, synchronous
     only): the largest rate of change of the value sent. `pending` is the value written, `read` the value sent.
     `linearization`: a `Polynomial`, `LookupTable` or `Thermocouple`; the electrical quantity, raw * resolution +
-    zero_offset, is its inverse at the value. Default: they are the same.
+    zero_offset, is its inverse at the value. Default: they are the same. `on_error` and `max_age`: as of a
+    BinaryActuator.
     """
 
-    __slots__ = ("_clamp", "_default", "_expires", "_slew_rate")
+    __slots__ = ("_clamp", "_default", "_expires", "_max_age", "_slew_rate")
 
     def __init__(
         self,
@@ -123,9 +143,12 @@ class DigitalActuator(Actuator, Digital):
         synchronous: bool = True,
         expires: str | float | None = None,
         slew_rate: float | None = None,
+        on_error: OnWriteError = "raise",
+        max_age: str | float | None = None,
     ) -> None:
         super().__init__(units, minimum, maximum, resolution, zero_offset, synchronous, linearization)
         self._expires = _expiry(expires)
+        self._max_age = _retried(on_error, max_age)
         self._slew_rate = None if slew_rate is None else _finite("slew_rate", slew_rate)
         if self._slew_rate is not None and self._slew_rate <= 0:
             raise DeclarationError(f"slew_rate must be above 0 {units}/s, not {number_text(self._slew_rate)}")
@@ -150,7 +173,7 @@ class DigitalActuator(Actuator, Digital):
 
     def describe(self) -> str:
         rate = "" if self._slew_rate is None else f", at most {measure(self._slew_rate, self._units)}/s"
-        return super().describe() + rate + self._expiry_text()
+        return super().describe() + rate + self._times_text()
 
     @property
     def limits(self) -> Literal["raise", "clamp"]:
@@ -164,9 +187,9 @@ class DigitalActuator(Actuator, Digital):
     def write(self, value: float) -> bool:
         """Set a new value in `units`. Synchronous: sent by the next `update`. Asynchronous: sent at once.
 
-        True: accepted unchanged (rounding to the resolution does not count). False: clamped, or not accepted, see
-        `inhibited`. Raises RangeError and changes nothing if the value is outside the range with limits="raise", or is
-        not a finite number. Asynchronous: also DriverError.
+        True: accepted unchanged (rounding to the resolution does not count), or sent again with on_error="retry".
+        False: clamped, or not accepted, see `inhibited`. Raises RangeError and changes nothing if the value is outside
+        the range with limits="raise", or is not a finite number. Asynchronous: also DriverError.
         """
         if value.__class__ is not float:
             value = self._number(value)
@@ -199,3 +222,14 @@ def _expiry(expires: str | float | None) -> float | None:
     if limit == 0:
         raise DeclarationError("expires must be above 0: it is the time for which a command is valid")
     return limit
+
+
+def _retried(on_error: str, max_age: str | float | None) -> float | None:
+    """The time in s for which a value that was not confirmed is sent again; None: not at all."""
+    if on_error not in get_args(OnWriteError):
+        raise DeclarationError(f"on_error={on_error!r} is none of {', '.join(map(repr, get_args(OnWriteError)))}")
+    if on_error == "retry" and max_age is None:
+        raise DeclarationError('on_error="retry" needs a max_age')
+    if on_error == "raise" and max_age is not None:
+        raise DeclarationError('max_age is for on_error="retry"')
+    return None if max_age is None else seconds(max_age)
