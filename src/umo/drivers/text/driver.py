@@ -12,8 +12,9 @@ from umo.drivers.streams import Host, Serial, place_of
 from umo.drivers.streams.line import Flow, Parity
 from umo.drivers.text.channel import ChannelOptions, Channels, Query, QueryOptions, TextChannel
 from umo.drivers.text.exchange import QueryLine, RequestLine, plan_reads, plan_writes
+from umo.drivers.text.link_settings import LinkSettings
 from umo.drivers.text.pattern import NoValue, Pattern
-from umo.drivers.text.text_link import LinkSettings, TextLink
+from umo.drivers.text.text_link import TextLink
 from umo.errors import DriverError, WiringError
 from umo.presentation.durations import duration
 
@@ -185,6 +186,13 @@ class Text(BlockDriver[TextChannel]):
     def read_many(self, channels: Sequence[TextChannel], out: IntArray) -> None:
         plan, link = self._reads.of(channels), self._begin()
         _in_turn(plan, channels, lambda asked: asked.read(link, out))
+
+    def look(self) -> bool | None:
+        """The device is asked for what is read anyway, or identified; where it is never asked, it is connected."""
+        if self._link is None:
+            return False
+        plan = self._reads.last
+        return self._link.look(plan[0].request if plan else "", self.timeout)
 
     def watchdog(self, seconds: float) -> None:
         """Send `watchdog_set` with this time."""
