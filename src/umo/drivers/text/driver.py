@@ -38,6 +38,8 @@ class Text(BlockDriver[TextChannel]):
         states: answers that stand for levels, { 0 = "OFF", 1 = ["ON", "1"] }, instead of a number.
         set: the request that writes, "VOLT {:.3f}", or a request for each level, { 0 = "OUTP OFF", 1 = "OUTP ON" }.
         acknowledge, confirm: as the options below, for this channel; "" and {} for none.
+        sets_level: true if `set` sets a level, so that sending it twice does no more than once. Default: false, the
+            request may be an event, such as a step: an actuator with on_error="retry" is refused.
         scale: the step of one raw integer: raw = number / scale, to the nearest. Without it numbers are whole.
         units: the unit of the device's numbers, "V": scale is then checked against the resolution of the object.
         bits, signed: default 64 and signed; with levels as many bits as they need, unsigned.
