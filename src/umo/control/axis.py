@@ -13,7 +13,8 @@ from typing import Protocol
 from umo.control.checks import check_numbers
 from umo.control.inputs import HOMING, Accept, value_of
 from umo.control.profile import Profile
-from umo.cycle.sequences import next_period, together
+from umo.cycle.parallel import together
+from umo.cycle.sequences import next_period
 from umo.errors import AxisError, Busy, DeclarationError, RangeError
 from umo.objects import Compound, DigitalSensor, Number, Quality, Range, action
 from umo.presentation.digits import number_text
