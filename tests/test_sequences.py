@@ -491,7 +491,7 @@ def test_to_wait_for_a_cancelled_task_is_an_error():
 
 @pytest.mark.parametrize("when", ["before", "after"])
 def test_to_wait_for_a_task_that_failed_is_an_error_with_its_cause(when):
-    """The error came out of `control` before, and the program went on."""
+    """If nobody waited when it failed, the error came out of `control`, and the program went on."""
 
     async def waits(task):
         return await task
@@ -500,14 +500,14 @@ def test_to_wait_for_a_task_that_failed_is_an_error_with_its_cause(when):
         task = cycle.start(after(2, error=ValueError("broken")))
         if when == "before":
             cycle.start(waits(task))
-        with pytest.raises(ValueError, match="broken"):
-            cycle.steps(5)
+        else:
+            with pytest.raises(ValueError, match="broken"):
+                cycle.steps(5)
         if when == "after":
             cycle.start(waits(task))
         with pytest.raises(TaskFailed, match=r"sequence after failed: ValueError: broken \(.*cycling.py") as caught:
             cycle.steps(5)
         assert isinstance(caught.value.__cause__, ValueError)
-        assert task.error is caught.value.__cause__
 
 
 def test_two_sequences_that_wait_for_each_other_can_be_cancelled():

@@ -187,6 +187,7 @@ class connect(Generic[C]):
             for name, limit in self.wired.watchdogs.items():
                 transfer.watchdog(name, limit)
         self.machine.sample_all()
+        self.machine.contain(True)
         self.started = True
 
     @contextmanager
@@ -209,6 +210,7 @@ class connect(Generic[C]):
         unreached: list[Failure] | None = None
         hindered: list[Failure] = []
         self._waiting = set(self._stop_sequence())
+        self.machine.contain(False)
         try:
             stopping = _error_of(self.machine.cancel_sequences)
             found, late = self._reset()

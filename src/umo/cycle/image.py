@@ -7,7 +7,7 @@ column `restrictions`, which is the command stage's own, says that it is to be a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from math import inf
 from typing import Protocol
 
@@ -42,10 +42,17 @@ class Gate(link.Commands, Protocol):
         """The actuator is being reset."""
 
 
+def raise_failures(what: str, failures: Sequence[Failure]) -> None:
+    raise DriverError(what, failures)
+
+
 class Image(Slots):
     """The slots of a connected machine, and what moves them."""
 
     commands: Gate
+    fail: Callable[[str, Sequence[Failure]], object] = staticmethod(raise_failures)
+    """Function that is told which objects have failed, and what they were to do. It raises, unless the equipment of all
+    these objects contains their failure."""
 
     def connect(self, commands: Gate) -> None:
         """The objects find their values here from now on."""
@@ -80,7 +87,7 @@ class Image(Slots):
         if failures or self.sampled_good is None:
             self._log_marked()
             if failures:
-                raise DriverError("could not be read", failures)
+                self.fail("could not be read", failures)
             self.sampled_good = not any(self.quality[self.sampled])
         return self.sampled_good
 
@@ -105,8 +112,8 @@ class Image(Slots):
                     self._set_quality(slot, Quality.GOOD)
                 block.unsettled &= unconverted
         if failures:
-            raise DriverError("could not be written", failures)
-        return True
+            self.fail("could not be written", failures)
+        return not failures
 
     def _accept_each(self, block: Block, causes: Mapping[int, str], failures: list[Failure]) -> None:
         """The readings of a block one by one; `causes` are those of the slots that failed: the others stand."""
@@ -148,7 +155,7 @@ class Image(Slots):
                 self._fail_input(slot, f"read {raw} missed periods, which is outside its range", failures)
         self._log_marked()
         if failures:
-            raise DriverError("could not be read", failures)
+            self.fail("could not be read", failures)
         value: float = self.values[slot]
         return value
 
@@ -161,7 +168,7 @@ class Image(Slots):
                 self._accept(slot, found, failures)
         self._log_marked()
         if failures:
-            raise DriverError("could not be read", failures)
+            self.fail("could not be read", failures)
         return all(self.quality[slot] == Quality.GOOD for slot in slots)
 
     def update_some(self, slots: Sequence[int]) -> bool:
@@ -178,8 +185,8 @@ class Image(Slots):
             else:
                 self._fail_output(slot, cause, failures)
         if failures:
-            raise DriverError("could not be written", failures)
-        return True
+            self.fail("could not be written", failures)
+        return not failures
 
     def command(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
         """A value within its range was written to an actuator for which the command stage is to be asked; or by a
@@ -190,7 +197,8 @@ class Image(Slots):
             return False
         self.pending[slot] = value
         if not self.items[slot].synchronous and (failures := self.try_send(slot)):
-            raise DriverError("could not be written", failures)
+            self.fail("could not be written", failures)
+            return False
         return True
 
     def try_send(self, slot: int) -> list[Failure]:
@@ -224,9 +232,10 @@ class Image(Slots):
         return bool(taken.all())
 
     def reset_some(self, slots: Iterable[int]) -> None:
-        failures = [failure for _, failure in self.reset_each(slots) if failure is not None]
+        found = self.reset_each(slots)
+        failures = [failure for slot, failure in found if failure is not None and slot not in self.in_fault]
         if failures:
-            raise DriverError("could not be reset", failures)
+            self.fail("could not be reset", failures)
 
     def reset_each(self, slots: Iterable[int]) -> Iterator[tuple[int, Failure | None]]:
         """The driver's reset for each; one failure never stops the rest."""

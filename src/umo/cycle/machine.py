@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from functools import cached_property, partial
 from time import monotonic_ns
 from typing import Any, NamedTuple, NoReturn, Protocol, cast
@@ -10,7 +10,8 @@ from typing import Any, NamedTuple, NoReturn, Protocol, cast
 from umo.cycle.client_commands import Inbox, Lease, Mode
 from umo.cycle.clock import Clock, WallClock
 from umo.cycle.command_stage import CommandStage
-from umo.cycle.events import Events
+from umo.cycle.equipment import Containment, Equipment
+from umo.cycle.events import Event, Events
 from umo.cycle.frame import Frame, Observer, Signal, show, signals_of
 from umo.cycle.image import Image
 from umo.cycle.sequences import Sequences, Task
@@ -18,15 +19,20 @@ from umo.cycle.stage import Stage
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.drivers.faults.wrapper import Injection
-from umo.errors import DriverError
+from umo.errors import DriverError, EquipmentFault, forget_frames, text_of
 from umo.objects import Action, Compound, Node, actions_of, atoms, numbers_of, walk
+from umo.objects.paths import is_within
 from umo.objects.stop_order import stop_sequence
 from umo.presentation.run_facts import facts_of
-from umo.user_code import read_numbers, refuse_exit
+from umo.user_code import is_interrupt, read_numbers, refuse_exit, told
 from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE
 
 INJECTED = "injected_faults"
 """The signal of a run with faults: how many are in effect."""
+
+
+_Act = partial[None]
+"""The `control` of one object, which is its only argument."""
 
 
 class Commanding(Protocol):
@@ -37,6 +43,9 @@ class Commanding(Protocol):
     inbox: Inbox
     at_work: Sequences | None
     """The sequences of the action that is being carried out at this moment: what it starts belongs here."""
+
+    def end_in(self, compound: Compound, why: str) -> None:
+        """End the actions of one compound."""
 
     def look(self) -> None:
         """Once per period, before the sequences: take what has come in, go on with what runs."""
@@ -60,7 +69,7 @@ class ConnectedMachine:
         self.image = image
         self.clock: Clock = image.clock
         self.stop = stop
-        self.sequences = Sequences()
+        self.sequences = Sequences(self.sequence_failed)
         self.clients: Commanding | None = None
         """The commands from outside, where there may be any."""
         self.observers: list[Observer] = []
@@ -75,7 +84,7 @@ class ConnectedMachine:
         """The last 1,000 actions of guards and clients."""
         self.stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         self._slots: dict[int, _PartSlots] = {}
-        self._acts: dict[int, list[Callable[[], None]]] = {}
+        self._acts: dict[int, list[_Act]] = {}
         self._started = 0
         self._unsent = False
         """Whether an `update` waits for the next tick."""
@@ -94,7 +103,18 @@ class ConnectedMachine:
             root._connect(self, sample, self._update)
         for compound in self._compounds[1:]:
             compound._connect(self, partial(self.sample, compound), partial(self.update, compound))
+        self.equipment = Containment(root, image, self.commands, self._is_manual, self._equipment_changed)
         self._root_acts = self._overrides(root)
+
+    def contain(self, yes: bool) -> None:
+        """Whether equipment contains failures of its objects: between connecting and disconnecting."""
+        if yes and self.equipment.all:
+            self.image.fail = self.equipment.failed
+        else:
+            vars(self.image).pop("fail", None)
+
+    def _is_manual(self) -> bool:
+        return self.clients is not None and self.clients.mode is Mode.MANUAL
 
     def cancel_sequences(self) -> None:
         """Cancel the sequences of clients and of the application, the last started first; the first error of their
@@ -150,15 +170,76 @@ class ConnectedMachine:
             if self.clients is not None:
                 self.clients.look()
             self.sequences.advance(self.clock)
-            acts = self._root_acts
-        else:
-            acts = self._overrides(part)
+            self._act(self._root_acts)
+            return
+        try:
+            for act in self._overrides(part):
+                act()
+        except BaseException as error:
+            refuse_exit(error, "control")
+            raise
+
+    def _act(self, acts: Sequence[_Act]) -> None:
+        """Every law. What equipment contains of their errors does not keep the others from acting."""
         try:
             for act in acts:
                 act()
         except BaseException as error:
             refuse_exit(error, "control")
-            raise
+            if not self.fail(act.args[0], error):
+                raise
+            forget_frames(error)
+        else:
+            return
+        rest = acts[acts.index(act) + 1 :]
+        self._act([each for each in rest if each in self._root_acts])
+
+    # Equipment -----------------------------------------------------------------------------------------
+
+    def fault_of(self, part: Node) -> EquipmentFault | None:
+        return self.equipment.fault_of(part)
+
+    def fail(self, part: Node, error: BaseException) -> bool:
+        """Put the equipment of an object in fault; False if there is none but the machine itself."""
+        equipment = self.equipment.innermost(part)
+        if equipment is None or is_interrupt(error):
+            return False
+        self.equipment.fault(equipment, text_of(error))
+        return True
+
+    def clear(self, part: Node) -> list[str]:
+        return self.equipment.clear(part)
+
+    def sequence_failed(self, task: Task, error: BaseException) -> bool:
+        """A started sequence has failed: whoever awaits it gets the error. If nobody in the same equipment does, it is
+        in fault; False if it is the machine itself."""
+        equipment, awaiting = self.equipment.innermost(task.part), task.awaited_by
+        if awaiting is not None and (equipment is None or is_within(awaiting.part, equipment.compound)):
+            task.error = error
+            return True
+        if not self.fail(task.part, error):
+            return False
+        task.fail(error)
+        return True
+
+    def _equipment_changed(self, equipment: Equipment) -> None:
+        """It is in fault, or was cleared."""
+        if equipment.fault is not None:
+            self._end_in(equipment)
+        acts = self._overrides(self.root)
+        self._root_acts = [act for act in acts if self.fault_of(act.args[0]) is None] if self.equipment.all else acts
+
+    def _end_in(self, equipment: Equipment) -> None:
+        """Whatever is under way in equipment that is in fault now."""
+        compound = equipment.compound
+        for node in (compound, *walk(compound)):
+            if isinstance(node, Compound):
+                node._enter_fault()
+        errors = self.sequences.end_in(compound, equipment.error)
+        if self.clients is not None:
+            self.clients.end_in(compound, str(equipment.error()))
+        for error in errors:
+            self.events.add(Event(self.clock.now, equipment.path, f"in its cleaning up: {told(error).text}"))
 
     def update(self, part: Node) -> bool:
         return self.image.update_some(self._slots_of(part).outputs)
@@ -213,9 +294,12 @@ class ConnectedMachine:
         now, missed = self.clock.now, self.clock.missed_in_all
         return facts_of(stage, mode, holder, self.frame.progress, time=now, missed=missed)
 
-    def start(self, sequence: Coroutine[Any, Any, Any]) -> Task:
+    def start(self, sequence: Coroutine[Any, Any, Any], part: Node) -> Task:
+        if (fault := self.fault_of(part)) is not None:
+            sequence.close()
+            raise fault
         by_client = None if self.clients is None else self.clients.at_work
-        return (self.sequences if by_client is None else by_client).start(sequence)
+        return (self.sequences if by_client is None else by_client).start(sequence, part)
 
     def skip_ticks(self) -> None:
         """Read the timer before the first period: the ticks until here belong to no period, and none is missed."""
@@ -254,7 +338,7 @@ class ConnectedMachine:
             )
         return self._slots[id(part)]
 
-    def _overrides(self, part: Node) -> list[Callable[[], None]]:
+    def _overrides(self, part: Node) -> list[_Act]:
         """The `control` of every class that has its own, in pre-order; collected once, called flat."""
         if id(part) not in self._acts:
             nodes: list[Node] = [part, *walk(part)]

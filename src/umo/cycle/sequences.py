@@ -17,6 +17,8 @@ from typing import Any
 from umo.cycle.clock import Clock
 from umo.duration import seconds as in_seconds
 from umo.errors import Cancelled, TaskFailed, TimeExpired, forget_frames, text_of
+from umo.objects import Node
+from umo.objects.paths import is_within
 from umo.text import add_note, in_brackets, place_among, shown_path, str_of
 from umo.user_code import refuse_exit
 
@@ -147,20 +149,24 @@ class timeout:
 
 
 class Task:
-    """A started sequence."""
+    """A started sequence. `part`: the object of the machine to which it belongs."""
 
-    def __init__(self, sequence: Sequence) -> None:
+    def __init__(self, sequence: Sequence, part: Any = None) -> None:
         if not isinstance(sequence, Coroutine):
             raise TypeError(f"{sequence!r} is not a sequence; call an `async def` function")
         self._sequence = sequence
+        self.part = part
+        self.awaited_by: Task | None = None
+        """The started sequence that awaits it."""
         self._begun = False
         self._cancelling = self._cancelled = False
         self.done = False
         self.result: Any = None
         self.error: BaseException | None = None
-        """The error that ended it, if it was started beside others. Not of a part of `together`, whose error an
-        application may handle and go on: an error that its own frames refer to is never freed while the collector is
-        off."""
+        """The error that ended it, for whoever awaits it: he takes it. An error that its own frames refer to is never
+        freed while the collector is off."""
+        self._failure = ""
+        """The text of this error."""
         self.limits: list[timeout] = []
         """The time limits of the blocks that it is in, the outermost first."""
 
@@ -169,14 +175,20 @@ class Task:
         other one is cancelled meanwhile, so is this one (as in asyncio)."""
         if self in _ADVANCING:
             raise TaskFailed(f"{self.name} awaited itself")
+        self.awaited_by = _ADVANCING[0] if _ADVANCING else None
         try:
             while not self.done:
                 yield _PERIOD
         except Cancelled:
             self.cancel()
             raise
-        if self.error is not None:
-            raise TaskFailed(f"{self.name} failed: {text_of(self.error)}") from self.error
+        finally:
+            self.awaited_by = None
+        error, self.error = self.error, None
+        if error is not None:
+            self._failure = self._failure or text_of(error)
+        if self._failure:
+            raise TaskFailed(f"{self.name} failed: {self._failure}") from error
         if self._cancelled:
             raise TaskFailed(f"{self.name} was cancelled")
         return self.result
@@ -255,6 +267,11 @@ class Task:
             refuse_exit(error, self.name)
             raise
 
+    def fail(self, error: BaseException) -> None:
+        """It has ended with this error, which lets go of its frames."""
+        self.error, self._failure = error, text_of(error)
+        forget_frames(error)
+
     def _begin(self) -> None:
         self._begun = True
         if inspect.iscoroutine(self._sequence) and inspect.getcoroutinestate(self._sequence) != inspect.CORO_CREATED:
@@ -299,9 +316,11 @@ def with_notes(error: BaseException, others: list[BaseException]) -> BaseExcepti
 
 
 class Sequences:
-    """All sequences that run side by side on one machine."""
+    """All sequences that run side by side on one machine. `contain` is told of one that has failed; whether the machine
+    goes on."""
 
-    def __init__(self) -> None:
+    def __init__(self, contain: Callable[[Task, BaseException], bool] = lambda task, error: False) -> None:
+        self._contain = contain
         self._tasks: list[Task] = []
         self._advancing = False
         self.paused = False
@@ -317,13 +336,14 @@ class Sequences:
         """The place at which each waits, in the user's code."""
         return [task._place for task in self._tasks]
 
-    def start(self, sequence: Sequence) -> Task:
-        task = Task(sequence)
+    def start(self, sequence: Sequence, part: Any = None) -> Task:
+        task = Task(sequence, part)
         self._tasks.append(task)
         return task
 
     def advance(self, tick: Clock) -> None:
-        """One step of each, in the order started; the first error cancels nothing else and is raised."""
+        """One step of each, in the order started. The first error that is not contained is raised; it cancels nothing
+        else."""
         if not self._tasks or self.paused:
             return
         if self._advancing:
@@ -334,12 +354,22 @@ class Sequences:
                 try:
                     over = task.advance(tick)
                 except BaseException as error:
-                    task.error = error  # its text is asked for by who needs it: it may take long
-                    raise
+                    if not self._contain(task, error):
+                        task.error = error  # its text is asked for by who needs it: it may take long
+                        raise
+                    over = True
                 if over:
                     self._tasks.remove(task)
         finally:
             self._advancing = False
+
+    def end_in(self, compound: Node, fault: Callable[[], BaseException]) -> list[BaseException]:
+        """Cancel those of one compound, the last started first; whoever awaits one gets the fault. The errors of their
+        cleaning up."""
+        ended = [task for task in self._tasks if not task.done and is_within(task.part, compound)]
+        for task in ended:
+            task.fail(fault())
+        return cancel_all(ended)
 
     def cancel(self) -> None:
         """On stop: cancel each sequence, the last started first. Then the first error of their cleanup is raised; the

@@ -59,6 +59,10 @@ class Slots:
         self.unsent: set[int] = set()
         """Asynchronous actuators whose default the device did not accept. The defaults of the others are sent by every
         `update`."""
+        self.in_fault: set[int] = set()
+        """The objects of equipment in fault: nothing is raised when they fail."""
+        self.failed: set[int] = set()
+        """The sensors that failed and have not been initialised since."""
         self._marked: list[Failure] = []
         """Failures of the sensors that were marked BAD and not logged yet."""
         self._next_log: dict[int, float] = {}
@@ -254,7 +258,10 @@ class Slots:
     def _fail_output(self, slot: int, cause: str, failures: list[Failure]) -> None:
         self._keep_unsent(slot)
         self._set_quality(slot, Quality.BAD)
-        failures.append(self.transfer.failure(slot, cause))
+        if self.items[slot].direction is Direction.INPUT:
+            self.failed.add(slot)
+        if slot not in self.in_fault:
+            failures.append(self.transfer.failure(slot, cause))
 
     def _keep_unsent(self, slot: int) -> None:
         """The device did not accept what is pending. A default is sent again, until it is accepted or another value is
