@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Coroutine
-from itertools import pairwise
 from typing import Any
 
 import pytest
 
 import umo
-from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Interlock, Quality
+from helpers.slide import COUNT, DT, HIGH, INDEX, LOW, SWITCH, Slide, encoder, servo, stepper
+from umo import BinaryActuator, BinarySensor, Compound, DigitalSensor, Interlock, Quality
 from umo.control import (
     Axis,
     EndStop,
@@ -18,130 +18,14 @@ from umo.control import (
     IndexPulse,
     Met,
     ServoAxis,
-    StepperAxis,
     move_together,
     next_period,
     together,
     wait,
 )
-from umo.drivers import Channel, Direction, Driver
 from umo.errors import AxisError, BadInput, Busy, DeclarationError, HomingError, RangeError
 from umo.objects import atoms
-from umo.states import EnableDisable, OnOff, Rotation, UpDown
-
-DT = 0.001
-COUNT = 0.01
-"""mm of a count of the encoder."""
-LOW, HIGH = -5.0, 105.0
-"""The end stops, mm."""
-INDEX = 90.0
-"""Where the index pulse is, mm."""
-SWITCH = 2.0
-"""The home switch is active below, mm."""
-
-
-class Slide(Driver[Channel]):
-    """A motor (10 V: 500 mm/s, 10 ms) or a stepper (0.05 mm a step) moves a slide between two end stops. The counter is
-    0 at power-up, and is loaded with 0 at the index while that is enabled."""
-
-    OUTPUTS = {"motor": 12, "step": 1, "direction": 1, "enable": 1}
-    INPUTS = {"counter": 32, "switch": 1, "door": 1, "tick": 31}
-
-    def __init__(self, start: float = 40.0) -> None:
-        self.position = start
-        self.start = start
-        self.rate = 0.0
-        self.levels = dict.fromkeys(self.OUTPUTS, 0)
-        self.counter = self.origin = 0
-        self.door = 0
-        self.stuck = self.dead = self.switch_broken = False
-        self.power_up()
-
-    def power_up(self) -> None:
-        self.origin = self._line()
-
-    def channel(self, text: str) -> Channel:
-        output = text in self.OUTPUTS
-        bits = (self.OUTPUTS | self.INPUTS)[text]
-        return Channel(text, Direction.OUTPUT if output else Direction.INPUT, bits, text in ("motor", "counter"))
-
-    def write(self, channel: Channel, raw: int) -> None:
-        if channel.text == "step" and raw > self.levels["step"] and not self.stuck:
-            self._go(self.position + (0.05 if self.levels["direction"] else -0.05))
-        self.levels[channel.text] = raw
-
-    def read(self, channel: Channel) -> int:
-        if channel.text == "tick":
-            self.advance()
-            return 0
-        if channel.text == "counter":
-            if not self.dead:
-                self.counter = self._line() - self.origin
-            return self.counter
-        return self.door if channel.text == "door" else int(self.position < SWITCH and not self.switch_broken)
-
-    def advance(self) -> None:
-        self.rate += (self.levels["motor"] * 50.0 / 200 - self.rate) * DT / 0.01
-        if not self.stuck:
-            self._go(self.position + self.rate * DT)
-
-    def _go(self, position: float) -> None:
-        before, self.position = self._line(), min(max(position, LOW), HIGH)
-        index = round(INDEX / COUNT)
-        if self.levels["enable"] and (before < index <= self._line() or self._line() <= index < before):
-            self.origin = index
-
-    def _line(self) -> int:
-        return math.floor(self.position / COUNT)
-
-
-def encoder(**changes: Any) -> DigitalSensor:
-    return DigitalSensor(
-        "mm", **({"minimum": 0.0, "maximum": 100.0, "resolution": COUNT, "incremental": True} | changes)
-    )
-
-
-def servo(**changes: Any) -> ServoAxis:
-    return ServoAxis(**SERVO | {"motor": motor(), "encoder": encoder()} | changes)
-
-
-def motor() -> DigitalActuator:
-    return DigitalActuator("V", default=0.0, minimum=-10.0, maximum=10.0, resolution=10 / 2000, limits="clamp")
-
-
-SERVO: dict[str, Any] = {
-    "gain": 1.0,
-    "integral_time": 0.2,
-    "feed_forward": 1 / 50,
-    "velocity": 200.0,
-    "acceleration": 2_000.0,
-    "jerk": 50_000.0,
-    "window": 0.05,
-    "following_error": 5.0,
-    "search_speed": 50.0,
-    "search_output": 3.0,
-    "stall": 3.0,
-}
-
-
-class Stepper(StepperAxis):
-    velocity: float = 15.0
-    acceleration: float = 200.0
-    jerk: float = 5_000.0
-    window: float = 0.03
-    following_error: float = 1.0
-    settling_time: float = 0.1
-    search_speed: float = 15.0
-    stall: float = 3.0
-    step_size: float = 0.05
-
-
-def stepper(**changes: Any) -> Stepper:
-    return Stepper(
-        step=BinaryActuator(UpDown, one=UpDown.UP, default=UpDown.DOWN),
-        direction=BinaryActuator(Rotation, one=Rotation.CW, default=Rotation.CW),
-        **{"encoder": encoder()} | changes,
-    )
+from umo.states import EnableDisable, OnOff
 
 
 class Machine(Compound):
@@ -492,83 +376,6 @@ def test_axes_move_together_within_the_limits_that_were_tuned() -> None:
         assert ahead > 4 * before
         m.a.enable()
         assert m.a.profile.to(100.0) == pytest.approx(ahead)
-
-
-# Missed periods ----------------------------------------------------------------------------------------
-
-
-class Late(Slide):
-    """Now and then many periods are missed. `still`: the slide stands meanwhile, as a plant in virtual time may."""
-
-    def __init__(self, missed: dict[int, int], still: bool) -> None:
-        super().__init__(10.0)
-        self.missed, self.still, self.number = missed, still, 0
-        self.rates: list[float] = []
-
-    def read(self, channel: Channel) -> int:
-        if channel.text != "tick":
-            return super().read(channel)
-        self.number += 1
-        missed = self.missed.get(self.number, 0)
-        for _ in range(1 if self.still else max(1, missed)):
-            self.advance()
-        self.rates.append(self.rate)
-        return missed
-
-
-@pytest.mark.parametrize("still", [False, True])
-@pytest.mark.parametrize("at", [20, 60, 130, 200, 300, 330, 420])
-def test_a_motion_keeps_its_limits_after_missed_periods_and_arrives(at: int, still: bool) -> None:
-    m, slide = machine(servo(inertia=1 / 50 * 0.01, acceleration=1_000.0)), Late({at: 100}, still)
-    setpoints: list[Any] = []
-
-    async def work(m: Machine) -> None:
-        await next_period()
-        m.x.encoder.referenced(at=10.0)
-        await m.x.move_to(70.0)
-
-    def watch(m: Machine) -> None:
-        if m.x.enabled:
-            setpoints.append(m.x.profile.setpoint)
-
-    run(m, slide, work, watch)
-    assert slide.position == pytest.approx(70.0, abs=0.06)
-    assert max(abs(each.velocity) for each in setpoints) <= 200.0 * 1.001
-    assert max(abs(each.acceleration) for each in setpoints) <= 1_000.0 * 1.001
-    speeds = [each.velocity for each in setpoints]
-    steps = [abs(after - before) for before, after in pairwise(speeds)]
-    assert max(steps) <= 1_000.0 * DT * 1.001  # the missed time is no step of the velocity
-    assert max(map(abs, slide.rates)) <= 200.0 * 1.1
-    felt = [abs(after - before) / DT for before, after in pairwise(slide.rates)]
-    usual = [rate for number, rate in enumerate(felt, 2) if number != at]
-    assert max(usual) <= 1_000.0 * 1.1
-
-
-def test_an_axis_at_rest_stays_where_it_is_when_periods_are_missed() -> None:
-    m, slide = machine(servo()), Late(dict.fromkeys(range(600, 700, 10), 50), still=False)
-
-    async def work(m: Machine) -> None:
-        await next_period()
-        m.x.encoder.referenced(at=10.0)
-        await m.x.move_to(20.0)
-        before = m.x.setpoint
-        await wait(1.0)
-        assert m.x.setpoint == before
-
-    run(m, slide, work)
-
-
-def test_a_stalled_axis_is_found_although_every_other_period_is_missed() -> None:
-    m, slide = machine(servo()), Late(dict.fromkeys(range(1, 10_000), 2), still=False)
-
-    async def work(m: Machine) -> None:
-        await next_period()
-        m.x.encoder.referenced(at=10.0)
-        slide.stuck = True
-        await m.x.move_to(90.0)
-
-    with pytest.raises(AxisError, match="does not follow"):
-        run(m, slide, work)
 
 
 # Jogging -----------------------------------------------------------------------------------------------

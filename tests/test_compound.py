@@ -220,7 +220,7 @@ def test_a_part_with_a_reserved_name_is_refused_with_all_of_them_and_another_nam
         type("Bad", (Compound,), {"__annotations__": {name: DigitalActuator}})
     assert str(caught.value) == (
         f"Bad.{name}: the name is reserved; choose another, such as '{name}_button'; reserved are: "
-        "acknowledge, control, cycle, dt, interlocks, now, reset, sample, setup, update"
+        "acknowledge, control, cycle, dt, interlocks, now, on_resume, on_suspend, reset, sample, setup, update"
     )
 
 

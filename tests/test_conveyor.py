@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import math
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, get_args
@@ -13,9 +14,11 @@ from typing import Any, get_args
 import pytest
 from typer.testing import Result
 
+from helpers.operator import Operator
 from helpers.tiers import first
 from umo import TaskFailed, connect, drive
 from umo.control import until, wait
+from umo.cycle.client_commands import Mode
 from umo.cycle.stopping import StopFlag
 from umo.errors import ChannelError
 from umo.states import OnOff
@@ -406,3 +409,46 @@ def test_parts_pile_up_behind_a_jam() -> None:
     assert plant.belt[0].front == 150.0
     assert all(behind.front == before.rear for before, behind in zip(plant.belt, plant.belt[1:], strict=False))
     assert plant.read(plant.channel("dio:entry")) == 1
+
+
+# Manual mode ---------------------------------------------------------------------------------------
+
+
+@contextmanager
+def operated(**options: Any) -> Iterator[tuple[Operator, Any, Plant]]:
+    """An operator of a conveyor that sorts, the run, and the plant."""
+    connection = connect(machine(), wiring(), parts=10, seed=1)
+    with connection as m:
+        ann = Operator(m)
+        ann.do("lease", seconds=60.0)
+        yield ann, m.cycle.start(main(m, **options)), connection.driver("plant")
+
+
+@pytest.mark.parametrize("after", [300, 500, 1_700, 2_500])
+def test_manual_mode_stops_the_belt_and_parts_are_sorted_rightly_afterwards(after: int) -> None:
+    with operated() as (ann, task, plant):
+        ann.run(after)
+        assert plant.belt
+        ann.mode("manual")
+        ann.run(500)
+        assert (plant.speed, ann.driven) == (pytest.approx(0.0, abs=0.01), "")
+        ann.mode("automatic")
+        while not task.done:
+            ann.run()
+        report = plant.report()
+        assert (report["parts_delivered"], report["wrongly_sorted"]) == (10, 0)
+
+
+@pytest.mark.parametrize(("after", "speed"), [(800, 0.3), (1_300, 0.3), (1_000, 0.9)])
+def test_an_application_whose_parts_have_moved_unwatched_does_not_go_on(after: int, speed: float) -> None:
+    """Past a barrier, or further than they may slip."""
+    with operated(speed=speed) as (ann, _, plant):
+        ann.run(after)
+        assert plant.belt
+        ann.mode("manual")
+        ann.run(500)
+        ann.mode("automatic")
+        ann.run(1_500)
+        assert ann.clients.mode is Mode.MANUAL
+        assert any("mm unwatched: stop the run and clear it" in note for note in ann.notes)
+        assert plant.speed == pytest.approx(0.0, abs=0.01)

@@ -5,14 +5,18 @@ from __future__ import annotations
 import gc
 import weakref
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import pytest
 
+from helpers.letters import Letters
 from helpers.machines import actuator, relay, sensor, timer, wired
-from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, TaskFailed, connect
-from umo.control import next_period, until, value_of, wait
-from umo.errors import Cancelled, DeclarationError, DriverError, EquipmentFault
+from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, TaskFailed, action, connect
+from umo.control import ServoAxis, next_period, until, value_of, wait
+from umo.cycle.client_commands import ClientCommand, Mode
+from umo.cycle.client_control import ClientControl
+from umo.errors import AxisError, Cancelled, DeclarationError, DriverError, EquipmentFault
 from umo.objects import atoms
 from umo.states import OnOff
 from umo.testing import Scripted
@@ -79,10 +83,10 @@ def reactor(kind: type[Reactor] = Reactor, **changes: Any) -> Reactor:
 class Rig:
     """The plant; each reactor on a circuit of its own, the rest on a third."""
 
-    def __init__(self, **changes: Any) -> None:
+    def __init__(self, machine: Any = None, **changes: Any) -> None:
         self.boxes = {name: Scripted() for name in ("box", "of_a", "of_b")}
         parts = {"a": reactor(), "b": reactor()} | changes
-        self.m = Plant(timer=timer(), lamp=relay(), level=sensor(), **parts)
+        self.m: Any = machine or Plant(timer=timer(), lamp=relay(), level=sensor(), **parts)
         entries = {path: {"driver": f"of_{path[0]}"} for path in _paths(self.m) if path[:2] in ("a.", "b.")}
         drivers = {name: self.boxes[name] for name in ("of_a", "of_b")}
         self.connection = connect(self.m, wired(self.m, self.boxes["box"], entries=entries, **drivers))
@@ -189,6 +193,21 @@ def test_a_failure_of_the_machine_itself_ends_the_run(fail: Any) -> None:
         run_both(rig)
         fail(rig)
         rig.periods(2)
+
+
+@pytest.mark.parametrize("error", [SystemExit(0), KeyboardInterrupt(), Cancelled()])
+def test_a_law_or_sequence_that_would_end_the_program_is_a_fault_like_any_other(rig: Rig, error: BaseException) -> None:
+    def exits() -> None:
+        raise error
+
+    async def phase() -> None:
+        exits()
+
+    rig.m.a.law = exits
+    rig.m.b.cycle.start(phase())
+    rig.periods(2)
+    assert type(error).__name__ in (rig.m.a.cycle.fault or "")
+    assert rig.m.b.cycle.fault is not None
 
 
 def test_equipment_in_fault_is_reset_in_its_stop_order_and_then_sent_its_defaults_in_each_period(rig: Rig) -> None:
@@ -553,6 +572,236 @@ def test_the_next_connection_begins_without_faults(rig: Rig) -> None:
     rig.connection.__enter__()
     assert m.a.cycle.fault is None
     run_both(rig)
+
+
+# Clients --------------------------------------------------------------------------------------------------
+
+
+class Commanded(Rig):
+    """With a client that has the lease."""
+
+    def __init__(self, mode: Mode = Mode.AUTOMATIC, **changes: Any) -> None:
+        super().__init__(**changes)
+        self.letters, self.mode, self.number = Letters(), mode, 0
+
+    def __enter__(self) -> Commanded:
+        super().__enter__()
+        machine = self.connection.machine
+        machine.clients = ClientControl(machine, self.letters, self.letters, self.mode, lambda: 1.0)
+        self.do("lease")
+        return self
+
+    def do(self, do: str, path: str = "", **more: Any) -> tuple[str, str]:
+        """Send it, and let a period pass; its last answer."""
+        self.number += 1
+        self.letters.signs = dict.fromkeys(("", path), (1, 1.0))
+        self.letters.waiting.append(ClientCommand(self.number, "ann", "key", do, path, **more))
+        self.periods()
+        return self.answer(self.number)
+
+    def answer(self, number: int) -> tuple[str, str]:
+        events = self.connection.machine.events
+        return next((str(each.state), each.text) for each in reversed(events) if each.command == number)
+
+
+class Operated(Reactor, equipment=True):
+    @action
+    async def drain_it(self) -> None:
+        """Drain."""
+        self.drain.write(OnOff.ON)
+        await wait(1.0)
+
+    @action(harmless=True)
+    def count(self) -> int:
+        """Periods."""
+        return self.acted
+
+
+def test_a_client_clears_a_fault_in_automatic_mode() -> None:
+    with Commanded() as rig:
+        rig.m.a.cycle.start(failing())
+        rig.periods(1)
+        assert rig.do("clear", "a.heater") == ("done", '"cleared: a"')
+        assert rig.m.a.cycle.fault is None
+        assert rig.do("clear") == ("done", '"nothing was in fault"')
+
+
+def test_a_client_is_told_why_a_fault_cannot_be_cleared() -> None:
+    with Commanded() as rig:
+        fail_sensor(rig)
+        rig.periods(1)
+        state, text = rig.do("clear", "a")
+        assert state == "refused"
+        assert text == "EquipmentFault: a is in fault: it cannot be cleared while a.thermometer cannot be read"
+
+
+def test_an_action_of_equipment_that_comes_into_fault_ends_and_another_is_refused() -> None:
+    with Commanded(Mode.MANUAL, a=reactor(Operated)) as rig:
+        assert rig.do("call", "a.drain_it")[0] == "begun"
+        number = rig.number
+        rig.periods(2)
+        assert rig.m.a.drain.read() is OnOff.ON
+        fail_sensor(rig)
+        rig.periods(2)
+        state, text = rig.answer(number)
+        assert (state, "a is in fault" in text, rig.m.a.drain.read()) == ("cancelled", True, OnOff.OFF)
+        assert rig.do("call", "a.drain_it")[0] == "refused"
+        assert rig.do("call", "a.count")[0] == "done"
+
+
+def test_a_sequence_that_an_action_of_another_part_has_started_in_equipment_ends_with_its_fault() -> None:
+    class Both(Plant):
+        @action
+        def start_both(self) -> None:
+            """Heat."""
+            for each in (self.a, self.b):
+                each.cycle.start(each.heat())
+
+    m = Both(timer=timer(), lamp=relay(), level=sensor(), a=reactor(), b=reactor())
+    with Commanded(Mode.MANUAL, machine=m) as rig:
+        rig.do("call", "start_both")
+        rig.periods(3)
+        assert (m.a.heater.read(), m.b.heater.read()) == (5.0, 5.0)
+        fail_sensor(rig)
+        rig.periods(3)
+        assert (m.a.heater.read(), m.a.cleaned, m.b.heater.read(), m.b.cleaned) == (0.0, 1, 5.0, 0)
+
+
+def test_a_clients_write_that_a_device_refuses_is_refused_and_a_fault_of_its_equipment() -> None:
+    with Commanded(Mode.MANUAL) as rig:
+        rig.boxes["of_a"].at(len(rig.boxes["of_a"].calls) + 1, OSError("short circuit"))  # after read_many
+        state, text = rig.do("write", "a.drain", value="ON")
+        assert (state, text) == ("refused", "CommandRefused: a.drain is inhibited: a is in fault")
+        assert "short circuit" in (rig.m.a.cycle.fault or "")
+
+
+def test_what_a_client_holds_ends_with_a_fault_and_says_why() -> None:
+    with Commanded(Mode.MANUAL) as rig:
+        assert rig.do("write", "a.stirrer", value=3.0)[0] == "done"
+        number = rig.number
+        rig.periods(1)
+        assert rig.m.a.stirrer.read() == 3.0
+        fail_sensor(rig)
+        rig.periods(2)
+        assert (rig.answer(number), rig.m.a.stirrer.read()) == (("cancelled", "a is in fault"), 0.0)
+        assert rig.do("write", "a.stirrer", value=3.0) == (
+            "refused",
+            "CommandRefused: a.stirrer is inhibited: a is in fault",
+        )
+
+
+class Slide(Compound):
+    timer: DigitalSensor
+    x: ServoAxis
+
+
+def slide(kind: type[ServoAxis] = ServoAxis, **changes: Any) -> Slide:
+    """Its motor moves nothing."""
+    limits = {"velocity": 50.0, "acceleration": 500.0, "jerk": 1e4, "window": 1.0, "following_error": 0.5}
+    axis = kind(motor=actuator(), encoder=sensor(minimum=-100.0), gain=0.1, **(limits | changes))
+    return Slide(timer=timer(), x=axis)
+
+
+def test_an_axis_that_does_not_follow_in_manual_mode_is_in_fault_alone() -> None:
+    m = slide()
+    with Commanded(Mode.MANUAL, machine=m) as rig:
+        assert rig.do("call", "x.move_to", arguments={"position": 40.0})[0] == "begun"
+        number = rig.number
+        rig.periods(100)
+        assert "x does not follow" in (m.x.cycle.fault or "")
+        assert rig.answer(number)[0] in ("failed", "cancelled")
+        assert "x is in fault: x does not follow" in rig.answer(number)[1]
+        assert rig.do("call", "x.jog", arguments={"velocity": 5.0})[0] == "refused"
+        assert rig.do("clear", "x")[1] == '"cleared: x"'
+        assert rig.do("call", "x.move_to", arguments={"position": 0.0})[0] == "begun"
+
+
+def test_automatic_mode_is_refused_while_an_axis_is_in_fault() -> None:
+    m = slide()
+    with Commanded(Mode.MANUAL, machine=m) as rig:
+        rig.do("call", "x.move_to", arguments={"position": 40.0})
+        rig.periods(100)
+        state, text = rig.do("mode", value="automatic")
+        assert state == "refused"
+        assert "the application cannot go on: x is in fault: x does not follow" in text
+        rig.do("clear", "x")
+        assert rig.do("mode", value="automatic")[0] == "done"
+
+
+def test_what_ended_by_a_fault_in_manual_mode_is_not_driven_again_in_automatic_mode() -> None:
+    with Commanded(Mode.AUTOMATIC) as rig:
+        run_both(rig)
+        rig.do("mode", value="manual")
+        rig.periods(2)
+        assert [driven(each) for each in (rig.m.a, rig.m.b)] == [AT_DEFAULT] * 2
+        fail_sensor(rig)
+        rig.periods(2)
+        rig.boxes["of_a"].set("a.thermometer", 50)
+        rig.periods(1)
+        rig.do("clear", "a")
+        assert rig.do("mode", value="automatic")[0] == "done"
+        rig.periods(3)
+        assert (driven(rig.m.a), driven(rig.m.b)) == (AT_DEFAULT, DRIVEN)
+
+
+def test_a_fault_in_the_period_of_a_change_to_manual_mode_keeps_its_laws_from_acting() -> None:
+    with Commanded(Mode.AUTOMATIC) as rig:
+        run_both(rig)
+        fail_law(rig)
+        rig.do("mode", value="manual")
+        acted, others = rig.m.a.acted, rig.m.b.acted
+        rig.periods(3)
+        assert (rig.m.a.acted, rig.m.b.acted) == (acted, others + 3)
+        assert driven(rig.m.a) == AT_DEFAULT
+
+
+def test_an_axis_that_does_not_follow_in_automatic_mode_ends_the_run() -> None:
+    m = slide()
+    with pytest.raises(AxisError, match="does not follow"), Commanded(Mode.AUTOMATIC, machine=m) as rig:
+        m.cycle.start(m.x.move_to(40.0))
+        rig.periods(100)
+
+
+def test_an_axis_that_its_machine_declares_equipment_fails_alone_in_automatic_mode_too() -> None:
+    class Table(ServoAxis, equipment=True):
+        pass
+
+    told: list[str] = []
+
+    async def main(m: Slide) -> str:
+        try:
+            await m.x.move_to(40.0)
+        except TaskFailed as error:
+            told.append(f"{type(error).__name__}: {error}")
+        m.x.cycle.clear()
+        await m.x.move_to(0.0)  # where it stands
+        return "went on"
+
+    m = slide(Table)
+    with Commanded(machine=m) as rig:
+        task = m.cycle.start(main(m))
+        rig.periods(150)
+    assert len(told) == 1
+    assert told[0].startswith("EquipmentFault: x is in fault: x does not follow")
+    assert task.result == "went on"
+
+
+def test_a_motion_that_does_not_arrive_is_a_fault_of_its_axis() -> None:
+    class Table(ServoAxis, equipment=True):
+        pass
+
+    m = slide(Table, following_error=1e9, settling_time=0.05)
+    with Commanded(machine=m) as rig:
+        m.cycle.start(catching(m.x.move_to(0.5, duration=0.0)))
+        m.x.window = 0.1
+        rig.periods(1200)
+        assert "did not arrive" in (m.x.cycle.fault or "")
+        assert not m.x.enabled
+
+
+async def catching(motion: Any) -> None:
+    with suppress(TaskFailed):
+        await motion
 
 
 # Declaration ----------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from itertools import pairwise
 from math import inf, nan
 
@@ -189,3 +190,19 @@ def test_a_shift_of_the_origin_moves_the_rest_of_the_motion(distance: float, dt:
         here, there = one.step(dt), other.step(dt)
         assert there.position == pytest.approx(here.position + distance, abs=1e-9)
         assert there[1:] == here[1:]
+
+
+@pytest.mark.parametrize("start", [0.0, 2.5, 40.0, -7.25])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_motion_over_just_the_distance_in_which_the_largest_acceleration_is_reached_is_planned(
+    start: float, sign: float
+) -> None:
+    """2 a**3 / j**2, of which ruckig finds one in ten not."""
+    for acceleration, jerk in itertools.product((1.0, 10.0, 200.0, 1_500.0), (10.0, 25.0, 33.3)):
+        profile = Profile(velocity=1e3, acceleration=acceleration, jerk=acceleration * jerk)
+        profile.hold(start)
+        target = start + sign * 2 * acceleration / jerk**2
+        profile.to(target)
+        while not profile.done:
+            profile.step(0.001)
+        assert profile.setpoint.position == pytest.approx(target)

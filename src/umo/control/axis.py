@@ -7,9 +7,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from enum import Enum
+from functools import partial
 from math import copysign, inf, isfinite, isnan, nan
 from typing import Protocol
 
+from umo.control.axis_suspension import AxisSuspension
 from umo.control.checks import check_numbers
 from umo.control.inputs import HOMING, Accept, value_of
 from umo.control.profile import Profile
@@ -17,6 +19,7 @@ from umo.cycle.parallel import together
 from umo.cycle.sequences import next_period
 from umo.errors import AxisError, Busy, DeclarationError, HomingError, RangeError
 from umo.objects import Compound, DigitalSensor, Number, Quality, Range, action
+from umo.objects.reaction import declared_reaction
 from umo.presentation.digits import number_text
 from umo.presentation.value_text import measure, span
 
@@ -104,6 +107,10 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     searching = False
     """Whether the axis is being homed: its reading may jump, and is not compared with the setpoint."""
     _interrupted = False
+    """Whether the motion is to be planned anew as soon as the axis is free."""
+    _standing = False
+    """Whether it is planned from where the axis then stands, and not from its setpoint: an interlock has let go of
+    it."""
 
     def setup(self) -> None:
         names = ("velocity", "acceleration", "jerk", "window", "following_error", "settling_time")
@@ -205,7 +212,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
             if (fault := self._machine.fault_of(self)) is not None:
                 raise fault
             self._stand()
-            self._interrupted, self._replan = False, self._stand
+            self._interrupted = self._standing = False
+            self._replan = self._stand
             self.enabled = True
 
     @action
@@ -281,13 +289,15 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
             while steady < self.window_time:
                 await next_period()
                 self._check_enabled()
+                clock = self._machine.clock
+                period = clock.dt / clock.ticks  # in missed periods nothing was controlled, and nothing seen
                 if self._arrived(position):
-                    steady = max(steady + self.dt, 0.0)
+                    steady = max(steady + period, 0.0)
                     continue
                 steady = -inf
                 if self._interrupted or not self.profile.done:
                     late = 0.0
-                elif (late := late + self.dt) > self.settling_time:
+                elif (late := late + period) > self.settling_time:
                     late, corrections = 0.0, corrections + 1
                     self._correct(position, corrections)
         except BaseException:
@@ -335,6 +345,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         """The next connection begins with an axis that is not enabled."""
         super()._disconnect()
         self._motion = None
+        self._suspension = AxisSuspension(self, partial(declared_reaction, self))
         self.enabled = self.searching = self._interrupted = False
 
     def check_target(self, position: float) -> None:
@@ -381,12 +392,13 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
 
     def _interrupt(self) -> None:
         """An interlock inhibits the axis: the setpoint stays where the axis is."""
-        self._interrupted = True
+        self._interrupted = self._standing = True
         self._stand()
 
     def _go_on(self) -> None:
-        self._interrupted = False
-        self._stand()
+        if self._standing:
+            self._stand()
+        self._interrupted = self._standing = False
         self._replan()
 
 

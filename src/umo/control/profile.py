@@ -10,6 +10,10 @@ from typing import Any, NamedTuple
 from umo.control.checks import check_numbers
 from umo.errors import RangeError
 
+ACCELERATION_SHARES = (1.0, 1.0 - 1e-9, 1.0 - 1e-6)
+"""Shares of the largest acceleration that are tried one after another: ruckig finds no profile for about one in ten
+motions over just the distance in which the largest acceleration is reached for a moment."""
+
 
 class Setpoint(NamedTuple):
     """Position, velocity and acceleration of the setpoint, in units, units/s and units/s^2."""
@@ -109,18 +113,29 @@ class Profile:
 
     def _follow(self, plan: Any, scale: float, what: str) -> float:
         """Begin a plan; its duration in s. If there is no such profile, what is under way goes on."""
-        ruckig = _ruckig()
-        try:
-            result = self._planner.calculate(plan, self._next)
-        except (ruckig.RuckigError, ValueError) as error:  # ValueError: a result that its enum does not know
-            raise RangeError(f"no profile {what}: {str(error).strip().partition(' input:')[0]}") from None
-        if result not in (ruckig.Result.Working, ruckig.Result.Finished):
-            raise RangeError(f"no profile {what} within the limits of {self!r}: {result.name}")
+        limit = plan.max_acceleration[0]
+        found = ""
+        for share in ACCELERATION_SHARES:
+            plan.max_acceleration = [limit * share]
+            found = self._calculate(plan)
+            if not found:
+                break
+        else:
+            raise RangeError(f"no profile {what} within the limits of {self!r}: {found}")
         self._duration = float(self._next.duration)
         self._trajectory, self._next = self._next, self._trajectory
         self._elapsed, self._origin, self._scale = 0.0, 0.0, scale
         self._final = plan.target_velocity[0] / scale
         return self._duration
+
+    def _calculate(self, plan: Any) -> str:
+        """Calculate the next trajectory; why there is none, "" if there is one."""
+        ruckig = _ruckig()
+        try:
+            result = self._planner.calculate(plan, self._next)
+        except (ruckig.RuckigError, ValueError) as error:  # ValueError: a result that its enum does not know
+            return str(error).strip().partition(" input:")[0]
+        return "" if result in (ruckig.Result.Working, ruckig.Result.Finished) else str(result.name)
 
     @property
     def done(self) -> bool:

@@ -83,9 +83,9 @@ class ServoAxis(Axis, numbers=_numbers):
             self._go_on()
         clock, servo = self._machine.clock, self.servo
         dt = clock.dt
-        if clock.ticks > 1 and self._moving:
+        if clock.ticks > 1:
             dt = clock.period
-            self._resume(dt)
+            self._resume(clock.ticks, dt)
         taken = servo.control(*self.profile.step(dt), dt=dt, accept=self._accept)
         beyond = abs(servo.error) > self.following_error and not self.searching
         if (beyond or not taken) and self.motor.inhibited is not None:
@@ -94,20 +94,23 @@ class ServoAxis(Axis, numbers=_numbers):
             units = self.encoder.units
             raise AxisError(f"{self._path} does not follow: {measure(servo.error, units)} behind its setpoint")
 
-    @property
-    def _moving(self) -> bool:
-        return bool(self.profile.setpoint.velocity) or not self.profile.done
-
-    def _resume(self, period: float) -> None:
-        """After missed periods, in which the axis has gone on under its last command: what it has moved on meanwhile
-        the setpoint moves too, and the motion is planned anew from there. So the command has no step and keeps its
-        limits. An axis that has not moved on has an error, as in any period."""
+    def _resume(self, ticks: int, period: float) -> None:
+        """After missed periods, in which the axis has gone on under its last command: it is controlled as if one period
+        had passed. What it has moved on further than in one period the setpoint moves too, and the motion is planned
+        anew from there; an axis that has moved on past the end of its motion moves back to it. So the command has no
+        step and keeps its limits. An axis that has not moved on has an error, as in any period."""
         position, velocity, _ = self.profile.setpoint
-        expected = position - self.servo.error + velocity * period
-        distance = value_of(self.encoder, self._accept) - expected
-        if distance * velocity > 0.0:
-            self._shift(distance)
-            self._replan()
+        reading = value_of(self.encoder, self._accept)
+        moved = reading - (position - self.servo.error)
+        self.servo.shift(moved - moved / ticks)  # the derivative sees the mean speed
+        if velocity or not self.profile.done:
+            beyond = moved - velocity * period
+            if beyond * velocity > 0.0:
+                self.profile.shift(beyond)
+                self._replan()
+        elif moved * (reading - position) > 0.0 and abs(reading - position) > self.window:
+            self.profile.shift(moved)
+            self.profile.to(position)
 
     @property
     def error(self) -> float:

@@ -28,7 +28,8 @@ class StepperAxis(Axis):
 
     CW increases the position. `window` is at least half a step. Lost steps that the encoder shows at the end of a
     motion are made up. At most 0.4 steps are made in a period (`STEPS_PER_PERIOD`), which limits the speed. After
-    missed periods the motion is as much later: a stepper cannot catch up.
+    missed periods the motion is as much later: a stepper cannot catch up. If it would have made more than one step in
+    them, it stands still by then, and starts with a ramp.
     """
 
     step: BinaryActuator[UpDown]
@@ -58,6 +59,9 @@ class StepperAxis(Axis):
         if self._interrupted and not self._inhibited:
             self._go_on()
         reading = value_of(self.encoder, self._accept)
+        clock = self._machine.clock
+        if clock.ticks > 1:
+            self._resume((clock.ticks - 1) * clock.period)
         position = self.profile.step(self.cycle.period).position
         self.stepping.control((position - self._offset) / self.step_size)
         self._error = self.commanded - reading
@@ -69,6 +73,14 @@ class StepperAxis(Axis):
                 f"{self._path} lost steps: the encoder reads {measure(reading, self.encoder.units)}, "
                 f"{number_text(self.commanded)} were commanded"
             )
+
+    def _resume(self, missed: float) -> None:
+        """After missed periods (s in all), in which no step was made: a motor that would have made more than one stands
+        still, and starts with a ramp."""
+        position, velocity, _ = self.profile.setpoint
+        if missed * abs(velocity) > self.step_size:
+            self.profile.hold(position)
+            self._replan()
 
     @property
     def _inhibited(self) -> bool:

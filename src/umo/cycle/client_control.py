@@ -2,7 +2,7 @@
 
 Once per period, before the sequences, `look` takes what has come in. Nothing of it can end the run: what is wrong is
 refused, what fails is answered. In automatic mode the application runs, numbers can be tuned and harmless actions
-called. In manual mode the sequences of the application are not advanced; actuators can be written and all actions
+called. In manual mode the application is suspended (`umo.cycle.suspension`); actuators can be written and all actions
 called. What a client holds (a written actuator, a jog) is under dead-man control: it ends when the client gives no
 sign of life for it, or loses the lease.
 
@@ -24,7 +24,8 @@ from umo.cycle.columns import Source
 from umo.cycle.events import EVENT_TEXT_BYTES, CommandState, Event
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.sequences import Sequences, Task
-from umo.errors import CommandRefused, DriverError, PathError, StateError, TaskFailed, UmoError
+from umo.cycle.suspension import Suspension
+from umo.errors import CommandRefused, DriverError, EquipmentFault, PathError, StateError, TaskFailed, UmoError
 from umo.objects import Actuator, Atomic, Binary, Compound, Digital, Range, atoms, find
 from umo.objects.paths import is_within
 from umo.presentation.digits import setting_text
@@ -104,7 +105,9 @@ class ClientControl:
         self._running: list[_Action] = []
         self._held: dict[str, _Held] = {}
         self._active = False
-        self._set_mode(mode)
+        self._suspension = Suspension(machine)
+        self.mode = mode
+        machine.sequences.paused = mode is Mode.MANUAL
 
     # Once per period -----------------------------------------------------------------------------------
 
@@ -140,8 +143,7 @@ class ClientControl:
         if self.lease.expired(now):
             why = f"the lease of {self.lease.holder} has ended: it was not renewed"
             self._note(why)
-            self._drop(why)
-            self.lease.end()
+            self._end_lease(why)
         commands = self._machine.commands
         for path, held in list(self._held.items()):
             if held.signed < signed[path] <= now:
@@ -156,7 +158,9 @@ class ClientControl:
         for each in self._running.copy():
             if each in self._running:  # or another one has cancelled it
                 self._advance(each)
-        self._active = bool(self._running or self._held or self.lease.holder)
+        if self._suspension.resuming is not None:
+            self._resume()
+        self._active = bool(self._running or self._held or self.lease.holder or self._suspension.resuming)
 
     def _advance(self, each: _Action) -> None:
         if each.task is not None:
@@ -179,7 +183,7 @@ class ClientControl:
             self._running.remove(each)
 
     def _new(self, command: ClientCommand) -> _Action:
-        return _Action(command, Sequences(self._machine.sequence_failed))
+        return _Action(command, Sequences(self._machine.equipment.contain_sequence))
 
     def _begin(self, action: _Action, call: Callable[[], Any]) -> Any:
         """Its result; the sequence that this is, and those that it starts, belong to the action."""
@@ -219,8 +223,7 @@ class ClientControl:
 
     def _give_lease(self, command: ClientCommand) -> tuple[CommandState, str]:
         self.lease.check(command.key)
-        self._drop("the lease was given back")
-        self.lease.end()
+        self._end_lease("the lease was given back")
         return CommandState.DONE, ""
 
     def _last_sign(self, path: str, lasts: float) -> float:
@@ -237,9 +240,20 @@ class ClientControl:
             mode = Mode[str(command.value).upper()]
         except KeyError:
             raise CommandRefused(f"there is no mode {command.value!r}; there are: automatic, manual") from None
-        if mode is not self.mode:
-            self._drop(f"the mode has changed to {mode}")
-        self._set_mode(mode)
+        if mode is self.mode:
+            return CommandState.DONE, ""
+        if mode is Mode.AUTOMATIC:
+            self._suspension.check()
+        self._drop(f"the mode has changed to {mode}")
+        if mode is Mode.MANUAL:
+            self._suspend()
+        else:
+            try:
+                self._suspension.end()
+            except BaseException:  # a device that did not accept a value
+                self._suspend()
+                raise
+            self.mode = mode
         return CommandState.DONE, ""
 
     def _tune(self, command: ClientCommand) -> tuple[CommandState, str]:
@@ -260,7 +274,8 @@ class ClientControl:
         if not commands.take_for_client(slot, command.who):
             raise CommandRefused(f"{item.path} is inhibited: {commands.inhibited(slot)}")
         self._held[item.path] = _Held(command, lasts, signed, lambda: commands.release_from_client(slot), slot)
-        self._machine.image.command(slot, value, Source.CLIENT)
+        if not self._machine.image.command(slot, value, Source.CLIENT):
+            raise CommandRefused(f"{item.path} is inhibited: {commands.inhibited(slot)}")
         return CommandState.DONE, ""
 
     def _let_go(self, command: ClientCommand) -> tuple[CommandState, str]:
@@ -327,14 +342,20 @@ class ClientControl:
         """The faults of the equipment in an object and around it, "": in the machine; told which."""
         self.lease.check(command.key)
         cleared = self._machine.clear(self._object(command.path))
-        return CommandState.DONE, _plain(", ".join(cleared) or "nothing was in fault")
+        return CommandState.DONE, _plain(f"cleared: {', '.join(cleared)}" if cleared else "nothing was in fault")
 
-    def end_in(self, compound: Compound, why: str) -> None:
-        """End the actions of one compound; not the one that is being carried out, which has its own error."""
+    def end_in(self, compound: Compound, fault: Callable[[], EquipmentFault]) -> list[BaseException]:
+        """End the actions of one compound, and the sequences of it that others have started; the errors of their
+        cleaning up. Not the action that is being carried out, which has its own error."""
+        self._suspension.forget(compound)
+        errors: list[BaseException] = []
         for each in self._running.copy():
             part = self._object(each.command.path.rpartition(".")[0])
             if each.started is not self.at_work and is_within(part, compound):
-                self._end(each, why)
+                self._end(each, str(fault()))
+            else:
+                errors += each.started.end_in(compound, fault)
+        return errors
 
     def _object(self, path: str) -> Atomic | Compound:
         """At this path; "": the machine."""
@@ -343,9 +364,26 @@ class ClientControl:
 
     # Modes and ends ------------------------------------------------------------------------------------
 
-    def _set_mode(self, mode: Mode) -> None:
-        self.mode = mode
-        self._machine.sequences.paused = mode is Mode.MANUAL
+    def _suspend(self) -> None:
+        self.mode = Mode.MANUAL
+        self._suspension.begin()
+
+    def _resume(self) -> None:
+        """Go on with what runs before the application goes on; back to manual mode if it fails."""
+        self.at_work = self._suspension.resuming
+        try:
+            error = self._suspension.advance()
+        finally:
+            self.at_work = None
+        if error is not None:
+            self._note(f"back to manual mode: on_resume failed: {error}")
+            self._suspend()
+
+    def _end_lease(self, why: str) -> None:
+        self._drop(why)
+        self.lease.end()
+        if self.mode is Mode.MANUAL:
+            self._suspension.lease_ended()
 
     def _need_manual(self, what: str) -> None:
         if self.mode is not Mode.MANUAL:
@@ -355,6 +393,7 @@ class ClientControl:
 
     def cancel(self) -> None:
         """The machine stops: cancel what runs. TaskFailed with the first error of the cleaning up."""
+        self._suspension.cancel()
         if errors := self._cancel_running("the machine stops"):
             raise TaskFailed(str(errors[0]))
 

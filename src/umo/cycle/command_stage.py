@@ -9,7 +9,7 @@ here; the column belongs to the command stage. All other writes go straight into
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from math import inf
 
@@ -235,6 +235,19 @@ class CommandStage:
                 found[each.slots] = self._numbers.get(each.brief, len(self._numbers))
         found[[*self._taken_by_clients]] = TAKEN_BY_CLIENT
         self._image.columns.restrictions[:] = found
+
+    def ask_before(self, slots: Sequence[int]) -> Callable[[], None]:
+        """Be asked before each write of these actuators, by whomever. The result ends it."""
+        before = self._unrestricted
+        self._unrestricted = before.copy()
+        self._unrestricted[[*slots]] = ASKED
+        self._restrict()
+
+        def end() -> None:
+            self._unrestricted = before
+            self._restrict()
+
+        return end
 
     @property
     def reasons(self) -> list[str]:

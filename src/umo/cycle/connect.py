@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import Any, Generic, NoReturn, TypeVar
 
 from umo.cycle.clock import Clock, WallClock
+from umo.cycle.equipment import equipment_in
 from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.stopping import StopFlag
@@ -138,7 +139,8 @@ class connect(Generic[C]):
             if self.wired.timer_wire is not None:
                 # it runs in a signal handler: what it raised would come up in any call of a driver, also in a reset
                 self.stop.end_wait = partial(attempt, bare(self.wired.timer_wire.driver).stop_waiting)
-            image, outputs = Image(self.wired, clock), self.wired.process.outputs
+            image = Image(self.wired, clock, len(equipment_in(self.root)))
+            outputs = self.wired.process.outputs
             self.machine = ConnectedMachine(self.root, image, self.stop, self.wired.injection, outputs)
         except BaseException:
             self._give_back()

@@ -7,19 +7,33 @@ goes on. What no declared equipment contains ends the run.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
 
 from umo.cycle.command_stage import CommandStage
-from umo.cycle.events import Event
+from umo.cycle.events import FAULT, IN_FAULT, Event
 from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition
-from umo.errors import DriverError, EquipmentFault, Failure
+from umo.cycle.sequences import Task
+from umo.errors import DriverError, EquipmentFault, Failure, text_of
 from umo.objects import Actuator, Compound, Interlock, Node, Quality, atoms, walk
 from umo.objects.keywords import IN_MANUAL
 from umo.objects.paths import is_within
 from umo.objects.sensors import Sensor
 from umo.text import in_a_line
+from umo.user_code import is_interrupt
+
+log = logging.getLogger("umo")
+
+
+class EquipmentState(IntEnum):
+    """The state of equipment; the numbers stand in frames."""
+
+    NORMAL = 0
+    FAULT = 1
 
 
 @dataclass(eq=False)
@@ -37,9 +51,19 @@ class Equipment:
     fault: str | None = None
     """The reason of its fault; None: it is not in fault."""
 
+    def describe(self) -> dict[str, Any]:
+        """As plain data."""
+        return {"path": self.path, "states": [state.name.lower() for state in EquipmentState]}
+
     def error(self) -> EquipmentFault:
         """A new one each time: an error that is raised again keeps the frames of each time."""
         return EquipmentFault(self.path, self.fault or "")
+
+
+def equipment_in(root: Compound) -> list[Compound]:
+    """The compounds below the root that are declared equipment, the outer before the inner."""
+    compounds = (node for node in walk(root) if isinstance(node, Compound))
+    return [each for each in compounds if each._settings.equipment]
 
 
 class Containment:
@@ -56,9 +80,7 @@ class Containment:
     ) -> None:
         self._image, self._commands = image, commands
         self._is_manual, self._changed = is_manual, changed
-        compounds = (node for node in walk(root) if isinstance(node, Compound))
-        self.all = [self._equipment(each) for each in compounds if each._settings.equipment]
-        """As declared: the outer before the inner."""
+        self.all = [self._equipment(each) for each in equipment_in(root)]
         self._by_id = {id(each.compound): each for each in self.all}
         self._items = {item.path: item for item in image.items}
         commands.know([each.inhibition for each in self.all if each.inhibition is not None])
@@ -104,21 +126,47 @@ class Containment:
             found = self.innermost(self._items[failure.path])
             (own if found is None else contained.setdefault(found, [])).append(failure)
         for equipment, each in contained.items():
-            self.fault(equipment, str(DriverError(what, each)))
+            if not self._stands(equipment):  # the text takes its time
+                self.fault(equipment, str(DriverError(what, each)))
         if own:
             raise DriverError(what, own)
 
+    def contain(self, part: Node, error: BaseException) -> bool:
+        """Put the equipment of an object in fault; False if there is none but the machine itself."""
+        equipment = self.innermost(part)
+        if equipment is None or is_interrupt(error):
+            return False
+        self.fault(equipment, text_of(error))
+        return True
+
+    def contain_sequence(self, task: Task, error: BaseException) -> bool:
+        """A started sequence has failed: whoever awaits it gets the error. If nobody in the same equipment does, it is
+        in fault; False if it is the machine itself."""
+        equipment, awaiting = self.innermost(task.part), task.awaited_by
+        if is_interrupt(error):
+            return False
+        if awaiting is not None and (equipment is None or is_within(awaiting.part, equipment.compound)):
+            task.error = error
+            return True
+        if not self.contain(task.part, error):
+            return False
+        task.fail(error)
+        return True
+
     def fault(self, equipment: Equipment, reason: str) -> None:
         """Put equipment in fault, unless it is. Its actuators are brought to their defaults first."""
-        if any(each.fault is not None for each in self._around(equipment.compound)):
+        if self._stands(equipment):
             return
         equipment.fault = in_a_line(reason)
-        self._image.in_fault.update(equipment.slots)
         unreached = [] if equipment.inhibition is None else self._commands.inhibit(equipment.inhibition)
-        self._tell(equipment, f"in fault: {equipment.fault}")
+        self._show()
+        self._tell(equipment, f"{IN_FAULT}{equipment.fault}", FAULT)
         if unreached:
             self._tell(equipment, in_a_line(str(DriverError("not brought to their defaults yet", unreached))))
         self._changed(equipment)
+
+    def _stands(self, equipment: Equipment) -> bool:
+        return any(each.fault is not None for each in self._around(equipment.compound))
 
     # And back ------------------------------------------------------------------------------------------
 
@@ -143,9 +191,9 @@ class Containment:
                     image.set_referenced(slot, False)
         equipment.fault = None
         image.failed.difference_update(equipment.slots)
-        image.in_fault = {slot for each in self.all if each.fault is not None for slot in each.slots}
         if equipment.inhibition is not None:
             self._commands.free(equipment.inhibition)
+        self._show()
         self._tell(equipment, "fault cleared")
         self._changed(equipment)
 
@@ -158,8 +206,13 @@ class Containment:
             and self._image.quality[slot] == Quality.BAD
         )
 
-    def _tell(self, equipment: Equipment, text: str) -> None:
-        self._commands.events.add(Event(self._image.clock.now, equipment.path, text))
+    def _show(self) -> None:
+        states = [EquipmentState.NORMAL if each.fault is None else EquipmentState.FAULT for each in self.all]
+        self._image.columns.equipment[:] = states
+
+    def _tell(self, equipment: Equipment, text: str, asked: str = "") -> None:
+        self._commands.events.add(Event(self._image.clock.now, equipment.path, text, asked=asked))
+        log.warning("%s: %s", equipment.path, text)
 
 
 def _concern(compound: Compound, part: Node) -> bool:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, NoReturn, Protocol, cast
 
 from umo.cycle.client_commands import Inbox, Lease, Mode
 from umo.cycle.clock import Clock, WallClock
+from umo.cycle.columns import TAKEN_BY_CLIENT
 from umo.cycle.command_stage import CommandStage
 from umo.cycle.equipment import Containment, Equipment
 from umo.cycle.events import Event, Events
@@ -19,12 +20,11 @@ from umo.cycle.stage import Stage
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.drivers.faults.wrapper import Injection
-from umo.errors import DriverError, EquipmentFault, forget_frames, text_of
-from umo.objects import Action, Compound, Node, actions_of, atoms, numbers_of, walk
-from umo.objects.paths import is_within
+from umo.errors import DriverError, EquipmentFault, forget_frames
+from umo.objects import Action, Compound, Node, actions_of, atoms, described, numbers_of, walk
 from umo.objects.stop_order import stop_sequence
-from umo.presentation.run_facts import facts_of
-from umo.user_code import is_interrupt, read_numbers, refuse_exit, told
+from umo.presentation.run_facts import driven_text, facts_of
+from umo.user_code import read_numbers, refuse_exit, told
 from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE
 
 INJECTED = "injected_faults"
@@ -44,8 +44,8 @@ class Commanding(Protocol):
     at_work: Sequences | None
     """The sequences of the action that is being carried out at this moment: what it starts belongs here."""
 
-    def end_in(self, compound: Compound, why: str) -> None:
-        """End the actions of one compound."""
+    def end_in(self, compound: Compound, fault: Callable[[], EquipmentFault]) -> list[BaseException]:
+        """End the actions and sequences of one compound; the errors of their cleaning up."""
 
     def look(self) -> None:
         """Once per period, before the sequences: take what has come in, go on with what runs."""
@@ -69,7 +69,6 @@ class ConnectedMachine:
         self.image = image
         self.clock: Clock = image.clock
         self.stop = stop
-        self.sequences = Sequences(self.sequence_failed)
         self.clients: Commanding | None = None
         """The commands from outside, where there may be any."""
         self.observers: list[Observer] = []
@@ -80,11 +79,14 @@ class ConnectedMachine:
         self.tunables = {path: each for path, each in numbers.items() if each.declared.tunable}
         """The numbers that may be changed from outside, by path."""
         self.commands = CommandStage(root, image)
+        self.equipment = Containment(root, image, self.commands, self._is_manual, self._equipment_changed)
+        self.sequences = Sequences(self.equipment.contain_sequence)
         self.events: Events = self.commands.events
         """The last 1,000 actions of guards and clients."""
         self.stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         self._slots: dict[int, _PartSlots] = {}
         self._acts: dict[int, list[_Act]] = {}
+        self._after_laws: list[_Act] = []
         self._started = 0
         self._unsent = False
         """Whether an `update` waits for the next tick."""
@@ -103,8 +105,7 @@ class ConnectedMachine:
             root._connect(self, sample, self._update)
         for compound in self._compounds[1:]:
             compound._connect(self, partial(self.sample, compound), partial(self.update, compound))
-        self.equipment = Containment(root, image, self.commands, self._is_manual, self._equipment_changed)
-        self._root_acts = self._overrides(root)
+        self._choose_acts()
 
     def contain(self, yes: bool) -> None:
         """Whether equipment contains failures of its objects: between connecting and disconnecting."""
@@ -185,8 +186,8 @@ class ConnectedMachine:
             for act in acts:
                 act()
         except BaseException as error:
-            refuse_exit(error, "control")
             if not self.fail(act.args[0], error):
+                refuse_exit(error, "control")
                 raise
             forget_frames(error)
         else:
@@ -200,34 +201,33 @@ class ConnectedMachine:
         return self.equipment.fault_of(part)
 
     def fail(self, part: Node, error: BaseException) -> bool:
-        """Put the equipment of an object in fault; False if there is none but the machine itself."""
-        equipment = self.equipment.innermost(part)
-        if equipment is None or is_interrupt(error):
-            return False
-        self.equipment.fault(equipment, text_of(error))
-        return True
+        return self.equipment.contain(part, error)
 
     def clear(self, part: Node) -> list[str]:
         return self.equipment.clear(part)
-
-    def sequence_failed(self, task: Task, error: BaseException) -> bool:
-        """A started sequence has failed: whoever awaits it gets the error. If nobody in the same equipment does, it is
-        in fault; False if it is the machine itself."""
-        equipment, awaiting = self.equipment.innermost(task.part), task.awaited_by
-        if awaiting is not None and (equipment is None or is_within(awaiting.part, equipment.compound)):
-            task.error = error
-            return True
-        if not self.fail(task.part, error):
-            return False
-        task.fail(error)
-        return True
 
     def _equipment_changed(self, equipment: Equipment) -> None:
         """It is in fault, or was cleared."""
         if equipment.fault is not None:
             self._end_in(equipment)
-        acts = self._overrides(self.root)
-        self._root_acts = [act for act in acts if self.fault_of(act.args[0]) is None] if self.equipment.all else acts
+        self._choose_acts()
+
+    def _choose_acts(self) -> None:
+        """What is called in each period: the laws but those of equipment in fault, then what waits for them."""
+        laws = (act for act in self._overrides(self.root) if self.fault_of(act.args[0]) is None)
+        self._root_acts = [*laws, *self._after_laws]
+
+    def after_laws(self, call: Callable[[], None]) -> None:
+        """Call it once, after the laws of this period."""
+
+        def once(root: Compound) -> None:
+            self._after_laws.remove(act)
+            self._choose_acts()
+            call()
+
+        act = partial(once, self.root)
+        self._after_laws.append(act)
+        self._choose_acts()
 
     def _end_in(self, equipment: Equipment) -> None:
         """Whatever is under way in equipment that is in fault now."""
@@ -237,7 +237,7 @@ class ConnectedMachine:
                 node._enter_fault()
         errors = self.sequences.end_in(compound, equipment.error)
         if self.clients is not None:
-            self.clients.end_in(compound, str(equipment.error()))
+            errors += self.clients.end_in(compound, equipment.error)
         for error in errors:
             self.events.add(Event(self.clock.now, equipment.path, f"in its cleaning up: {told(error).text}"))
 
@@ -292,7 +292,16 @@ class ConnectedMachine:
         stage = Stage.RUNNING if self.running else Stage.STOPPING
         mode, holder = (None, "") if self.clients is None else (self.clients.mode, self.clients.lease.holder)
         now, missed = self.clock.now, self.clock.missed_in_all
-        return facts_of(stage, mode, holder, self.frame.progress, time=now, missed=missed)
+        faults = {each.path: each.fault for each in self.equipment.all if each.fault is not None}
+        driven = self._driven(holder) if mode is Mode.MANUAL else ""
+        progress = self.frame.progress
+        return facts_of(stage, mode, holder, progress, driven=driven, time=now, missed=missed, faults=faults)
+
+    def _driven(self, holder: str) -> str:
+        image, taken = self.image, TAKEN_BY_CLIENT
+        slots = (slot for slot, item in enumerate(image.items) if item.direction is Direction.OUTPUT)
+        each = ((described(image.items[slot]), image.values[slot], image.restrictions[slot] == taken) for slot in slots)
+        return driven_text(each, holder)
 
     def start(self, sequence: Coroutine[Any, Any, Any], part: Node) -> Task:
         if (fault := self.fault_of(part)) is not None:

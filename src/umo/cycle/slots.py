@@ -34,7 +34,8 @@ MAX_OFFSET_RAW = 2.0**62
 class Slots:
     """The numbers of a machine's objects; an object holds its index, its slot."""
 
-    def __init__(self, wired: Wired, clock: Clock) -> None:
+    def __init__(self, wired: Wired, clock: Clock, equipment: int = 0) -> None:
+        """`equipment`: the number of the compounds that are declared equipment."""
         self.clock = clock
         self.wires = sorted(wired.wires, key=_group_order(wired.wires))
         self.items = [wire.item for wire in self.wires]
@@ -43,7 +44,7 @@ class Slots:
         self.timer = -1 if wired.timer is None else self.slot_of[id(wired.timer)]
         self._least_ticks, self._most_ticks = self.wires[self.timer].raw_bounds if wired.timer is not None else (0, 0)
         count = len(self.wires)
-        self.columns = columns = Columns(count)
+        self.columns = columns = Columns(count, equipment)
         self.pending: Any = columns.pending.data
         self.sent: Any = columns.sent.data
         self.sent_raws: Any = columns.sent_raws.data
@@ -59,8 +60,6 @@ class Slots:
         self.unsent: set[int] = set()
         """Asynchronous actuators whose default the device did not accept. The defaults of the others are sent by every
         `update`."""
-        self.in_fault: set[int] = set()
-        """The objects of equipment in fault: nothing is raised when they fail."""
         self.failed: set[int] = set()
         """The sensors that failed and have not been initialised since."""
         self._marked: list[Failure] = []
@@ -260,8 +259,7 @@ class Slots:
         self._set_quality(slot, Quality.BAD)
         if self.items[slot].direction is Direction.INPUT:
             self.failed.add(slot)
-        if slot not in self.in_fault:
-            failures.append(self.transfer.failure(slot, cause))
+        failures.append(self.transfer.failure(slot, cause))
 
     def _keep_unsent(self, slot: int) -> None:
         """The device did not accept what is pending. A default is sent again, until it is accepted or another value is

@@ -20,7 +20,8 @@ import numpy.typing as npt
 from umo.cycle.client_commands import Mode
 from umo.cycle.columns import ASKED, FREE, TAKEN_BY_CLIENT
 from umo.cycle.command_stage import reason_of_client
-from umo.cycle.events import CommandState, Event
+from umo.cycle.equipment import EquipmentState
+from umo.cycle.events import FAULT, IN_FAULT, CommandState, Event
 from umo.cycle.stage import Progress, Stage
 from umo.errors import FramesError, PathError
 from umo.frames.frame_server import is_socket, receive
@@ -44,7 +45,7 @@ from umo.objects import Quality
 from umo.presentation.durations import lasting
 from umo.presentation.html_table import html_table, never_raises
 from umo.presentation.rows import TableRow, restriction
-from umo.presentation.run_facts import facts_of, title
+from umo.presentation.run_facts import driven_text, facts_of, title
 from umo.presentation.value_text import span, state_text
 from umo.system import folders
 from umo.text import did_you_mean
@@ -285,6 +286,16 @@ class Reader:
             return reason_of_client(self.holder)
         return self.layout.interlocks[state - 1] if state <= len(self.layout.interlocks) else "an unknown interlock"
 
+    def faults(self, frame: Any) -> dict[str, str]:
+        """The equipment in fault at a frame, by path: the reason, as long as the event that told it is kept."""
+        if frame is None or not frame["equipment"].any():
+            return {}
+        events = (each.event for each in self.events() if each.event.asked == FAULT)
+        told = {event.path: event.text.removeprefix(IN_FAULT) for event in events}
+        states = zip(self.layout.equipment, frame["equipment"].tolist(), strict=True)
+        paths = (str(entry["path"]) for entry, state in states if state == EquipmentState.FAULT)
+        return {path: told.get(path, "its reason is no longer kept") for path in paths}
+
     # In words ------------------------------------------------------------------------------------------
 
     @property
@@ -295,8 +306,17 @@ class Reader:
         """Facts of the run at a frame (None: it has none yet), by name, in the order in which they are shown."""
         state, period = self.state, self.about.get("period") or None
         moment = None if frame is None else float(frame["time"])
+        mode, holder, driven = self.mode, self.holder, self.driven(frame)
         facts = facts_of(
-            state, self.mode, self.holder, progress_of(frame), time=moment, period=period, missed=self.missed
+            state,
+            mode,
+            holder,
+            progress_of(frame),
+            driven=driven,
+            time=moment,
+            period=period,
+            missed=self.missed,
+            faults=self.faults(frame),
         )
         if frame is None:
             return facts | {"progress": "no period has ended yet"}
@@ -304,6 +324,13 @@ class Reader:
         if state is Stage.RUNNING and silence > max(SILENCE, 10 * self.about["period"]):
             facts["no frame for"] = lasting(silence)
         return facts | {"kept because": self.about.get("reason", "")}
+
+    def driven(self, frame: Any) -> str:
+        """The actuators that are away from their defaults in manual mode, and why; "": none, or another mode."""
+        if frame is None or self.mode is not Mode.MANUAL:
+            return ""
+        taken = (frame["restrictions"] == TAKEN_BY_CLIENT).tolist()
+        return driven_text(zip(self.layout.objects, frame["values"].tolist(), taken, strict=True), self.holder)
 
     def rows(self, frame: Any, places: Iterable[int] | None = None) -> list[TableRow]:
         """Objects, signals, tunable numbers at a frame (None: without values), or those at these places."""

@@ -9,6 +9,7 @@ from umo.duration import seconds
 from umo.errors import DeclarationError, RangeError
 from umo.objects.atomic import Atomic, Binary, Digital, S, _finite
 from umo.objects.linearization import Linearization
+from umo.objects.reaction import declared_reaction
 from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
 from umo.presentation.value_text import measure, span
@@ -21,11 +22,19 @@ class Actuator(Atomic):
 
     direction = Direction.OUTPUT
     _expires: float | None
+    _when_suspended: Literal["default", "hold"] | None
 
     @property
     def expires(self) -> float | None:
         """Time in s without a write after which the default is sent; None: never."""
         return self._expires
+
+    @property
+    def when_suspended(self) -> Literal["default", "hold"]:
+        """What becomes of its value in a change to manual mode, if no law writes it: as declared, or as the nearest
+        compound declares ("run on" is "hold")."""
+        reaction = self._when_suspended or declared_reaction(self) or "default"
+        return "default" if reaction == "default" else "hold"
 
     @property
     def inhibited(self) -> str | None:
@@ -41,23 +50,33 @@ class Actuator(Atomic):
         """The default as a number of the process image: of a state its level."""
         raise NotImplementedError
 
-    def _expiry_text(self) -> str:
-        return "" if self._expires is None else f", expires after {duration(self._expires)}"
+    def _guard_text(self) -> str:
+        expiry = "" if self._expires is None else f", expires after {duration(self._expires)}"
+        return expiry + (", held when suspended" if self.when_suspended == "hold" else "")
 
 
 class BinaryActuator(Actuator, Binary[S]):
     """One output bit: a valve, a relay, a step input. EPICS bo, Modbus coil, OPC UA TwoState, BACnet BO.
 
     `expires` (s, or a text such as "100 ms"): without a write for this time the default is sent. Default: never.
+    `when_suspended`: "hold": it keeps its value in a change to manual mode; "default": it goes to its default, unless a
+    law writes it. Default: as the nearest compound declares, else "default".
     """
 
-    __slots__ = ("_default", "_expires")
+    __slots__ = ("_default", "_expires", "_when_suspended")
 
     def __init__(
-        self, states: type[S], *, one: S, default: S, synchronous: bool = True, expires: str | float | None = None
+        self,
+        states: type[S],
+        *,
+        one: S,
+        default: S,
+        synchronous: bool = True,
+        expires: str | float | None = None,
+        when_suspended: Literal["default", "hold"] | None = None,
     ) -> None:
         super().__init__(states, one, synchronous)
-        self._expires = _expiry(expires)
+        self._expires, self._when_suspended = _expiry(expires), _reaction(when_suspended)
         if type(default) is not states:
             raise DeclarationError(f"default={default!r} is not a state of {states.__name__}")
         self._default = default
@@ -68,7 +87,7 @@ class BinaryActuator(Actuator, Binary[S]):
         return self._default
 
     def describe(self) -> str:
-        return super().describe() + self._expiry_text()
+        return super().describe() + self._guard_text()
 
     @property
     def pending(self) -> S:
@@ -104,10 +123,10 @@ class DigitalActuator(Actuator, Digital):
     text such as "100 ms"): without a write for this time the default is sent. `slew_rate` (units per s, synchronous
     only): the largest rate of change of the value sent. `pending` is the value written, `read` the value sent.
     `linearization`: a `Polynomial`, `LookupTable` or `Thermocouple`; the electrical quantity, raw * resolution +
-    zero_offset, is its inverse at the value. Default: they are the same.
+    zero_offset, is its inverse at the value. Default: they are the same. `when_suspended` as of `BinaryActuator`.
     """
 
-    __slots__ = ("_clamp", "_default", "_expires", "_slew_rate")
+    __slots__ = ("_clamp", "_default", "_expires", "_slew_rate", "_when_suspended")
 
     def __init__(
         self,
@@ -123,9 +142,10 @@ class DigitalActuator(Actuator, Digital):
         synchronous: bool = True,
         expires: str | float | None = None,
         slew_rate: float | None = None,
+        when_suspended: Literal["default", "hold"] | None = None,
     ) -> None:
         super().__init__(units, minimum, maximum, resolution, zero_offset, synchronous, linearization)
-        self._expires = _expiry(expires)
+        self._expires, self._when_suspended = _expiry(expires), _reaction(when_suspended)
         self._slew_rate = None if slew_rate is None else _finite("slew_rate", slew_rate)
         if self._slew_rate is not None and self._slew_rate <= 0:
             raise DeclarationError(f"slew_rate must be above 0 {units}/s, not {number_text(self._slew_rate)}")
@@ -150,7 +170,7 @@ class DigitalActuator(Actuator, Digital):
 
     def describe(self) -> str:
         rate = "" if self._slew_rate is None else f", at most {measure(self._slew_rate, self._units)}/s"
-        return super().describe() + rate + self._expiry_text()
+        return super().describe() + rate + self._guard_text()
 
     @property
     def limits(self) -> Literal["raise", "clamp"]:
@@ -199,3 +219,9 @@ def _expiry(expires: str | float | None) -> float | None:
     if limit == 0:
         raise DeclarationError("expires must be above 0: it is the time for which a command is valid")
     return limit
+
+
+def _reaction(when_suspended: Literal["default", "hold"] | None) -> Literal["default", "hold"] | None:
+    if when_suspended not in (None, "default", "hold"):
+        raise DeclarationError(f'when_suspended={when_suspended!r} is neither "default" nor "hold"')
+    return when_suspended

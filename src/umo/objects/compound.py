@@ -27,6 +27,7 @@ from umo.objects.keywords import ByAttribute, ClassSettings, refuse_in_body, set
 from umo.objects.link import Cycle, Unconnected
 from umo.objects.node import Node
 from umo.objects.paths import named
+from umo.objects.reaction import Reaction
 from umo.signature import hints_of
 
 if TYPE_CHECKING:
@@ -43,7 +44,9 @@ CONTAINERS: Mapping[Any, str] = {
 
 SERVICES = frozenset(("now", "dt", "cycle"))
 """The names of a compound that say something of the running cycle."""
-RESERVED = SERVICES | {"setup", "sample", "control", "update", "reset", "acknowledge", "interlocks"}
+RESERVED = SERVICES | {
+    "setup", "sample", "control", "update", "reset", "acknowledge", "interlocks", "on_suspend", "on_resume",
+}  # fmt: skip
 """The names that no part of a compound can have."""
 
 
@@ -76,6 +79,11 @@ class Compound(Node):
         `numbers={"law.gain": Number("V/mm", 0.0, 2.0, tunable=True), "load": Number("N", shown=True)}`, or a function
         of the object that returns them. Those of the base are kept; for a name in both, those of the
         subclass count.
+    when_suspended: What becomes of the actuators and axes below in a change to manual mode, and of what an action has
+        left when its client's lease ends. "default": actuators go to their defaults, axes are disabled. "hold":
+        actuators keep their values, axes stop on their profiles and stay under control. "run on": actuators keep their
+        values, motions go on to their ends. An actuator that a law (`control`) writes in each period is the law's. The
+        nearest declaration counts. Default: actuators "default", axes "hold".
 
     A field with a number (or bool, text, Enum) is one that a wiring may set. Unit, range and use are annotated:
 
@@ -95,6 +103,7 @@ class Compound(Node):
         max_period: str | float | None = None,
         equipment: bool | Literal["manual"] | None = None,
         numbers: ByAttribute | None = None,
+        when_suspended: Reaction | None = None,
         **unknown: Never,
     ) -> None:
         super().__init_subclass__()
@@ -103,6 +112,7 @@ class Compound(Node):
             "max_period": max_period,
             "equipment": equipment,
             "numbers": numbers,
+            "when_suspended": when_suspended,
             **unknown,
         }
         cls._settings = settings_of(cls, given)
@@ -174,6 +184,15 @@ class Compound(Node):
     def interlocks(self) -> Iterable[Interlock]:
         """The interlocks of this object. Override it to declare interlocks. Called on connect."""
         return ()
+
+    def on_suspend(self) -> None:
+        """The machine changes to manual mode: the sequences of the application wait. Override it to bring what this
+        object does to a safe state; what it writes stays. Called once, a parent before its parts."""
+
+    async def on_resume(self) -> None:
+        """The machine changes back to automatic mode: the actuators have the values again that the application gave
+        them. Override it with what must happen before the application goes on, such as a spindle's run-up; a failure
+        leads back to manual mode."""
 
     # One period ------------------------------------------------------------------------------------
 

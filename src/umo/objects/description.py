@@ -24,6 +24,7 @@ def described(item: Atomic) -> dict[str, Any]:
     if isinstance(item, BinaryActuator | DigitalActuator):
         default = item.default if isinstance(item, DigitalActuator) else str(item.default)
         what |= {"actuator": True, "default": default, "expires": item.expires}
+        what["when_suspended"] = item.when_suspended
     if isinstance(item, Digital):
         what |= {"unit": item.units, "minimum": item.minimum, "maximum": item.maximum}
         if item.linearization is None:

@@ -11,6 +11,7 @@ from typing import Any, Literal, NamedTuple
 from umo.duration import seconds
 from umo.errors import DeclarationError
 from umo.objects.range import Range
+from umo.objects.reaction import REACTIONS, Reaction
 from umo.text import did_you_mean
 
 ByAttribute = Mapping[str, Range] | Callable[[Any], Mapping[str, Range]]
@@ -29,6 +30,7 @@ class ClassSettings(NamedTuple):
     equipment: bool | Literal["manual"] = False
     numbers: tuple[ByAttribute, ...] = ()
     """Numbers of the class, then of its bases."""
+    when_suspended: Reaction | None = None
 
 
 def settings_of(cls: type, given: Mapping[str, Any]) -> ClassSettings:
@@ -53,6 +55,7 @@ KEYWORDS = {
     "max_period": 'a duration such as "2 ms"',
     "equipment": 'True, False or "manual"',
     "numbers": "a mapping by names of attributes, or a function of the object that returns one",
+    "when_suspended": '"default", "hold" or "run on"',
 }
 """The class keywords, and what each of them is."""
 FORMER_NAMES = {"stopping": "stop_order", "longest_period": "max_period", "signals": "numbers", "tunable": "numbers"}
@@ -85,6 +88,8 @@ def _is_valid(name: str, value: Any) -> bool:
         return False
     if name == "equipment":
         return value in (True, False, IN_MANUAL)
+    if name == "when_suspended":
+        return value in REACTIONS
     return isinstance(value, Mapping) or callable(value)
 
 

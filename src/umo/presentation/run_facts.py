@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from typing import Any
 
 from umo.presentation.digits import digits_of, number_text
 from umo.presentation.durations import duration, lasting
+from umo.presentation.value_text import value_text
 from umo.text import printable, time_of_day
 
+IN_FAULT = "in fault"
+"""Name of the fact that tells the equipment in fault."""
+MAX_FAULTS = 3
+"""Number of equipments in fault that are told at most."""
+MAX_DRIVEN = 3
+"""Number of the actuators that are told with their values; the others are counted."""
 FREE = "free"
 """The lease that nobody has."""
 
@@ -23,22 +33,57 @@ def facts_of(
     holder: str = "",
     progress: tuple[str, int, int] = ("", 0, 0),
     *,
+    driven: str = "",
     time: float | None = None,
     missed: int | None = None,
     period: float | None = None,
+    faults: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, str]:
     """Facts by name, in the order in which they are shown; empty: there is nothing to say. `holder` of the lease,
-    `time` in s on the cycle's clock, `missed` periods, `period` in s."""
+    `driven` (`driven_text`), `time` in s on the cycle's clock, `missed` periods, `period` in s, `faults`: the reasons
+    of equipment in fault by its path."""
     text, done, total = progress
     return {
         "state": str(state),
         "mode": "" if mode is None else str(mode),
         "lease": "" if mode is None else printable(holder) or FREE,
+        "driven": driven,
         "progress": ", ".join(filter(None, [printable(text), f"{done} of {total}" if total else ""])),
         "time": "" if time is None else clock_text(time),
         "period": "" if period is None else duration(period),
         "missed": "" if missed is None else f"{missed:,}",
+        IN_FAULT: _of_faults(faults),
     }
+
+
+def _of_faults(faults: Mapping[str, str]) -> str:
+    """The first few equipments in fault with their reasons, and the number of the others."""
+    found = [printable(f"{path}: {reason}") for path, reason in faults.items()]
+    more = [f"and {len(found) - MAX_FAULTS} more"] if len(found) > MAX_FAULTS else []
+    return "; ".join(found[:MAX_FAULTS] + more)
+
+
+def driven_text(actuators: Iterable[tuple[Mapping[str, Any], float, bool]], holder: str) -> str:
+    """The actuators that are away from their defaults in manual mode, and why: `spindle 240 rpm (its law), clamp ON
+    (held)`. `actuators`: the description of each object, its value, whether a client has taken it."""
+    found = [each for each in actuators if "default" in each[0] and each[1] != _default_of(each[0])]
+    texts = [f"{about['path']} {value_text(about, value)} ({_cause(about, taken, holder)})" for about, value, taken in
+             found[:MAX_DRIVEN]]  # fmt: skip
+    more = len(found) - len(texts)
+    return printable(", ".join(texts) + (f" and {more} others" if more else ""))
+
+
+def _default_of(about: Mapping[str, Any]) -> float:
+    return float(about["default"] == about["one"]) if "one" in about else about["default"]
+
+
+def _cause(about: Mapping[str, Any], taken: bool, holder: str) -> str:
+    """Who or what keeps an actuator away from its default."""
+    if taken:
+        return f"client {holder}"
+    if about.get("when_suspended") == "hold":
+        return "held"
+    return "its law or an action" if holder else "its law"
 
 
 def clock_text(seconds: float, period: float = 0.0) -> str:

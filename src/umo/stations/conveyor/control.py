@@ -118,6 +118,25 @@ class Conveyor(
         self._between: deque[Part] = deque()  # the parts between the barriers, the foremost first
         self._measured: deque[Part] = deque()  # for `next_part`
         self._pushes = 0  # under way; they overlap when parts follow each other closely
+        self._parts: list[Part] = []  # on the belt
+        self._barriers: tuple[bool, bool] | None = None  # whether each was covered
+        self._edges = 0  # seen at the barriers, whoever watches them
+        self._unwatched_from = (0.0, 0)  # position and edges when the application was suspended
+
+    def control(self) -> None:
+        if (barriers := (covered(self.entry), covered(self.exit))) != self._barriers:
+            self._barriers, self._edges = barriers, self._edges + 1
+
+    def on_suspend(self) -> None:
+        """Nobody watches the barriers while the belt brakes."""
+        self._unwatched_from = self.belt.position, self._edges
+
+    async def on_resume(self) -> None:
+        """PartMissing if parts cannot be where they are taken to be."""
+        position, edges = self._unwatched_from
+        moved = self.belt.position - position
+        if self._edges != edges or (moved > self.window and not all(part.gone for part in self._parts)):
+            raise PartMissing(f"the belt has moved parts by {moved:.0f} mm unwatched: stop the run and clear it")
 
     def interlocks(self) -> Iterator[Interlock]:
         yield Interlock(self._stop_pressed, [self.belt, self.diverter], "the emergency stop was pressed", latched=True)
@@ -153,6 +172,7 @@ class Conveyor(
             await until(lambda: covered(self.entry))
             part = Part(number, front=self.belt.position)
             self._between.append(part)
+            self._parts = [*(each for each in self._parts if not each.gone), part]
             await until(lambda: not covered(self.entry))
             self.length = part.length = self.belt.position - part.front
             self._measured.append(part)

@@ -38,8 +38,8 @@ class Counterweight(Compound):
             raise CounterweightError(f"the counterweight stays at {self.pressure.read():.0f} counts") from None
 
 
-class Gripper(Compound):
-    """A suction cup: PASS of the pressure switch proves that it holds a part."""
+class Gripper(Compound, when_suspended="hold"):
+    """A suction cup: PASS of the pressure switch proves that it holds a part. It holds it in manual mode too."""
 
     vacuum: BinaryActuator[OnOff]
     pressure: BinarySensor[PassFail]

@@ -1,0 +1,144 @@
+"""An axis in a change to manual mode, and back (`umo.cycle.suspension` calls it)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import isnan, nan
+from typing import NamedTuple, Protocol
+
+from umo.control.inputs import HOMING, Accept
+from umo.control.profile import Profile
+from umo.objects import DigitalSensor, Quality
+from umo.presentation.digits import digits_of
+from umo.presentation.value_text import measure
+
+RETURN_WINDOWS = 2.0
+"""Distance in windows from where the application left an axis within which it goes on: one of the motion back, and one
+of the digits in which the position is told."""
+
+
+class _Left(NamedTuple):
+    """What the application did with an axis when it was suspended."""
+
+    motion: str | None
+    replan: Callable[[], object]
+    enabled: bool
+    searching: bool
+    accept: Accept
+    referenced: bool
+    position: float
+    """The position at which it stood, enabled; NaN: it did not."""
+
+
+class SuspendedAxis(Protocol):
+    """An axis (`umo.control.Axis`), as far as its suspension needs it."""
+
+    encoder: DigitalSensor
+    profile: Profile
+    window: float
+    following_error: float
+    enabled: bool
+    searching: bool
+    _motion: str | None
+    _accept: Accept
+    _replan: Callable[[], object]
+    _interrupted: bool
+
+    @property
+    def _path(self) -> str: ...
+    @property
+    def reading(self) -> float: ...
+    @property
+    def error(self) -> float: ...
+    def enable(self) -> None: ...
+    def disable(self) -> None: ...
+    def _stand(self) -> None: ...
+    def _go(self, plan: Callable[[], object]) -> None: ...
+    def _set_searching(self, searching: bool) -> None: ...
+
+
+class AxisSuspension:
+    """One axis: what it does while nobody is in charge of it, and what the application had done with it."""
+
+    def __init__(self, axis: SuspendedAxis, declared: Callable[[], str | None]) -> None:
+        """`declared`: the reaction that the axis, or a compound around it, declares."""
+        self._axis, self._declared = axis, declared
+        self._left: _Left | None = None
+
+    def leave(self) -> None:
+        """The application is suspended: keep what it does with the axis, which is free for another motion then."""
+        axis = self._axis
+        setpoint, referenced = axis.profile.setpoint, axis.encoder.quality is not Quality.UNREFERENCED
+        rests = axis.enabled and axis._motion is None and axis.profile.done and not setpoint.velocity
+        position = setpoint.position if rests else nan
+        was = axis._motion, axis._replan, axis.enabled, axis.searching, axis._accept, referenced
+        self._left = _Left(*was, position)
+        axis._motion = None
+        if axis.searching:
+            if axis.enabled and not abs(axis.error) <= axis.following_error:  # it pushes against an end stop
+                axis._stand()
+            axis._set_searching(False)
+            axis._accept = HOMING
+
+    def react(self) -> str:
+        """Nobody is in charge of the axis: the declared reaction, in words; "": nothing changes."""
+        axis, reaction = self._axis, self._declared() or "hold"
+        if not axis.enabled:
+            return ""
+        if reaction == "default":
+            axis.disable()
+            return "is disabled"
+        moves = not axis.profile.done or bool(axis.profile.setpoint.velocity)
+        if reaction == "run on":
+            return "moves on to its end" if moves else ""
+        axis._go(lambda: axis.profile.at(0.0))
+        axis._motion = None
+        return "stops" if moves else ""
+
+    def obstacle(self) -> str:
+        """Why the application cannot go on with the axis; "": it can."""
+        axis, left = self._axis, self._left
+        if left is None or not left.enabled:
+            return ""
+        path, encoder = axis._path, axis.encoder
+        if encoder.quality is Quality.BAD:
+            return f"the reading of {encoder.path} is BAD"
+        referenced = encoder.quality is not Quality.UNREFERENCED
+        if left.referenced and not referenced:
+            return f"{path} has lost its reference; home it (`{path}.home`)"
+        if isnan(left.position) or referenced is not left.referenced:
+            return ""
+        if axis.enabled and not (axis.profile.done and not axis.profile.setpoint.velocity):
+            return f"{path} still moves"
+        if abs(axis.reading - left.position) <= RETURN_WINDOWS * axis.window:
+            return ""
+        digits = digits_of(encoder.resolution, encoder.zero_offset)
+        here, there = (measure(position, encoder.units, digits) for position in (axis.reading, left.position))
+        return f"{path} stands at {here}, the application left it at {there}; move it back (`{path}.move_to`)"
+
+    def restore(self) -> None:
+        """It is enabled, where it stands, if it was when the application left it; and disabled if it was not."""
+        axis, left = self._axis, self._left
+        if left is None:
+            return
+        if left.enabled and not axis.enabled:
+            axis._accept = HOMING
+            axis.enable()
+        elif axis.enabled and not left.enabled:
+            axis.disable()
+
+    def forget(self) -> None:
+        """The application does nothing with the axis any longer."""
+        self._left = None
+
+    def go_on(self) -> None:
+        """The application goes on: its motion is planned anew."""
+        axis, left = self._axis, self._left
+        self._left = None
+        if left is None:
+            return
+        axis._motion = left.motion
+        axis._set_searching(left.searching)
+        axis._accept = left.accept
+        if left.motion is not None and left.enabled:
+            axis._replan, axis._interrupted = left.replan, True

@@ -1,0 +1,269 @@
+"""Suspension: what becomes of actuators and axes while nobody is in charge of them.
+
+It happens when the mode becomes manual, to what the application does, and when a lease ends in manual mode, to what
+its holder has left. Whoever is suspended is told (`on_suspend`), axes react as declared, and the laws act once more.
+What is then away from its default and was written neither by a law nor by `on_suspend`, is held by no client and not
+declared to hold, goes to its default. Back in automatic mode everything stands as the application had left it, or the
+change is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Protocol, cast
+
+from umo.cycle.columns import Source
+from umo.cycle.command_stage import CommandStage
+from umo.cycle.events import Event
+from umo.cycle.sequences import Sequences, next_period
+from umo.errors import CommandRefused
+from umo.objects import Actuator, Compound, atoms, walk
+from umo.objects.paths import is_within
+from umo.objects.scaling import FloatArray
+from umo.text import some
+from umo.user_code import Raised, attempt
+
+if TYPE_CHECKING:
+    from umo.cycle.machine import ConnectedMachine
+
+
+MANUAL = "manual mode"
+"""Words that begin the event of a suspended application."""
+
+
+class Suspendable(Protocol):
+    """An object that moves by itself, under its own control: an axis (`umo.control.axis_suspension`)."""
+
+    def leave(self) -> None:
+        """The application is suspended: keep what it does."""
+
+    def react(self) -> str:
+        """Nobody is in charge: the declared reaction, in words; "": nothing changes."""
+
+    def obstacle(self) -> str:
+        """Why the application cannot go on; "": it can."""
+
+    def restore(self) -> None:
+        """Make it ready to go on."""
+
+    def go_on(self) -> None:
+        """The application goes on."""
+
+    def forget(self) -> None:
+        """The application does nothing with it any longer."""
+
+
+class _Noting:
+    """A command stage that notes which actuators are written."""
+
+    def __init__(self, commands: CommandStage) -> None:
+        self._commands = commands
+        self.written: set[int] = set()
+        self.inhibited, self.acknowledge, self.rest = commands.inhibited, commands.acknowledge, commands.rest
+
+    def accept(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
+        self.written.add(slot)
+        return self._commands.accept(slot, value, source)
+
+    def accept_many(self, slots: Sequence[int], values: FloatArray) -> list[bool]:
+        self.written.update(slots)
+        return self._commands.accept_many(slots, values)
+
+
+class Suspension:
+    """The suspensions of one connected machine."""
+
+    def __init__(self, machine: ConnectedMachine) -> None:
+        root, self._machine = machine.root, machine
+        compounds = [root, *(node for node in walk(root) if isinstance(node, Compound))]
+        self._told = [node for node in compounds if type(node).on_suspend is not Compound.on_suspend]
+        self._resuming = [node for node in compounds if type(node).on_resume is not Compound.on_resume]
+        self._axes: dict[str, Suspendable] = {
+            node._path: node._suspension for node in compounds if hasattr(node, "_suspension")
+        }
+        self._actuators = {slot: cast(Actuator, machine.image.items[slot]) for slot in machine.stop_order}
+        """The actuators by slot, in stop order."""
+        self._left: dict[int, float] | None = None
+        """The values that the application has left, by slot, but for those of laws; None: it is not suspended."""
+        self._noting: _Noting | None = None
+        self._end_noting: Callable[[], None] = lambda: None
+        self._by_hooks: set[int] = set()
+        self._failed: set[int] = set()
+        """The actuators of compounds whose `on_suspend` failed."""
+        self._registered = False
+        """Whether the laws of this period are still to act."""
+        self._cause = ""
+        self._said: list[str] = []
+        self.resuming: Sequences | None = None
+        """The sequences of `on_resume`, while they run."""
+
+    # Nobody is in charge -------------------------------------------------------------------------------
+
+    def begin(self) -> None:
+        """The mode becomes manual: suspend the application."""
+        self.cancel()
+        self._machine.sequences.paused = True
+        self._note_writes(MANUAL)
+        if self._left is None:
+            pending = self._machine.image.pending
+            self._left = {slot: pending[slot] for slot in self._actuators}
+            for axis in self._axes.values():
+                axis.leave()
+        for node in self._told:
+            _, error = attempt(node.on_suspend)
+            if error is not None:
+                self._tell(f"{node._path}.on_suspend".lstrip("."), f"failed: {error}")
+                slot_of = self._machine.image.slot_of
+                self._failed.update(slot_of[id(item)] for item in atoms(node) if isinstance(item, Actuator))
+        self._by_hooks = self._written()
+        self._react()
+
+    def lease_ended(self) -> None:
+        """The lease ends in manual mode: what its holder has left is in nobody's charge."""
+        self._note_writes("the lease has ended")
+        self._react()
+
+    def _note_writes(self, cause: str) -> None:
+        """Note what is written in this period, until its laws have acted."""
+        self._cause = cause
+        machine = self._machine
+        if self._noting is None:
+            self._noting = _Noting(machine.commands)
+            machine.image.commands = self._noting
+            self._end_noting = machine.commands.ask_before([*self._actuators])
+        if not self._registered:
+            self._registered = True
+            machine.after_laws(self._settle)
+
+    def _written(self) -> set[int]:
+        """What was written since it was asked last."""
+        assert self._noting is not None
+        found, self._noting.written = self._noting.written, set()
+        return found
+
+    def _react(self) -> None:
+        self._said += [f"{path} {words}" for path, axis in self._axes.items() if (words := axis.react())]
+
+    def _settle(self) -> None:
+        """The laws have acted: what nobody is in charge of goes to its default."""
+        self._registered = False
+        if self._noting is None:  # the application has gone on in the same period
+            return
+        image, commands = self._machine.image, self._machine.commands
+        by_laws, by_hooks, failed = self._written(), self._by_hooks - self._failed, self._failed
+        self._stop_noting()
+        if self._left is not None:
+            self._left = {slot: value for slot, value in self._left.items() if slot not in by_laws}
+        stopped, held, run_on = [], [], []
+        for slot, item in self._actuators.items():
+            if image.pending[slot] == item._default_value() or commands.client_of(slot):
+                continue
+            if slot in by_laws or slot in by_hooks:
+                run_on.append(item.path)
+            elif item.when_suspended == "hold" and slot not in failed:
+                held.append(item.path)
+            else:
+                stopped.append(item.path)
+                self._to_default(slot, item)
+        self._tell_what_drives(stopped, held, run_on)
+
+    def _stop_noting(self) -> None:
+        self._end_noting()
+        self._machine.image.commands, self._noting = self._machine.commands, None
+        self._by_hooks, self._failed = set(), set()
+
+    def _to_default(self, slot: int, item: Actuator) -> None:
+        image = self._machine.image
+        self._machine.commands.rest(slot)
+        image.set_default(slot)
+        if not item.synchronous:
+            image.try_send(slot)  # a default that the device does not accept is sent again
+
+    def _tell_what_drives(self, stopped: list[str], held: list[str], run_on: list[str]) -> None:
+        groups = (("to the default", stopped), ("held", held), ("its law writes", run_on))
+        said = [*self._said, *(f"{what}: {some(paths)}" for what, paths in groups if paths)]
+        changed, self._said = bool(stopped or self._said), []
+        if changed or (said and self._cause == MANUAL):
+            self._tell("", f"{self._cause}: {'; '.join(said)}")
+
+    def forget(self, compound: Compound) -> None:
+        """Equipment is in fault: what the application did in it has ended, and is not gone on with."""
+        if self._left is None:
+            return
+        self._left = {slot: left for slot, left in self._left.items() if not is_within(self._actuators[slot], compound)}
+        for node in (compound, *walk(compound)):
+            if axis := self._axes.get(node._path):
+                axis.forget()
+
+    # The application goes on ---------------------------------------------------------------------------
+
+    def check(self) -> None:
+        """CommandRefused if the application cannot go on from here."""
+        found = [str(each.error()) for each in self._machine.equipment.all if each.fault and each.in_manual_only]
+        found += [reason for axis in self._axes.values() if (reason := axis.obstacle())]
+        commands = self._machine.commands
+        for slot, value in self._changed().items():
+            item = self._actuators[slot]
+            if value != item._default_value() and not commands.client_of(slot) and (why := item.inhibited):
+                found.append(f"{item.path} is inhibited: {why}")
+        if found:
+            raise CommandRefused(f"the application cannot go on: {some(found)}; or stop the run")
+
+    def _changed(self) -> dict[int, float]:
+        """What the application has left of the actuators that stand elsewhere now, the last of the stop order first."""
+        left, pending = self._left or {}, self._machine.image.pending
+        return {slot: left[slot] for slot in reversed(self._actuators) if slot in left and left[slot] != pending[slot]}
+
+    def end(self) -> None:
+        """The mode becomes automatic: what the application has left is restored, then `on_resume` runs, then the
+        application goes on."""
+        if self._left is None:  # it has not begun yet
+            self._note_writes("automatic mode")
+            self._react()
+            self._machine.sequences.paused = False
+            return
+        if self._noting is not None:
+            self._stop_noting()
+        changed = self._changed()
+        for slot, value in changed.items():
+            self._machine.image.command(slot, value)
+        for axis in self._axes.values():
+            axis.restore()
+        self.resuming = Sequences()
+        if changed:
+            self.resuming.start(_sent())
+        for node in self._resuming:
+            if self._machine.fault_of(node) is None:
+                self.resuming.start(_resumed(node), node)
+
+    def advance(self) -> Raised | None:
+        """A step of what runs before the application goes on; why it failed."""
+        assert self.resuming is not None
+        _, error = attempt(self.resuming.advance, self._machine.clock)
+        if error is None and not self.resuming.running:
+            self.resuming = self._left = None
+            for axis in self._axes.values():
+                axis.go_on()
+            self._machine.sequences.paused = False
+        return error
+
+    def cancel(self) -> None:
+        """The application does not go on: the machine stops, or is in manual mode again."""
+        resuming, self.resuming = self.resuming, None
+        if resuming is not None:
+            _, error = attempt(resuming.cancel)
+            if error is not None:
+                self._tell("", f"on_resume failed in its cleaning up: {error}")
+
+    def _tell(self, path: str, text: str) -> None:
+        self._machine.events.add(Event(self._machine.clock.now, path, text))
+
+
+async def _sent() -> None:
+    """Let the values that were restored be sent before the application reads them."""
+    await next_period()
+
+
+async def _resumed(node: Compound) -> None:
+    """`on_resume`, called within a sequence: whatever it raises is an error of that."""
+    await node.on_resume()

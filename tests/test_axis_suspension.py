@@ -1,0 +1,297 @@
+"""Axes in manual mode: they react as declared, are free for the operator, and the application goes on or is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+import umo
+from helpers.machines import timer
+from helpers.operator import Operator
+from helpers.slide import DT, Slide, servo, stepper
+from umo import Compound, DigitalSensor, Quality
+from umo.control import Axis, EndStop, wait
+from umo.cycle.events import CommandState
+from umo.objects import atoms
+
+ON = {"x.motor": "motor", "x.step": "step", "x.direction": "direction", "x.encoder": "counter", "timer": "tick"}
+
+
+class Rail(Compound):
+    x: Axis
+    timer: DigitalSensor
+
+
+class Disabling(Rail, when_suspended="default"): ...
+
+
+class RunningOn(Rail, when_suspended="run on"): ...
+
+
+BOTH = pytest.mark.parametrize("make", [servo, stepper])
+Make = Callable[..., Axis]
+
+
+class Bench(Operator):
+    """An operator of an axis on a slide; the setpoints of every period."""
+
+    def __init__(self, machine: Compound, slide: Slide) -> None:
+        super().__init__(machine)
+        self.slide, self.setpoints = slide, []
+        self.x: Any = machine.x  # type: ignore[attr-defined]
+        self.machine.observers.append(lambda _: self.setpoints.append(self.x.profile.setpoint))
+        self.setpoints: list[Any]
+
+    def until(self, condition: Callable[[], bool], most: int = 20_000) -> None:
+        for _ in range(most):
+            if condition():
+                return
+            self.run()
+        raise AssertionError("it did not come true")
+
+    def smooth(self, velocity: float, acceleration: float) -> bool:
+        """Whether no setpoint was beyond these limits."""
+        speeds = [each.velocity for each in self.setpoints]
+        steps = (abs(after - before) for before, after in pairwise(speeds))
+        return max(map(abs, speeds)) <= velocity * 1.001 and max(steps) <= acceleration * DT * 1.001
+
+
+@contextmanager
+def bench(axis: Axis, kind: type[Rail] = Rail, referenced: bool = True, start: float = 40.0) -> Iterator[Bench]:
+    m, slide = kind(x=axis, timer=timer()), Slide(start)
+    wire: dict[str, Any] = {item.path: {"driver": "slide", "channel": ON[item.path]} for item in atoms(m)}
+    wire["timer"]["period"] = DT
+    with umo.connect(m, {"drivers": {"slide": slide}, "wire": wire}):
+        found = Bench(m, slide)
+        found.do("lease", seconds=60.0)
+        if referenced:
+            m.x.encoder.referenced(at=start)
+        yield found
+
+
+async def forth_and_back(m: Any) -> str:
+    await m.x.move_to(60.0)
+    await wait(0.2)
+    await m.x.move_to(45.0)
+    return "done"
+
+
+LIMITS = {servo: (200.0, 2_000.0), stepper: (15.0, 200.0)}
+
+
+@BOTH
+@pytest.mark.parametrize("after", [60, 120, 3_000])
+def test_a_motion_stops_on_its_profile_and_goes_on_within_its_limits(make: Make, after: int) -> None:
+    with bench(make()) as ann:
+        task = ann.m.cycle.start(forth_and_back(ann.m))
+        ann.run(60)
+        assert ann.x.profile.setpoint.velocity > 5.0
+        ann.mode("manual")
+        assert "x stops" in ann.notes[-1]
+        ann.run(after)
+        assert ann.x.enabled
+        here = ann.slide.position
+        if after > 1_000:
+            ann.run(500)
+            assert ann.slide.position == pytest.approx(here, abs=0.05)
+        assert ann.mode("automatic").state is CommandState.DONE
+        ann.until(lambda: task.done)
+        assert (task.result, ann.slide.position) == ("done", pytest.approx(45.0, abs=0.06))
+        assert ann.smooth(*LIMITS[make])
+
+
+@BOTH
+def test_in_manual_mode_an_axis_is_free_for_the_operator(make: Make) -> None:
+    with bench(make()) as ann:
+        task = ann.m.cycle.start(forth_and_back(ann.m))
+        ann.run(60)
+        ann.mode("manual")
+        ann.run(300)
+        here = ann.slide.position
+        assert ann.call("x.jog", velocity=-10.0).state is CommandState.DONE
+        ann.run(300)
+        assert ann.slide.position < here - 1.0
+        ann.do("let go", "x.jog")
+        ann.run(200)
+        moved = ann.call("x.move_to", position=50.0)
+        assert moved.state is CommandState.BEGUN
+        ann.until(lambda: len([each for each in ann.events if each.command == moved.command]) == 2)
+        assert ann.slide.position == pytest.approx(50.0, abs=0.06)
+        ann.call("x.disable")
+        ann.run(10)
+        assert not ann.x.enabled
+        ann.mode("automatic")
+        ann.until(lambda: task.done)
+        assert (task.result, ann.slide.position) == ("done", pytest.approx(45.0, abs=0.06))
+        assert ann.smooth(*LIMITS[make])
+
+
+@BOTH
+def test_a_motion_that_has_ended_has_released_its_axis(make: Make) -> None:
+    """Also if its sequence could not tell any more."""
+    with bench(make()) as ann:
+        ann.m.cycle.start(forth_and_back(ann.m))
+        ann.until(lambda: bool(ann.x.profile.done) and ann.slide.position > 59.9)
+        ann.mode("manual")
+        ann.run(100)
+        assert ann.call("x.jog", velocity=-5.0).state is CommandState.DONE
+        ann.run(100)
+        assert ann.x.setpoint < 59.9
+
+
+@BOTH
+def test_an_axis_that_was_moved_is_moved_back_or_the_application_does_not_go_on(make: Make) -> None:
+    async def program(m: Any) -> None:
+        await m.x.move_to(60.0)
+        await wait(5.0)
+        await m.x.move_to(45.0)
+
+    with bench(make()) as ann:
+        task = ann.m.cycle.start(program(ann.m))
+        ann.until(lambda: ann.x.enabled and ann.x._motion is None)
+        ann.mode("manual")
+        ann.call("x.move_to", position=50.0)
+        refused = ann.mode("automatic")
+        assert refused.text == "CommandRefused: the application cannot go on: x still moves; or stop the run"
+        assert ann.x._motion == "move_to"  # nothing has changed
+        ann.until(lambda: ann.x._motion is None)
+        refused = ann.mode("automatic")
+        assert refused.state is CommandState.REFUSED
+        assert refused.text.startswith("CommandRefused: the application cannot go on: x stands at ")
+        assert refused.text.endswith("the application left it at 60.00 mm; move it back (`x.move_to`); or stop the run")
+        ann.call("x.disable")
+        ann.run(3)
+        assert ann.mode("automatic").state is CommandState.REFUSED
+        ann.call("x.move_to", position=60.0)
+        ann.until(lambda: ann.x._motion is None)
+        ann.call("x.disable")
+        assert ann.mode("automatic").state is CommandState.DONE
+        assert ann.x.enabled
+        ann.until(lambda: task.done)
+        assert ann.slide.position == pytest.approx(45.0, abs=0.06)
+
+
+def test_an_axis_without_a_motion_keeps_its_integral_over_manual_mode() -> None:
+    with bench(servo()) as ann:
+
+        async def program(m: Any) -> None:
+            await m.x.move_to(60.0)
+            await wait(1.0)
+
+        ann.m.cycle.start(program(ann.m))
+        ann.until(lambda: ann.x.enabled and ann.x._motion is None)
+        ann.x.servo.integral = 0.02
+        ann.mode("manual")
+        ann.mode("automatic")
+        assert ann.x.servo.integral != 0.0
+        assert not ann.x._interrupted
+
+
+@BOTH
+def test_an_axis_that_lost_its_reference_is_refused(make: Make) -> None:
+    with bench(make()) as ann:
+        ann.m.cycle.start(forth_and_back(ann.m))
+        ann.run(60)
+        ann.mode("manual")
+        ann.run(500)
+        ann.x.encoder.referenced(False)
+        ann.x.disable()
+        text = ann.mode("automatic").text
+        assert "x has lost its reference; home it (`x.home`)" in text
+
+
+@BOTH
+def test_an_axis_that_the_operator_has_enabled_is_let_go_of_again(make: Make) -> None:
+    with bench(make()) as ann:
+        ann.mode("manual")
+        ann.call("x.jog", velocity=5.0)
+        ann.run(50)
+        ann.do("let go", "x.jog")
+        ann.run(200)
+        assert ann.x.enabled
+        ann.mode("automatic")
+        assert not ann.x.enabled
+
+
+@BOTH
+def test_an_axis_declared_so_is_disabled_and_enabled_again_from_where_it_stands(make: Make) -> None:
+    with bench(make(), Disabling) as ann:
+        task = ann.m.cycle.start(forth_and_back(ann.m))
+        ann.run(60)
+        ann.mode("manual")
+        assert "x is disabled" in ann.notes[-1]
+        ann.run(300)
+        assert not ann.x.enabled
+        ann.slide.position -= 1.0  # a motion goes on from wherever the axis stands
+        ann.run(3)
+        ann.mode("automatic")
+        ann.until(lambda: task.done)
+        assert ann.slide.position == pytest.approx(45.0, abs=0.06)
+
+
+@BOTH
+def test_an_axis_declared_so_moves_on_to_its_end(make: Make) -> None:
+    with bench(make(), RunningOn) as ann:
+        task = ann.m.cycle.start(forth_and_back(ann.m))
+        ann.run(60)
+        ann.mode("manual")
+        assert "x moves on to its end" in ann.notes[-1]
+        ann.run(2_000)
+        assert ann.slide.position == pytest.approx(60.0, abs=0.1)
+        ann.mode("automatic")
+        ann.until(lambda: task.done)
+        assert ann.slide.position == pytest.approx(45.0, abs=0.06)
+        assert ann.smooth(*LIMITS[make])
+
+
+@BOTH
+@pytest.mark.parametrize("at", [30, 200, 600, 1_200])
+@pytest.mark.parametrize("jogged", [False, True])
+def test_homing_that_was_suspended_goes_on(make: Make, at: int, jogged: bool) -> None:
+    x = make()
+    x.homing = EndStop(direction=-1, position=-5.0, clearance=10.0)
+    with bench(x, referenced=False, start=8.0) as ann:
+
+        async def program(m: Any) -> None:
+            await m.x.home()
+            await m.x.move_to(20.0)
+
+        task = ann.m.cycle.start(program(ann.m))
+        ann.run(at)
+        ann.mode("manual")
+        ann.run(300)
+        if jogged:
+            assert ann.call("x.jog", velocity=8.0).state is CommandState.DONE
+            ann.run(200)
+            ann.do("let go", "x.jog")
+            ann.run(100)
+        if task.done:
+            return
+        assert ann.mode("automatic").state is CommandState.DONE
+        ann.until(lambda: task.done)
+        assert ann.x.encoder.quality is Quality.GOOD
+        assert ann.slide.position == pytest.approx(20.0, abs=0.15)
+
+
+@BOTH
+def test_an_axis_that_an_action_has_left_moving_stops_when_the_lease_ends(make: Make) -> None:
+    class Feeding(Rail):
+        @umo.action
+        def feed(self) -> None:
+            self.x.jog(5.0)
+
+    with bench(make(), Feeding) as ann:
+        ann.mode("manual")
+        ann.call("feed")
+        ann.run(100)
+        assert ann.x.profile.setpoint.velocity == pytest.approx(5.0)
+        ann.do("give back")
+        ann.run(300)
+        assert (ann.x.profile.setpoint.velocity, ann.x.enabled) == (0.0, True)
+        assert ann.notes[-1].startswith("the lease has ended: x stops")
+        ann.do("lease", seconds=60.0)
+        assert ann.call("x.move_to", position=40.0).state is CommandState.BEGUN
