@@ -199,6 +199,42 @@ def test_a_block_with_a_time_limit_ends_what_it_runs():
     assert log == ["cancelled b", "left b", "cancelled a", "left a", "went on"]
 
 
+# Started sequences -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("parallel", [together, first, lambda task: unless(lambda: False, task)])
+def test_a_started_sequence_may_run_among_others(parallel):
+    log: list[str] = []
+    with Cycle() as cycle:
+        ends = cycle.start(after(2, "a", log))
+        task = cycle.start(parallel(ends))
+        cycle.steps(4)
+        assert (task.done, ends.result) == (True, "a")
+        never = cycle.start(after(99, "b", log))
+        task = cycle.start(parallel(never))
+        cycle.steps(2)
+        task.cancel()
+        assert never.done
+    assert log == ["left a", "cancelled b", "left b"]
+
+
+def test_an_error_of_a_started_sequence_is_raised_and_cancels_the_others():
+    log: list[str] = []
+
+    async def work(m: Any) -> str:
+        try:
+            await first(m.cycle.start(after(1, error=ValueError("broken"))), after(9, "b", log))
+        except TaskFailed as error:
+            return str(error)
+        return ""
+
+    with Cycle() as cycle:
+        task = cycle.start(work(cycle.m))
+        cycle.steps(5)
+        assert task.result.startswith("sequence after failed: ValueError: broken")
+    assert log == ["cancelled b", "left b"]
+
+
 # What is never begun ---------------------------------------------------------------------------------
 
 

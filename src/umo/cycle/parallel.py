@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from umo.cycle.sequences import Sequence, Task, cancel_all, next_period, with_notes
 from umo.errors import Cancelled
+from umo.objects import link
 
 
 class First(NamedTuple):
@@ -17,9 +18,10 @@ class First(NamedTuple):
     result: Any
 
 
-async def together(*sequences: Sequence) -> tuple[Any, ...]:
-    """Run sequences in parallel and return their results. The first error cancels the others and is raised."""
-    tasks = [Task(sequence) for sequence in sequences]
+async def together(*sequences: Sequence | link.Task) -> tuple[Any, ...]:
+    """Run sequences in parallel and return their results. The first error cancels the others and is raised. A started
+    sequence, what `cycle.start` returned, may be among them."""
+    tasks = [_task(each) for each in sequences]
     running, tick = tasks, None
     try:
         while running := [task for task in running if not task.advance(tick)]:
@@ -30,7 +32,7 @@ async def together(*sequences: Sequence) -> tuple[Any, ...]:
     return tuple(task.result for task in tasks)
 
 
-async def first(*sequences: Sequence) -> First:
+async def first(*sequences: Sequence | link.Task) -> First:
     """Run sequences in parallel until the first ends; the others are cancelled. Returns which one ended, and its
     result: `number, result = await first(fill(), wait("5 s"))`.
 
@@ -40,7 +42,7 @@ async def first(*sequences: Sequence) -> First:
     """
     if not sequences:
         raise TypeError("first() needs a sequence: of none, none can end")
-    tasks = [Task(sequence) for sequence in sequences]
+    tasks = [_task(each) for each in sequences]
     try:
         tick = None
         while (ended := next((n for n, task in enumerate(tasks) if task.advance(tick)), None)) is None:
@@ -53,14 +55,14 @@ async def first(*sequences: Sequence) -> First:
     return First(ended, tasks[ended].result)
 
 
-async def unless(condition: Callable[[], bool], sequence: Sequence) -> bool:
+async def unless(condition: Callable[[], bool], sequence: Sequence | link.Task) -> bool:
     """Run a sequence unless the condition is, or becomes, true; then it is cancelled. Returns whether it ended by
     itself.
 
     The condition is evaluated at once, when the sequence does not begin if it is true, and then once per period before
     the sequence's step. An error in the condition cancels the sequence and is raised.
     """
-    task, tick = Task(sequence), None
+    task, tick = _task(sequence), None
     try:
         while not condition():
             if task.advance(tick):
@@ -71,6 +73,15 @@ async def unless(condition: Callable[[], bool], sequence: Sequence) -> bool:
         raise
     task.cancel()
     return False
+
+
+def _task(sequence: Sequence | link.Task) -> Task:
+    return Task(_ended(sequence) if isinstance(sequence, Task) else cast(Sequence, sequence))
+
+
+async def _ended(task: Task) -> Any:
+    """A started sequence, as one that awaits it."""
+    return await task
 
 
 def _cancel_after(failure: BaseException, tasks: list[Task]) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Annotated
 
 from umo import BinaryActuator, Compound, DigitalSensor, Interlock, Number
-from umo.control import Lock, first, until, value_of, wait
+from umo.control import Lock, first, next_period, until, value_of, wait
 from umo.states import OpenClosed
 
 from .errors import ChargingError
@@ -79,11 +79,7 @@ class ChargingLine(Compound, equipment=True, max_period="200 ms"):
 
     async def _flow(self, valve: Valve, done: Callable[[], bool], what: str) -> None:
         """Open a valve until the condition is true; ChargingError if the load stands still before."""
-        valve.write(OPEN)
-        try:
-            number, _ = await first(until(done), self._standstill())
-        finally:
-            valve.write(CLOSED)
+        number, _ = await first(until(done), self._standstill(), held_open(valve))
         if number == 1:
             raise ChargingError(
                 f"{what} does not flow through {valve.path}: {value_of(self.scale):.1f} kg on the scale"
@@ -97,6 +93,16 @@ class ChargingLine(Compound, equipment=True, max_period="200 ms"):
         while abs(value_of(self.scale) - before) > change:
             before = value_of(self.scale)
             await wait(time)
+
+
+async def held_open(valve: Valve) -> None:
+    """Keep a valve open until this is cancelled."""
+    try:
+        while True:
+            valve.write(OPEN)
+            await next_period()
+    finally:
+        valve.write(CLOSED)
 
 
 def any_open(valves: Sequence[Valve]) -> bool:

@@ -14,7 +14,7 @@ from umo import Compound, DigitalActuator, DigitalSensor, Interlock, Number
 from umo.control import Servo, first, unless, until, value_of, wait
 from umo.errors import TimeExpired
 
-from .charging import CLOSED, OPEN, ChargingLine, Valve
+from .charging import OPEN, ChargingLine, Valve, held_open
 from .errors import DrainingError, TemperatureError
 from .recipes import Recipe
 
@@ -66,7 +66,8 @@ class Reactor(
     def setup(self) -> None:
         self.heating = Servo(self.temperature, self.heater, gain=self.gain, integral_time=self.integral_time)
         self.number = 0  # among the reactors, and of its outlet of the charging line
-        self.setpoint = nan  # degC; NaN: it is not heated
+        self.setpoint = nan  # degC; NaN: it is neither heated nor stirred
+        self.stirring = 0.0  # rpm
         self.made = self.dumped = 0  # batches
         self.phase = "idle"
         self._ready = False  # what is in it is a batch that is made, and only to be drained
@@ -83,6 +84,7 @@ class Reactor(
     def control(self) -> None:
         if self.setpoint == self.setpoint:  # not NaN
             self.heating.control(self.setpoint, dt=self.dt)
+            self.stirrer.write(self.stirring)
 
     async def produce(self, recipe: Recipe, line: ChargingLine) -> None:
         """Make one batch. What is left of one that was broken off is drained first; one that was broken off while it
@@ -104,12 +106,10 @@ class Reactor(
             self.rest()
 
     def rest(self) -> None:
-        """Nothing heated, stirred, fed or drained."""
+        """Neither heated nor stirred."""
         self.setpoint = nan
         self.heater.write(0.0)
         self.stirrer.write(0.0)
-        self.feed.write(CLOSED)
-        self.drain.write(CLOSED)
 
     async def _charge(self, recipe: Recipe, line: ChargingLine) -> None:
         self.phase = "waiting for the scale"
@@ -117,13 +117,11 @@ class Reactor(
             self.phase = "weighing"
             await line.cycle.start(line.weigh(recipe.amounts))
             self.phase = "charging"
-            self.feed.write(OPEN)
-            await line.cycle.start(line.discharge(self.number))
-            self.feed.write(CLOSED)
+            await first(line.cycle.start(line.discharge(self.number)), held_open(self.feed))
 
     async def _heat(self, recipe: Recipe) -> None:
         self.phase = "heating"
-        self.stirrer.write(recipe.stirring)
+        self.stirring = recipe.stirring
         self.heating.reset()
         self.setpoint = recipe.temperature
         await self._arrive()
@@ -159,15 +157,12 @@ class Reactor(
 
     async def _empty(self, phase: str) -> None:
         self.phase = phase
-        self.setpoint = nan
-        self.heater.write(0.0)
-        self.stirrer.write(0.0)
-        self.drain.write(OPEN)
+        self.rest()
+        empty = until(lambda: value_of(self.level) < self.empty, timeout=self.draining_time, stays="5 s")
         try:
-            await until(lambda: value_of(self.level) < self.empty, timeout=self.draining_time, stays="5 s")
+            await first(empty, held_open(self.drain))
         except TimeExpired:
             raise DrainingError(f"{self.level.read():.0f} l after {self.draining_time:g} s of draining") from None
-        self.drain.write(CLOSED)
 
 
 class BatchPlant(Compound, stop_order=("reactors", "line"), max_period="200 ms"):
