@@ -1,4 +1,4 @@
-"""Equipment against a model: random trees, random failures, clears; what stands in fault, and what is driven."""
+"""Equipment against a model: random trees, failures, clears, modes and leases; what is in fault, and what is driven."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from helpers.machines import actuator, sensor, timer
+from helpers.operator import Operator
 from umo import Compound, DigitalActuator, DigitalSensor, TaskFailed, connect
 from umo.control import next_period
+from umo.cycle.events import CommandState
 from umo.errors import ChannelsFailed, UmoError
 from umo.objects import walk
 from umo.testing import Scripted, VirtualTimer
@@ -79,6 +81,9 @@ class Model:
         self.in_fault: set[int] = set()
         self.ended = False
         """Whether something has failed that no equipment contains: the run ends."""
+        self.manual = False
+        self.written: dict[int, int] = {}
+        """The raw integer that the operator holds at the sequence's actuator of a node."""
 
     def above(self, node: Any) -> Iterator[Node]:
         """The node and what is around it, the innermost first."""
@@ -97,6 +102,17 @@ class Model:
             self.ended = True
         else:
             self.in_fault.add(id(equipment))
+            self.written = {key: raw for key, raw in self.written.items() if not self._is_in(key, equipment)}
+
+    def _is_in(self, key: int, equipment: Node) -> bool:
+        return next(equipment in self.above(node) for node in self.nodes if id(node) == key)
+
+    def expected(self, node: Node) -> list[int]:
+        """The raw integers at the circuit: of the law's actuator, of the sequence's."""
+        if self.stands(node):
+            return [0, 0]
+        level = round(node.level / node.by_law.resolution)
+        return [level, self.written.get(id(node), 0) if self.manual else level]
 
     def clear(self, node: Node) -> None:
         for each in self.nodes:
@@ -104,7 +120,9 @@ class Model:
                 self.in_fault.discard(id(each))
 
 
-KINDS = ("law", "sequence", "sensor", "driver", "clear", "level", "nothing")
+KINDS = (
+    "law", "sequence", "sensor", "driver", "clear", "level", "manual", "automatic", "write", "lease", "lease ends"
+)  # fmt: skip
 STEPS = st.lists(st.tuples(st.sampled_from(KINDS), st.integers(0, 30), st.integers(1, 9)), max_size=25)
 
 
@@ -125,12 +143,16 @@ class Rig:
         self.tasks: dict[int, Any] = {}
         self.settled = [True] * DRIVERS
 
+    def __enter__(self) -> None:
+        self.connection.__enter__()
+        self.ann = Operator(self.m)
+        self.ann.do("lease")
+
+    def __exit__(self, *error: Any) -> None:
+        self.connection.__exit__(*error)
+
     def periods(self, count: int = 1) -> None:
-        for _ in range(count):
-            self.m.timer.read()
-            self.m.sample()
-            self.m.control()
-            self.m.update()
+        self.ann.run(count)
 
     def work(self) -> None:
         """A sequence of each node that does not stand in fault."""
@@ -143,10 +165,8 @@ class Rig:
             stands = self.model.stands(node)
             assert (node.cycle.fault is not None) == stands, node.name
             if self.settled[node.driver]:
-                level = 0 if stands else round(node.level / node.by_law.resolution)
-                assert [self.boxes[node.driver].get(item.path) for item in (node.by_law, node.by_sequence)] == [
-                    level
-                ] * 2
+                box, items = self.boxes[node.driver], (node.by_law, node.by_sequence)
+                assert [box.get(item.path) for item in items] == self.model.expected(node), node.name
             if stands:
                 assert self.tasks[id(node)].done
 
@@ -163,7 +183,7 @@ class Rig:
             node.breaks = True
             self.periods()
             node.breaks = False
-        elif kind == "sequence" and not model.stands(node):
+        elif kind == "sequence" and not model.stands(node) and not model.manual:
             model.fail(node)
             node.cycle.start(node.fail())
         elif kind == "sensor":
@@ -181,6 +201,27 @@ class Rig:
             box.broken = None
             self.periods(PERIODS_TO_RETURN)
             self.settled[node.driver] = True
+        else:
+            self.operate(kind, node, amount)
+
+    def operate(self, kind: str, node: Node, amount: int) -> None:
+        """The operator, who has the lease or not."""
+        model, ann = self.model, self.ann
+        if kind == "lease":
+            ann.do("lease")
+        elif kind == "lease ends" and ann.clients.lease.holder:
+            ann.do("give back")
+            model.written = {}
+        elif kind in ("manual", "automatic") and ann.clients.lease.holder:
+            assert ann.mode(kind).state is CommandState.DONE
+            if model.manual != (kind == "manual"):
+                model.manual, model.written = kind == "manual", {}
+            self.periods(4)
+        elif kind == "write" and model.manual and ann.clients.lease.holder:
+            done = ann.do("write", node.by_sequence.path, amount / 2).state is CommandState.DONE
+            assert done is not model.stands(node)
+            if done:
+                model.written[id(node)] = amount
 
 
 @given(trees(), STEPS)
@@ -189,7 +230,7 @@ def test_what_stands_in_fault_and_what_is_driven_is_what_the_model_says(
     top: Node, steps: list[tuple[str, int, int]]
 ) -> None:
     rig = Rig(top)
-    with rig.connection:
+    with rig:
         rig.work()
         rig.periods(2)
         rig.check()
@@ -209,7 +250,7 @@ def test_what_stands_in_fault_and_what_is_driven_is_what_the_model_says(
 
 def test_the_model_can_fail() -> None:
     rig = Rig(Equipped(by_law=actuator(), by_sequence=actuator(), gauge=sensor()))
-    with rig.connection:
+    with rig:
         rig.work()
         rig.periods(2)
         rig.m.top.breaks = True

@@ -19,7 +19,7 @@ from umo.cycle.slots import Slots
 from umo.cycle.transfer import FAILURES, cause_of_failure
 from umo.drivers.contract import Direction, WaitEnded
 from umo.errors import DriverError, Failure
-from umo.objects import Quality, link
+from umo.objects import Actuator, DigitalSensor, Quality, link
 from umo.objects.linearization import Linearizations
 from umo.objects.scaling import FloatArray, IntArray
 
@@ -85,11 +85,22 @@ class Image(Slots):
             if outside or block.unsettled:
                 self._settle(block, outside, now, failures)
         if failures or self.sampled_good is None:
-            self._log_marked()
-            if failures:
-                self.fail("could not be read", failures)
-            self.sampled_good = not any(self.quality[self.sampled])
+            return self._end_sample(failures)
         return self.sampled_good
+
+    def _end_sample(self, failures: list[Failure]) -> bool:
+        """Something is not, or was not, as it should be."""
+        what = "could not be read"
+        for slot in tuple(self.unconfirmed):
+            if self.quality[slot] == Quality.STALE and (unsent := self.try_send(slot)):
+                what = "could not be written or read"
+                failures += unsent
+        self._log_marked()
+        if failures:
+            self.fail(what, failures)
+        good = not any(self.quality[self.sampled])
+        self.sampled_good = None if self.unconfirmed else good
+        return good
 
     def update(self) -> bool:
         """Send every synchronous actuator, written or not since the last period; one transfer per driver."""
@@ -232,7 +243,8 @@ class Image(Slots):
         return bool(taken.all())
 
     def reset_some(self, slots: Iterable[int]) -> None:
-        failures = [failure for _, failure in self.reset_each(slots) if failure is not None]
+        failed = [(slot, failure) for slot, failure in self.reset_each(slots) if failure is not None]
+        failures = [failure for slot, failure in failed if not self._resets_again(slot)]
         if failures:
             self.fail("could not be reset", failures)
 
@@ -244,6 +256,36 @@ class Image(Slots):
         for slot, failure in self.transfer.bring_to_default(slots):
             self._was_reset(slot, failure)
             yield slot, failure
+
+    def _resets_again(self, slot: int) -> bool:
+        """Whether a failed reset is no failure yet: the default is sent again in the next period."""
+        if self.items[slot].direction is not Direction.OUTPUT or not self._is_sent_again(slot):
+            return False
+        self.unsent.discard(slot)  # it is sent again as what is pending
+        self._set_quality(slot, Quality.STALE)
+        return True
+
+    def initialize_again(self, slot: int) -> Failure | None:
+        """The device was away: at its default, from where `update` goes on to what is pending. What an asynchronous
+        actuator had is sent again if it retries; else its default stays. An incremental sensor is not referenced."""
+        failure, item = self.transfer.initialize(slot), self.items[slot]
+        if failure is not None:
+            return failure
+        if isinstance(item, Actuator):
+            pending = self.pending[slot]
+            self.set_default(slot)
+            self._give_default(slot)
+            self._accepted(slot)
+            if item.synchronous or item._max_age is not None:
+                self.pending[slot] = pending
+                if not item.synchronous and pending != self._defaults[slot]:
+                    self.unconfirmed[slot] = self.clock.now
+                    self._set_quality(slot, Quality.STALE)
+            else:
+                self.commands.rest(slot)
+        elif self.base[slot] is not Quality.UNREFERENCED and isinstance(item, DigitalSensor) and item.incremental:
+            self.set_referenced(slot, False)
+        return None
 
     def initialize(self, slot: int) -> Failure | None:
         self._at_default(slot)

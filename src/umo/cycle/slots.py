@@ -19,7 +19,7 @@ from umo.cycle.conversion import convert_inputs, convert_outputs
 from umo.cycle.transfer import Transfer, cause_of_failure
 from umo.drivers.contract import UNREAD, Direction
 from umo.errors import BadInput, DriverError, Failure, RangeError
-from umo.objects import Binary, DigitalSensor, Quality, Sensor
+from umo.objects import Actuator, Binary, DigitalSensor, Quality, Sensor
 from umo.objects.atomic import Digital
 from umo.objects.scaling import to_raw, to_value
 from umo.wiring.wired import Wire, Wired
@@ -62,6 +62,9 @@ class Slots:
         `update`."""
         self.failed: set[int] = set()
         """The sensors that failed and have not been initialised since."""
+        self.unconfirmed: dict[int, float] = {}
+        """Asynchronous actuators with on_error="retry" whose pending value was not confirmed, each with the time in s
+        of the first attempt. While they are STALE, it is sent again in every period."""
         self._marked: list[Failure] = []
         """Failures of the sensors that were marked BAD and not logged yet."""
         self._next_log: dict[int, float] = {}
@@ -228,6 +231,7 @@ class Slots:
         if self.quality[slot]:
             self._set_quality(slot, Quality.GOOD)
             self.unsent.discard(slot)
+            self.unconfirmed.pop(slot, None)
 
     def _fail_input(self, slot: int, cause: str, failures: list[Failure]) -> None:
         item = cast(Sensor, self.items[slot])
@@ -242,7 +246,7 @@ class Slots:
                     self._next_log[slot] = self.clock.now + MARKED_LOG_INTERVAL
                     self._marked.append(self.transfer.failure(slot, cause))
         else:
-            self._fail_output(slot, cause, failures)
+            self._fail(slot, cause, failures)
 
     def _log_marked(self) -> None:
         """Log together what was marked BAD together: a thousand lines would take longer than a period."""
@@ -252,9 +256,25 @@ class Slots:
 
     def _unconverted(self, slot: int, error: Exception, failures: list[Failure]) -> None:
         """The pending value has no raw integer."""
-        self._fail_output(slot, f"its linearization failed: {cause_of_failure(error)}", failures)
+        self._fail(slot, f"its linearization failed: {cause_of_failure(error)}", failures)
 
     def _fail_output(self, slot: int, cause: str, failures: list[Failure]) -> None:
+        if self._is_sent_again(slot):
+            self._set_quality(slot, Quality.STALE)
+        else:
+            self._fail(slot, cause, failures)
+
+    def _is_sent_again(self, slot: int) -> bool:
+        """Whether what the device did not confirm is sent again in the next period, and has not failed yet. Where it is
+        not known whether the device answers, a synchronous actuator was not tried."""
+        item, now = cast(Actuator, self.items[slot]), self.clock.now
+        if item._max_age is not None:
+            since = self.times[slot] if item.synchronous else self.unconfirmed.setdefault(slot, now)
+            if now - since <= item._max_age:
+                return True
+        return item.synchronous and self.transfer.is_unknown(slot)
+
+    def _fail(self, slot: int, cause: str, failures: list[Failure]) -> None:
         self._keep_unsent(slot)
         self._set_quality(slot, Quality.BAD)
         if self.items[slot].direction is Direction.INPUT:
