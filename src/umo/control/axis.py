@@ -15,7 +15,8 @@ from umo.control.axis_suspension import AxisSuspension
 from umo.control.checks import check_numbers
 from umo.control.inputs import HOMING, Accept, value_of
 from umo.control.profile import Profile
-from umo.cycle.sequences import next_period, together
+from umo.cycle.parallel import together
+from umo.cycle.sequences import next_period
 from umo.errors import AxisError, Busy, DeclarationError, HomingError, RangeError
 from umo.objects import Compound, DigitalSensor, Number, Quality, Range, action
 from umo.objects.reaction import declared_reaction

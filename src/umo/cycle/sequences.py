@@ -1,7 +1,7 @@
 """Sequences: application code as `async def` functions that the cycle itself advances, one step a period.
 
-There is no asyncio loop: `coroutine.send` once per period, before the root's `control`. What a sequence may
-await is here, and the motions built on it; anything else is a TypeError.
+There is no asyncio loop: `coroutine.send` once per period, before the root's `control`. A sequence may await what is
+here, in `parallel` and in `lock`, and the motions built on it; anything else is a TypeError.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import inspect
 import linecache
 import math
 import sys
-from collections.abc import Awaitable, Callable, Coroutine, Generator
+from collections.abc import Callable, Coroutine, Generator
 from types import CoroutineType, coroutine
 from typing import Any
 
@@ -31,6 +31,11 @@ AWAITABLE_HINT = "a sequence can await only the functions of umo.control"
 """Words of a message: what a sequence can await."""
 _ADVANCING: list[Task] = []
 """The sequences that take a step just now, the innermost last."""
+
+
+def advancing() -> list[Task]:
+    """The sequences that take a step just now, the innermost last."""
+    return _ADVANCING
 
 
 @coroutine
@@ -143,28 +148,6 @@ class timeout:
         return self._expiry
 
 
-def together(*sequences: Sequence) -> Awaitable[tuple[Any, ...]]:
-    """Run sequences in parallel and return their results. The first error cancels the others and is raised."""
-    return _together([Task(sequence) for sequence in sequences])
-
-
-@coroutine
-def _together(tasks: list[Task]) -> Generator[object, Clock, tuple[Any, ...]]:
-    running, tick = tasks, None
-    try:
-        while True:
-            running = [task for task in running if not task.advance(tick)]
-            if not running:
-                return tuple(task.result for task in tasks)
-            tick = yield _PERIOD
-    except BaseException as failure:
-        errors = _cancel_all(tasks)
-        if errors and isinstance(failure, Cancelled | GeneratorExit):
-            raise _with_notes(errors[0], errors[1:]) from None
-        _with_notes(failure, errors)
-        raise
-
-
 class Task:
     """A started sequence. `part`: the object of the machine to which it belongs."""
 
@@ -191,7 +174,7 @@ class Task:
         """Wait for its end in another sequence. Returns its result; TaskFailed if it failed or was cancelled. If the
         other one is cancelled meanwhile, so is this one (as in asyncio)."""
         if self in _ADVANCING:
-            raise TaskFailed(f"{self._name} awaited itself")
+            raise TaskFailed(f"{self.name} awaited itself")
         self.awaited_by = _ADVANCING[0] if _ADVANCING else None
         try:
             while not self.done:
@@ -205,9 +188,9 @@ class Task:
         if error is not None:
             self._failure = self._failure or text_of(error)
         if self._failure:
-            raise TaskFailed(f"{self._name} failed: {self._failure}") from error
+            raise TaskFailed(f"{self.name} failed: {self._failure}") from error
         if self._cancelled:
-            raise TaskFailed(f"{self._name} was cancelled")
+            raise TaskFailed(f"{self.name} was cancelled")
         return self.result
 
     def advance(self, tick: Clock | None) -> bool:
@@ -241,7 +224,7 @@ class Task:
             return
         except BaseException as error:
             self.done = True
-            refuse_exit(error, self._name)
+            refuse_exit(error, self.name)
             if isinstance(error, RuntimeError) and str_of(error) == "no running event loop":  # asyncio.sleep, for one
                 mistake = TypeError(f"asyncio cannot be used in a sequence; {AWAITABLE_HINT}")
                 raise mistake.with_traceback(error.__traceback__) from error
@@ -250,7 +233,7 @@ class Task:
             _ADVANCING.pop()
         if awaited is not _PERIOD:
             text = f"a sequence awaited {awaited!r}; {AWAITABLE_HINT}"
-            raise _with_notes(TypeError(f"{text}{in_brackets(self._place)}"), _cancel_all([self]))
+            raise with_notes(TypeError(f"{text}{in_brackets(self._place)}"), cancel_all([self]))
 
     @property
     def _place(self) -> str:
@@ -273,13 +256,15 @@ class Task:
             self._cancelling = True
             return
         self.done = self._cancelled = True
+        if _dropped(self._sequence):
+            return
         try:
             self._sequence.throw(Cancelled())
             self._sequence.close()  # it awaited again: GeneratorExit ends it
         except (Cancelled, StopIteration):
             return
         except BaseException as error:
-            refuse_exit(error, self._name)
+            refuse_exit(error, self.name)
             raise
 
     def fail(self, error: BaseException) -> None:
@@ -291,14 +276,28 @@ class Task:
         self._begun = True
         if inspect.iscoroutine(self._sequence) and inspect.getcoroutinestate(self._sequence) != inspect.CORO_CREATED:
             self.done = True
-            raise TypeError(f"{self._name} was started twice; call the `async def` function again for each start")
+            raise TypeError(f"{self.name} was started twice; call the `async def` function again for each start")
 
     @property
-    def _name(self) -> str:
+    def name(self) -> str:
         return f"sequence {getattr(self._sequence, '__qualname__', self._sequence)}"
 
 
-def _cancel_all(tasks: list[Task]) -> list[BaseException]:
+def _dropped(sequence: Any) -> bool:
+    """Close a sequence that never began, and the sequences among its arguments, which do not begin either: Python warns
+    of each that nobody awaits. Whether it never began."""
+    if not inspect.iscoroutine(sequence) or inspect.getcoroutinestate(sequence) != inspect.CORO_CREATED:
+        return False
+    values = inspect.getcoroutinelocals(sequence)
+    arguments = [values[name] for name in sequence.cr_code.co_varnames if name in values]
+    sequence.close()
+    for each in arguments:
+        for one in each if isinstance(each, tuple) else (each,):
+            _dropped(one)
+    return True
+
+
+def cancel_all(tasks: list[Task]) -> list[BaseException]:
     """The last started first; an error in the cleaning up of one does not spare the others."""
     errors: list[BaseException] = []
     for task in reversed(tasks):
@@ -309,9 +308,10 @@ def _cancel_all(tasks: list[Task]) -> list[BaseException]:
     return errors
 
 
-def _with_notes(error: BaseException, others: list[BaseException]) -> BaseException:
+def with_notes(error: BaseException, others: list[BaseException]) -> BaseException:
     for other in others:
         add_note(error, f"also, while another sequence was cancelled: {text_of(other)}")
+        forget_frames(other)  # its frames refer to the list that it is in: a circle
     return error
 
 
@@ -369,7 +369,7 @@ class Sequences:
         ended = [task for task in self._tasks if not task.done and is_within(task.part, compound)]
         for task in ended:
             task.fail(fault())
-        return _cancel_all(ended)
+        return cancel_all(ended)
 
     def cancel(self) -> None:
         """On stop: cancel each sequence, the last started first. Then the first error of their cleanup is raised; the
@@ -377,6 +377,6 @@ class Sequences:
         errors: list[BaseException] = []
         while self._tasks:  # cleaning up may start more
             tasks, self._tasks = self._tasks, []
-            errors += _cancel_all(tasks)
+            errors += cancel_all(tasks)
         if errors:
-            raise _with_notes(errors[0], errors[1:])
+            raise with_notes(errors[0], errors[1:])
