@@ -64,7 +64,7 @@ class Missed:
     periods: int = 0
     missed: list[int] = field(default_factory=list)
     first: list[int] = field(default_factory=list)
-    """Those until the first period after the device died."""
+    """Those of the first timeout."""
     transfers: int = 0
     """Transfers of the dead device that were tried."""
     looks: int = 0
@@ -106,7 +106,7 @@ def _block(found: Missed, dead: bool) -> None:
             missed, period, tried = clock.missed_in_all, clock.number, driver.transfers
             if dead:
                 os.kill(far.process.pid, signal.SIGSTOP)
-                _run(m, 4 * PERIOD)
+                _run(m, TIMEOUT + 4 * PERIOD)  # the next tick tells what the timeout has cost
                 found.first.append(clock.missed_in_all - missed)
             _run(m, BLOCK - BEFORE)
             found.missed.append(clock.missed_in_all - missed)
