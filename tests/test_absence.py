@@ -309,6 +309,25 @@ def test_the_absence_is_told_once_and_its_end_with_its_duration(caplog: pytest.L
         assert [record.message for record in caplog.records] == events(connection)
 
 
+def test_a_driver_that_is_found_and_not_called_is_back_in_the_next_period() -> None:
+    box, m = Box(), bench(motor=actuator(synchronous=False), encoder=sensor(synchronous=False))
+    wiring = wired(m, Scripted(), entries={"motor": {"driver": "far"}, "encoder": {"driver": "far"}}, far=box)
+    connection = connect(m, wiring)
+    with connection:
+        m.motor.write(2.0)
+        box.silent()
+        with pytest.raises(DriverError, match="no answer"):
+            m.encoder.read()
+        run(m, 0.6)
+        box.back()
+        run(m, 0.6)
+        assert [text.partition(" after")[0] for text in events(connection)] == [
+            "driver far is away: no answer",
+            "driver far is back",
+        ]
+        assert (box.get("motor"), m.motor.read()) == (0, 0.0)  # it was initialised
+
+
 def test_its_watchdog_is_armed_again() -> None:
     box, m = Box(), held()
     with running(m, box, watchdog="300 ms"):
@@ -350,6 +369,27 @@ def test_a_device_that_cannot_be_initialised_is_away_again() -> None:
         assert segments.count("initialize") > 0
         assert len(segments) < 20
         assert len(events(connection)) == 1
+
+
+def test_a_device_that_answers_a_look_and_refuses_every_transfer_is_not_initialised_again() -> None:
+    box, m = Box(), held()
+    with running(m, box):
+        box.found = lambda: True
+        box.broken = OSError("busy")
+        since = len(box.calls)
+        run(m, 2.0)
+        assert calls(box, since) == ["read_many", "write_many"] * 2000
+
+
+def test_a_device_that_must_be_tried_is_initialised_once_it_was_away_for_long() -> None:
+    box, m = Blind(), held()
+    with running(m, box):
+        box.silent()
+        run(m, 0.6)
+        box.back()
+        since = len(box.calls)
+        run(m, 1.0)
+        assert calls(box, since)[:5] == ["initialize"] * 4 + ["read_many"]
 
 
 def test_what_an_asynchronous_actuator_had_is_sent_again_if_it_retries_else_it_stays_at_its_default() -> None:

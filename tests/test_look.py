@@ -7,6 +7,7 @@ import os
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from helpers.waiting import until
 from umo import BinaryActuator, Compound, DigitalSensor, Quality, connect
 from umo.drivers import DeviceTimeout, Driver, DriverError
 from umo.drivers.modbus import Modbus
+from umo.drivers.streams import Gone, Host, Look, TimedOut
 from umo.drivers.text import Text
 from umo.states import OnOff
 from umo.testing import VirtualTimer, periods
@@ -237,6 +239,41 @@ def test_a_text_device_that_is_never_asked_is_identified_or_else_connected() -> 
             server.clients[-1].shutdown(2)
             until(lambda driver=driver, server=server: found(driver) and server.connections == 2)
             assert server.received[-1] == last
+
+
+# Streams ------------------------------------------------------------------------------------------------
+
+
+def test_a_look_finds_the_addresses_of_a_name_without_waiting_and_gives_the_stream_on_which_it_was_answered() -> None:
+    with line_server(lambda line: b"yes\n") as server:
+        look = Look(Host("localhost", server.port).dial())
+        assert look.found() is None
+        look.begin(b"there?\n", lambda data: data.endswith(b"\n"), PATIENT)
+        stream = until(look.found)
+        assert not look.under_way
+        stream.send(b"again?\n", monotonic() + PATIENT)
+        assert stream.receive(monotonic() + PATIENT) == b"yes\n"
+        stream.close()
+
+
+def test_a_look_raises_what_is_wrong_and_begins_anew() -> None:
+    with line_server(lambda line: b"yes\n") as server:
+        dial = Host("127.0.0.1", server.port).dial()
+    look = Look(dial)
+    for _ in range(2):
+        look.begin(b"there?\n", bool, PATIENT)
+        with pytest.raises(Gone, match="refused"):
+            until(look.found)
+        assert not look.under_way
+
+
+def test_a_look_without_an_answer_ends_with_its_time_and_closes_its_stream() -> None:
+    with line_server(lambda line: b"") as server:
+        look = Look(Host("127.0.0.1", server.port).dial())
+        look.begin(b"there?\n", bool, HASTY)
+        with pytest.raises(TimedOut, match="no answer"):
+            until(look.found)
+        until(lambda: server.clients[0].fileno() < 0)  # its end has come there
 
 
 # A machine ----------------------------------------------------------------------------------------------

@@ -124,6 +124,8 @@ class Absences:
             self._tell_away(absence)
             if timed_out or absence.initialized:
                 absence.shut_for_now(self._clock.now)
+            elif absence.answers_for_device:
+                absence.since = self._clock.now  # it has answered: it was not switched off meanwhile
         absence.trial = False
         absence.shut |= timed_out
         self._transfer.exchange(driver, _Away(absence) if absence.shut else driver)
@@ -144,7 +146,10 @@ class Absences:
         """Before each period, while any driver is away."""
         self._on_tick()
         for absence in tuple(self._absent.values()):
-            if not absence.trial and (not absence.shut or self._clock.now >= absence.due - ROUNDING):
+            if absence.trial:
+                if absence.answers_for_device:  # nothing was called since it was found
+                    self._back(absence)
+            elif not absence.shut or self._clock.now >= absence.due - ROUNDING:
                 self._look_for(absence)
 
     def _look_for(self, absence: Absence) -> None:
@@ -168,9 +173,7 @@ class Absences:
             if why := self._initialize_again(absence.name, driver):
                 absence.cause = why
                 return False
-            absence.initialized = True
-        if absence.answers_for_device:
-            absence.since = now
+            absence.initialized, absence.since = True, now
         absence.shut, absence.trial, absence.known = False, True, True
         self._transfer.exchange(driver, _Tried(driver, lambda: self._back(absence)))
         return True
@@ -188,7 +191,7 @@ class Absences:
         return ""
 
     def _back(self, absence: Absence) -> None:
-        """A call has succeeded."""
+        """A call has succeeded, or none was needed."""
         self._transfer.exchange(absence.driver, absence.driver)
         del self._absent[id(absence.driver)]
         if not self._absent:
