@@ -275,6 +275,17 @@ def test_a_reaction_that_there_is_not_is_refused() -> None:
         type("Press", (Compound,), {"when_suspended": "hold"})
 
 
+def test_hooks_of_the_other_kind_are_refused() -> None:
+    async def sequence(self: object) -> None: ...
+
+    def function(self: object) -> None: ...
+
+    with pytest.raises(DeclarationError, match="on_suspend is a sequence; it must act at once"):
+        type("Press", (Compound,), {"on_suspend": sequence})
+    with pytest.raises(DeclarationError, match="on_resume must be a sequence"):
+        type("Press", (Compound,), {"on_resume": function})
+
+
 # Leases ---------------------------------------------------------------------------------------------------
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
 from types import MappingProxyType, UnionType
@@ -119,6 +120,7 @@ class Compound(Node):
         dataclasses.dataclass(eq=False, repr=False, kw_only=True)(cls)
         names = [field.name for field in dataclasses.fields(cls)]  # type: ignore[arg-type]
         refuse_in_body(cls, names)
+        _check_hooks(cls)
         for name in names:
             if name in RESERVED or name.startswith("_"):
                 raise _reserved(cls, name)
@@ -261,6 +263,13 @@ class Compound(Node):
     def __repr__(self) -> str:
         name = f"{type(self).__name__} {self._path}".rstrip()
         return f"<{name}: {', '.join(self._children) or 'no parts'}>"
+
+
+def _check_hooks(cls: type[Compound]) -> None:
+    if inspect.iscoroutinefunction(cls.on_suspend):
+        raise DeclarationError(f"{cls.__name__}.on_suspend is a sequence; it must act at once: `def on_suspend(self)`")
+    if not inspect.iscoroutinefunction(cls.on_resume):
+        raise DeclarationError(f"{cls.__name__}.on_resume must be a sequence: `async def on_resume(self)`")
 
 
 def _reserved(cls: type, name: str) -> DeclarationError:
