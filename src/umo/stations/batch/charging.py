@@ -28,7 +28,7 @@ class ChargingLine(Compound, equipment=True, max_period="200 ms"):
     scale: DigitalSensor
     tolerance: Annotated[float, Number("kg", 0.05, 5.0, tunable=True)] = 0.4
     """Largest deviation of a weighed amount, kg."""
-    overrun: Annotated[float, Number("kg", 0.0, 5.0)] = 0.5
+    overrun: Annotated[float, Number("kg", 0.0, 5.0)] = 0.7
     """Amount that still flows when an inlet is closed, kg: to begin with, as the line learns it."""
     capacity: float = 100.0
     """Load from which on the inlets are inhibited, kg."""

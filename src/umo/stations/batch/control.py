@@ -26,7 +26,6 @@ class Reactor(
     equipment=True,
     stop_order=("heater", "stirrer", "feed", "drain"),
     numbers={
-        "setpoint": Number("degC", shown=True),
         "made": Number(shown=True),
         "dumped": Number(shown=True),
         "heating.gain": Number("percent/K", 0.0, 50.0, tunable=True),
@@ -179,7 +178,7 @@ class BatchPlant(Compound, stop_order=("reactors", "line"), max_period="200 ms")
 
     def control(self) -> None:
         """Report what the reactors do."""
-        phases = (f"{reactor.number}: {'fault' if reactor.cycle.fault else reactor.phase}" for reactor in self.reactors)
+        phases = (f"{reactor.number} {'fault' if reactor.cycle.fault else reactor.phase}" for reactor in self.reactors)
         told = ", ".join(phases)
         if told != self._told:
             self._told = told
