@@ -234,6 +234,17 @@ BATCH = Trial(
     lambda plant, channel: plant.levels[channel.text],
     _batches_not_good,
     degraded=lambda run: bool(run.result["batches_dumped"]),
+    unseen={
+        "reactors.*.stirrer": (("stuck", "drift", "out of range"), "no sensor sees the stirrer turn"),
+        "reactors.*.temperature": (
+            (SLOW,),
+            "a reactor has one thermometer, and there is nothing that its reading could be compared with",
+        ),
+        "line.inlets.*": (
+            ("noise",),
+            "the scale does not see what flows into the hopper while it is being emptied",
+        ),
+    },
 )
 TRIALS = {trial.name: trial for trial in (ZTHETA, CONVEYOR, FURNACE, BATCH)}
 
