@@ -130,7 +130,7 @@ def test_a_page_that_is_closed_gives_its_lease_back_at_once(station: umo.RemoteS
         command(client, 2, "call", path="belt.run_at", arguments={"speed": 0.3})
         eventually(lambda: station.belt.setpoint.read() > 0.2)
     eventually(lambda: not station.reader.holder)
-    assert [event.text for event in station.events][-2:] == ["the lease was given back", ""]
+    assert "the lease was given back" in [event.text for event in station.events][-3:]
     eventually(lambda: station.belt.setpoint.read() == 0.0)
 
 

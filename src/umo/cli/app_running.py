@@ -109,7 +109,8 @@ def mode(
     """Show the mode of a running station and who has its lease, or change the mode.
 
     automatic: the application runs; numbers can be tuned. manual: the application waits, and no time passes for it;
-    control laws go on; actuators can be set and actions called. What a client has begun ends when the mode changes.
+    what it drives stops or is held, as declared; control laws go on; actuators can be set and actions called. What a
+    client has begun ends when the mode changes. Back to automatic is refused if the application cannot go on.
     """
     from .commanding import mode as work
 

@@ -62,7 +62,7 @@ class StepperAxis(Axis):
         clock = self._machine.clock
         if clock.ticks > 1:
             self._resume((clock.ticks - 1) * clock.period)
-        position = self.profile.step(self.cycle.period).position
+        position = self.profile.step(clock.period).position
         self.stepping.control((position - self._offset) / self.step_size)
         self._error = self.commanded - reading
         beyond = not abs(self._error) <= self.following_error and not self.searching  # NaN is beyond

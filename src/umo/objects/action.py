@@ -68,8 +68,10 @@ def action(
     `Range`, or a function of the compound that returns one. `harmless`: it may be called in automatic mode too, beside
     the application. `release`: the action lasts as long as the caller keeps it up; then its sequences are cancelled,
     and this method of the compound is called, without arguments. A release ends what the action began and starts
-    nothing: it is also called when something else has ended the action already. The first line of the docstring
-    describes the action. Result: plain data; what others see of it are 448 bytes of JSON.
+    nothing: it is also called when something else has ended the action already. A sequence that an action starts
+    (`cycle.start`) belongs to it: it ends when the action is cancelled, or the lease ends. What an action has left
+    driven when the lease ends in manual mode goes to its reaction (`when_suspended`). The first line of the
+    docstring describes the action. Result: plain data; what others see of it are 448 bytes of JSON.
     """
     mark = _Mark(ranges, harmless, release)
     if function is None:

@@ -67,9 +67,11 @@ def driven_text(actuators: Iterable[tuple[Mapping[str, Any], float, bool]], hold
     """The actuators that are away from their defaults in manual mode, and why: `spindle 240 rpm (its law), clamp ON
     (held)`. `actuators`: the description of each object, its value, whether a client has taken it."""
     found = [each for each in actuators if "default" in each[0] and each[1] != _default_of(each[0])]
-    texts = [f"{about['path']} {value_text(about, value)} ({_cause(about, taken, holder)})" for about, value, taken in
-             found[:MAX_DRIVEN]]  # fmt: skip
-    more = len(found) - len(texts)
+    shown = found[:MAX_DRIVEN]
+    texts = [
+        f"{about['path']} {value_text(about, value)} ({_cause(about, taken, holder)})" for about, value, taken in shown
+    ]
+    more = len(found) - len(shown)
     return printable(", ".join(texts) + (f" and {more} others" if more else ""))
 
 

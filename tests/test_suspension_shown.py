@@ -1,0 +1,78 @@
+"""What is driven in manual mode is said: in the terminal, in JSON, on the page, by the machine itself."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from typer.testing import CliRunner
+
+from helpers.machines import actuator, relay, timer, wired
+from helpers.operator import Operator
+from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, connect, published
+from umo.cli.app import app
+from umo.frames import Reader
+from umo.page.watched_run import Watched
+from umo.presentation.run_facts import driven_text
+from umo.states import OnOff
+from umo.testing import Scripted, VirtualTimer
+
+
+class Winder(Compound):
+    spindle: DigitalActuator
+    clamp: BinaryActuator[OnOff]
+    fan: BinaryActuator[OnOff]
+    timer: DigitalSensor
+
+    def control(self) -> None:
+        self.spindle.write(4.5)
+
+
+@contextmanager
+def winding() -> Iterator[tuple[Operator, Any]]:
+    m = Winder(spindle=actuator(), clamp=relay(when_suspended="hold"), fan=relay(), timer=timer())
+    connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
+    with connection, published(connection, "winder") as ring:
+        ann = Operator(m)
+        ring.show(ann.clients)
+        ann.do("lease", seconds=60.0)
+        m.clamp.write(OnOff.ON)
+        ann.mode("manual")
+        ann.do("write", "fan", "ON")
+        yield ann, ring
+
+
+ALL = "spindle 4.5 V (its law or an action), clamp ON (held), fan ON (client ann)"
+
+
+def umo(*words: str) -> str:
+    return " ".join(CliRunner(env={"COLUMNS": "400"}).invoke(app, words).stdout.split())
+
+
+def test_ps_watch_and_page_say_what_is_driven_and_why() -> None:
+    with winding() as (ann, ring):
+        assert ann.driven == ALL
+        assert ALL in umo("ps")
+        assert json.loads(umo("ps", "--json"))["running"][0]["driven"] == ALL
+        assert f"driven: {ALL}" in umo("watch", "winder", "--once")
+        with Reader(ring.path) as reader:
+            assert reader.facts(reader.latest())["driven"] == ALL
+            watched = Watched(reader)
+            watched.read()
+            assert json.loads(watched.state(True))["facts"]["driven"] == ALL
+        ann.do("give back")
+        ann.run()
+        assert "spindle 4.5 V (its law), clamp ON (held)" in umo("ps")
+        ann.do("lease")
+        ann.mode("automatic")
+        ann.run()
+        assert "spindle" not in umo("ps")
+
+
+def test_the_first_few_are_told_and_the_others_counted() -> None:
+    about = [{"path": f"fans.{n}", "one": "ON", "zero": "OFF", "default": "OFF"} for n in range(5)]
+    text = driven_text([(each, 1.0, False) for each in about] + [({"path": "level", "unit": "mm"}, 1.0, False)], "")
+    assert text == "fans.0 ON (its law), fans.1 ON (its law), fans.2 ON (its law) and 2 others"
+    assert driven_text([(each, 0.0, False) for each in about], "") == ""
