@@ -179,6 +179,23 @@ def test_the_same_machine_makes_batches_again_in_another_connection() -> None:
             assert umo.drive(connected, main, batches=1)["made"] == "glue 1, soap 1"
 
 
+def test_what_a_run_that_was_stopped_has_left_is_dumped_by_the_next_one() -> None:
+    """It is stopped while a batch that is made drains, and another one is charged."""
+    m, plant = machine(), Plant()
+    wired = boxes(plant)
+
+    async def stopped(m: BatchPlant) -> None:
+        m.cycle.start(main(m))
+        await until(lambda: m.reactors[0].phase == "draining" and m.reactors[0].level.read() < 30.0)
+
+    with umo.connect(m, wired):
+        umo.drive(m, stopped)
+    with umo.connect(m, wired):
+        result = umo.drive(m, main, batches=1)
+    assert result == {"batches_made": 2, "made": "glue 1, soap 1", "batches_dumped": 2}
+    assert len(plant.good) == 3  # the first one had been made, and nobody claims it
+
+
 # Recipes ---------------------------------------------------------------------------------------------
 
 
@@ -267,9 +284,9 @@ class Box(Driver):
         self._plant.write(channel, raw)
 
 
-def boxes() -> dict[str, Any]:
+def boxes(plant: Plant | None = None) -> dict[str, Any]:
     """The plant behind a box for each reactor and one for the line; the plant itself is the timer."""
-    plant = Plant()
+    plant = plant or Plant()
     names = {"reactors.0": "box_0", "reactors.1": "box_1", "line": "box_line", "timer": "plant"}
     kinds = {"inlets": "inlet", "outlets": "outlet", "temperature": "thermometer"}
     wire: dict[str, Any] = {"timer": {"driver": "plant", "channel": "tick", "period": "100 ms"}}

@@ -33,6 +33,8 @@ class Reactor(
     },
     max_period="1 s",
 ):
+    """A vessel with a heater and a stirrer. It makes one batch at a time."""
+
     feed: Valve
     drain: Valve
     stirrer: DigitalActuator
@@ -67,6 +69,10 @@ class Reactor(
         self.number = 0  # among the reactors, and of its outlet of the charging line
         self.setpoint = nan  # degC; NaN: it is neither heated nor stirred
         self.stirring = 0.0  # rpm
+        self.begin()
+
+    def begin(self) -> None:
+        """A run begins: what is in it belongs to no batch."""
         self.made = self.dumped = 0  # batches
         self.phase = "idle"
         self._ready = False  # what is in it is a batch that is made, and only to be drained
