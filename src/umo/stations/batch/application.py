@@ -23,6 +23,8 @@ async def main(m: BatchPlant, recipes: str = "glue, soap", batches: int = 2, pat
     a fault was not.
     """
     book = chosen(recipes)
+    for reactor in m.reactors:
+        reactor.begin()
     m.cycle.progress("", done=0, total=batches * len(m.reactors))
     plans = [[book[(first + number) % len(book)] for number in range(batches)] for first in range(len(m.reactors))]
     lost = await together(*(work(m, reactor, plan, patience) for reactor, plan in zip(m.reactors, plans, strict=True)))

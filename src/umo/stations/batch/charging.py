@@ -28,7 +28,7 @@ class ChargingLine(Compound, equipment=True, max_period="200 ms"):
     scale: DigitalSensor
     tolerance: Annotated[float, Number("kg", 0.05, 5.0, tunable=True)] = 0.4
     """Largest deviation of a weighed amount, kg."""
-    overrun: Annotated[float, Number("kg", 0.0, 5.0)] = 0.5
+    overrun: Annotated[float, Number("kg", 0.0, 5.0)] = 0.7
     """Amount that still flows when an inlet is closed, kg: to begin with, as the line learns it."""
     capacity: float = 100.0
     """Load from which on the inlets are inhibited, kg."""
@@ -62,14 +62,13 @@ class ChargingLine(Compound, equipment=True, max_period="200 ms"):
     async def _let_in(self, number: int, amount: float) -> float:
         start = value_of(self.scale)
         enough = start + amount - self.overruns[number]
-        await self._flow(
-            self.inlets[number], lambda: value_of(self.scale) >= enough, f"raw material {MATERIALS[number]}"
-        )
+        material = f"raw material {MATERIALS[number]}"
+        await self._flow(self.inlets[number], lambda: value_of(self.scale) >= enough, material)
         await wait(self.settling_time)
         weighed = value_of(self.scale) - start
         error = weighed - amount
         if abs(error) > self.tolerance:
-            raise ChargingError(f"{weighed:.2f} kg of raw material {MATERIALS[number]} instead of {amount:g} kg")
+            raise ChargingError(f"{weighed:.2f} kg of {material} instead of {amount:g} kg")
         self.overruns[number] += error / 2  # half of it may be noise
         return weighed
 
@@ -81,9 +80,8 @@ class ChargingLine(Compound, equipment=True, max_period="200 ms"):
         """Open a valve until the condition is true; ChargingError if the load stands still before."""
         number, _ = await first(until(done), self._standstill(), held_open(valve))
         if number == 1:
-            raise ChargingError(
-                f"{what} does not flow through {valve.path}: {value_of(self.scale):.1f} kg on the scale"
-            )
+            load = value_of(self.scale)
+            raise ChargingError(f"{what} does not flow through {valve.path}: {load:.1f} kg on the scale")
 
     async def _standstill(self) -> None:
         """Ends when the load no longer changes."""

@@ -26,7 +26,6 @@ class Reactor(
     equipment=True,
     stop_order=("heater", "stirrer", "feed", "drain"),
     numbers={
-        "setpoint": Number("degC", shown=True),
         "made": Number(shown=True),
         "dumped": Number(shown=True),
         "heating.gain": Number("percent/K", 0.0, 50.0, tunable=True),
@@ -34,6 +33,8 @@ class Reactor(
     },
     max_period="1 s",
 ):
+    """A vessel with a heater and a stirrer. It makes one batch at a time."""
+
     feed: Valve
     drain: Valve
     stirrer: DigitalActuator
@@ -68,6 +69,10 @@ class Reactor(
         self.number = 0  # among the reactors, and of its outlet of the charging line
         self.setpoint = nan  # degC; NaN: it is neither heated nor stirred
         self.stirring = 0.0  # rpm
+        self.begin()
+
+    def begin(self) -> None:
+        """A run begins: what is in it belongs to no batch."""
         self.made = self.dumped = 0  # batches
         self.phase = "idle"
         self._ready = False  # what is in it is a batch that is made, and only to be drained
@@ -179,7 +184,7 @@ class BatchPlant(Compound, stop_order=("reactors", "line"), max_period="200 ms")
 
     def control(self) -> None:
         """Report what the reactors do."""
-        phases = (f"{reactor.number}: {'fault' if reactor.cycle.fault else reactor.phase}" for reactor in self.reactors)
+        phases = (f"{reactor.number} {'fault' if reactor.cycle.fault else reactor.phase}" for reactor in self.reactors)
         told = ", ".join(phases)
         if told != self._told:
             self._told = told

@@ -41,4 +41,5 @@ def reactor() -> Reactor:
 
 
 def valve() -> BinaryActuator[OpenClosed]:
-    return BinaryActuator(OpenClosed, one=OpenClosed.OPEN, default=OpenClosed.CLOSED)
+    """A lost answer of its box is no failure: it is sent again for as long as what it does can wait."""
+    return BinaryActuator(OpenClosed, one=OpenClosed.OPEN, default=OpenClosed.CLOSED, on_error="retry", max_age="3 s")
