@@ -214,6 +214,18 @@ def test_an_output_that_timed_out_fails_at_once() -> None:
             m.update()
 
 
+def test_an_output_that_times_out_after_a_reading_has_failed_fails_at_once() -> None:
+    box, m = Box(), bench(encoder=sensor(on_error="mark"), limit=switch(on_error="mark"))
+    with running(m, box):
+        periods(m)
+        box.broken = OSError("cut")
+        m.timer.read()
+        m.sample()
+        box.silent()
+        with pytest.raises(DriverError, match="box: no answer"):
+            m.update()
+
+
 def test_a_channel_that_fails_alone_keeps_nobody_away() -> None:
     box, m = Box(), held()
     with running(m, box):
@@ -254,15 +266,18 @@ def test_a_refused_machine_looks_for_nobody() -> None:
         raise Ended
 
     box, m = Box(), held()
-    connection = connect(m, wired(m, box))
+    connection, asked = connect(m, wired(m, box)), []
     with suppress(Ended), connection:
         box.silent()
         run(m, 0.01)
-        looks = len(box.looks)
         connection.refuse(instead)
-        with pytest.raises(Ended):
+        before = len(box.looks)
+        with suppress(Ended):
+            asked.append("nothing was called")
             connection.machine.clock.on_tick()
-        assert len(box.looks) == looks
+            asked.append("and nothing was refused")
+        asked.append(len(box.looks) - before)
+    assert asked == ["nothing was called", 0]
 
 
 # Initialised again ----------------------------------------------------------------------------------------
@@ -390,6 +405,22 @@ def test_a_device_that_must_be_tried_is_initialised_once_it_was_away_for_long() 
         since = len(box.calls)
         run(m, 1.0)
         assert calls(box, since)[:5] == ["initialize"] * 4 + ["read_many"]
+
+
+def test_a_device_that_can_be_initialised_and_refuses_every_transfer_is_tried_at_intervals() -> None:
+    class Refusing(Blind):
+        def initialize(self, channel: Any, default: int | None) -> None:
+            broken, self.broken = self.broken, None
+            super().initialize(channel, default)
+            self.broken = broken
+
+    box, m = Refusing(), held()
+    with running(m, box):
+        box.broken = OSError("busy")
+        run(m, 0.5)
+        since = len(box.calls)
+        run(m, 5.0)
+        assert 4 <= calls(box, since).count("initialize") <= 4 * 8
 
 
 def test_what_an_asynchronous_actuator_had_is_sent_again_if_it_retries_else_it_stays_at_its_default() -> None:

@@ -182,6 +182,19 @@ def test_looks_leave_no_descriptor_behind(peer: Peer) -> None:
             assert len(os.listdir("/proc/self/fd")) <= before
 
 
+def test_a_driver_that_is_closed_during_a_look_leaves_no_descriptor_behind() -> None:
+    with running() as peer:
+        before = len(os.listdir("/proc/self/fd"))
+        with modbus(peer) as driver, stopped(peer):
+            driver.timeout = HASTY
+            with pytest.raises(DeviceTimeout):
+                read(driver, "holding:3")
+            driver.timeout = PATIENT
+            assert driver.look() is None
+            driver.close()
+            assert len(os.listdir("/proc/self/fd")) == before
+
+
 # Text ---------------------------------------------------------------------------------------------------
 
 CHANNELS = {"level": {"ask": "L?"}, "valve": {"set": {"0": "V 0", "1": "V 1"}}}

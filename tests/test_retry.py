@@ -194,7 +194,10 @@ def test_a_reset_in_the_run_that_was_not_confirmed_is_sent_again_and_then_fails(
         box.bad = {"motor"}
         m.motor.reset()
         assert (m.motor.read(), m.motor.pending, m.motor.quality) == (3.0, 0.0, Quality.STALE)
+        since = len(box.calls)
         periods(m, 9)
+        assert len(sent(box, since)) == 9
+        assert box.segments("reset")[-1].number < since
         with pytest.raises(DriverError, match="not confirmed"):
             periods(m, 2)
         box.bad = set()
