@@ -69,6 +69,8 @@ class Absence:
         """Whether it was found, and no call has succeeded yet."""
         self.initialized = False
         """Whether it was initialised since."""
+        self.answered = False
+        """Whether an initialisation has succeeded for some of its objects at least: it is there."""
         self.known = known
         """Whether it is known that it is away: a write has failed, or it was not found."""
         self.told = False
@@ -170,7 +172,7 @@ class Absences:
         now, driver = self._clock.now, absence.driver
         if now - absence.since >= LONG_ABSENCE - ROUNDING:
             self._transfer.exchange(driver, driver)
-            if why := self._initialize_again(absence.name, driver):
+            if why := self._initialize_again(absence):
                 absence.cause = why
                 return False
             absence.initialized, absence.since = True, now
@@ -178,14 +180,16 @@ class Absences:
         self._transfer.exchange(driver, _Tried(driver, lambda: self._back(absence)))
         return True
 
-    def _initialize_again(self, name: str, driver: Driver[Any]) -> str:
+    def _initialize_again(self, absence: Absence) -> str:
         """Initialise every object of the driver and arm its watchdog; why that failed, or ""."""
-        for slot in self._slots.get(id(driver), ()):
+        for slot in self._slots.get(id(absence.driver), ()):
             if (failure := self._initialize(slot)) is not None:
                 return failure.cause
-        if name in self._watchdogs:
+            if not absence.answered:  # once: what fails each time is tried at growing intervals
+                absence.answered, absence.interval = True, FIRST_INTERVAL
+        if absence.name in self._watchdogs:
             try:
-                self._transfer.watchdog(name, self._watchdogs[name])
+                self._transfer.watchdog(absence.name, self._watchdogs[absence.name])
             except DriverError as error:
                 return text_of(error.__cause__ or error)
         return ""

@@ -305,7 +305,7 @@ class ConnectedMachine:
 
     def start(self, sequence: Coroutine[Any, Any, Any], part: Node) -> Task:
         if (fault := self.fault_of(part)) is not None:
-            sequence.close()
+            Task(sequence).cancel()  # it never begins
             raise fault
         by_client = None if self.clients is None else self.clients.at_work
         return (self.sequences if by_client is None else by_client).start(sequence, part)

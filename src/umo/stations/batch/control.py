@@ -16,7 +16,7 @@ from umo.errors import TimeExpired
 
 from .charging import OPEN, ChargingLine, Valve, held_open
 from .errors import DrainingError, TemperatureError
-from .recipes import Recipe
+from .recipes import STIRRING_TOLERANCE, Recipe
 
 __all__ = ["BatchPlant", "ChargingLine", "Reactor"]
 
@@ -152,7 +152,9 @@ class Reactor(
                 return
 
     def _is_off(self) -> bool:
-        return abs(value_of(self.temperature) - self.setpoint) > self.tolerance
+        """Whether it has not the temperature and the stirring of the recipe: a box that was away begins at 0 rpm."""
+        slow = abs(self.stirrer.read() - self.stirring) > STIRRING_TOLERANCE
+        return slow or abs(value_of(self.temperature) - self.setpoint) > self.tolerance
 
     async def _hold(self, recipe: Recipe) -> None:
         """Keep the temperature for the time of the recipe, without interruption."""
