@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from bench import against, endurance, figures, live, native, open_page, report, scan, zones
+from bench import against, dead_device, endurance, figures, live, native, open_page, report, scan, zones
 from bench.drivers import kernel
 from bench.drivers import table as drivers
 from bench.drivers.case import IN_KERNEL
@@ -54,6 +54,10 @@ def main() -> int:
             takes = 60.0 * options.endurance
             report.stream(console, endurance.TITLE, takes, partial(endurance.measure, options.endurance))
         return 0
+    if options.dead_device:
+        takes = 60.0 * options.dead_device
+        report.stream(console, dead_device.TITLE, takes, partial(dead_device.measure, options.dead_device))
+        return 0
     return _all(console, rounds, options)
 
 
@@ -73,6 +77,9 @@ def _options() -> argparse.Namespace:
     )
     alone.add_argument(
         "--endurance", type=float, metavar="MINUTES", help="z-theta with everything beside it: does anything grow?"
+    )
+    alone.add_argument(
+        "--dead-device", type=float, metavar="MINUTES", help="missed periods of a Modbus device beside a dead one"
     )
     parser.add_argument("--pairs", type=int, default=30, help="pairs of blocks of a row of --against; default: 30")
     parser.add_argument("--only", default="", metavar="TEXT", help="--kills and --against: names with this in them")

@@ -32,6 +32,7 @@ STATIONS: dict[str, tuple[tuple[str, ...], float]] = {
     "ztheta": (("--parts", "1"), 25.0),
     "conveyor": ((), 25.0),
     "furnace": ((), 25.0),
+    "batch": ((), 25.0),
 }
 """The stations that are run: their options, and how many times faster than real time they are to be."""
 

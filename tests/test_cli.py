@@ -217,7 +217,7 @@ def test_a_station_that_does_not_import_is_named(umo, tank: Path, broken: str) -
 # Looking ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["ztheta", "conveyor", "furnace"])
+@pytest.mark.parametrize("name", ["ztheta", "conveyor", "furnace", "batch"])
 def test_the_wirings_that_ship_fit(umo, name: str) -> None:
     result = umo("check", name, "--all")
     assert result.exit_code == 0

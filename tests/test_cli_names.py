@@ -60,7 +60,7 @@ def test_get_and_set_know_a_run_whose_folder_is_elsewhere(umo: Any, tank: Path, 
         (["set", "press", "valve", "OFFF"], "valve has no state 'OFFF' (did you mean 'OFF'?): OFF, ON"),
         (["set", "press", "motor", "1e999"], "motor: '1e999' is too large for a number in V"),
         (["get", "press", "motor", "--zones", "3"], "its machine has been made; leave out --zones"),
-        (["get", "pres", "motor"], "or one of: conveyor, furnace, ztheta; running: press"),
+        (["get", "pres", "motor"], "or one of: batch, conveyor, furnace, ztheta; running: press"),
     ],
 )
 def test_a_mistake_about_a_run_is_a_line(umo: Any, words: list[str], text: str) -> None:

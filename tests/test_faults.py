@@ -332,8 +332,11 @@ def test_a_whole_driver_is_disconnected_for_a_time():
             periods(m)
         assert {failure.path for failure in caught.value.failures} == {"door"}  # the other one is held
         assert m.height.quality is Quality.STALE
-        with pytest.raises(DriverError, match="disconnected"):
+        with pytest.raises(DriverError, match="away: disconnected"):
             periods(m)
+        while m.now < 0.0515:  # it is looked for again 50 ms after the first look
+            with pytest.raises(DriverError, match="away: disconnected"):
+                periods(m)
         periods(m)
         assert m.height.quality is Quality.GOOD
 
@@ -690,3 +693,38 @@ def test_the_options_of_a_run_add_to_the_faults_of_the_wiring():
 def test_a_job_hands_faults_on_as_texts():
     job = Job("ztheta", options={"fault": [InjectedFault("z.encoder", "stuck", at=5.0)]})
     assert Job.load(job.dump()).options == {"fault": ["z.encoder stuck at 5 s"]}
+
+
+# Looking for the device -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("fault", "found"),
+    [
+        ("box disconnect at 2 ms", False),
+        ("box delay 10 s at 2 ms", False),
+        ("box drop-out 100 % at 2 ms", False),
+        ("box exception at 2 ms", False),
+        ("door delay 10 s at 2 ms", False),
+        ("height stuck 0 mm at 2 ms", True),
+        ("box delay 0.1 ms at 2 ms", True),
+        ("box disconnect at 1 s", True),
+    ],
+)
+def test_a_fault_that_makes_calls_of_the_driver_fail_keeps_its_device_from_being_found(fault: str, found: bool) -> None:
+    connection = connect(bench(on_error="mark"), wiring(box(), fault))
+    with suppress(StopError), connection as m:
+        for _ in range(3):
+            with suppress(DriverError):
+                periods(m)
+        assert connection.wired.drivers["box"].look() is found
+
+
+def test_looking_is_the_drivers_own_without_a_fault_in_effect() -> None:
+    class Asked(Scripted):
+        def look(self) -> bool | None:
+            return None
+
+    connection = connect(bench(), wiring(Asked(), "height stuck 0 mm at 1 s"))
+    with connection:
+        assert connection.wired.drivers["box"].look() is None

@@ -19,7 +19,7 @@ from helpers.peers.modbus_map import coil, discrete, holding, input_register
 from helpers.waiting import until
 from umo import Compound, DigitalActuator, DigitalSensor, check, connect
 from umo.drivers.modbus import Modbus
-from umo.drivers.modbus.rtu import SerialLine
+from umo.drivers.modbus.serial_line import SerialLine
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, WiringError
 
 pytest.importorskip("pymodbus")

@@ -215,10 +215,12 @@ def test_every_quality_has_a_sign_words_and_a_reason() -> None:
 
 
 def test_facts_of_a_run_come_from_elsewhere_and_do_not_command_the_terminal() -> None:
-    facts = facts_of("running", "manual", "\x1b[2Jann", ("pla\x07cing", 1, 3), time=1.0, missed=1234, period=0.001)
+    progress, faults = ("pla\x07cing", 1, 3), {f"zones.{i}": "\x1b[2Jhot" for i in range(5)}
+    facts = facts_of("running", "manual", "\x1b[2Jann", progress, time=1.0, missed=1234, period=0.001, faults=faults)
     assert facts == {
         "state": "running", "mode": "manual", "lease": "?[2Jann", "driven": "", "progress": "pla?cing, 1 of 3",
         "time": "1.000 s", "period": "1 ms", "missed": "1,234",
+        "in fault": "zones.0: ?[2Jhot; zones.1: ?[2Jhot; zones.2: ?[2Jhot; and 2 more",
     }  # fmt: skip
     assert facts_of("running", "manual")["lease"] == "free"
 

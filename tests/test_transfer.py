@@ -171,7 +171,7 @@ def test_what_stands_beside_a_failed_channel_is_judged_as_ever() -> None:
 
 @pytest.mark.parametrize(
     "error",
-    [OSError("cut"), ChannelsFailed({"nobody's": "x"}), ChannelsFailed({}), DeviceTimeout("late"), ValueError("bug")],
+    [OSError("cut"), ChannelsFailed({"nobody's": "x"}), ChannelsFailed({}), ValueError("bug")],
 )
 def test_an_error_that_names_no_channel_of_the_transfer_fails_all_of_them(error: Exception) -> None:
     box, m = Scripted(), line()

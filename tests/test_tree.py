@@ -206,3 +206,13 @@ def test_a_registered_driver_is_described_alone(umo: Umo) -> None:
     found = lines(umo("drivers", "modbus"))
     assert found[0].startswith("Modbus  One unit of a Modbus device, on TCP or on a serial line (RTU)")
     assert not any("timerfd" in line for line in found)
+
+
+def test_equipment_is_marked(umo: Umo, tmp_path: Path) -> None:
+    folder = tmp_path / "cell"
+    folder.mkdir()
+    (folder / "objects.py").write_text(
+        OBJECTS.replace("class Zone(Compound):", "class Zone(Compound, equipment=True):").replace("COUNT", "3")
+    )
+    lines = umo("tree", str(folder)).stdout.splitlines()
+    assert any("3 x Zone, equipment" in line for line in lines)

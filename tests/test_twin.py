@@ -44,7 +44,7 @@ from umo.twin import (
 )
 from umo.twin.declared import declared_by
 
-STATIONS = ("ztheta", "conveyor", "furnace")
+STATIONS = ("ztheta", "conveyor", "furnace", "batch")
 
 
 class Press(Compound, numbers={"load": Number("mm", shown=True)}):

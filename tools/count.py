@@ -22,12 +22,17 @@ from umo.process.station import Station, find
 
 SOURCE = Path(umo.__file__).parent
 PAGE = Path(__file__).parents[1] / "docs" / "machines.md"
-RUNS: dict[str, dict[str, Any]] = {"ztheta": {"parts": 1}, "conveyor": {"parts": 4}, "furnace": {"soak": 5.0}}
+RUNS: dict[str, dict[str, Any]] = {
+    "ztheta": {"parts": 1},
+    "conveyor": {"parts": 4},
+    "furnace": {"soak": 5.0},
+    "batch": {"batches": 1},
+}
 """The stations, and options that make a run short."""
-PLANT = {"plant", "physics", "devices", "courier", "parts", "render"}
+PLANT = {"plant", "physics", "devices", "courier", "parts", "render", "vessel"}
 """Modules of the simulated hardware."""
 CARRIED, REPLACED = "umo: functions that a run calls", "wiring: lines that the second circuit replaces"
-SECOND = {"ztheta": "second_generation", "conveyor": "hertz", "furnace": "modbus"}
+SECOND = {"ztheta": "second_generation", "conveyor": "hertz", "furnace": "modbus", "batch": "modbus"}
 """The wiring of each machine's second circuit."""
 
 

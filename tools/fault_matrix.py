@@ -169,6 +169,13 @@ def _zones_not_good(run: Run) -> str:
     return ", ".join(wrong)
 
 
+def _batches_not_good(run: Run) -> str:
+    report = run.reports[DRIVER]
+    if report["good"] != run.result["made"]:
+        return f"{run.result['made']} were claimed; of the drained ones were good: {report['good'] or 'none'}"
+    return ""
+
+
 ZTHETA = Trial(
     "ztheta",
     {},
@@ -223,7 +230,27 @@ FURNACE = Trial(
         ),
     },
 )
-TRIALS = {trial.name: trial for trial in (ZTHETA, CONVEYOR, FURNACE)}
+BATCH = Trial(
+    "batch",
+    {},
+    {"batches": 1, "patience": 5.0},
+    {10.0: "weighing", 130.0: "heating"},
+    lambda plant, channel: plant.levels[channel.text],
+    _batches_not_good,
+    degraded=lambda run: bool(run.result["batches_dumped"]),
+    unseen={
+        "reactors.*.stirrer": (("stuck", "drift", "out of range"), "no sensor sees the stirrer turn"),
+        "reactors.*.temperature": (
+            (SLOW,),
+            "a reactor has one thermometer, and there is nothing that its reading could be compared with",
+        ),
+        "line.inlets.*": (
+            ("noise",),
+            "the scale does not see what flows into the hopper while it is being emptied",
+        ),
+    },
+)
+TRIALS = {trial.name: trial for trial in (ZTHETA, CONVEYOR, FURNACE, BATCH)}
 
 # One cell ----------------------------------------------------------------------------------------------
 

@@ -152,3 +152,4 @@ if __name__ == "__main__":
     plot("run.png", "ztheta")
     plot("conveyor.png", "conveyor")
     plot("furnace.png", "furnace", "--zones", "8", "--faults", "broken-thermocouple:3")
+    plot("batch.png", "batch", "--batches", "1")

@@ -20,6 +20,7 @@ UmoError
 |-- Busy (RuntimeError)              a motion was started on an axis in motion
 |-- TaskFailed                       the machine could not do its work: base of a station's own errors
 |   |-- TimeExpired (TimeoutError)   a condition was not true within its timeout
+|   |-- EquipmentFault               equipment is in fault: nothing is under way in it, nothing is started
 |   |-- AxisError                    an axis does not follow its setpoint, or does not arrive
 |   `-- HomingError                  an axis did not find its reference
 |-- FramesError (RuntimeError)       frames cannot be published or read
@@ -219,6 +220,16 @@ class TaskFailed(UmoError):
 
 class TimeExpired(TaskFailed, TimeoutError):
     """A condition was not true within its timeout."""
+
+
+class EquipmentFault(TaskFailed):
+    """The equipment is in fault (its `path`, the `reason`): what was under way in it has ended, and nothing can be
+    started before `clear`."""
+
+    def __init__(self, path: str, reason: str) -> None:
+        super().__init__(f"{path} is in fault: {reason}")
+        self.path = path
+        self.reason = reason
 
 
 class AxisError(TaskFailed):

@@ -29,9 +29,10 @@ class Careful(Driver[Place]):
     def __init__(self, *, host: str = "127.0.0.1", port: int = 4000) -> None:
         self.host, self.port = host, port
         self.connection: socket.socket | None = None
+        self.searched: socket.socket | None = None
         self.is_open = False
         self.number = 0
-        self.deadline = 0.0
+        self.deadline = self.latest = 0.0
 
     def channel(self, text: str) -> Place:
         kind, _, number = text.partition(":")
@@ -77,6 +78,26 @@ class Careful(Driver[Place]):
                 raise DriverError(f"{raw} does not fit {channel.text}: {channel.lowest} to {channel.highest}")
         self.check(channels, self.exchange(WRITE, channels, raws))
 
+    def look(self) -> bool | None:
+        """A connection of its own, one request, and its answer in a later look."""
+        if self.connection is not None and not select.select([self.connection], [], [], 0)[0]:
+            return True
+        if self.searched is None:
+            self.drop()
+            self.searched = socket.create_connection((self.host, self.port), 0.05)
+            self.searched.sendall(frame(1, READ, [(40, 0)]))
+            self.latest = monotonic() + self.timeout
+        elif select.select([self.searched], [], [], 0)[0]:
+            searched, self.searched = self.searched, None
+            searched.setblocking(False)
+            answered = len(searched.recv(100)) == size(1)
+            searched.close()
+            return answered
+        elif monotonic() > self.latest:
+            self.drop()
+            return False
+        return None
+
     # One exchange ------------------------------------------------------------------------------------
 
     def begin(self) -> None:
@@ -109,6 +130,9 @@ class Careful(Driver[Place]):
             self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def drop(self) -> None:
+        if self.searched is not None:
+            self.searched.close()
+            self.searched = None
         if self.connection is not None:
             self.connection.close()
             self.connection = None

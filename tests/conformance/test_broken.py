@@ -29,6 +29,8 @@ SIGNS_OF_LIFE = (
     "Ctrl-C is a failure",
     "every reading makes a cycle of references",
     "readings are kept for 200 ms",
+    "a look takes a connection for an answer",
+    "the answer to a look is taken for that of the next call",
 )
 """Those that `make test` tries, with their rule alone."""
 

@@ -52,9 +52,9 @@ class Bench(Compound):
     limit: BinarySensor[PassFail]
 
 
-def bench(**changes: Any) -> Bench:
+def bench(kind: type[Bench] = Bench, **changes: Any) -> Any:
     parts = {"motor": actuator(), "encoder": sensor(), "valve": relay(), "limit": switch()} | changes
-    return Bench(timer=timer(), **parts)
+    return kind(timer=timer(), **parts)
 
 
 def wired(

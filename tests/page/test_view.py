@@ -148,6 +148,6 @@ def test_a_file_that_is_not_a_certificate_is_refused(umo: Umo, tmp_path: Path) -
 
 def test_a_station_that_is_none_is_answered_in_a_line_with_those_that_are(umo: Umo) -> None:
     result = umo("view", "ztheat")
-    known = "running: none; others: conveyor, furnace, ztheta, or a directory"
+    known = "running: none; others: batch, conveyor, furnace, ztheta, or a directory"
     assert result.exit_code == 2
     assert result.stderr == f"umo: no station 'ztheat' (did you mean 'ztheta'?); {known}\n"

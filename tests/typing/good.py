@@ -7,7 +7,7 @@ from typing import assert_type, reveal_type
 
 import umo
 from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Quality, Vector
-from umo.control import next_period, together, until, wait
+from umo.control import Lock, first, next_period, together, unless, until, wait
 from umo.states import EnableDisable, OnOff, PassFail
 from umo.testing import Scripted, VirtualTimer, periods, put
 
@@ -98,6 +98,14 @@ async def pick(m: Manipulator) -> int:
     assert_type(tick.period, float)
     await until(lambda: m.gripper.pressure.read() is PassFail.PASS, timeout="2 s")
     await together(wait(0.5), wait("20 ms"))
+    moving = m.cycle.start(wait("1 s"))
+    ended = await first(moving, wait(0.5))
+    assert_type(ended.number, int)
+    assert_type(moving.done, bool)
+    assert_type(await unless(lambda: moving.done, wait(1.0)), bool)
+    lock = Lock()
+    async with lock:
+        assert_type(lock.holder, str | None)
     return 1
 
 

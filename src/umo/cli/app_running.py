@@ -181,6 +181,22 @@ def acknowledge(
     work(station, path or "", take)
 
 
+@command(epilog="Examples: umo clear batch  |  umo clear batch reactors.1")
+def clear(
+    station: Running,
+    path: Annotated[str | None, typer.Argument(metavar="[PATH]", help="Such as reactors.1; default: all.")] = None,
+    take: Take = False,
+) -> None:
+    """Clear the faults of a running station: of the equipment that contains an object, or of all, in any mode.
+
+    What had failed is initialised again, and the application can go on with it. An axis that has lost its reference
+    must be homed. `umo ps` says what is in fault, and why. Refused while a sensor of the equipment cannot be read.
+    """
+    from .commanding import clear as work
+
+    work(station, path or "", take)
+
+
 @command(epilog="Examples: umo stop ztheta  |  umo stop 4711")
 def stop(station: Running) -> None:
     """End a run safely: every actuator goes to its default. It needs no lease."""

@@ -1,4 +1,4 @@
-"""`umo mode`, `call`, `tune`, `acknowledge`, `stop`, and `umo get` and `umo set` of a station that runs."""
+"""`umo mode`, `call`, `tune`, `acknowledge`, `clear`, `stop`, and `umo get` and `umo set` of a station that runs."""
 
 from __future__ import annotations
 
@@ -89,6 +89,14 @@ def acknowledge(name: str, path: str, over: bool) -> None:
             latched = station.acknowledge(path)
         what = "acknowledged" if latched else "nothing was latched"
         out.print(f"{path or reader.about['station']}: {what}")
+
+
+def clear(name: str, path: str, over: bool) -> None:
+    """Clear faults of equipment."""
+    with station_of(name) as station:
+        with leased(station, over):
+            cleared = station.clear(path)
+        out.print(f"{path or station.reader.about['station']}: {cleared}")
 
 
 def stop(name: str) -> None:

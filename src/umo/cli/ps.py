@@ -14,7 +14,7 @@ from umo.errors import FramesError, PathError
 from umo.frames import Reader
 from umo.frames.reader import progress_of
 from umo.presentation.rows import ANY
-from umo.presentation.run_facts import FREE, since
+from umo.presentation.run_facts import FREE, IN_FAULT, since
 from umo.remote import search
 from umo.system.device_lock import is_held
 from umo.system.device_record import Ended, all_standing
@@ -23,7 +23,9 @@ from umo.wiring.patterns import chosen
 
 from .console import out, plain_table, say
 
-COLUMNS = ("station", "pid", "since", "state", "mode", "period", "periods", "missed", "lease", "driven", "progress")
+COLUMNS = (
+    "station", "pid", "since", "state", "mode", "period", "periods", "missed", "lease", "driven", "progress", IN_FAULT
+)  # fmt: skip
 """Facts that `umo ps` shows."""
 
 
@@ -120,6 +122,7 @@ def _told(reader: Reader) -> tuple[dict[str, Any], dict[str, str]]:
         "period_s": about["period"],
         "periods": reader.head,
         "missed": reader.missed,
+        "in_fault": {printable(path): printable(reason) for path, reason in reader.faults(frame).items()},
     }
     said = {"station": reader.title, "pid": str(about["pid"]), "since": since(about["started"])}
     return data, said | {"periods": f"{reader.head:,}"} | reader.facts(frame)

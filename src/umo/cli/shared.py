@@ -109,7 +109,7 @@ class HelpPanel:
 
 
 _STATION = typer.Argument(
-    metavar="STATION", help="Directory of a station, or the name of a shipped one (ztheta, conveyor, furnace)."
+    metavar="STATION", help="Directory of a station, or the name of a shipped one (ztheta, conveyor, furnace, batch)."
 )
 StationName = Annotated[str, _STATION]
 OptionalStation = Annotated[str | None, _STATION]

@@ -67,7 +67,8 @@ class _Branches:
             name = folded(names)
             times = f"{len(names)} x " if len(names) > 1 else ""
             if isinstance(begin, Compound) and isinstance(end, Compound):
-                branch = tree.add(label((name, "bold"), (f"{times}{type(begin).__name__}", "dim")))
+                kind = f"{times}{type(begin).__name__}{', equipment' if begin._settings.equipment is True else ''}"
+                branch = tree.add(label((name, "bold"), (kind, "dim")))
                 self.add(branch, children(begin), children(end))
             elif isinstance(begin, Atomic) and isinstance(end, Atomic):
                 style = "green" if begin.direction is Direction.OUTPUT else "cyan"

@@ -23,6 +23,7 @@ from umo.frames import Reader, Stage
 from umo.objects import Quality
 from umo.presentation.digits import number_text
 from umo.presentation.rows import FOLDED_FROM, TableRow, families, folded, quality_of, raw_of, value_of, worst_of
+from umo.presentation.run_facts import IN_FAULT
 from umo.remote.search import reading
 from umo.scope.history import samples
 from umo.text import printable, some
@@ -38,7 +39,7 @@ OTHER_LINES = 6
 HEADINGS = ("object or signal", "value", f"last {TRACE_SPAN:g} s", "least to most", "raw")
 MAX_REASONS = 3
 """Reasons of inhibitions that are told, at most."""
-WARNINGS = ("no frame for", "not seen")
+WARNINGS = ("no frame for", "not seen", IN_FAULT)
 """Facts in another colour."""
 COLUMN_GAP = 2
 """Characters between two columns."""

@@ -11,7 +11,10 @@ from umo.control.servo import Servo, VectorServo
 from umo.control.servo_axis import ServoAxis
 from umo.control.stepper_axis import StepperAxis
 from umo.control.stepping import STEPS_PER_PERIOD, Stepping
-from umo.cycle.sequences import next_period, timeout, together, until, wait
+from umo.cycle.lock import Lock
+from umo.cycle.parallel import First, first, together, unless
+from umo.cycle.sequences import next_period, timeout, until, wait
+from umo.objects.link import Task
 
 __all__ = [
     "HOMING",
@@ -20,10 +23,12 @@ __all__ = [
     "Accept",
     "Axis",
     "EndStop",
+    "First",
     "HomeSwitch",
     "Homing",
     "Hysteresis",
     "IndexPulse",
+    "Lock",
     "Met",
     "Profile",
     "Servo",
@@ -31,13 +36,16 @@ __all__ = [
     "Setpoint",
     "StepperAxis",
     "Stepping",
+    "Task",
     "VectorPID",
     "VectorServo",
+    "first",
     "move_together",
     "next_period",
     "state_of",
     "timeout",
     "together",
+    "unless",
     "until",
     "value_of",
     "wait",

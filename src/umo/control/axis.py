@@ -15,8 +15,9 @@ from umo.control.axis_suspension import AxisSuspension
 from umo.control.checks import check_numbers
 from umo.control.inputs import HOMING, Accept, value_of
 from umo.control.profile import Profile
-from umo.cycle.sequences import next_period, together
-from umo.errors import AxisError, Busy, DeclarationError, RangeError
+from umo.cycle.parallel import together
+from umo.cycle.sequences import next_period
+from umo.errors import AxisError, Busy, DeclarationError, HomingError, RangeError
 from umo.objects import Compound, DigitalSensor, Number, Quality, Range, action
 from umo.objects.reaction import declared_reaction
 from umo.presentation.digits import number_text
@@ -66,14 +67,15 @@ def _numbers(axis: Axis) -> dict[str, Number]:
     return {"setpoint": shown, "error": shown, **profile}
 
 
-class Axis(Compound, numbers=_numbers):
+class Axis(Compound, numbers=_numbers, equipment="manual"):
     """One axis of motion, with its position sensor. Use `ServoAxis` or `StepperAxis`.
 
     Positions are in the units of the encoder, speeds in units per s. The range of `move_to` and `jog` is the declared
     range of the encoder. While an interlock inhibits the axis, a motion waits; afterwards it goes on to its target from
     where the axis then stands. An axis without a motion then stays where it is. A `move_to` that is cancelled
-    decelerates to standstill. Homing that fails or is cancelled disables the axis. The numbers are read by `setup`;
-    later change those of `profile` and, of a servo axis, `servo`.
+    decelerates to standstill. A motion that fails is a fault where the axis is equipment: in manual mode, and where its
+    class says so (`class Slide(ServoAxis, equipment=True)`). Homing that fails or is cancelled disables the axis. The
+    numbers are read by `setup`; later change those of `profile` and, of a servo axis, `servo`.
     """
 
     encoder: DigitalSensor
@@ -204,8 +206,11 @@ class Axis(Compound, numbers=_numbers):
         return ahead.to(position)
 
     def enable(self) -> None:
-        """Follow the setpoint, from where the axis stands. BadInput if the encoder's quality is not accepted."""
+        """Follow the setpoint, from where the axis stands. BadInput if the encoder's quality is not accepted,
+        EquipmentFault if the axis is in fault."""
         if not self.enabled:
+            if (fault := self._machine.fault_of(self)) is not None:
+                raise fault
             self._stand()
             self._interrupted = self._standing = False
             self._replan = self._stand
@@ -363,6 +368,9 @@ class Axis(Compound, numbers=_numbers):
         self._motion = what
         try:
             yield
+        except (AxisError, HomingError) as error:
+            self._machine.fail(self, error)
+            raise
         finally:
             self._motion = None
 
@@ -371,9 +379,13 @@ class Axis(Compound, numbers=_numbers):
         plan()
         self._replan = plan
 
+    def _enter_fault(self) -> None:
+        super()._enter_fault()
+        self.disable()
+
     def _check_enabled(self) -> None:
         if not self.enabled:
-            raise AxisError(f"{self._path} was disabled during its motion")
+            raise self._machine.fault_of(self) or AxisError(f"{self._path} was disabled during its motion")
 
     def _set_searching(self, searching: bool) -> None:
         self.searching, self._accept = searching, HOMING if searching else ACCEPTED_WHEN_REFERENCED

@@ -127,6 +127,10 @@ class AxisSuspension:
         elif axis.enabled and not left.enabled:
             axis.disable()
 
+    def forget(self) -> None:
+        """The application does nothing with the axis any longer."""
+        self._left = None
+
     def go_on(self) -> None:
         """The application goes on: its motion is planned anew."""
         axis, left = self._axis, self._left

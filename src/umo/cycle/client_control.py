@@ -15,7 +15,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Coroutine, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, cast
 
@@ -25,8 +25,9 @@ from umo.cycle.events import EVENT_TEXT_BYTES, CommandState, Event
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.sequences import Sequences, Task
 from umo.cycle.suspension import Suspension
-from umo.errors import CommandRefused, DriverError, PathError, StateError, TaskFailed, UmoError
+from umo.errors import CommandRefused, DriverError, EquipmentFault, PathError, StateError, TaskFailed, UmoError
 from umo.objects import Actuator, Atomic, Binary, Compound, Digital, Range, atoms, find
+from umo.objects.paths import is_within
 from umo.presentation.digits import setting_text
 from umo.text import did_you_mean
 from umo.user_code import Raised, as_json, attempt
@@ -47,9 +48,9 @@ class _Action:
     """An action that has begun, and the sequences that it has started."""
 
     command: ClientCommand
+    started: Sequences
     task: Task | None = None
     """The sequence that carries it out; None: it has ended, or it is no sequence itself."""
-    started: Sequences = field(default_factory=Sequences)
 
     @property
     def is_over(self) -> bool:
@@ -181,11 +182,14 @@ class ClientControl:
         if each.is_over:
             self._running.remove(each)
 
+    def _new(self, command: ClientCommand) -> _Action:
+        return _Action(command, Sequences(self._machine.equipment.contain_sequence))
+
     def _begin(self, action: _Action, call: Callable[[], Any]) -> Any:
         """Its result; the sequence that this is, and those that it starts, belong to the action."""
         result = self._within(action, call)
         if isinstance(result, Coroutine):
-            action.task = Task(result)
+            action.task = Task(result, self._object(action.command.path.rpartition(".")[0]))
         return result
 
     def _within(self, action: _Action, call: Callable[..., Any], *arguments: Any) -> Any:
@@ -270,7 +274,8 @@ class ClientControl:
         if not commands.take_for_client(slot, command.who):
             raise CommandRefused(f"{item.path} is inhibited: {commands.inhibited(slot)}")
         self._held[item.path] = _Held(command, lasts, signed, lambda: commands.release_from_client(slot), slot)
-        self._machine.image.command(slot, value, Source.CLIENT)
+        if not self._machine.image.command(slot, value, Source.CLIENT):
+            raise CommandRefused(f"{item.path} is inhibited: {commands.inhibited(slot)}")
         return CommandState.DONE, ""
 
     def _let_go(self, command: ClientCommand) -> tuple[CommandState, str]:
@@ -286,10 +291,12 @@ class ClientControl:
         action = _known(self._machine.actions, command.path, "action")
         if not action.harmless:
             self._need_manual(f"{action.path} can be called")
+            if (fault := self._machine.fault_of(self._object(action.path.rpartition(".")[0]))) is not None:
+                raise fault
         arguments = action.converted(command.arguments)
         if len(self._running) >= MAX_ACTIONS:
             raise CommandRefused(f"{MAX_ACTIONS} actions are running already")
-        begun = _Action(command)
+        begun = self._new(command)
         if action.release is not None:
             signed = self._last_sign(action.path, DEAD_MAN_TIME)
             self._held[action.path] = _Held(command, DEAD_MAN_TIME, signed, action.release)
@@ -330,6 +337,25 @@ class ClientControl:
         if left := commands.latched(parts):
             raise CommandRefused(f"{command.path or 'the machine'} is still inhibited: {'; '.join(left)}")
         return CommandState.DONE, "" if before else _plain("nothing was latched")
+
+    def _clear(self, command: ClientCommand) -> tuple[CommandState, str]:
+        """The faults of the equipment in an object and around it, "": in the machine; told which."""
+        self.lease.check(command.key)
+        cleared = self._machine.clear(self._object(command.path))
+        return CommandState.DONE, _plain(f"cleared: {', '.join(cleared)}" if cleared else "nothing was in fault")
+
+    def end_in(self, compound: Compound, fault: Callable[[], EquipmentFault]) -> list[BaseException]:
+        """End the actions of one compound, and the sequences of it that others have started; the errors of their
+        cleaning up. Not the action that is being carried out, which has its own error."""
+        self._suspension.forget(compound)
+        errors: list[BaseException] = []
+        for each in self._running.copy():
+            part = self._object(each.command.path.rpartition(".")[0])
+            if each.started is not self.at_work and is_within(part, compound):
+                self._end(each, str(fault()))
+            else:
+                errors += each.started.end_in(compound, fault)
+        return errors
 
     def _object(self, path: str) -> Atomic | Compound:
         """At this path; "": the machine."""
@@ -398,7 +424,7 @@ class ClientControl:
         """End what is held. A release starts nothing; if it fails, the actuators of its part go to their defaults."""
         held = self._held.pop(path)
         self._cancel_running(why, path)
-        begun = _Action(held.command)
+        begun = self._new(held.command)
         failed: object = attempt(self._begin, begun, held.release)[1]
         if not begun.is_over:
             attempt(self._within, begun, begun.cancel)
@@ -429,6 +455,7 @@ COMMANDS: Mapping[str, Callable[[ClientControl, ClientCommand], tuple[CommandSta
     "call": ClientControl._call,
     "cancel": ClientControl._cancel,
     "acknowledge": ClientControl._acknowledge,
+    "clear": ClientControl._clear,
 }
 """The commands of clients, by name."""
 

@@ -21,7 +21,7 @@ from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition, inhibitions_of, latched, unevaluated
 from umo.cycle.journal import Kind
 from umo.drivers.contract import Direction
-from umo.errors import Interlocked
+from umo.errors import Failure, Interlocked
 from umo.objects import Actuator, Atomic, Compound, atoms
 from umo.objects.scaling import FloatArray
 from umo.objects.stop_order import stop_sequence
@@ -47,19 +47,17 @@ class Command:
     expires: float
     """Time in s without a write after which the default is sent; infinite: never."""
     inhibitions: list[Inhibition]
-    """The interlocks that name this actuator."""
+    """The faults of its equipment and the interlocks that name this actuator."""
+    guarded: bool
+    """Whether it has an interlock or an expiry."""
     written: float | None = None
     """Time of the last write that was admitted, in s on the cycle's clock; None after it has expired."""
     client: str = ""
     """The client that has taken the actuator: the program cannot write it meanwhile."""
 
     @property
-    def guarded(self) -> bool:
-        return bool(self.inhibitions) or self.expires < inf
-
-    @property
     def interlocked(self) -> str | None:
-        """The reason of the interlock for which only the default may be sent."""
+        """The reason of the fault or interlock for which only the default may be sent."""
         return next((each.reason for each in self.inhibitions if each.reason is not None), None)
 
     @property
@@ -91,8 +89,11 @@ class CommandStage:
     def __init__(self, root: Compound, image: Image) -> None:
         self._image = image
         self.events = Events()
-        self._order = [image.slot_of[id(item)] for item in stop_sequence(root)]
-        self._inhibitions = inhibitions_of(root, image.slot_of, self._order)
+        self.order = [image.slot_of[id(item)] for item in stop_sequence(root)]
+        """The actuators in stop order."""
+        self._inhibitions = inhibitions_of(root, image.slot_of, self.order)
+        self._faults: list[Inhibition] = []
+        """The inhibitions by faults of equipment: no condition is asked for these."""
         found = (self._command(item) for item in atoms(root) if isinstance(item, Actuator))
         self.by_slot = {command.slot: command for command in found if command.guarded}
         """The guarded actuators, as declared."""
@@ -102,18 +103,20 @@ class CommandStage:
         """The interlocks that inhibit actuators, with their reasons, as last evaluated."""
         self._taken_by_clients: set[int] = set()
         """The actuators that a client has taken."""
-        self._numbers = {reason: number for number, reason in enumerate(self.reasons, 1)}
+        self._numbers: dict[str, int] = {}
         outputs = ((slot, item) for slot, item in enumerate(image.items) if item.direction is Direction.OUTPUT)
         asked = (slot for slot, item in outputs if not item.synchronous)
         self._unrestricted = np.zeros(len(image.items), np.uint8)
         """The column `restrictions` while nothing is inhibited and no client has taken an actuator."""
         self._unrestricted[[*asked, *(command.slot for command in self._expiring)]] = ASKED
-        self._restrict()
+        self.know([])
 
     def _command(self, item: Actuator) -> Command:
         slot, default = self._image.slot_of[id(item)], item._default_value()
-        inhibitions = [each for each in self._inhibitions if slot in each.slots]
-        return Command(slot, item.path, default, item.synchronous, item.expires or inf, inhibitions)
+        interlocks = [each for each in self._inhibitions if slot in each.slots]
+        inhibitions = [*(each for each in self._faults if slot in each.slots), *interlocks]
+        guarded = bool(interlocks) or item.expires is not None
+        return Command(slot, item.path, default, item.synchronous, item.expires or inf, inhibitions, guarded)
 
     # From the source -----------------------------------------------------------------------------------
 
@@ -146,10 +149,8 @@ class CommandStage:
         return "" if command is None else command.client
 
     def take_for_client(self, slot: int, who: str) -> bool:
-        """Give the actuator to this client alone. False while an interlock inhibits it."""
-        command = self.by_slot.get(slot)
-        if command is None:
-            command = self.by_slot[slot] = self._command(self._image.items[slot])  # type: ignore[arg-type]
+        """Give the actuator to this client alone. False while it is inhibited."""
+        command = self._known(slot)
         if command.interlocked is not None:
             return False
         command.client = who
@@ -169,6 +170,41 @@ class CommandStage:
             self._image.try_send(slot)
         if not command.guarded:
             del self.by_slot[slot]
+
+    def _known(self, slot: int) -> Command:
+        """The command of an actuator, also of one without a guard."""
+        command = self.by_slot.get(slot)
+        if command is None:
+            command = self.by_slot[slot] = self._command(self._image.items[slot])  # type: ignore[arg-type]
+        return command
+
+    # Faults of equipment -------------------------------------------------------------------------------
+
+    def know(self, faults: Sequence[Inhibition]) -> None:
+        """The inhibitions that `inhibit` and `free` will be given; before the first period."""
+        self._faults = list(faults)
+        for command in self.by_slot.values():
+            command.inhibitions[:0] = [each for each in faults if command.slot in each.slots]
+        self._numbers = {reason: number for number, reason in enumerate(self.reasons, 1)}
+        self._restrict()
+
+    def inhibit(self, fault: Inhibition) -> list[Failure]:
+        """Bring its actuators to their defaults, in stop order, and keep them there; those that failed."""
+        fault.held, fault.reason = True, fault.interlock.reason
+        self._taken_by_clients.difference_update(fault.slots)
+        for slot in fault.slots:
+            self._known(slot).client = ""
+            self._image.transfer.note(slot, Kind.INTERLOCKED)
+        self._restrict()
+        return [failure for _, failure in self._image.reset_each(fault.slots) if failure is not None]
+
+    def free(self, fault: Inhibition) -> None:
+        """Its actuators may be written again."""
+        fault.held, fault.reason = False, None
+        for slot in fault.slots:
+            if not self._known(slot).guarded:
+                del self.by_slot[slot]
+        self._restrict()
 
     # ---------------------------------------------------------------------------------------------------
 
@@ -194,7 +230,7 @@ class CommandStage:
     def _restrict(self) -> None:
         """Set the column `restrictions`."""
         found = self._unrestricted.copy()
-        for each in reversed(self._inhibitions):
+        for each in reversed([*self._faults, *self._inhibitions]):
             if each.reason is not None:
                 found[each.slots] = self._numbers.get(each.brief, len(self._numbers))
         found[[*self._taken_by_clients]] = TAKEN_BY_CLIENT
@@ -216,10 +252,13 @@ class CommandStage:
     @property
     def reasons(self) -> list[str]:
         """The reasons of interlocks, each once, in the order of their numbers, those of conditions that cannot be
-        evaluated, and those of latched interlocks whose condition is over; more than fit a byte share the last."""
+        evaluated, those of latched interlocks whose condition is over, and those of faults of equipment; more than fit
+        a byte share the last."""
         interlocks = [each.interlock for each in self._inhibitions]
         over = [latched(each) for each in interlocks if each.latched]
-        found = list(dict.fromkeys([*(each.reason for each in interlocks), *map(unevaluated, interlocks), *over]))
+        faults = (each.interlock.reason for each in self._faults)
+        declared = (each.reason for each in interlocks)
+        found = list(dict.fromkeys([*declared, *map(unevaluated, interlocks), *over, *faults]))
         return found if len(found) < ASKED else [*found[: ASKED - 2], "one of many interlocks"]
 
     def rest(self, slot: int) -> None:
@@ -237,7 +276,7 @@ class CommandStage:
         due = self._image.unsent | self._interlocked()
         due |= self._expired(due)
         if due:
-            self._image.reset_some([slot for slot in self._order if slot in due])
+            self._image.reset_some([slot for slot in self.order if slot in due])
 
     def _interlocked(self) -> set[int]:
         """The actuators that begin to be inhibited. All conditions are asked before anything is reset. Nothing latches

@@ -12,14 +12,16 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Generic, NoReturn, TypeVar
 
+from umo.cycle.absence import Absences, in_order
 from umo.cycle.clock import Clock, WallClock
+from umo.cycle.equipment import equipment_in
 from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.stopping import StopFlag
 from umo.cycle.transfer import UNCONTROLLED_TIMEOUT, settling, wait_for
 from umo.drivers.faults.wrapper import bare
 from umo.errors import DeclarationError, DriverError, Failure, StopError, text_of
-from umo.objects import Compound, atoms
+from umo.objects import Compound, Sensor, atoms
 from umo.objects.description import html_of
 from umo.system.device_record import DeviceClaim
 from umo.text import Moment, add_note
@@ -138,7 +140,8 @@ class connect(Generic[C]):
             if self.wired.timer_wire is not None:
                 # it runs in a signal handler: what it raised would come up in any call of a driver, also in a reset
                 self.stop.end_wait = partial(attempt, bare(self.wired.timer_wire.driver).stop_waiting)
-            image, outputs = Image(self.wired, clock), self.wired.process.outputs
+            image = Image(self.wired, clock, len(equipment_in(self.root)))
+            outputs = self.wired.process.outputs
             self.machine = ConnectedMachine(self.root, image, self.stop, self.wired.injection, outputs)
         except BaseException:
             self._give_back()
@@ -186,8 +189,19 @@ class connect(Generic[C]):
                     raise DriverError("could not be initialised", [failure])
             for name, limit in self.wired.watchdogs.items():
                 transfer.watchdog(name, limit)
+        self._contain_absences()
         self.machine.sample_all()
+        self.machine.contain(True)
         self.started = True
+
+    def _contain_absences(self) -> None:
+        """From now on no call waits for a device that does not answer."""
+        image, machine = self.image, self.machine
+        sensors = [slot for slot, item in enumerate(image.items) if isinstance(item, Sensor) and slot != image.timer]
+        slots = in_order([*machine.stop_order, *sensors], [wire.driver for wire in image.wires])
+        image.transfer.absences = Absences(
+            image.transfer, image.clock, machine.events, image.initialize_again, slots, self.wired.watchdogs
+        )
 
     @contextmanager
     def _patient(self) -> Iterator[None]:
@@ -209,8 +223,10 @@ class connect(Generic[C]):
         unreached: list[Failure] | None = None
         hindered: list[Failure] = []
         self._waiting = set(self._stop_sequence())
+        self.machine.contain(False)
         try:
             stopping = _error_of(self.machine.cancel_sequences)
+            self.image.transfer.end_absences()
             found, late = self._reset()
             if self.wired.injection is not None and self.wired.injection.end():
                 hindered = found  # this is told; the machine is not left there

@@ -15,6 +15,12 @@ END = "end"
 stopped) or FAILED; it has no number of a command."""
 
 
+FAULT = "fault"
+"""`Event.asked` of the event that equipment, at its path, has come into fault."""
+IN_FAULT = "in fault: "
+"""Beginning of the text of this event; the reason follows."""
+
+
 class CommandState(IntEnum):
     """The state of a command; the numbers stand in shared memory, so they keep their meaning."""
 

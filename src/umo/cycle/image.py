@@ -7,7 +7,7 @@ column `restrictions`, which is the command stage's own, says that it is to be a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from math import inf
 from typing import Protocol
 
@@ -19,7 +19,7 @@ from umo.cycle.slots import Slots
 from umo.cycle.transfer import FAILURES, cause_of_failure
 from umo.drivers.contract import Direction, WaitEnded
 from umo.errors import DriverError, Failure
-from umo.objects import Quality, link
+from umo.objects import Actuator, DigitalSensor, Quality, link
 from umo.objects.linearization import Linearizations
 from umo.objects.scaling import FloatArray, IntArray
 
@@ -42,10 +42,17 @@ class Gate(link.Commands, Protocol):
         """The actuator is being reset."""
 
 
+def raise_failures(what: str, failures: Sequence[Failure]) -> None:
+    raise DriverError(what, failures)
+
+
 class Image(Slots):
     """The slots of a connected machine, and what moves them."""
 
     commands: Gate
+    fail: Callable[[str, Sequence[Failure]], object] = staticmethod(raise_failures)
+    """Function that is told which objects have failed, and what they were to do. It raises, unless the equipment of all
+    these objects contains their failure."""
 
     def connect(self, commands: Gate) -> None:
         """The objects find their values here from now on."""
@@ -78,11 +85,22 @@ class Image(Slots):
             if outside or block.unsettled:
                 self._settle(block, outside, now, failures)
         if failures or self.sampled_good is None:
-            self._log_marked()
-            if failures:
-                raise DriverError("could not be read", failures)
-            self.sampled_good = not any(self.quality[self.sampled])
+            return self._end_sample(failures)
         return self.sampled_good
+
+    def _end_sample(self, failures: list[Failure]) -> bool:
+        """Something is not, or was not, as it should be."""
+        what = "could not be read"
+        for slot in tuple(self.unconfirmed):
+            if self.quality[slot] == Quality.STALE and (unsent := self.try_send(slot)):
+                what = "could not be written or read"
+                failures += unsent
+        self._log_marked()
+        if failures:
+            self.fail(what, failures)
+        good = not any(self.quality[self.sampled])
+        self.sampled_good = None if self.unconfirmed else good
+        return good
 
     def update(self) -> bool:
         """Send every synchronous actuator, written or not since the last period; one transfer per driver."""
@@ -105,8 +123,8 @@ class Image(Slots):
                     self._set_quality(slot, Quality.GOOD)
                 block.unsettled &= unconverted
         if failures:
-            raise DriverError("could not be written", failures)
-        return True
+            self.fail("could not be written", failures)
+        return not failures
 
     def _accept_each(self, block: Block, causes: Mapping[int, str], failures: list[Failure]) -> None:
         """The readings of a block one by one; `causes` are those of the slots that failed: the others stand."""
@@ -148,7 +166,7 @@ class Image(Slots):
                 self._fail_input(slot, f"read {raw} missed periods, which is outside its range", failures)
         self._log_marked()
         if failures:
-            raise DriverError("could not be read", failures)
+            self.fail("could not be read", failures)
         value: float = self.values[slot]
         return value
 
@@ -161,7 +179,7 @@ class Image(Slots):
                 self._accept(slot, found, failures)
         self._log_marked()
         if failures:
-            raise DriverError("could not be read", failures)
+            self.fail("could not be read", failures)
         return all(self.quality[slot] == Quality.GOOD for slot in slots)
 
     def update_some(self, slots: Sequence[int]) -> bool:
@@ -178,8 +196,8 @@ class Image(Slots):
             else:
                 self._fail_output(slot, cause, failures)
         if failures:
-            raise DriverError("could not be written", failures)
-        return True
+            self.fail("could not be written", failures)
+        return not failures
 
     def command(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
         """A value within its range was written to an actuator for which the command stage is to be asked; or by a
@@ -190,7 +208,8 @@ class Image(Slots):
             return False
         self.pending[slot] = value
         if not self.items[slot].synchronous and (failures := self.try_send(slot)):
-            raise DriverError("could not be written", failures)
+            self.fail("could not be written", failures)
+            return False
         return True
 
     def try_send(self, slot: int) -> list[Failure]:
@@ -224,9 +243,10 @@ class Image(Slots):
         return bool(taken.all())
 
     def reset_some(self, slots: Iterable[int]) -> None:
-        failures = [failure for _, failure in self.reset_each(slots) if failure is not None]
+        failed = [(slot, failure) for slot, failure in self.reset_each(slots) if failure is not None]
+        failures = [failure for slot, failure in failed if not self._resets_again(slot)]
         if failures:
-            raise DriverError("could not be reset", failures)
+            self.fail("could not be reset", failures)
 
     def reset_each(self, slots: Iterable[int]) -> Iterator[tuple[int, Failure | None]]:
         """The driver's reset for each; one failure never stops the rest."""
@@ -236,6 +256,36 @@ class Image(Slots):
         for slot, failure in self.transfer.bring_to_default(slots):
             self._was_reset(slot, failure)
             yield slot, failure
+
+    def _resets_again(self, slot: int) -> bool:
+        """Whether a failed reset is no failure yet: the default is sent again in the next period."""
+        if self.items[slot].direction is not Direction.OUTPUT or not self._is_sent_again(slot):
+            return False
+        self.unsent.discard(slot)  # it is sent again as what is pending
+        self._set_quality(slot, Quality.STALE)
+        return True
+
+    def initialize_again(self, slot: int) -> Failure | None:
+        """The device was away: at its default, from where `update` goes on to what is pending. What an asynchronous
+        actuator had is sent again if it retries; else its default stays. An incremental sensor is not referenced."""
+        failure, item = self.transfer.initialize(slot), self.items[slot]
+        if failure is not None:
+            return failure
+        if isinstance(item, Actuator):
+            pending = self.pending[slot]
+            self.set_default(slot)
+            self._give_default(slot)
+            self._accepted(slot)
+            if item.synchronous or item._max_age is not None:
+                self.pending[slot] = pending
+                if not item.synchronous and pending != self._defaults[slot]:
+                    self.unconfirmed[slot] = self.clock.now
+                    self._set_quality(slot, Quality.STALE)
+            else:
+                self.commands.rest(slot)
+        elif self.base[slot] is not Quality.UNREFERENCED and isinstance(item, DigitalSensor) and item.incremental:
+            self.set_referenced(slot, False)
+        return None
 
     def initialize(self, slot: int) -> Failure | None:
         self._at_default(slot)

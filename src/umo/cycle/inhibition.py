@@ -1,4 +1,4 @@
-"""The state of an interlock in a connected machine."""
+"""The state of an interlock, or of a fault of equipment, in a connected machine."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MAX_RESULT_TEXT = 100
 
 @dataclass(eq=False)
 class Inhibition:
-    """One interlock: its actuators, and whether it inhibits them."""
+    """One interlock, or the fault of one equipment: its actuators, and whether it inhibits them."""
 
     interlock: Interlock
     slots: list[int]

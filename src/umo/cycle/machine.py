@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from functools import cached_property, partial
 from time import monotonic_ns
 from typing import Any, NamedTuple, NoReturn, Protocol, cast
@@ -11,7 +11,8 @@ from umo.cycle.client_commands import Inbox, Lease, Mode
 from umo.cycle.clock import Clock, WallClock
 from umo.cycle.columns import TAKEN_BY_CLIENT
 from umo.cycle.command_stage import CommandStage
-from umo.cycle.events import Events
+from umo.cycle.equipment import Containment, Equipment
+from umo.cycle.events import Event, Events
 from umo.cycle.frame import Frame, Observer, Signal, show, signals_of
 from umo.cycle.image import Image
 from umo.cycle.sequences import Sequences, Task
@@ -19,15 +20,19 @@ from umo.cycle.stage import Stage
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.drivers.faults.wrapper import Injection
-from umo.errors import DriverError
+from umo.errors import DriverError, EquipmentFault, forget_frames
 from umo.objects import Action, Compound, Node, actions_of, atoms, described, numbers_of, walk
 from umo.objects.stop_order import stop_sequence
 from umo.presentation.run_facts import driven_text, facts_of
-from umo.user_code import read_numbers, refuse_exit
+from umo.user_code import read_numbers, refuse_exit, told
 from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE
 
 INJECTED = "injected_faults"
 """The signal of a run with faults: how many are in effect."""
+
+
+_Act = partial[None]
+"""The `control` of one object, which is its only argument."""
 
 
 class Commanding(Protocol):
@@ -38,6 +43,9 @@ class Commanding(Protocol):
     inbox: Inbox
     at_work: Sequences | None
     """The sequences of the action that is being carried out at this moment: what it starts belongs here."""
+
+    def end_in(self, compound: Compound, fault: Callable[[], EquipmentFault]) -> list[BaseException]:
+        """End the actions and sequences of one compound; the errors of their cleaning up."""
 
     def look(self) -> None:
         """Once per period, before the sequences: take what has come in, go on with what runs."""
@@ -61,7 +69,6 @@ class ConnectedMachine:
         self.image = image
         self.clock: Clock = image.clock
         self.stop = stop
-        self.sequences = Sequences()
         self.clients: Commanding | None = None
         """The commands from outside, where there may be any."""
         self.observers: list[Observer] = []
@@ -72,11 +79,14 @@ class ConnectedMachine:
         self.tunables = {path: each for path, each in numbers.items() if each.declared.tunable}
         """The numbers that may be changed from outside, by path."""
         self.commands = CommandStage(root, image)
+        self.equipment = Containment(root, image, self.commands, self._is_manual, self._equipment_changed)
+        self.sequences = Sequences(self.equipment.contain_sequence)
         self.events: Events = self.commands.events
         """The last 1,000 actions of guards and clients."""
         self.stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         self._slots: dict[int, _PartSlots] = {}
-        self._acts: dict[int, list[Callable[[], None]]] = {}
+        self._acts: dict[int, list[_Act]] = {}
+        self._after_laws: list[_Act] = []
         self._started = 0
         self._unsent = False
         """Whether an `update` waits for the next tick."""
@@ -95,7 +105,17 @@ class ConnectedMachine:
             root._connect(self, sample, self._update)
         for compound in self._compounds[1:]:
             compound._connect(self, partial(self.sample, compound), partial(self.update, compound))
-        self._root_acts = self._overrides(root)
+        self._choose_acts()
+
+    def contain(self, yes: bool) -> None:
+        """Whether equipment contains failures of its objects: between connecting and disconnecting."""
+        if yes and self.equipment.all:
+            self.image.fail = self.equipment.failed
+        else:
+            vars(self.image).pop("fail", None)
+
+    def _is_manual(self) -> bool:
+        return self.clients is not None and self.clients.mode is Mode.MANUAL
 
     def cancel_sequences(self) -> None:
         """Cancel the sequences of clients and of the application, the last started first; the first error of their
@@ -151,25 +171,75 @@ class ConnectedMachine:
             if self.clients is not None:
                 self.clients.look()
             self.sequences.advance(self.clock)
-            acts = self._root_acts
-        else:
-            acts = self._overrides(part)
+            self._act(self._root_acts)
+            return
         try:
-            for act in acts:
+            for act in self._overrides(part):
                 act()
         except BaseException as error:
             refuse_exit(error, "control")
             raise
 
+    def _act(self, acts: Sequence[_Act]) -> None:
+        """Every law. What equipment contains of their errors does not keep the others from acting."""
+        try:
+            for act in acts:
+                act()
+        except BaseException as error:
+            if not self.fail(act.args[0], error):
+                refuse_exit(error, "control")
+                raise
+            forget_frames(error)
+        else:
+            return
+        rest = acts[acts.index(act) + 1 :]
+        self._act([each for each in rest if each in self._root_acts])
+
+    # Equipment -----------------------------------------------------------------------------------------
+
+    def fault_of(self, part: Node) -> EquipmentFault | None:
+        return self.equipment.fault_of(part)
+
+    def fail(self, part: Node, error: BaseException) -> bool:
+        return self.equipment.contain(part, error)
+
+    def clear(self, part: Node) -> list[str]:
+        return self.equipment.clear(part)
+
+    def _equipment_changed(self, equipment: Equipment) -> None:
+        """It is in fault, or was cleared."""
+        if equipment.fault is not None:
+            self._end_in(equipment)
+        self._choose_acts()
+
+    def _choose_acts(self) -> None:
+        """What is called in each period: the laws but those of equipment in fault, then what waits for them."""
+        laws = (act for act in self._overrides(self.root) if self.fault_of(act.args[0]) is None)
+        self._root_acts = [*laws, *self._after_laws]
+
     def after_laws(self, call: Callable[[], None]) -> None:
         """Call it once, after the laws of this period."""
-        acts = self._root_acts
 
-        def once() -> None:
-            self._root_acts = acts
+        def once(root: Compound) -> None:
+            self._after_laws.remove(act)
+            self._choose_acts()
             call()
 
-        self._root_acts = [*acts, once]
+        act = partial(once, self.root)
+        self._after_laws.append(act)
+        self._choose_acts()
+
+    def _end_in(self, equipment: Equipment) -> None:
+        """Whatever is under way in equipment that is in fault now."""
+        compound = equipment.compound
+        for node in (compound, *walk(compound)):
+            if isinstance(node, Compound):
+                node._enter_fault()
+        errors = self.sequences.end_in(compound, equipment.error)
+        if self.clients is not None:
+            errors += self.clients.end_in(compound, equipment.error)
+        for error in errors:
+            self.events.add(Event(self.clock.now, equipment.path, f"in its cleaning up: {told(error).text}"))
 
     def update(self, part: Node) -> bool:
         return self.image.update_some(self._slots_of(part).outputs)
@@ -222,8 +292,10 @@ class ConnectedMachine:
         stage = Stage.RUNNING if self.running else Stage.STOPPING
         mode, holder = (None, "") if self.clients is None else (self.clients.mode, self.clients.lease.holder)
         now, missed = self.clock.now, self.clock.missed_in_all
+        faults = {each.path: each.fault for each in self.equipment.all if each.fault is not None}
         driven = self._driven(holder) if mode is Mode.MANUAL else ""
-        return facts_of(stage, mode, holder, self.frame.progress, driven=driven, time=now, missed=missed)
+        progress = self.frame.progress
+        return facts_of(stage, mode, holder, progress, driven=driven, time=now, missed=missed, faults=faults)
 
     def _driven(self, holder: str) -> str:
         image, taken = self.image, TAKEN_BY_CLIENT
@@ -231,9 +303,12 @@ class ConnectedMachine:
         each = ((described(image.items[slot]), image.values[slot], image.restrictions[slot] == taken) for slot in slots)
         return driven_text(each, holder)
 
-    def start(self, sequence: Coroutine[Any, Any, Any]) -> Task:
+    def start(self, sequence: Coroutine[Any, Any, Any], part: Node) -> Task:
+        if (fault := self.fault_of(part)) is not None:
+            sequence.close()
+            raise fault
         by_client = None if self.clients is None else self.clients.at_work
-        return (self.sequences if by_client is None else by_client).start(sequence)
+        return (self.sequences if by_client is None else by_client).start(sequence, part)
 
     def skip_ticks(self) -> None:
         """Read the timer before the first period: the ticks until here belong to no period, and none is missed."""
@@ -272,7 +347,7 @@ class ConnectedMachine:
             )
         return self._slots[id(part)]
 
-    def _overrides(self, part: Node) -> list[Callable[[], None]]:
+    def _overrides(self, part: Node) -> list[_Act]:
         """The `control` of every class that has its own, in pre-order; collected once, called flat."""
         if id(part) not in self._acts:
             nodes: list[Node] = [part, *walk(part)]

@@ -12,6 +12,7 @@ from typing import Any
 from umo.cycle.columns import Block
 from umo.cycle.image import Image
 from umo.cycle.journal import NEVER, Journal, Kind
+from umo.cycle.transfer import BlockTransfer
 from umo.drivers.contract import Channel, Driver
 from umo.errors import ChannelsFailed
 
@@ -35,15 +36,18 @@ class Phases:
         self._timer = None if image.timer < 0 else image.wires[image.timer].driver
         self._moved: set[int] = set()
         """The blocks that were moved in this period."""
-        for number, block in enumerate(image.inputs, 1):
-            block.transfer = self._watched(block, number, Kind.READ)
-        for number, block in enumerate(image.outputs, self._control + 1):
-            block.transfer = self._watched(block, number, Kind.WRITE)
+        places = [*enumerate(image.inputs, 1)], [*enumerate(image.outputs, self._control + 1)]
+        kinds = zip(places, (Kind.READ, Kind.WRITE), strict=True)
+        self._places = {block.start: (number, kind) for blocks, kind in kinds for number, block in blocks}
+        """The number and the kind of the transfer of each block, by its first slot."""
+        image.transfer.watched = self._watched
+        image.transfer.bind(image.inputs, image.outputs)
         if image.timer >= 0:
             image.transfer.tick = self._timed(image.transfer.tick)
 
     def remove(self) -> None:
         """The drivers are called without being watched again."""
+        self._image.transfer.watched = lambda block, transfer: transfer
         self._image.transfer.bind(self._image.inputs, self._image.outputs)
 
     def finish(self, execution: int) -> None:
@@ -62,10 +66,11 @@ class Phases:
         ticker = getattr(self._timer, "ticker", None)
         return UNKNOWN if ticker is None else ticker.woke - ticker.due
 
-    def _watched(self, block: Block, number: int, kind: Kind) -> Callable[..., None]:
+    def _watched(self, block: Block, transfer: BlockTransfer) -> BlockTransfer:
         """A block's transfer, timed. The first one of a period notes its position in the journal, a repeated one each
         object that it has moved."""
-        ns, transfer, whole, moved = self.ns, block.transfer, self._image.transfer, self._moved
+        ns, whole, moved = self.ns, self._image.transfer, self._moved
+        number, kind = self._places[block.start]
         reads = kind is Kind.READ
 
         def watched(channels: Any, raws: Any) -> None:

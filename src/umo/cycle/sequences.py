@@ -1,7 +1,7 @@
 """Sequences: application code as `async def` functions that the cycle itself advances, one step a period.
 
-There is no asyncio loop: `coroutine.send` once per period, before the root's `control`. What a sequence may
-await is here, and the motions built on it; anything else is a TypeError.
+There is no asyncio loop: `coroutine.send` once per period, before the root's `control`. A sequence may await what is
+here, in `parallel` and in `lock`, and the motions built on it; anything else is a TypeError.
 """
 
 from __future__ import annotations
@@ -10,13 +10,15 @@ import inspect
 import linecache
 import math
 import sys
-from collections.abc import Awaitable, Callable, Coroutine, Generator
+from collections.abc import Callable, Coroutine, Generator
 from types import CoroutineType, coroutine
 from typing import Any
 
 from umo.cycle.clock import Clock
 from umo.duration import seconds as in_seconds
-from umo.errors import Cancelled, TaskFailed, TimeExpired, text_of
+from umo.errors import Cancelled, TaskFailed, TimeExpired, forget_frames, text_of
+from umo.objects import Node
+from umo.objects.paths import is_within
 from umo.text import add_note, in_brackets, place_among, shown_path, str_of
 from umo.user_code import refuse_exit
 
@@ -29,6 +31,11 @@ AWAITABLE_HINT = "a sequence can await only the functions of umo.control"
 """Words of a message: what a sequence can await."""
 _ADVANCING: list[Task] = []
 """The sequences that take a step just now, the innermost last."""
+
+
+def advancing() -> list[Task]:
+    """The sequences that take a step just now, the innermost last."""
+    return _ADVANCING
 
 
 @coroutine
@@ -141,43 +148,25 @@ class timeout:
         return self._expiry
 
 
-def together(*sequences: Sequence) -> Awaitable[tuple[Any, ...]]:
-    """Run sequences in parallel and return their results. The first error cancels the others and is raised."""
-    return _together([Task(sequence) for sequence in sequences])
-
-
-@coroutine
-def _together(tasks: list[Task]) -> Generator[object, Clock, tuple[Any, ...]]:
-    running, tick = tasks, None
-    try:
-        while True:
-            running = [task for task in running if not task.advance(tick)]
-            if not running:
-                return tuple(task.result for task in tasks)
-            tick = yield _PERIOD
-    except BaseException as failure:
-        errors = _cancel_all(tasks)
-        if errors and isinstance(failure, Cancelled | GeneratorExit):
-            raise _with_notes(errors[0], errors[1:]) from None
-        _with_notes(failure, errors)
-        raise
-
-
 class Task:
-    """A started sequence."""
+    """A started sequence. `part`: the object of the machine to which it belongs."""
 
-    def __init__(self, sequence: Sequence) -> None:
+    def __init__(self, sequence: Sequence, part: Any = None) -> None:
         if not isinstance(sequence, Coroutine):
             raise TypeError(f"{sequence!r} is not a sequence; call an `async def` function")
         self._sequence = sequence
+        self.part = part
+        self.awaited_by: Task | None = None
+        """The started sequence that awaits it."""
         self._begun = False
         self._cancelling = self._cancelled = False
         self.done = False
         self.result: Any = None
         self.error: BaseException | None = None
-        """The error that ended it, if it was started beside others. Not of a part of `together`, whose error an
-        application may handle and go on: an error that its own frames refer to is never freed while the collector is
-        off."""
+        """The error that ended it, for whoever awaits it: he takes it. An error that its own frames refer to is never
+        freed while the collector is off."""
+        self._failure = ""
+        """The text of this error."""
         self.limits: list[timeout] = []
         """The time limits of the blocks that it is in, the outermost first."""
 
@@ -185,17 +174,23 @@ class Task:
         """Wait for its end in another sequence. Returns its result; TaskFailed if it failed or was cancelled. If the
         other one is cancelled meanwhile, so is this one (as in asyncio)."""
         if self in _ADVANCING:
-            raise TaskFailed(f"{self._name} awaited itself")
+            raise TaskFailed(f"{self.name} awaited itself")
+        self.awaited_by = _ADVANCING[0] if _ADVANCING else None
         try:
             while not self.done:
                 yield _PERIOD
         except Cancelled:
             self.cancel()
             raise
-        if self.error is not None:
-            raise TaskFailed(f"{self._name} failed: {text_of(self.error)}") from self.error
+        finally:
+            self.awaited_by = None
+        error, self.error = self.error, None
+        if error is not None:
+            self._failure = self._failure or text_of(error)
+        if self._failure:
+            raise TaskFailed(f"{self.name} failed: {self._failure}") from error
         if self._cancelled:
-            raise TaskFailed(f"{self._name} was cancelled")
+            raise TaskFailed(f"{self.name} was cancelled")
         return self.result
 
     def advance(self, tick: Clock | None) -> bool:
@@ -229,7 +224,7 @@ class Task:
             return
         except BaseException as error:
             self.done = True
-            refuse_exit(error, self._name)
+            refuse_exit(error, self.name)
             if isinstance(error, RuntimeError) and str_of(error) == "no running event loop":  # asyncio.sleep, for one
                 mistake = TypeError(f"asyncio cannot be used in a sequence; {AWAITABLE_HINT}")
                 raise mistake.with_traceback(error.__traceback__) from error
@@ -238,7 +233,7 @@ class Task:
             _ADVANCING.pop()
         if awaited is not _PERIOD:
             text = f"a sequence awaited {awaited!r}; {AWAITABLE_HINT}"
-            raise _with_notes(TypeError(f"{text}{in_brackets(self._place)}"), _cancel_all([self]))
+            raise with_notes(TypeError(f"{text}{in_brackets(self._place)}"), cancel_all([self]))
 
     @property
     def _place(self) -> str:
@@ -261,27 +256,48 @@ class Task:
             self._cancelling = True
             return
         self.done = self._cancelled = True
+        if _dropped(self._sequence):
+            return
         try:
             self._sequence.throw(Cancelled())
             self._sequence.close()  # it awaited again: GeneratorExit ends it
         except (Cancelled, StopIteration):
             return
         except BaseException as error:
-            refuse_exit(error, self._name)
+            refuse_exit(error, self.name)
             raise
+
+    def fail(self, error: BaseException) -> None:
+        """It has ended with this error, which lets go of its frames."""
+        self.error, self._failure = error, text_of(error)
+        forget_frames(error)
 
     def _begin(self) -> None:
         self._begun = True
         if inspect.iscoroutine(self._sequence) and inspect.getcoroutinestate(self._sequence) != inspect.CORO_CREATED:
             self.done = True
-            raise TypeError(f"{self._name} was started twice; call the `async def` function again for each start")
+            raise TypeError(f"{self.name} was started twice; call the `async def` function again for each start")
 
     @property
-    def _name(self) -> str:
+    def name(self) -> str:
         return f"sequence {getattr(self._sequence, '__qualname__', self._sequence)}"
 
 
-def _cancel_all(tasks: list[Task]) -> list[BaseException]:
+def _dropped(sequence: Any) -> bool:
+    """Close a sequence that never began, and the sequences among its arguments, which do not begin either: Python warns
+    of each that nobody awaits. Whether it never began."""
+    if not inspect.iscoroutine(sequence) or inspect.getcoroutinestate(sequence) != inspect.CORO_CREATED:
+        return False
+    values = inspect.getcoroutinelocals(sequence)
+    arguments = [values[name] for name in sequence.cr_code.co_varnames if name in values]
+    sequence.close()
+    for each in arguments:
+        for one in each if isinstance(each, tuple) else (each,):
+            _dropped(one)
+    return True
+
+
+def cancel_all(tasks: list[Task]) -> list[BaseException]:
     """The last started first; an error in the cleaning up of one does not spare the others."""
     errors: list[BaseException] = []
     for task in reversed(tasks):
@@ -292,16 +308,19 @@ def _cancel_all(tasks: list[Task]) -> list[BaseException]:
     return errors
 
 
-def _with_notes(error: BaseException, others: list[BaseException]) -> BaseException:
+def with_notes(error: BaseException, others: list[BaseException]) -> BaseException:
     for other in others:
         add_note(error, f"also, while another sequence was cancelled: {text_of(other)}")
+        forget_frames(other)  # its frames refer to the list that it is in: a circle
     return error
 
 
 class Sequences:
-    """All sequences that run side by side on one machine."""
+    """All sequences that run side by side on one machine. `contain` is told of one that has failed; whether the machine
+    goes on."""
 
-    def __init__(self) -> None:
+    def __init__(self, contain: Callable[[Task, BaseException], bool] = lambda task, error: False) -> None:
+        self._contain = contain
         self._tasks: list[Task] = []
         self._advancing = False
         self.paused = False
@@ -317,13 +336,14 @@ class Sequences:
         """The place at which each waits, in the user's code."""
         return [task._place for task in self._tasks]
 
-    def start(self, sequence: Sequence) -> Task:
-        task = Task(sequence)
+    def start(self, sequence: Sequence, part: Any = None) -> Task:
+        task = Task(sequence, part)
         self._tasks.append(task)
         return task
 
     def advance(self, tick: Clock) -> None:
-        """One step of each, in the order started; the first error cancels nothing else and is raised."""
+        """One step of each, in the order started. The first error that is not contained is raised; it cancels nothing
+        else."""
         if not self._tasks or self.paused:
             return
         if self._advancing:
@@ -334,12 +354,22 @@ class Sequences:
                 try:
                     over = task.advance(tick)
                 except BaseException as error:
-                    task.error = error  # its text is asked for by who needs it: it may take long
-                    raise
+                    if not self._contain(task, error):
+                        task.error = error  # its text is asked for by who needs it: it may take long
+                        raise
+                    over = True
                 if over:
                     self._tasks.remove(task)
         finally:
             self._advancing = False
+
+    def end_in(self, compound: Node, fault: Callable[[], BaseException]) -> list[BaseException]:
+        """Cancel those of one compound, the last started first; whoever awaits one gets the fault. The errors of their
+        cleaning up."""
+        ended = [task for task in self._tasks if not task.done and is_within(task.part, compound)]
+        for task in ended:
+            task.fail(fault())
+        return cancel_all(ended)
 
     def cancel(self) -> None:
         """On stop: cancel each sequence, the last started first. Then the first error of their cleanup is raised; the
@@ -347,6 +377,6 @@ class Sequences:
         errors: list[BaseException] = []
         while self._tasks:  # cleaning up may start more
             tasks, self._tasks = self._tasks, []
-            errors += _cancel_all(tasks)
+            errors += cancel_all(tasks)
         if errors:
-            raise _with_notes(errors[0], errors[1:])
+            raise with_notes(errors[0], errors[1:])

@@ -19,7 +19,7 @@ from umo.cycle.conversion import convert_inputs, convert_outputs
 from umo.cycle.transfer import Transfer, cause_of_failure
 from umo.drivers.contract import UNREAD, Direction
 from umo.errors import BadInput, DriverError, Failure, RangeError
-from umo.objects import Binary, DigitalSensor, Quality, Sensor
+from umo.objects import Actuator, Binary, DigitalSensor, Quality, Sensor
 from umo.objects.atomic import Digital
 from umo.objects.scaling import to_raw, to_value
 from umo.wiring.wired import Wire, Wired
@@ -34,7 +34,8 @@ MAX_OFFSET_RAW = 2.0**62
 class Slots:
     """The numbers of a machine's objects; an object holds its index, its slot."""
 
-    def __init__(self, wired: Wired, clock: Clock) -> None:
+    def __init__(self, wired: Wired, clock: Clock, equipment: int = 0) -> None:
+        """`equipment`: the number of the compounds that are declared equipment."""
         self.clock = clock
         self.wires = sorted(wired.wires, key=_group_order(wired.wires))
         self.items = [wire.item for wire in self.wires]
@@ -43,7 +44,7 @@ class Slots:
         self.timer = -1 if wired.timer is None else self.slot_of[id(wired.timer)]
         self._least_ticks, self._most_ticks = self.wires[self.timer].raw_bounds if wired.timer is not None else (0, 0)
         count = len(self.wires)
-        self.columns = columns = Columns(count)
+        self.columns = columns = Columns(count, equipment)
         self.pending: Any = columns.pending.data
         self.sent: Any = columns.sent.data
         self.sent_raws: Any = columns.sent_raws.data
@@ -59,6 +60,11 @@ class Slots:
         self.unsent: set[int] = set()
         """Asynchronous actuators whose default the device did not accept. The defaults of the others are sent by every
         `update`."""
+        self.failed: set[int] = set()
+        """The sensors that failed and have not been initialised since."""
+        self.unconfirmed: dict[int, float] = {}
+        """Asynchronous actuators with on_error="retry" whose pending value was not confirmed, each with the time in s
+        of the first attempt. While they are STALE, it is sent again in every period."""
         self._marked: list[Failure] = []
         """Failures of the sensors that were marked BAD and not logged yet."""
         self._next_log: dict[int, float] = {}
@@ -225,6 +231,7 @@ class Slots:
         if self.quality[slot]:
             self._set_quality(slot, Quality.GOOD)
             self.unsent.discard(slot)
+            self.unconfirmed.pop(slot, None)
 
     def _fail_input(self, slot: int, cause: str, failures: list[Failure]) -> None:
         item = cast(Sensor, self.items[slot])
@@ -239,7 +246,7 @@ class Slots:
                     self._next_log[slot] = self.clock.now + MARKED_LOG_INTERVAL
                     self._marked.append(self.transfer.failure(slot, cause))
         else:
-            self._fail_output(slot, cause, failures)
+            self._fail(slot, cause, failures)
 
     def _log_marked(self) -> None:
         """Log together what was marked BAD together: a thousand lines would take longer than a period."""
@@ -249,11 +256,29 @@ class Slots:
 
     def _unconverted(self, slot: int, error: Exception, failures: list[Failure]) -> None:
         """The pending value has no raw integer."""
-        self._fail_output(slot, f"its linearization failed: {cause_of_failure(error)}", failures)
+        self._fail(slot, f"its linearization failed: {cause_of_failure(error)}", failures)
 
     def _fail_output(self, slot: int, cause: str, failures: list[Failure]) -> None:
+        if self._is_sent_again(slot):
+            self._set_quality(slot, Quality.STALE)
+        else:
+            self._fail(slot, cause, failures)
+
+    def _is_sent_again(self, slot: int) -> bool:
+        """Whether what the device did not confirm is sent again in the next period, and has not failed yet. Where it is
+        not known whether the device answers, a synchronous actuator was not tried."""
+        item, now = cast(Actuator, self.items[slot]), self.clock.now
+        if item._max_age is not None:
+            since = self.times[slot] if item.synchronous else self.unconfirmed.setdefault(slot, now)
+            if now - since <= item._max_age:
+                return True
+        return item.synchronous and self.transfer.is_unknown(slot)
+
+    def _fail(self, slot: int, cause: str, failures: list[Failure]) -> None:
         self._keep_unsent(slot)
         self._set_quality(slot, Quality.BAD)
+        if self.items[slot].direction is Direction.INPUT:
+            self.failed.add(slot)
         failures.append(self.transfer.failure(slot, cause))
 
     def _keep_unsent(self, slot: int) -> None:

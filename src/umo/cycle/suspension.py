@@ -18,6 +18,7 @@ from umo.cycle.events import Event
 from umo.cycle.sequences import Sequences, next_period
 from umo.errors import CommandRefused
 from umo.objects import Actuator, Compound, atoms, walk
+from umo.objects.paths import is_within
 from umo.objects.scaling import FloatArray
 from umo.text import some
 from umo.user_code import Raised, attempt
@@ -47,6 +48,9 @@ class Suspendable(Protocol):
 
     def go_on(self) -> None:
         """The application goes on."""
+
+    def forget(self) -> None:
+        """The application does nothing with it any longer."""
 
 
 class _Noting:
@@ -182,11 +186,21 @@ class Suspension:
         if changed or (said and self._cause == MANUAL):
             self._tell("", f"{self._cause}: {'; '.join(said)}")
 
+    def forget(self, compound: Compound) -> None:
+        """Equipment is in fault: what the application did in it has ended, and is not gone on with."""
+        if self._left is None:
+            return
+        self._left = {slot: left for slot, left in self._left.items() if not is_within(self._actuators[slot], compound)}
+        for node in (compound, *walk(compound)):
+            if axis := self._axes.get(node._path):
+                axis.forget()
+
     # The application goes on ---------------------------------------------------------------------------
 
     def check(self) -> None:
         """CommandRefused if the application cannot go on from here."""
-        found = [reason for axis in self._axes.values() if (reason := axis.obstacle())]
+        found = [str(each.error()) for each in self._machine.equipment.all if each.fault and each.in_manual_only]
+        found += [reason for axis in self._axes.values() if (reason := axis.obstacle())]
         commands = self._machine.commands
         for slot, value in self._changed().items():
             item = self._actuators[slot]
@@ -219,7 +233,8 @@ class Suspension:
         if changed:
             self.resuming.start(_sent())
         for node in self._resuming:
-            self.resuming.start(_resumed(node))
+            if self._machine.fault_of(node) is None:
+                self.resuming.start(_resumed(node), node)
 
     def advance(self) -> Raised | None:
         """A step of what runs before the application goes on; why it failed."""

@@ -14,6 +14,7 @@ from typing import Any, Literal, NoReturn, TypeVar
 
 import numpy as np
 
+from umo.cycle.absence import Absences, NotCalled
 from umo.cycle.columns import Block
 from umo.cycle.journal import ErrorKind, Journal, Kind
 from umo.drivers.contract import UNREAD, Channel, Driver
@@ -36,6 +37,7 @@ WAIT_SLICE = 0.05
 LATE_TIME = 0.5
 """Time in s, plus twice its timeout, for which a driver that timed out is served last."""
 T = TypeVar("T")
+BlockTransfer = Callable[[Any, IntArray], None]
 _JOURNAL_KINDS = {"initialize": Kind.INITIALIZE, "reset": Kind.RESET}
 
 
@@ -61,6 +63,8 @@ class Transfer:
 
     def __init__(self, wires: Sequence[Wire], wired: Wired, timer: int = -1, raws: IntArray | None = None) -> None:
         self.wires = wires
+        self._callees: Any = [wire.driver for wire in wires]
+        """Where the calls of each object's driver go: to the driver, or to a stand-in while it is away."""
         self.drivers = wired.drivers
         self.timer = timer
         self._real = {id(wired.drivers[name]) for name in wired.hardware}
@@ -91,6 +95,10 @@ class Transfer:
         """Drivers (by id) that timed out, with the time of the timeout."""
         self.unsure = False
         """Whether a write to hardware failed, which the device may still carry out."""
+        self.absences: Absences | None = None
+        """The drivers that are away, while the machine runs; None: every call is made, and waits."""
+        self.watched: Callable[[Block, BlockTransfer], BlockTransfer] = lambda block, call: call
+        """Function that puts a watch around a block's transfer."""
 
     # Whole drivers -------------------------------------------------------------------------------------
 
@@ -128,18 +136,44 @@ class Transfer:
     def bind(self, inputs: Iterable[Block], outputs: Iterable[Block]) -> None:
         """The blocks' `transfer` and the timer's `tick` are the drivers' own."""
         inputs, outputs = list(inputs), list(outputs)
-        for block in inputs:
-            block.transfer = block.driver.read_many
-        for block in outputs:
-            block.transfer = block.driver.write_many
         self._blocks, self._outputs = inputs + outputs, outputs
+        for block in self._blocks:
+            self._bind(block)
         if self.timer >= 0:
             self.tick = self.wires[self.timer].driver.read
+
+    def _bind(self, block: Block) -> None:
+        callee = self._callees[block.start]
+        if block not in self._outputs:
+            block.transfer = self.watched(block, callee.read_many)
+        else:
+            block.transfer = self.watched(block, callee.write_many if self._written else _refuse_write)
+
+    def exchange(self, driver: Driver[Any], callee: Any) -> None:
+        """Let calls of this driver go to `callee` from now on."""
+        for slot, wire in enumerate(self.wires):
+            if wire.driver is driver:
+                self._callees[slot] = callee
+        for block in self._blocks:
+            if block.driver is driver:
+                self._bind(block)
+
+    def end_absences(self) -> None:
+        """Every call is made again, and waits: the machine stops."""
+        if self.absences is not None:
+            self.absences.end()
+        self.absences = None
+
+    def is_unknown(self, slot: int) -> bool:
+        """Whether the calls of its driver are refused, and it is not known yet whether the device answers."""
+        return self.absences is not None and self.absences.is_unknown(self.wires[slot].driver)
 
     def refuse(self, instead: Callable[..., NoReturn]) -> None:
         """Let no call reach a driver any longer: in its place `instead` is called, which does not return."""
         self.on_call = self.tick = instead
-        self.wires = _Refused(instead)
+        self.wires = self._callees = _Refused(instead)
+        if self.absences is not None:
+            self.absences.refuse(instead)
         for block in self._blocks:
             block.transfer = instead
 
@@ -162,7 +196,7 @@ class Transfer:
             self.raws[slot] = raw = index(self.tick(wire.channel))
             return raw
         try:
-            raw = index(wire.driver.read(wire.channel))
+            raw = index(self._callees[slot].read(wire.channel))
         except FAILURES as error:
             self._mark(wire.driver, error, False)
             self.note(slot, Kind.FAILED_READ, ErrorKind.of(error))
@@ -176,7 +210,7 @@ class Transfer:
         try:
             if not self._written:
                 _refuse_write()
-            wire.driver.write(wire.channel, raw)
+            self._callees[slot].write(wire.channel, raw)
         except FAILURES as error:
             self._mark(wire.driver, error, True)
             self.note(slot, Kind.FAILED_WRITE, ErrorKind.of(error), raw)
@@ -187,7 +221,7 @@ class Transfer:
         """Some sensors, one transfer a driver: each slot with its raw integer, or with the cause why there is none."""
         for driver, group in self.by_driver(slots):
             out = np.full(len(group), UNREAD)
-            failed = self._some(driver.read_many, driver, group, out, False)
+            failed = self._some(self._callees[group[0]].read_many, driver, group, out, False)
             for slot, raw in zip(group, out.tolist(), strict=True):
                 if slot in failed:
                     yield slot, failed[slot]
@@ -199,7 +233,7 @@ class Transfer:
         """Some actuators, one transfer a driver, from the raw integers of the whole machine: each slot with the cause
         of its failure, or None."""
         for driver, group in self.by_driver(slots):
-            failed = self._some(driver.write_many, driver, group, raws[group], True)
+            failed = self._some(self._callees[group[0]].write_many, driver, group, raws[group], True)
             for slot in group:
                 if slot not in failed:
                     self._moved(slot, int(raws[slot]), Kind.WRITE)
@@ -252,7 +286,7 @@ class Transfer:
         wire = self.wires[slot]
         began = monotonic()
         try:
-            getattr(wire.driver, segment)(wire.channel, *default)
+            getattr(self._callees[slot], segment)(wire.channel, *default)
         except BaseException as error:  # whatever a driver raises, the others are still to be brought to their defaults
             self._mark(wire.driver, error, True, monotonic() - began)
             self.note(slot, Kind.FAILED_RESET, ErrorKind.of(error), default[0] if default else None)
@@ -264,19 +298,26 @@ class Transfer:
 
     # What every call has in common ---------------------------------------------------------------------
 
-    def _mark(self, driver: Driver[Any], error: BaseException, write: bool, took: float = 0.0) -> None:
-        """A call has failed."""
-        if isinstance(error, TimeoutError) or took >= driver.timeout:
+    def _mark(
+        self, driver: Driver[Any], error: BaseException, write: bool, took: float = 0.0, whole: bool = False
+    ) -> None:
+        """A call has failed, one of the `whole` driver or one for an object."""
+        if isinstance(error, NotCalled):
+            return
+        timed_out = isinstance(error, TimeoutError) or took >= driver.timeout
+        if timed_out:
             self._late[id(driver)] = monotonic()
         if write and id(driver) in self._real:
             self.unsure = True
+        if self.absences is not None and (timed_out or whole):
+            self.absences.failed(driver, error, timed_out, write)
 
     def _failed(
         self, driver: Driver[Any], slots: Sequence[int], error: BaseException, written: Sequence[int] | None
     ) -> list[tuple[int, str]]:
         """The slots of a block that failed, with the cause: all of them, or those that the driver names. `written` are
         the raw integers that were to be written; None: it was read."""
-        self._mark(driver, error, written is not None)
+        self._mark(driver, error, written is not None, whole=not isinstance(error, ChannelsFailed))
         causes, whole = error.causes if isinstance(error, ChannelsFailed) else {}, cause_of_failure(error)
         named = [(slot, causes[text]) for slot in slots if (text := self.wires[slot].channel.text) in causes]
         failed = named or [(slot, whole) for slot in slots]

@@ -31,6 +31,11 @@ class Plans(Generic[K, P]):
         self._known.clear()
         self._last = None
 
+    @property
+    def last(self) -> P | None:
+        """The plan that was asked for last."""
+        return None if self._last is None else self._last[1]
+
     def of(self, channels: Sequence[K]) -> P:
         if self._last is not None and channels is self._last[0]:
             return self._last[1]

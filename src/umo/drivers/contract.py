@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from enum import Flag
 from functools import cache
 from operator import index
@@ -48,6 +48,8 @@ class Channel:
     direction: Direction
     bits: int
     signed: bool = False
+    event: bool = field(default=False, kw_only=True)
+    """Whether a write is an event, such as a pulse or a command, and not a level: sent twice, it may happen twice."""
 
     @property
     def places(self) -> tuple[Hashable, ...]:
@@ -209,6 +211,15 @@ class Driver(ABC, Generic[C]):
 
     def close(self) -> None:
         """Close the circuit. The last call; also made if `open` failed."""
+
+    def look(self) -> bool | None:
+        """Whether the device answers again, found out without waiting. True: it does. None: not known yet, asked again
+        in the next period. False, or an OSError: not now.
+
+        Called while the driver is away: a call has timed out, or one of the whole driver has failed. Other calls may
+        come in between. A driver that can only wait for its device leaves it as it is: the default is True, "try it",
+        and each try may cost its timeout. Where it is overridden, True is the device's own answer."""
+        return True
 
     def stop_waiting(self) -> None:
         """A stop was requested: a timer ends its wait for a tick, or the next one if it does not wait now, with

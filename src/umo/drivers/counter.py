@@ -78,7 +78,8 @@ class Counter(Driver[CounterChannel]):
         direction = Direction.INPUT if attribute == "direction" else Direction.BOTH
         signed = self._signed and attribute in ("count", "preset")
         bits = 1 if one_bit else self._bits if signed else min(self._bits, _MAX_BITS)
-        return CounterChannel(text, direction, bits, signed, count, attribute)
+        # a count that is set again has lost what it counted meanwhile
+        return CounterChannel(text, direction, bits, signed, count, attribute, event=attribute == "count")
 
     def devices(self) -> Sequence[str]:
         """Its number, however the option names it; a device that is not there stands for itself."""

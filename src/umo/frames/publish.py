@@ -69,6 +69,7 @@ def published(
             tuple(machine.commands.reasons),
             tuple(each.describe() for each in machine.actions.values()),
             tuple(each.describe() for each in machine.tunables.values()),
+            tuple(each.describe() for each in machine.equipment.all),
         )
         ring = Ring(machine, phases, layout, ends, tunables=list(machine.tunables.values()))
         undo.callback(ring.close)

@@ -20,7 +20,8 @@ import numpy.typing as npt
 from umo.cycle.client_commands import Mode
 from umo.cycle.columns import ASKED, FREE, TAKEN_BY_CLIENT
 from umo.cycle.command_stage import reason_of_client
-from umo.cycle.events import CommandState, Event
+from umo.cycle.equipment import EquipmentState
+from umo.cycle.events import FAULT, IN_FAULT, CommandState, Event
 from umo.cycle.stage import Progress, Stage
 from umo.errors import FramesError, PathError
 from umo.frames.frame_server import is_socket, receive
@@ -285,6 +286,16 @@ class Reader:
             return reason_of_client(self.holder)
         return self.layout.interlocks[state - 1] if state <= len(self.layout.interlocks) else "an unknown interlock"
 
+    def faults(self, frame: Any) -> dict[str, str]:
+        """The equipment in fault at a frame, by path: the reason, as long as the event that told it is kept."""
+        if frame is None or not frame["equipment"].any():
+            return {}
+        events = (each.event for each in self.events() if each.event.asked == FAULT)
+        told = {event.path: event.text.removeprefix(IN_FAULT) for event in events}
+        states = zip(self.layout.equipment, frame["equipment"].tolist(), strict=True)
+        paths = (str(entry["path"]) for entry, state in states if state == EquipmentState.FAULT)
+        return {path: told.get(path, "its reason is no longer kept") for path in paths}
+
     # In words ------------------------------------------------------------------------------------------
 
     @property
@@ -297,7 +308,15 @@ class Reader:
         moment = None if frame is None else float(frame["time"])
         mode, holder, driven = self.mode, self.holder, self.driven(frame)
         facts = facts_of(
-            state, mode, holder, progress_of(frame), driven=driven, time=moment, period=period, missed=self.missed
+            state,
+            mode,
+            holder,
+            progress_of(frame),
+            driven=driven,
+            time=moment,
+            period=period,
+            missed=self.missed,
+            faults=self.faults(frame),
         )
         if frame is None:
             return facts | {"progress": "no period has ended yet"}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, TypeAlias, get_args
 
 from umo.drivers.contract import Direction
 from umo.duration import seconds
@@ -14,6 +14,9 @@ from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
 from umo.presentation.value_text import measure, span
 
+OnWriteError: TypeAlias = Literal["raise", "retry"]
+"""The effect of a write that the device did not confirm."""
+
 
 class Actuator(Atomic):
     """The common part of the two."""
@@ -23,6 +26,8 @@ class Actuator(Atomic):
     direction = Direction.OUTPUT
     _expires: float | None
     _when_suspended: Literal["default", "hold"] | None
+    _max_age: float | None
+    """Time in s for which a value that was not confirmed is sent again; None: not at all."""
 
     @property
     def expires(self) -> float | None:
@@ -52,18 +57,23 @@ class Actuator(Atomic):
 
     def _guard_text(self) -> str:
         expiry = "" if self._expires is None else f", expires after {duration(self._expires)}"
-        return expiry + (", held when suspended" if self.when_suspended == "hold" else "")
+        retry = "" if self._max_age is None else f", sent again for {duration(self._max_age)}"
+        return expiry + retry + (", held when suspended" if self.when_suspended == "hold" else "")
 
 
 class BinaryActuator(Actuator, Binary[S]):
     """One output bit: a valve, a relay, a step input. EPICS bo, Modbus coil, OPC UA TwoState, BACnet BO.
 
     `expires` (s, or a text such as "100 ms"): without a write for this time the default is sent. Default: never.
+    `on_error` is what a write does that the device did not confirm. "raise" (default): the quality is BAD, DriverError.
+    "retry": the value is sent again in every period, with the quality STALE, until it is confirmed or older than
+    `max_age` (s, or a text such as "2 s"), counted from the last confirmation, of an asynchronous actuator from the
+    write; then as "raise". For channels that hold a level: a pulse must not be sent twice.
     `when_suspended`: "hold": it keeps its value in a change to manual mode; "default": it goes to its default, unless a
     law writes it. Default: as the nearest compound declares, else "default".
     """
 
-    __slots__ = ("_default", "_expires", "_when_suspended")
+    __slots__ = ("_default", "_expires", "_max_age", "_when_suspended")
 
     def __init__(
         self,
@@ -73,10 +83,13 @@ class BinaryActuator(Actuator, Binary[S]):
         default: S,
         synchronous: bool = True,
         expires: str | float | None = None,
+        on_error: OnWriteError = "raise",
+        max_age: str | float | None = None,
         when_suspended: Literal["default", "hold"] | None = None,
     ) -> None:
         super().__init__(states, one, synchronous)
         self._expires, self._when_suspended = _expiry(expires), _reaction(when_suspended)
+        self._max_age = _retried(on_error, max_age)
         if type(default) is not states:
             raise DeclarationError(f"default={default!r} is not a state of {states.__name__}")
         self._default = default
@@ -97,8 +110,8 @@ class BinaryActuator(Actuator, Binary[S]):
     def write(self, value: S) -> bool:
         """Set a new state. Synchronous: sent by the next `update`. Asynchronous: sent at once.
 
-        True: accepted. False: not accepted, see `inhibited`. Raises StateError for a state of another type and changes
-        nothing. Asynchronous: also DriverError.
+        True: accepted, or sent again with on_error="retry". False: not accepted, see `inhibited`. Raises StateError for
+        a state of another type and changes nothing. Asynchronous: also DriverError.
         """
         level = 1.0 if value is self._one else 0.0 if value is self._zero else float(self._level(value))
         image, slot = self._image, self._slot
@@ -123,10 +136,11 @@ class DigitalActuator(Actuator, Digital):
     text such as "100 ms"): without a write for this time the default is sent. `slew_rate` (units per s, synchronous
     only): the largest rate of change of the value sent. `pending` is the value written, `read` the value sent.
     `linearization`: a `Polynomial`, `LookupTable` or `Thermocouple`; the electrical quantity, raw * resolution +
-    zero_offset, is its inverse at the value. Default: they are the same. `when_suspended` as of `BinaryActuator`.
+    zero_offset, is its inverse at the value. Default: they are the same. `on_error`, `max_age` and `when_suspended` as
+    of a BinaryActuator.
     """
 
-    __slots__ = ("_clamp", "_default", "_expires", "_slew_rate", "_when_suspended")
+    __slots__ = ("_clamp", "_default", "_expires", "_max_age", "_slew_rate", "_when_suspended")
 
     def __init__(
         self,
@@ -142,10 +156,13 @@ class DigitalActuator(Actuator, Digital):
         synchronous: bool = True,
         expires: str | float | None = None,
         slew_rate: float | None = None,
+        on_error: OnWriteError = "raise",
+        max_age: str | float | None = None,
         when_suspended: Literal["default", "hold"] | None = None,
     ) -> None:
         super().__init__(units, minimum, maximum, resolution, zero_offset, synchronous, linearization)
         self._expires, self._when_suspended = _expiry(expires), _reaction(when_suspended)
+        self._max_age = _retried(on_error, max_age)
         self._slew_rate = None if slew_rate is None else _finite("slew_rate", slew_rate)
         if self._slew_rate is not None and self._slew_rate <= 0:
             raise DeclarationError(f"slew_rate must be above 0 {units}/s, not {number_text(self._slew_rate)}")
@@ -184,9 +201,9 @@ class DigitalActuator(Actuator, Digital):
     def write(self, value: float) -> bool:
         """Set a new value in `units`. Synchronous: sent by the next `update`. Asynchronous: sent at once.
 
-        True: accepted unchanged (rounding to the resolution does not count). False: clamped, or not accepted, see
-        `inhibited`. Raises RangeError and changes nothing if the value is outside the range with limits="raise", or is
-        not a finite number. Asynchronous: also DriverError.
+        True: accepted unchanged (rounding to the resolution does not count), or sent again with on_error="retry".
+        False: clamped, or not accepted, see `inhibited`. Raises RangeError and changes nothing if the value is outside
+        the range with limits="raise", or is not a finite number. Asynchronous: also DriverError.
         """
         if value.__class__ is not float:
             value = self._number(value)
@@ -225,3 +242,14 @@ def _reaction(when_suspended: Literal["default", "hold"] | None) -> Literal["def
     if when_suspended not in (None, "default", "hold"):
         raise DeclarationError(f'when_suspended={when_suspended!r} is neither "default" nor "hold"')
     return when_suspended
+
+
+def _retried(on_error: str, max_age: str | float | None) -> float | None:
+    """The time in s for which a value that was not confirmed is sent again; None: not at all."""
+    if on_error not in get_args(OnWriteError):
+        raise DeclarationError(f"on_error={on_error!r} is none of {', '.join(map(repr, get_args(OnWriteError)))}")
+    if on_error == "retry" and max_age is None:
+        raise DeclarationError('on_error="retry" needs a max_age')
+    if on_error == "raise" and max_age is not None:
+        raise DeclarationError('max_age is for on_error="retry"')
+    return None if max_age is None else seconds(max_age)

@@ -12,6 +12,7 @@ from typing import (
     Annotated,
     Any,
     ClassVar,
+    Literal,
     Never,
     Union,
     cast,
@@ -70,6 +71,11 @@ class Compound(Node):
         of lists and dicts (all that is in them). Default: as declared; what is not named follows in this order. A part
         uses its own `stop_order`, unless a parent names the part's objects.
     max_period: The longest sampling period for which `control` is designed, in s or as "2 ms". Default: not limited.
+    equipment: Whether it fails alone (the equipment module of ISA-88): if one of its objects, its `control` or a
+        sequence that was started in it fails, its actuators go to their defaults, in stop order, its sequences end, and
+        it is in fault (`cycle.fault`) until `cycle.clear()`; the rest of the machine goes on. "manual": in manual mode
+        only, as an axis. Default: False: a failure is that of the equipment around it, of the machine the end of the
+        run.
     numbers: The numbers that are no fields, such as those of laws and properties, by the names of the attributes:
         `numbers={"law.gain": Number("V/mm", 0.0, 2.0, tunable=True), "load": Number("N", shown=True)}`, or a function
         of the object that returns them. Those of the base are kept; for a name in both, those of the
@@ -96,13 +102,21 @@ class Compound(Node):
         *,
         stop_order: Sequence[str] | None = None,
         max_period: str | float | None = None,
+        equipment: bool | Literal["manual"] | None = None,
         numbers: ByAttribute | None = None,
         when_suspended: Reaction | None = None,
         **unknown: Never,
     ) -> None:
         super().__init_subclass__()
-        given = {"stop_order": stop_order, "max_period": max_period, "numbers": numbers, **unknown}
-        cls._settings = settings_of(cls, given | {"when_suspended": when_suspended})
+        given = {
+            "stop_order": stop_order,
+            "max_period": max_period,
+            "equipment": equipment,
+            "numbers": numbers,
+            "when_suspended": when_suspended,
+            **unknown,
+        }
+        cls._settings = settings_of(cls, given)
         dataclasses.dataclass(eq=False, repr=False, kw_only=True)(cls)
         names = [field.name for field in dataclasses.fields(cls)]  # type: ignore[arg-type]
         refuse_in_body(cls, names)
@@ -216,7 +230,10 @@ class Compound(Node):
     @property
     def cycle(self) -> Cycle:
         """The running cycle, seen from this object: `m.cycle.start(...)`, `m.cycle.running`."""
-        return Cycle(self._machine)
+        return Cycle(self._machine, self)
+
+    def _enter_fault(self) -> None:
+        """Equipment that it belongs to is in fault: nothing moves it any longer."""
 
     def _connect(self, machine: Machine, sample: Callable[[], bool], update: Callable[[], bool]) -> None:
         """`sample` and `update` are what moves this compound: in every period they are called without a look-up."""

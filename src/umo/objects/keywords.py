@@ -6,7 +6,7 @@ from collections import ChainMap
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from umo.duration import seconds
 from umo.errors import DeclarationError
@@ -18,11 +18,16 @@ ByAttribute = Mapping[str, Range] | Callable[[Any], Mapping[str, Range]]
 """Numbers by the names of attributes, or a function of the object that returns this."""
 
 
+IN_MANUAL = "manual"
+"""Value of `equipment`: the compound contains its failures in manual mode only."""
+
+
 class ClassSettings(NamedTuple):
     """What a class and its bases were given; documented at `Compound`."""
 
     stop_order: Sequence[str] = ()
     max_period: str | float | None = None
+    equipment: bool | Literal["manual"] = False
     numbers: tuple[ByAttribute, ...] = ()
     """Numbers of the class, then of its bases."""
     when_suspended: Reaction | None = None
@@ -48,6 +53,7 @@ def settings_of(cls: type, given: Mapping[str, Any]) -> ClassSettings:
 KEYWORDS = {
     "stop_order": "a tuple of paths and patterns",
     "max_period": 'a duration such as "2 ms"',
+    "equipment": 'True, False or "manual"',
     "numbers": "a mapping by names of attributes, or a function of the object that returns one",
     "when_suspended": '"default", "hold" or "run on"',
 }
@@ -80,6 +86,8 @@ def _is_valid(name: str, value: Any) -> bool:
         with suppress(DeclarationError):
             return not isinstance(value, bool) and seconds(value) > 0
         return False
+    if name == "equipment":
+        return value in (True, False, IN_MANUAL)
     if name == "when_suspended":
         return value in REACTIONS
     return isinstance(value, Mapping) or callable(value)

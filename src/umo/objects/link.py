@@ -5,10 +5,10 @@ The image is implemented in `umo.cycle`, above this layer. Objects use only thes
 
 from __future__ import annotations
 
-from collections.abc import Coroutine, Mapping, Sequence
+from collections.abc import Coroutine, Generator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 
-from umo.errors import NotConnected
+from umo.errors import EquipmentFault, NotConnected
 from umo.objects.scaling import ByteArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -68,13 +68,20 @@ class Image(Protocol):
 
 
 class Task(Protocol):
-    """A started sequence."""
+    """A started sequence. Another sequence may await it: the result; TaskFailed if it failed or was cancelled."""
 
     @property
-    def done(self) -> bool: ...
+    def done(self) -> bool:
+        """Whether it has ended, in whatever way."""
+
     @property
-    def result(self) -> Any: ...
-    def cancel(self) -> None: ...
+    def result(self) -> Any:
+        """What it has returned; None before its end, and if it failed or was cancelled."""
+
+    def cancel(self) -> None:
+        """Raise Cancelled inside it; it may clean up."""
+
+    def __await__(self) -> Generator[Any, Any, Any]: ...
 
 
 class Clock(Protocol):
@@ -103,21 +110,44 @@ class Machine(Protocol):
     def acknowledge(self, part: Node) -> bool: ...
     def progress(self, text: str, done: int | None, total: int | None) -> None: ...
     def facts(self) -> Mapping[str, str]: ...
-    def start(self, sequence: Coroutine[Any, Any, Any]) -> Task: ...
+    def start(self, sequence: Coroutine[Any, Any, Any], part: Node) -> Task: ...
+    def fault_of(self, part: Node) -> EquipmentFault | None: ...
+    def fail(self, part: Node, error: BaseException) -> bool: ...
+    def clear(self, part: Node) -> list[str]: ...
 
 
 class Cycle:
     """The running cycle, seen from a compound: `m.cycle`. Outside `connect` all but `connected` and `running` raise
     NotConnected."""
 
-    __slots__ = ("_machine",)
+    __slots__ = ("_machine", "_part")
 
-    def __init__(self, machine: Machine) -> None:
-        self._machine = machine
+    def __init__(self, machine: Machine, part: Node) -> None:
+        self._machine, self._part = machine, part
 
     def start(self, sequence: Coroutine[Any, Any, Any]) -> Task:
-        """Start a sequence. It runs from the next period on, beside the others. `control` raises its errors."""
-        return self._machine.start(sequence)
+        """Start a sequence of this object. It runs from the next period on, beside the others.
+
+        If it fails, whoever awaits it gets TaskFailed. If nobody in the same equipment awaits it, the equipment is in
+        fault; of the machine itself, `control` raises the error and the run ends. EquipmentFault if the equipment is in
+        fault already.
+        """
+        return self._machine.start(sequence, self._part)
+
+    @property
+    def fault(self) -> str | None:
+        """The reason if the equipment that contains this object is in fault; else None."""
+        found = self._machine.fault_of(self._part)
+        return None if found is None else found.reason
+
+    def clear(self) -> list[str]:
+        """End the fault of the equipment that contains this object, and of all equipment in it. Returns their paths.
+
+        Actuators, and the sensors that had failed, are initialised again; the incremental ones of these are
+        UNREFERENCED. Then it may be started again. EquipmentFault while one of its sensors cannot be read, DriverError
+        if an object cannot be initialised: it stays in fault.
+        """
+        return self._machine.clear(self._part)
 
     def progress(self, text: str, done: int | None = None, total: int | None = None) -> None:
         """Say what the machine is doing, and how much of its work is done: `m.cycle.progress("turning", 1, 3)`.

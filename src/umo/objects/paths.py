@@ -34,6 +34,13 @@ def walk(node: Node) -> Iterator[Node]:
             waiting.pop()
 
 
+def is_within(node: Node | None, compound: Node) -> bool:
+    """Whether an object is this compound, or below it."""
+    while node is not None and node is not compound:
+        node = node._parent
+    return node is not None
+
+
 def atoms(node: Node) -> Iterator[Atomic]:
     """Every atomic object below this one, in declared order."""
     return (each for each in walk(node) if isinstance(each, Atomic))

@@ -12,7 +12,8 @@ class Quality(IntEnum):
     UNREFERENCED = 2
     """An incremental sensor before homing has called `referenced()`."""
     STALE = 3
-    """The device failed; this is the last value, not older than `max_age`."""
+    """The device failed; this is the last value, not older than `max_age`. Of an actuator: the last one that the device
+    confirmed, and another may be pending."""
     BAD = 4
     """The device failed; do not use the value."""
 

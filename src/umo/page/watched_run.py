@@ -173,6 +173,7 @@ class Watched:
                 for slot, why in reasons.items()
                 if why and restrictions[slot] != TAKEN_BY_CLIENT
             }
+            told["faults"] = reader.faults(frame)
         if reader.mode is not None:
             tuned = {path: value if np.isfinite(value) else None for path, value in reader.tunables().items()}
             told |= {"mode": str(reader.mode), "tuned": tuned}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 from umo.presentation.digits import digits_of, number_text
@@ -11,6 +12,10 @@ from umo.presentation.durations import duration, lasting
 from umo.presentation.value_text import value_text
 from umo.text import printable, time_of_day
 
+IN_FAULT = "in fault"
+"""Name of the fact that tells the equipment in fault."""
+MAX_FAULTS = 3
+"""Number of equipments in fault that are told at most."""
 MAX_DRIVEN = 3
 """Number of the actuators that are told with their values; the others are counted."""
 FREE = "free"
@@ -32,9 +37,11 @@ def facts_of(
     time: float | None = None,
     missed: int | None = None,
     period: float | None = None,
+    faults: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, str]:
     """Facts by name, in the order in which they are shown; empty: there is nothing to say. `holder` of the lease,
-    `driven` (`driven_text`), `time` in s on the cycle's clock, `missed` periods, `period` in s."""
+    `driven` (`driven_text`), `time` in s on the cycle's clock, `missed` periods, `period` in s, `faults`: the reasons
+    of equipment in fault by its path."""
     text, done, total = progress
     return {
         "state": str(state),
@@ -45,7 +52,15 @@ def facts_of(
         "time": "" if time is None else clock_text(time),
         "period": "" if period is None else duration(period),
         "missed": "" if missed is None else f"{missed:,}",
+        IN_FAULT: _of_faults(faults),
     }
+
+
+def _of_faults(faults: Mapping[str, str]) -> str:
+    """The first few equipments in fault with their reasons, and the number of the others."""
+    found = [printable(f"{path}: {reason}") for path, reason in faults.items()]
+    more = [f"and {len(found) - MAX_FAULTS} more"] if len(found) > MAX_FAULTS else []
+    return "; ".join(found[:MAX_FAULTS] + more)
 
 
 def driven_text(actuators: Iterable[tuple[Mapping[str, Any], float, bool]], holder: str) -> str:

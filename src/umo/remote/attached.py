@@ -96,6 +96,17 @@ class RemoteStation(Commander, RemotePart):
         any mode."""
         return self.ask("acknowledge", path) is None
 
+    @property
+    def faults(self) -> dict[str, str]:
+        """The equipment in fault, by path: the reason."""
+        return self.reader.faults(self.reader.latest())
+
+    def clear(self, path: str = "") -> str:
+        """End the fault of the equipment that contains an object or compound, or ("") of all equipment. Returns what it
+        did: "cleared: reactors.1", or "nothing was in fault". EquipmentFault while one of its sensors cannot be read,
+        TaskFailed if an object cannot be initialised: it stays in fault. Under the lease, in any mode."""
+        return str(self.ask("clear", path))
+
     def __setattr__(self, name: str, value: Any) -> None:
         if name in vars(self) or isinstance(getattr(RemoteStation, name, None), property):
             object.__setattr__(self, name, value)

@@ -235,6 +235,7 @@ class _Resolver:
         driver = self.drivers[entry.driver]
         assert driver is not None  # it has made the channel
         self._check_direction(key, item, channel)
+        self._check_retry(key, item, channel)
         if not isinstance(item, Digital):
             for name in Calibration._fields:
                 if getattr(entry, name) is not None:
@@ -258,6 +259,12 @@ class _Resolver:
                 text = f"channel {channel.text!r} of {driver} is already used by {other}"
                 self.source.mistake(f'wire."{path}"', text)
                 return
+
+    def _check_retry(self, key: str, item: Atomic, channel: Channel) -> None:
+        if isinstance(item, Actuator) and item._max_age is not None and channel.event:
+            what = f"a write to channel {channel.text!r} is an event, which must not happen twice"
+            hint = 'declare on_error="raise" (a text channel that sets a level: sets_level = true)'
+            self.source.mistake(f"{key}.channel", f'on_error="retry" sends a value again, but {what}; {hint}')
 
     def _check_direction(self, key: str, item: Atomic, channel: Channel) -> None:
         if item.direction not in channel.direction:

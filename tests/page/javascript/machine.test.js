@@ -6,7 +6,7 @@ import { folded, generalised, linesOf } from "../../../src/umo/page/static/foldi
 import { filtered, groupsOf, partsOf } from "../../../src/umo/page/static/parts.js";
 import { shownQuality, valueText } from "../../../src/umo/page/static/presentation.js";
 import { nameOf, runAfter } from "../../../src/umo/page/static/stations.js";
-import { forbidden, statusOf } from "../../../src/umo/page/static/status.js";
+import { faultsOf, forbidden, statusOf } from "../../../src/umo/page/static/status.js";
 import { nextTab } from "../../../src/umo/page/static/tabs.js";
 import { loadsAt } from "../../../src/umo/page/static/twin/loads.js";
 import { Undo } from "../../../src/umo/page/static/undo.js";
@@ -90,6 +90,14 @@ test("silence is said with its seconds, and told once without them", () => {
   assert.equal(statusOf({ ...KNOWN, unheard: 3 }).text, "Nothing heard from the server");
   assert.match(statusOf({ ...KNOWN, connected: false }).text, /connection to the server is lost/);
   assert.match(statusOf({ ...KNOWN, connected: false, refused: true }).text, /refuses this page/);
+});
+
+test("equipment in fault is told once, with its reason, and the first few of many", () => {
+  assert.deepEqual(faultsOf(undefined), { shown: [], more: 0 });
+  const faults = { a: "too hot", b: "no feed", c: "stuck", d: "stuck" };
+  const { shown, more } = faultsOf(faults);
+  assert.deepEqual([shown.length, more, shown[0]], [3, 1, { path: "a", text: "✖ a is in fault: too hot" }]);
+  assert.deepEqual(forbidden({ "a.heater": "a is in fault", "b.valve": "door open" }, faults), ["door open (1 actuator)"]);
 });
 
 test("what forbids actuators is said once for each reason", () => {

@@ -157,6 +157,14 @@ class FaultyDriver(Driver[Any]):
         self._begin([each for each in self.active() if each.channel is None])
         self.driver.open()
 
+    def look(self) -> bool | None:
+        """A fault that makes calls of the driver fail keeps its device from being found."""
+        acting = self.active()
+        if any(effect.takes >= self.timeout for effect in acting):
+            return False
+        whole = [effect for effect in acting if effect.channel is None]
+        return False if any(effect.mistake or effect.lost() for effect in whole) else self.driver.look()
+
     def watchdog(self, seconds: float) -> None:
         self._begin([each for each in self.active() if each.channel is None])
         self.driver.watchdog(seconds)

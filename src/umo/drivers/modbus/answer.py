@@ -11,6 +11,8 @@ from umo.errors import DriverError
 
 EXCEPTION_SIZE = 3
 READ_WRITE = 23
+GATEWAY_EXCEPTIONS = (10, 11)
+"""Exceptions with which a gateway answers for a unit that it does not reach."""
 
 
 class Recovering(Lost):

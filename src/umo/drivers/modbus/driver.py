@@ -170,6 +170,16 @@ class Modbus(BlockDriver[ModbusChannel]):
             together = f"skip_unchanged and a period, {duration_text(self._skip + self.period)}"
             raise DriverError(f"{together}, are not shorter than the watchdog, {duration_text(seconds)}")
 
+    def look(self) -> bool | None:
+        """The unit is asked for what is read anyway; where nothing is read, for what is written. On a serial line that
+        several units share, it cannot be looked for without waiting."""
+        if self._connection is None:
+            return False
+        self._unchanged.forget()
+        plan = self._reads.last or self._writes.last
+        table, address, count = (plan[0].table, plan[0].address, plan[0].count) if plan else (HOLDING, 0, 1)
+        return self._connection.look(table, address, count, self.timeout)
+
     def _write(
         self, channels: Sequence[ModbusChannel], raws: list[int], *, read_back: bool = True, skip: bool = False
     ) -> None:

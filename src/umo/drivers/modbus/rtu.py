@@ -1,196 +1,19 @@
-"""The units of a serial line (Modbus over Serial Line V1.02, RTU).
-
-A frame has no number, so nothing in it tells a late answer from the answer to the next request of the same kind.
-Therefore a unit whose answer did not come in time is not asked for the same function again for its `recovery` time.
-What comes in meanwhile is discarded; the late answer itself ends the time early, and so does an answer that came
-damaged, if it is known for the answer (`has_come`): nothing else is to come then. Other functions and
-other units go on: an answer names both, so a late one is known from theirs. Functions 5 and 6 go on too, as their
-answer repeats address and value. When the line is opened, the time runs for every unit: another process, which has
-ended, may have asked it.
-"""
+"""One unit of a serial line (Modbus over Serial Line V1.02, RTU), for one driver."""
 
 from __future__ import annotations
 
-import os
-from dataclasses import dataclass
 from time import monotonic, sleep
-from typing import ClassVar
 
 from pymodbus.framer import FramerRTU
 from pymodbus.pdu import DecodePDU, ModbusPDU
 
-from umo.drivers.modbus.answer import Recovering, answer_size
-from umo.drivers.modbus.rtu_frame import CHECKSUM_SIZE, answer_end, has_come, is_answer
-from umo.drivers.streams import Gone, Lost, Serial, Stream, TimedOut
-from umo.errors import DriverError
+from umo.drivers.modbus.answer import Recovering
+from umo.drivers.modbus.serial_line import SerialLine, UnitFunction
+from umo.drivers.streams import Gone, Lost, Serial
 from umo.presentation.durations import duration
 
-_MAX_STRAY = 256
-"""Stray bytes that are kept."""
-_MAX_DISCARDS = 16
-"""Reads of up to 4 KiB after which a line that does not fall silent is left."""
-_UNMISTAKABLE = (5, 6)
-"""Functions whose answer repeats what was written: a late one of an earlier request has another address or value, or
-confirms that the same value was written."""
 _LOOK_INTERVAL = 0.005
 """Time in s between two looks at a line while a unit recovers."""
-
-
-UnitFunction = tuple[int, int]
-
-
-@dataclass(frozen=True)
-class PendingAnswer:
-    """An answer that may still come: to this request, given up at this time. Without one: to another process."""
-
-    request: bytes
-    since: float
-
-
-class SerialLine:
-    """A serial line of this process, shared by the drivers of its units; open while one of them is."""
-
-    _lines: ClassVar[dict[tuple[int, str], SerialLine]] = {}
-
-    def __init__(self, place: Serial, key: tuple[int, str]) -> None:
-        self.place = place
-        self._dial = place.dial()
-        self._silence = silence(place)
-        self._key = key
-        self._users = 0
-        self._port: Stream | None = None
-        self.opened_at = 0.0
-        self._owed: dict[UnitFunction, PendingAnswer | None] = {}
-        """Answers that are owed by the units that were asked since the line was opened; None: there is none."""
-        self._last_byte_at = 0.0
-        self._stray = b""
-        """Bytes that came in since the last request was sent."""
-        self._last_asked: UnitFunction | None = None
-        """Unit and function of that request."""
-
-    @classmethod
-    def join(cls, place: Serial) -> SerialLine:
-        """The line of this device file; a child process has its own."""
-        key = (os.getpid(), os.path.realpath(place.path))
-        line = cls._lines.setdefault(key, cls(place, key))
-        if str(line.place) != str(place):
-            raise DriverError(f"{place.path} is open at {line.place} for another unit, and here it is {place}")
-        line._users += 1
-        return line
-
-    def leave(self) -> None:
-        self._users -= 1
-        if not self._users:
-            self.close()
-            self._lines.pop(self._key, None)
-
-    @property
-    def port(self) -> Stream:
-        if self._port is None:
-            raise Gone("the serial line is closed")
-        return self._port
-
-    def open(self, deadline: float) -> None:
-        """Open the line if it is not open, or has failed since. DriverError, in words of its own."""
-        if self._port is None:
-            self._port = self._dial(deadline)
-            self.opened_at = self._last_byte_at = monotonic()
-            self._owed.clear()
-            self._last_asked = None
-
-    def close(self) -> None:
-        if self._port is not None:
-            self._port.close()
-        self._port = None
-
-    def owed(self, asked: UnitFunction) -> PendingAnswer | None:
-        """Answer that may be mistaken for the one to this function, if it is asked for now."""
-        if asked[1] in _UNMISTAKABLE:
-            return None
-        return self._owed.get(asked, PendingAnswer(b"", self.opened_at))
-
-    def settle(self, asked: UnitFunction) -> None:
-        """Nothing is owed: the answer has come, or its time is over."""
-        self._owed[asked] = None
-
-    def exchange(self, frame: bytes, deadline: float) -> bytes:
-        """Send a frame; unit, function and data of its answer."""
-        self._wait_for_silence(deadline)
-        request, asked = frame[:-CHECKSUM_SIZE], (frame[0], frame[1])
-        self._last_byte_at = monotonic() + len(frame) * self.place.character  # it is on its way for so long
-        self._last_asked, self._stray = asked, b""
-        try:
-            self.port.send(frame, deadline)
-            answer = self._answer(request, deadline)
-        except BaseException:
-            self._owed[asked] = PendingAnswer(request, monotonic())
-            self._consider(b"")
-            raise
-        self.settle(asked)
-        return answer
-
-    def discard(self) -> None:
-        """Discard what has come in unasked. A late answer is owed no more."""
-        for _ in range(_MAX_DISCARDS):
-            data = self.port.waiting()
-            if not data:
-                return
-            self._last_byte_at = monotonic()
-            self._consider(data)
-
-    def _consider(self, data: bytes) -> None:
-        """Bytes that came in unasked may be an answer that is owed."""
-        self._stray = (self._stray + data)[-_MAX_STRAY:]
-        for asked, owed in self._owed.items():
-            came = has_come if asked == self._last_asked else is_answer
-            if owed is not None and owed.request and came(owed.request, self._stray):
-                self._owed[asked] = None
-
-    def _wait_for_silence(self, deadline: float) -> None:
-        """Wait until nobody has sent anything for 3.5 characters."""
-        self.discard()
-        while (pause := self._last_byte_at + self._silence - monotonic()) > 0:
-            if monotonic() + pause > deadline:
-                raise TimedOut("the line was not silent")
-            sleep(pause)
-            self.discard()
-
-    def _answer(self, request: bytes, deadline: float) -> bytes:
-        data = b""
-        while True:
-            answered = self._answered(request, data)
-            end = answer_end(answered, data) if len(data) > 1 else 0
-            if not end:
-                data += self._receive(request, data, deadline)
-            elif answered is not request:
-                self.settle((data[0], data[1] & 0x7F))
-                data = data[end:]
-            elif len(data) > end:
-                raise Lost(f"an answer of {len(data)} bytes in place of {end}")
-            else:
-                return data[:-CHECKSUM_SIZE]
-
-    def _answered(self, request: bytes, data: bytes) -> bytes:
-        """The request that the data begins to answer: this one, or another one whose answer is late."""
-        if len(data) > 1 and (data[0], data[1] & 0x7F) != (request[0], request[1]):
-            owed = self._owed.get((data[0], data[1] & 0x7F))
-            return request if owed is None else owed.request
-        return request
-
-    def _receive(self, request: bytes, data: bytes, deadline: float) -> bytes:
-        try:
-            more = self.port.receive(deadline)
-        except TimedOut:
-            size = answer_size(request) + CHECKSUM_SIZE
-            raise TimedOut(f"{len(data)} of {size} bytes of an answer came" if data else "") from None
-        self._last_byte_at = monotonic()
-        self._stray += more
-        return more
-
-
-def silence(place: Serial) -> float:
-    """Time in s between two frames: 3.5 characters, or 1.75 ms above 19200 baud (Modbus over Serial Line, 2.5.1.1)."""
-    return 3.5 * place.character if place.baudrate <= 19200 else 1.75e-3
 
 
 class Rtu:
@@ -202,6 +25,8 @@ class Rtu:
         self._unit = unit
         self._recovery = recovery
         self._deadline = 0.0
+        self._is_asked = False
+        """Whether a look has sent its request."""
         self._known_opening = 0.0
         """Time at which the line that was used last had been opened."""
 
@@ -210,10 +35,33 @@ class Rtu:
 
     def begin(self, deadline: float) -> bool:
         """The line is open; everything until the next `begin` ends by this time. True if the line was opened anew."""
-        self._deadline = deadline
+        self._deadline, self._is_asked = deadline, False
         self._line.open(deadline)
         known, self._known_opening = self._known_opening, self._line.opened_at
         return known != self._line.opened_at
+
+    def look(self, request: ModbusPDU, seconds: float) -> bool | None:
+        """Whether the unit answers this request, found out without waiting; None: not known yet.
+
+        There is one master, and one request at a time. On a line that other units share, their requests would have to
+        wait for the answer to this one; so a transfer is tried there (True), which costs its timeout."""
+        line = self._line
+        if line.is_shared:
+            return True
+        line.open(0.0)
+        line.discard()
+        frame = self.framer.buildFrame(request)
+        asked = frame[0], frame[1]
+        if (owed := line.owed(asked)) is not None and monotonic() < owed.since + self._recovery:
+            return None
+        line.settle(asked)
+        if self._is_asked:
+            self._is_asked = False
+            return owed is None
+        if line.is_silent:
+            line.ask(frame)
+            self._is_asked = True
+        return None
 
     def recover(self, deadline: float) -> None:
         """Wait until the recovery from opening the line is over, or the deadline."""

@@ -5,12 +5,13 @@
 from __future__ import annotations
 
 import struct
+from functools import partial
 
 from pymodbus.framer import FramerSocket
 from pymodbus.pdu import DecodePDU, ModbusPDU
 
-from umo.drivers.modbus.answer import check
-from umo.drivers.streams import Gone, Host, Lost, Stream, TimedOut
+from umo.drivers.modbus.answer import GATEWAY_EXCEPTIONS, check
+from umo.drivers.streams import Gone, Host, Look, Lost, Stream, TimedOut
 
 _HEADER = struct.Struct(">HHH")
 _MIN_LENGTH, _MAX_LENGTH = 2, 254  # what may follow the header: unit, function and up to 252 bytes of data
@@ -23,6 +24,7 @@ class Tcp:
         self._answers_as = answers_as
         self.framer = FramerSocket(DecodePDU(False))
         self._dial = place.dial()
+        self._look = Look(self._dial)
         self._deadline = 0.0
         self._stream: Stream | None = None
         self._transaction = 0
@@ -43,7 +45,32 @@ class Tcp:
     def recover(self, deadline: float) -> None:
         """A new connection has nothing to recover from."""
 
+    def look(self, request: ModbusPDU, seconds: float) -> bool | None:
+        """Whether the device answers this request, on a new connection, found out without waiting; None: not known yet.
+        Raises Lost or DriverError."""
+        if self._stream is not None and not self._data and self._stream.idle():
+            return True  # it answered the last request: any failure would have closed the connection
+        if not self._look.under_way:
+            self.close()
+            frame = self._frame(request)
+            self._look.begin(frame, partial(self._is_answer, frame), seconds)
+        self._stream, self._data = self._look.found(), b""
+        return None if self._stream is None else True
+
+    def _is_answer(self, frame: bytes, data: bytes) -> bool:
+        """Whether the data is the whole answer to this frame, if it is an exception answer too; not of a gateway."""
+        if not (end := frame_end(data)):
+            return False
+        answer = data[_HEADER.size : end]
+        if data[:2] != frame[:2] or len(data) > end:
+            raise Lost("the answer to another request")
+        self._check(frame, answer)
+        if answer[1] & 0x80 and answer[2] in GATEWAY_EXCEPTIONS:
+            raise Lost("the gateway does not reach the unit")
+        return True
+
     def close(self) -> None:
+        self._look.stop()
         if self._stream is not None:
             self._stream.close()
         self._stream = None
@@ -56,13 +83,19 @@ class Tcp:
         """Send the request; unit, function and data of its answer, which may be an exception answer."""
         if self._stream is None:
             raise Gone("the connection is closed")
-        self._transaction = request.transaction_id = self._transaction % 65535 + 1
-        frame = self.framer.buildFrame(request)
+        frame = self._frame(request)
         self._stream.send(frame, self._deadline)
         answer = self._answer(self._stream)
+        self._check(frame, answer)
+        return answer
+
+    def _frame(self, request: ModbusPDU) -> bytes:
+        self._transaction = request.transaction_id = self._transaction % 65535 + 1
+        return self.framer.buildFrame(request)
+
+    def _check(self, frame: bytes, answer: bytes) -> None:
         asked = frame[_HEADER.size :]
         check(asked if self._answers_as is None else bytes([self._answers_as, *asked[1:]]), answer)
-        return answer
 
     def _answer(self, stream: Stream) -> bytes:
         """The contents of the frame with this transaction's number; earlier answers are passed over."""

@@ -17,7 +17,7 @@ from pymodbus.client.mixin import ModbusClientMixin
 from pymodbus.pdu import ModbusPDU
 
 from umo.drivers.modbus.answer import Recovering, Refused
-from umo.drivers.modbus.channel import COIL, DISCRETE, HOLDING, INPUT
+from umo.drivers.modbus.channel import COIL, DISCRETE, HOLDING, INPUT, Table
 from umo.drivers.modbus.plan import Request
 from umo.drivers.modbus.rtu import Rtu
 from umo.drivers.modbus.tcp import Tcp
@@ -55,6 +55,13 @@ class _Client(ModbusClientMixin[ModbusPDU]):
         return answer
 
 
+class _Requests(ModbusClientMixin[ModbusPDU]):
+    """pymodbus's requests themselves: none is sent."""
+
+    def execute(self, no_response_expected: bool, request: ModbusPDU) -> ModbusPDU:
+        return request
+
+
 class Unit:
     """One unit. After any failure but an exception answer the transport makes sure that an answer that comes late is
     never taken for a later one."""
@@ -65,13 +72,16 @@ class Unit:
         self._name = f"unit {unit}"
         self._timeout = 0.0
         self._transport = Tcp(place, answers_as) if isinstance(place, Host) else Rtu(place, unit, recovery)
-        client = self._client = _Client(self._transport)
-        self._readers = {
-            COIL: client.read_coils,
-            DISCRETE: client.read_discrete_inputs,
-            HOLDING: client.read_holding_registers,
-            INPUT: client.read_input_registers,
-        }
+        self._client = _Client(self._transport)
+        self._readers = _readers_of(self._client)
+        self._requests = _readers_of(_Requests())  # type: ignore[no-untyped-call]
+
+    def look(self, table: Table, address: int, count: int, timeout: float) -> bool | None:
+        """Whether the unit answers when it is asked for these cells, found out without waiting: an exception is an
+        answer too. None: not known yet; DriverError: not now."""
+        request = self._requests[table](address, count=count, device_id=self._unit)
+        self._timeout = timeout
+        return self._connecting(lambda deadline: self._transport.look(request, timeout), timeout)
 
     def recover(self, timeout: float) -> None:
         """Wait until answers to whoever had the line before cannot come any more, for at most `timeout` s."""
@@ -142,6 +152,15 @@ class Unit:
         limit = duration(self._timeout)
         why = f"{error} within {limit}" if str(error) else f"timed out ({limit})"
         return DeviceTimeout(f"{self._name}: {what}: {why}")
+
+
+def _readers_of(client: ModbusClientMixin[ModbusPDU]) -> dict[Table, Callable[..., ModbusPDU]]:
+    return {
+        COIL: client.read_coils,
+        DISCRETE: client.read_discrete_inputs,
+        HOLDING: client.read_holding_registers,
+        INPUT: client.read_input_registers,
+    }
 
 
 def _be_quiet() -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from umo.drivers.streams.line import Serial
+from umo.drivers.streams.look import Look
 from umo.drivers.streams.place import Host, Place, place_of
 from umo.drivers.streams.stream import Gone, Lost, Stream, TimedOut
 
-__all__ = ["Gone", "Host", "Lost", "Place", "Serial", "Stream", "TimedOut", "place_of"]
+__all__ = ["Gone", "Host", "Look", "Lost", "Place", "Serial", "Stream", "TimedOut", "place_of"]

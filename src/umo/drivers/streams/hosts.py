@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import select
 import socket
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from ipaddress import IPv4Address, IPv6Address, ip_address
 from threading import Thread
@@ -15,6 +19,7 @@ from umo.text import reason_of
 
 MAX_LOOKUP_TIME = 2.0
 """Time in s for the look-up of a device's name. The resolver itself has no limit."""
+_END = "the device closed the connection"
 Found = list[tuple[Any, ...]]
 """Result of `socket.getaddrinfo`."""
 
@@ -51,12 +56,33 @@ class TcpDial:
             except OSError as error:
                 why, timed_out = reason_of(error), isinstance(error, TimeoutError)
             else:
-                return Stream(connection, "the device closed the connection")
+                return Stream(connection, _END)
+        raise TimedOut if timed_out else Gone(why)
+
+    def without_waiting(self, deadline: float) -> Iterator[Stream | None]:
+        """The same, without waiting: None while it goes on, then the stream."""
+        if not self._found:
+            outcome = _begin_look_up(self._host, self._port)
+            while not outcome.done() and monotonic() < deadline:
+                yield None
+            self._found = self._result(lambda: outcome.result(0.0))
+        why, timed_out = "no address", False
+        for tried, place in enumerate(self._found):
+            until = monotonic() + (deadline - monotonic()) / (len(self._found) - tried)
+            try:
+                for connection in _connecting(place, until):
+                    yield None if connection is None else Stream(connection, _END)
+                return
+            except OSError as error:
+                why, timed_out = reason_of(error), isinstance(error, TimeoutError)
         raise TimedOut if timed_out else Gone(why)
 
     def _look_up(self, deadline: float) -> Found:
+        return self._result(lambda: _found(self._host, self._port, deadline - monotonic()))
+
+    def _result(self, look_up: Callable[[], Found]) -> Found:
         try:
-            return _found(self._host, self._port, deadline - monotonic())
+            return look_up()
         except TimeoutError:
             raise TimedOut(f"{self._host} was not looked up") from None
         except OSError as error:
@@ -82,6 +108,33 @@ def _connected(place: tuple[Any, ...], seconds: float) -> socket.socket:
     return connection
 
 
+def _connecting(place: tuple[Any, ...], until: float) -> Iterator[socket.socket | None]:
+    """The same without waiting: None while it goes on, then the connection; OSError if there is none."""
+    family, kind, protocol, _, address = place
+    connection: socket.socket | None = socket.socket(family, kind, protocol)
+    try:
+        assert connection is not None
+        connection.setblocking(False)
+        code = connection.connect_ex(address)
+        writable = select.poll()
+        writable.register(connection, select.POLLOUT)
+        while code == errno.EINPROGRESS:
+            if writable.poll(0):
+                code = connection.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+            elif monotonic() >= until:
+                raise TimeoutError
+            else:
+                yield None
+        if code:
+            raise OSError(code, os.strerror(code))
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connected, connection = connection, None
+        yield connected
+    finally:
+        if connection is not None:
+            connection.close()
+
+
 def _found(host: str, port: int | None, seconds: float) -> Found:
     try:
         return socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_NUMERICHOST)
@@ -90,6 +143,14 @@ def _found(host: str, port: int | None, seconds: float) -> Found:
 
 
 def _looked_up(host: str, port: int | None, seconds: float) -> Found:
+    outcome = _begin_look_up(host, port)
+    try:
+        return outcome.result(max(seconds, 0.0))
+    finally:
+        del outcome  # it holds the error, which holds this frame
+
+
+def _begin_look_up(host: str, port: int | None) -> Future[Found]:
     """Look up in a thread, as `getaddrinfo` has no timeout."""
     outcome: Future[Found] = Future()
 
@@ -100,10 +161,7 @@ def _looked_up(host: str, port: int | None, seconds: float) -> Found:
             outcome.set_exception(error.with_traceback(None))
 
     Thread(target=look_up, args=(outcome,), name="umo look-up", daemon=True).start()
-    try:
-        return outcome.result(max(seconds, 0.0))
-    finally:
-        del outcome  # it holds the error, which holds this frame
+    return outcome
 
 
 def _normal(text: str, scope: tuple[object, ...]) -> str:

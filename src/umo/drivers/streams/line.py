@@ -6,10 +6,9 @@ import errno
 import io
 import os
 import termios
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
 from importlib import import_module
 from time import monotonic, sleep
 from typing import Any, Literal, get_args
@@ -55,7 +54,7 @@ class Serial:
         return library("serial.rs485", "serial") is not None
 
     def dial(self) -> Dial:
-        return partial(opened, self)
+        return SerialDial(self)
 
     @property
     def character(self) -> float:
@@ -65,6 +64,20 @@ class Serial:
     def __str__(self) -> str:
         shape = f"{self.data_bits}{self.parity[0].upper()}{self.stop_bits}"
         return f"{self.baudrate} baud {shape}{', RS-485' * self.rs485}"
+
+
+class SerialDial:
+    """Opens a serial line."""
+
+    def __init__(self, place: Serial) -> None:
+        self._place = place
+
+    def __call__(self, deadline: float) -> Stream:
+        return opened(self._place, deadline)
+
+    def without_waiting(self, deadline: float) -> Iterator[Stream | None]:
+        """The open line: it is there, or it is not."""
+        yield opened(self._place, 0.0)
 
 
 def opened(place: Serial, deadline: float) -> Stream:

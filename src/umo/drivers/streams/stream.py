@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import select
-from collections.abc import Callable
+from collections.abc import Iterator
 from contextlib import suppress
 from io import FileIO
 from socket import socket
 from time import monotonic
+from typing import Protocol
 
 from umo.text import reason_of
 
@@ -86,5 +87,11 @@ def _nothing(error: OSError) -> bytes:
     raise Gone(reason_of(error)) from None
 
 
-Dial = Callable[[float], Stream]
-"""Function that opens a stream by a deadline, in s of `monotonic`. It raises Lost or DriverError."""
+class Dial(Protocol):
+    """Opens streams to one device. It raises Lost or DriverError."""
+
+    def __call__(self, deadline: float) -> Stream:
+        """An open stream, by the deadline."""
+
+    def without_waiting(self, deadline: float) -> Iterator[Stream | None]:
+        """None again and again while it is being opened, by the deadline; then the open stream."""

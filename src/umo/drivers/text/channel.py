@@ -37,6 +37,7 @@ class ChannelOptions(TypedDict, total=False):
     set: Any
     acknowledge: str
     confirm: QueryOptions
+    sets_level: bool
     scale: float
     units: str
     bits: int
@@ -191,7 +192,10 @@ class Channels:
         if units is not None and levels:
             raise WiringError(f"{where}.units is for a number; levels have no unit")
         physical = None if units is None else PhysicalScale(float(scale or 1), 0.0, units)
-        channel = TextChannel(text, direction, bits, signed, reading, setting, physical)
+        event = setting is not None and not _truth(table.get("sets_level", False), f"{where}.sets_level")
+        if "sets_level" in table and setting is None:
+            raise WiringError(f"{where}.sets_level needs set")
+        channel = TextChannel(text, direction, bits, signed, reading, setting, physical, event=event)
         if levels and max(levels) > channel.highest:
             raise WiringError(f"{where}: level {max(levels)} does not fit its {bits} bits")
         if setting is not None and setting.template is not None:
@@ -249,6 +253,12 @@ def _levels(table: Any, where: str, of: Callable[[Any, str], T]) -> dict[int, T]
 def _text(value: Any, where: str) -> str:
     if not isinstance(value, str):
         raise WiringError(f"{where} must be a text, not {value!r}")
+    return value
+
+
+def _truth(value: Any, where: str) -> bool:
+    if not isinstance(value, bool):
+        raise WiringError(f"{where} must be true or false, not {value!r}")
     return value
 
 

@@ -12,8 +12,9 @@ from umo.drivers.streams import Host, Serial, place_of
 from umo.drivers.streams.line import Flow, Parity
 from umo.drivers.text.channel import ChannelOptions, Channels, Query, QueryOptions, TextChannel
 from umo.drivers.text.exchange import QueryLine, RequestLine, plan_reads, plan_writes
+from umo.drivers.text.link_settings import LinkSettings
 from umo.drivers.text.pattern import NoValue, Pattern
-from umo.drivers.text.text_link import LinkSettings, TextLink
+from umo.drivers.text.text_link import TextLink
 from umo.errors import DriverError, WiringError
 from umo.presentation.durations import duration
 
@@ -37,6 +38,8 @@ class Text(BlockDriver[TextChannel]):
         states: answers that stand for levels, { 0 = "OFF", 1 = ["ON", "1"] }, instead of a number.
         set: the request that writes, "VOLT {:.3f}", or a request for each level, { 0 = "OUTP OFF", 1 = "OUTP ON" }.
         acknowledge, confirm: as the options below, for this channel; "" and {} for none.
+        sets_level: true if `set` sets a level, so that sending it twice does no more than once. Default: false, the
+            request may be an event, such as a step: an actuator with on_error="retry" is refused.
         scale: the step of one raw integer: raw = number / scale, to the nearest. Without it numbers are whole.
         units: the unit of the device's numbers, "V": scale is then checked against the resolution of the object.
         bits, signed: default 64 and signed; with levels as many bits as they need, unsigned.
@@ -185,6 +188,13 @@ class Text(BlockDriver[TextChannel]):
     def read_many(self, channels: Sequence[TextChannel], out: IntArray) -> None:
         plan, link = self._reads.of(channels), self._begin()
         _in_turn(plan, channels, lambda asked: asked.read(link, out))
+
+    def look(self) -> bool | None:
+        """The device is asked for what is read anyway, or identified; where it is never asked, it is connected."""
+        if self._link is None:
+            return False
+        plan = self._reads.last
+        return self._link.look(plan[0].request if plan else "", self.timeout)
 
     def watchdog(self, seconds: float) -> None:
         """Send `watchdog_set` with this time."""

@@ -2,40 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from time import monotonic, sleep
 
-from umo.drivers.streams import Gone, Stream, TimedOut
+from umo.drivers.streams import Gone, Lost, Stream, TimedOut
 from umo.drivers.streams.stream import Dial
 from umo.drivers.text.channel import Query
+from umo.drivers.text.link_settings import LinkSettings
 from umo.drivers.text.pattern import BLANKS, NoValue, Pattern, UnexpectedAnswer, shown
+from umo.drivers.text.text_look import TextLook
 from umo.errors import DeviceTimeout, DriverError
 from umo.presentation.durations import duration
 
 _MAX_DOUBLINGS = 4
 """Doublings of the quiet time at most: a device that answered late once is given longer."""
-
-
-@dataclass(frozen=True)
-class LinkSettings:
-    """Rules of the conversation: the options of the driver that are not about a channel."""
-
-    terminator: str
-    answer_terminator: str
-    encoding: str
-    errors: tuple[Pattern, ...]
-    identify: Query | None
-    startup: tuple[str, ...]
-    acknowledge: Pattern | None
-    confirm: Query | None
-    greeting: Pattern | None
-    echo: bool
-    pause: float
-    quiet: float
-    boot_time: float
-    starts_always: bool
-    """Whether each new connection starts the device; else only the first one does."""
-    longest_answer: int
 
 
 class TextLink:
@@ -45,10 +24,13 @@ class TextLink:
 
     def __init__(self, dial: Dial, dialogue: LinkSettings) -> None:
         self._dial, self._dialogue = dial, dialogue
+        self._search = TextLook(dial, dialogue)
         self.errors, self._longest = dialogue.errors, dialogue.longest_answer
         self._end = dialogue.answer_terminator.encode(dialogue.encoding)
         self._stream: Stream | None = None
         self._ready = False
+        self._was_found = False
+        """Whether the device has answered a look on this connection."""
         self._is_known_idle = False
         """Whether it is known that nothing has come in unasked since the last look."""
         self._boots = True
@@ -76,8 +58,29 @@ class TextLink:
     def close(self) -> None:
         if self._stream is not None:
             self._stream.close()
-        self._stream, self._ready = None, False
+        self._stream, self._ready, self._was_found = None, False, False
         self._data.clear()
+        self._search.stop()
+
+    def look(self, query: str, seconds: float) -> bool | None:
+        """Whether the device answers this query, whatever it answers, on a new connection, found out without waiting;
+        without a query, whether it can be connected. None: not known yet. DriverError: not now."""
+        if (self._ready or self._was_found) and self._stream is not None and self._stream.idle():
+            return True  # it answered the last request: any failure would have dropped the connection
+        try:
+            if not self._search.under_way:
+                self.close()
+                self._search.ask(query, seconds, self._boots)
+            stream = self._search.found()
+        except (Lost, DriverError) as error:
+            self._boots = True
+            raise DriverError(str(error) or "connecting: timed out") from None
+        if stream is None:
+            return None
+        self._stream, self._boots, self._was_found = stream, self._dialogue.starts_always, True
+        self._started = self._heard = 0.0  # its answer has come: nothing else will
+        self._free = monotonic()
+        return True
 
     def ask(self, request: str) -> str:
         """The device's answer; NoValue if it is one of the error answers."""

@@ -4,7 +4,7 @@ import { address, el, setText, store } from "./dom.js";
 import { Feed } from "./feed.js";
 import { Client, words } from "./client.js";
 import { list, nameOf, offer, runAfter } from "./stations.js";
-import { forbidden, statusOf } from "./status.js";
+import { faultsOf, forbidden, statusOf } from "./status.js";
 import { nextTab } from "./tabs.js";
 
 /** @type {Record<string, () => Promise<Page.ViewModule>>} */
@@ -23,6 +23,8 @@ const status = byName("#status");
 const notice = byName("#notice");
 const summary = byName("#summary");
 const reasons = byName("#forbidden");
+const faults = byName("#faults");
+let faultsShown = "";
 const spoken = byName("#spoken");  // what is told; the seconds beside it change all the time
 const seconds = byName("#seconds");
 /** @type {HTMLButtonElement} */
@@ -102,9 +104,27 @@ function say() {
 /** A text of more than two lines is cut, so that the views do not move by themselves, and shown whole on demand. */
 function fold() {
   const open = status.classList.contains("whole");
-  whole.hidden = !open && ![summary, notice, reasons].some((each) => each.scrollHeight > each.clientHeight + 1);
+  whole.hidden = !open && ![summary, notice, reasons, faults].some((each) => each.scrollHeight > each.clientHeight + 1);
   whole.setAttribute("aria-expanded", String(open));
   setText(whole, open ? "Show less" : "Show all");
+}
+
+/** The equipment in fault, each with the button that clears it: made anew only if they change. @param {Record<string, string> | undefined} found */
+function showFaults(found) {
+  const { shown, more } = faultsOf(found);
+  const key = JSON.stringify([shown, more, client.possible && !feed.ended, client.leased]);
+  if (key === faultsShown) return;
+  faultsShown = key;
+  const each = shown.flatMap(({ path, text }) => [text, clearButton(path), " "]);
+  faults.replaceChildren(...each, more ? `and ${more} more` : "");
+}
+
+/** @param {string} path */
+function clearButton(path) {
+  return el("button", {
+    textContent: "Clear", title: `End the fault of ${path}: what had failed is initialised again`, "aria-label": `Clear ${path}`,
+    hidden: !client.possible || feed.ended, disabled: !client.leased, onclick: () => command({ do: "clear", path }, `clear ${path}`),
+  });
 }
 
 /** @param {string} text */
@@ -121,7 +141,8 @@ function onState() {
   const parts = [progress, `missed ${missed}`, mode, driven && `driven: ${driven}`];
   if (client.holder) parts.push(`lease: ${client.leased ? "you" : client.holder}`);
   setText(summary, parts.filter(Boolean).join(" · "));
-  const why = forbidden(state.inhibited).map((reason) => `⊘ ${reason}`).join("; ");
+  showFaults(state.faults);
+  const why = forbidden(state.inhibited, state.faults).map((reason) => `⊘ ${reason}`).join("; ");
   setText(reasons, why);
   acknowledge.hidden = !why || !client.possible || feed.ended;
   acknowledge.disabled = !client.leased;
@@ -147,6 +168,7 @@ feed.on("description", () => {
   } else {
     setText(summary, "");
     setText(reasons, "");
+    showFaults({});
     stop.hidden = acknowledge.hidden = true;
   }
   status.classList.remove("whole");

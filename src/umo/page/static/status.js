@@ -2,6 +2,7 @@
 
 import { lasting } from "./presentation.js";
 
+const MAX_FAULTS = 3;  // equipments in fault that are told in words
 const SILENCE = 1;  // s without news, after which the page says so; of frames 10 periods, if that is more (frames/reader.py)
 
 /**
@@ -34,12 +35,22 @@ function ended(station, ending) {
 }
 
 /**
- * What forbids actuators, each reason once with how many it forbids: `the emergency stop was pressed (2 actuators)`.
- * @param {Record<string, string> | undefined} inhibited
+ * The equipment in fault: the first few, each with the words for it, and how many more there are.
+ * @param {Record<string, string> | undefined} faults
  */
-export function forbidden(inhibited) {
+export function faultsOf(faults) {
+  const found = Object.entries(faults ?? {}).map(([path, reason]) => ({ path, text: `✖ ${path} is in fault: ${reason}` }));
+  return { shown: found.slice(0, MAX_FAULTS), more: Math.max(0, found.length - MAX_FAULTS) };
+}
+
+/**
+ * What forbids actuators but the faults of their equipment, each reason once with how many it forbids: `the emergency stop was pressed (2 actuators)`.
+ * @param {Record<string, string> | undefined} inhibited @param {Record<string, string>} faults
+ */
+export function forbidden(inhibited, faults = {}) {
   /** @type {Map<string, number>} */
   const counts = new Map();
-  for (const reason of Object.values(inhibited ?? {})) counts.set(reason, (counts.get(reason) ?? 0) + 1);
+  const told = new Set(Object.keys(faults).map((path) => `${path} is in fault`));
+  for (const reason of Object.values(inhibited ?? {})) if (!told.has(reason)) counts.set(reason, (counts.get(reason) ?? 0) + 1);
   return [...counts].map(([reason, count]) => `${reason} (${count} actuator${count > 1 ? "s" : ""})`);
 }

@@ -79,6 +79,8 @@ declare namespace Page {
     /** By name, in the order in which they are shown. */
     facts: Record<string, string>;
     inhibited?: Record<string, string>;
+    /** Equipment in fault: the reason, by path. */
+    faults?: Record<string, string>;
     by_client?: string[];
     mode?: string;
     tuned?: Record<string, number | null>;

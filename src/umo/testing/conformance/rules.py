@@ -58,7 +58,7 @@ class Rule:
 
 LINE = ("timing", "corruption", "line")
 """Themes that need a line between driver and device."""
-THEMES = ("channel", "value", "block", "lifecycle", *LINE, "device", "process", "leak", "general")
+THEMES = ("channel", "value", "block", "lifecycle", *LINE, "device", "look", "process", "leak", "general")
 """Modules of rules, in the order in which they are tried."""
 _RULES: dict[str, Rule] = {}
 C = TypeVar("C", bound=Callable[..., "str | None"])

@@ -32,7 +32,7 @@ from umo.drivers import (
     DriverError,
     IntArray,
 )
-from umo.drivers.streams import Host, Lost, Stream, TimedOut
+from umo.drivers.streams import Host, Look, Lost, Stream, TimedOut
 
 CHANNELS = {
     "dac:0": Channel("dac:0", Direction.BOTH, bits=12),
@@ -63,6 +63,7 @@ class MyCard(Driver):
     def __init__(self, *, host: str = "127.0.0.1", port: int = 7000) -> None:
         self.place = Host(host, port, "my_card tcp")
         self._dial = self.place.dial()  # nothing is opened before `open`
+        self._look = Look(self._dial)
         self._stream: Stream | None = None
         self._is_open = False
         self._number = 0
@@ -84,6 +85,29 @@ class MyCard(Driver):
     def close(self) -> None:
         self._is_open = False
         self._drop()
+
+    def look(self) -> bool | None:
+        """Whether the device answers again, found out without waiting.
+
+        The stream on which it has answered is the one that the next call uses.
+        """
+        if self._stream is not None and self._stream.idle():
+            return True
+        if not self._look.under_way:
+            self._drop()
+            self._number = number = self._number % 0xFFFF + 1
+            place = min(PLACES.values())
+            request = framed(number, GET, [(place, 0, 0)])
+
+            def has_answered(received: bytes) -> bool:
+                return found(received, number, GET, [place]) is not None
+
+            self._look.begin(request, has_answered, self.timeout)
+        try:
+            self._stream = self._look.found()
+        except Lost as error:
+            raise DriverError(str(error) or "not connected") from None
+        return None if self._stream is None else True
 
     def read(self, channel: Channel) -> int:
         out = np.zeros(1, np.int64)
@@ -169,6 +193,7 @@ class MyCard(Driver):
             if self._stream is not None and not self._stream.idle():
                 self._drop()  # it has ended, or something came that nobody asked for
             if self._stream is None:
+                self._look.stop()
                 self._stream = self._dial(deadline)
             yield self._stream, deadline
         except TimedOut as error:
@@ -183,6 +208,7 @@ class MyCard(Driver):
             raise
 
     def _drop(self) -> None:
+        self._look.stop()
         stream, self._stream = self._stream, None
         if stream is not None:
             stream.close()

@@ -1,0 +1,256 @@
+"""Drivers that are away: their devices do not answer, and no call waits for them while the machine runs.
+
+A call that timed out puts a stand-in in the place of its driver: every call fails at once. Before each period the
+devices are looked for (`Driver.look`, which never waits), at growing intervals. One that answers is initialised again
+if it was away for long, and tried: the first call that succeeds ends the absence. Another failure of a whole transfer
+lets the driver be looked for before the next period; until then it is called as ever. (docs/decisions/0030)
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from time import monotonic
+from typing import Any, NoReturn, Protocol
+
+from umo.cycle.clock import Clock
+from umo.cycle.events import Event, Events
+from umo.drivers.contract import Driver
+from umo.drivers.faults.wrapper import bare
+from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, Failure, text_of
+from umo.presentation.durations import duration
+from umo.user_code import attempt
+
+log = logging.getLogger("umo")
+FIRST_INTERVAL = 0.05
+"""Time in s until a driver is looked for again, after the first look or try that was in vain."""
+MAX_INTERVAL = 5.0
+"""Maximum of the same: it doubles each time."""
+LONG_ABSENCE = 0.5
+"""Time in s of an absence after which the device is initialised again: it may have been switched off. A lost answer
+must not bring an output to its default."""
+
+
+ROUNDING = 1e-9
+"""Time in s by which a period may come early: the machine's time is a sum of periods."""
+
+
+class NotCalled(DeviceTimeout):
+    """The driver is away: the call was not made."""
+
+
+class Drivers(Protocol):
+    """The transfer stage, as far as absences need it."""
+
+    @property
+    def drivers(self) -> Mapping[str, Driver[Any]]: ...
+
+    def exchange(self, driver: Driver[Any], callee: Any) -> None:
+        """Let calls of this driver go to `callee` from now on."""
+
+    def watchdog(self, name: str, seconds: float) -> None:
+        """Arm the driver's watchdog."""
+
+
+class Absence:
+    """One driver that has failed."""
+
+    def __init__(self, name: str, driver: Driver[Any], since: float, known: bool) -> None:
+        self.name, self.driver = name, driver
+        self.since = since
+        """Time in s on the cycle's clock since which it is not known to answer."""
+        self.answers_for_device = type(bare(driver)).look is not Driver.look
+        """Whether its `look` knows that the device answers; else that it may be tried."""
+        self.began = since
+        self.cause = ""
+        self.shut = False
+        """Whether its calls are refused."""
+        self.trial = False
+        """Whether it was found, and no call has succeeded yet."""
+        self.initialized = False
+        """Whether it was initialised since."""
+        self.known = known
+        """Whether it is known that it is away: a write has failed, or it was not found."""
+        self.told = False
+        self.due = since
+        """Time in s from which it is looked for."""
+        self.interval = FIRST_INTERVAL
+
+    def refusal(self) -> NotCalled:
+        return NotCalled(f"it is away: {self.cause}")
+
+    def shut_for_now(self, now: float) -> None:
+        self.shut, self.trial = True, False
+        self.due, self.interval = now + self.interval, min(2 * self.interval, MAX_INTERVAL)
+
+
+class Absences:
+    """The drivers of one running machine that are away."""
+
+    def __init__(
+        self,
+        transfer: Drivers,
+        clock: Clock,
+        events: Events,
+        initialize: Callable[[int], Failure | None],
+        slots: Mapping[int, Sequence[int]],
+        watchdogs: Mapping[str, float],
+    ) -> None:
+        """`slots` are those of each driver (by id) in the order in which they are initialised."""
+        self._transfer, self._clock, self._events = transfer, clock, events
+        self._initialize, self._slots, self._watchdogs = initialize, slots, watchdogs
+        self._names = {id(driver): name for name, driver in transfer.drivers.items()}
+        self._absent: dict[int, Absence] = {}
+        self._on_tick = clock.on_tick
+
+    def is_unknown(self, driver: Driver[Any]) -> bool:
+        """Whether calls of this driver are refused, and it is not known yet whether its device answers."""
+        absence = self._absent.get(id(driver))
+        return absence is not None and absence.shut and not absence.known
+
+    def failed(self, driver: Driver[Any], error: BaseException, timed_out: bool, write: bool) -> None:
+        """A call has failed by this error: one of the whole driver, or one that timed out."""
+        name = self._names.get(id(driver))
+        if name is None:  # the timer in real time
+            return
+        absence = self._absent.get(id(driver))
+        if absence is None:
+            if not self._absent:
+                self._on_tick, self._clock.on_tick = self._clock.on_tick, self._look
+            absence = self._absent[id(driver)] = Absence(name, driver, self._clock.now, known=write)
+        absence.cause = text_of(error)
+        absence.known |= write
+        if absence.trial:
+            self._tell_away(absence)
+            if timed_out or absence.initialized:
+                absence.shut_for_now(self._clock.now)
+            elif absence.answers_for_device:
+                absence.since = self._clock.now  # it has answered: it was not switched off meanwhile
+        absence.trial = False
+        absence.shut |= timed_out
+        self._transfer.exchange(driver, _Away(absence) if absence.shut else driver)
+
+    def end(self) -> None:
+        """Every driver is called again, whether it answers or not: the machine stops."""
+        for absence in self._absent.values():
+            self._transfer.exchange(absence.driver, absence.driver)
+        if self._absent:
+            self._clock.on_tick = self._on_tick
+        self._absent = {}
+
+    def refuse(self, instead: Callable[..., NoReturn]) -> None:
+        """No device is looked for any more: in place of that `instead` is called."""
+        self._clock.on_tick = instead
+
+    def _look(self) -> None:
+        """Before each period, while any driver is away."""
+        self._on_tick()
+        for absence in tuple(self._absent.values()):
+            if absence.trial:
+                if absence.answers_for_device:  # nothing was called since it was found
+                    self._back(absence)
+            elif not absence.shut or self._clock.now >= absence.due - ROUNDING:
+                self._look_for(absence)
+
+    def _look_for(self, absence: Absence) -> None:
+        found, error = attempt(absence.driver.look)
+        if error is not None:
+            absence.cause = error.text
+        if found is None and error is None:
+            absence.shut = True  # until it is known
+            self._transfer.exchange(absence.driver, _Away(absence))
+        elif not (found and self._found(absence)):
+            absence.known = True
+            absence.shut_for_now(self._clock.now)
+            self._transfer.exchange(absence.driver, _Away(absence))
+            self._tell_away(absence)
+
+    def _found(self, absence: Absence) -> bool:
+        """The device may be tried; whether it is ready for that."""
+        now, driver = self._clock.now, absence.driver
+        if now - absence.since >= LONG_ABSENCE - ROUNDING:
+            self._transfer.exchange(driver, driver)
+            if why := self._initialize_again(absence.name, driver):
+                absence.cause = why
+                return False
+            absence.initialized, absence.since = True, now
+        absence.shut, absence.trial, absence.known = False, True, True
+        self._transfer.exchange(driver, _Tried(driver, lambda: self._back(absence)))
+        return True
+
+    def _initialize_again(self, name: str, driver: Driver[Any]) -> str:
+        """Initialise every object of the driver and arm its watchdog; why that failed, or ""."""
+        for slot in self._slots.get(id(driver), ()):
+            if (failure := self._initialize(slot)) is not None:
+                return failure.cause
+        if name in self._watchdogs:
+            try:
+                self._transfer.watchdog(name, self._watchdogs[name])
+            except DriverError as error:
+                return text_of(error.__cause__ or error)
+        return ""
+
+    def _back(self, absence: Absence) -> None:
+        """A call has succeeded, or none was needed."""
+        self._transfer.exchange(absence.driver, absence.driver)
+        del self._absent[id(absence.driver)]
+        if not self._absent:
+            self._clock.on_tick = self._on_tick
+        if absence.told:
+            again = ", initialised again" if absence.initialized else ""
+            self._tell(absence, f"is back after {duration(round(self._clock.now - absence.began, 6))}{again}")
+
+    def _tell_away(self, absence: Absence) -> None:
+        if not absence.told:
+            absence.told = True
+            self._tell(absence, f"is away: {absence.cause}")
+
+    def _tell(self, absence: Absence, text: str) -> None:
+        self._events.add(Event(self._clock.now, f"driver {absence.name}", text))
+        log.warning("driver %s %s", absence.name, text)
+
+
+class _Away:
+    """Stands in the place of a driver that is away."""
+
+    def __init__(self, absence: Absence) -> None:
+        self._absence = absence
+
+    def _refuse(self, *_: object) -> NoReturn:
+        raise self._absence.refusal()
+
+    read = write = read_many = write_many = initialize = reset = finalize = _refuse
+
+
+class _Tried:
+    """Stands in the place of a driver that was found: the first call that succeeds is told."""
+
+    def __init__(self, driver: Driver[Any], succeeded: Callable[[], object]) -> None:
+        for segment in ("read", "write", "read_many", "write_many", "initialize", "reset", "finalize"):
+            setattr(self, segment, _watched(driver, getattr(driver, segment), succeeded))
+
+
+def _watched(driver: Driver[Any], call: Callable[..., Any], succeeded: Callable[[], object]) -> Callable[..., Any]:
+    def tried(*arguments: Any) -> Any:
+        began = monotonic()
+        try:
+            result = call(*arguments)
+        except ChannelsFailed:
+            succeeded()  # the device answers
+            raise
+        except (Exception, SystemExit) as error:
+            if monotonic() - began >= driver.timeout and not isinstance(error, TimeoutError):
+                raise DeviceTimeout(text_of(error)) from None
+            raise
+        succeeded()
+        return result
+
+    return tried
+
+
+def in_order(slots: Iterable[int], drivers: Sequence[Driver[Any]]) -> dict[int, list[int]]:
+    """The slots of each driver, by its id, in the order given; `drivers` are those of all slots."""
+    found: dict[int, list[int]] = {}
+    for slot in slots:
+        found.setdefault(id(drivers[slot]), []).append(slot)
+    return found

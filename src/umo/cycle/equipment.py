@@ -1,0 +1,219 @@
+"""Equipment: the parts of a machine that fail alone (the equipment module of ISA-88).
+
+What fails belongs to the innermost equipment around it: an object, a law, a started sequence, a motion. Equipment in
+fault has its actuators at their defaults, its sequences have ended and its laws are not called; the rest of the machine
+goes on. What no declared equipment contains ends the run.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+from umo.cycle.command_stage import CommandStage
+from umo.cycle.events import FAULT, IN_FAULT, Event
+from umo.cycle.image import Image
+from umo.cycle.inhibition import Inhibition
+from umo.cycle.sequences import Task
+from umo.errors import DriverError, EquipmentFault, Failure, text_of
+from umo.objects import Actuator, Compound, Interlock, Node, Quality, atoms, walk
+from umo.objects.keywords import IN_MANUAL
+from umo.objects.paths import is_within
+from umo.objects.sensors import Sensor
+from umo.text import in_a_line
+from umo.user_code import is_interrupt
+
+log = logging.getLogger("umo")
+
+
+class EquipmentState(IntEnum):
+    """The state of equipment; the numbers stand in frames."""
+
+    NORMAL = 0
+    FAULT = 1
+
+
+@dataclass(eq=False)
+class Equipment:
+    """One compound that is declared equipment."""
+
+    compound: Compound
+    path: str
+    slots: list[int]
+    """Its objects: the actuators in stop order, then the sensors."""
+    in_manual_only: bool
+    """Whether it contains its failures in manual mode only."""
+    inhibition: Inhibition | None
+    """What keeps its actuators at their defaults during a fault; None: it has none."""
+    fault: str | None = None
+    """The reason of its fault; None: it is not in fault."""
+
+    def describe(self) -> dict[str, Any]:
+        """As plain data."""
+        return {"path": self.path, "states": [state.name.lower() for state in EquipmentState]}
+
+    def error(self) -> EquipmentFault:
+        """A new one each time: an error that is raised again keeps the frames of each time."""
+        return EquipmentFault(self.path, self.fault or "")
+
+
+def equipment_in(root: Compound) -> list[Compound]:
+    """The compounds below the root that are declared equipment, the outer before the inner."""
+    compounds = (node for node in walk(root) if isinstance(node, Compound))
+    return [each for each in compounds if each._settings.equipment]
+
+
+class Containment:
+    """The equipment of one connected machine: puts it in fault, and clears it. `is_manual` tells the mode; `changed` is
+    called when equipment has come into fault, or was cleared."""
+
+    def __init__(
+        self,
+        root: Compound,
+        image: Image,
+        commands: CommandStage,
+        is_manual: Callable[[], bool],
+        changed: Callable[[Equipment], None],
+    ) -> None:
+        self._image, self._commands = image, commands
+        self._is_manual, self._changed = is_manual, changed
+        self.all = [self._equipment(each) for each in equipment_in(root)]
+        self._by_id = {id(each.compound): each for each in self.all}
+        self._items = {item.path: item for item in image.items}
+        commands.know([each.inhibition for each in self.all if each.inhibition is not None])
+
+    def _equipment(self, compound: Compound) -> Equipment:
+        items = {self._image.slot_of[id(item)]: item for item in atoms(compound)}
+        actuators = [slot for slot in self._commands.order if slot in items]
+        sensors = [slot for slot, item in items.items() if not isinstance(item, Actuator)]
+        path = compound._path
+        inhibition = None
+        if actuators:
+            interlock = Interlock(lambda: True, [compound], f"{path} is in fault")
+            inhibition = Inhibition(interlock, actuators)
+        in_manual_only = compound._settings.equipment == IN_MANUAL
+        return Equipment(compound, path, [*actuators, *sensors], in_manual_only, inhibition)
+
+    # Whose failure it is -------------------------------------------------------------------------------
+
+    def innermost(self, node: Node | None) -> Equipment | None:
+        """The equipment that contains the failures of an object; None: the machine itself."""
+        for each in self._around(node):
+            if each.fault is not None or not each.in_manual_only or self._is_manual():
+                return each
+        return None
+
+    def fault_of(self, node: Node) -> EquipmentFault | None:
+        """The error for what is to be done with an object of equipment in fault."""
+        return next((each.error() for each in self._around(node) if each.fault is not None), None)
+
+    def _around(self, node: Node | None) -> Iterator[Equipment]:
+        while node is not None:
+            if (found := self._by_id.get(id(node))) is not None:
+                yield found
+            node = node._parent
+
+    # Into a fault --------------------------------------------------------------------------------------
+
+    def failed(self, what: str, failures: Sequence[Failure]) -> None:
+        """Objects have failed: their equipment is in fault. DriverError with those of the machine itself."""
+        own: list[Failure] = []
+        contained: dict[Equipment, list[Failure]] = {}
+        for failure in failures:
+            found = self.innermost(self._items[failure.path])
+            (own if found is None else contained.setdefault(found, [])).append(failure)
+        for equipment, each in contained.items():
+            if not self._stands(equipment):  # the text takes its time
+                self.fault(equipment, str(DriverError(what, each)))
+        if own:
+            raise DriverError(what, own)
+
+    def contain(self, part: Node, error: BaseException) -> bool:
+        """Put the equipment of an object in fault; False if there is none but the machine itself."""
+        equipment = self.innermost(part)
+        if equipment is None or is_interrupt(error):
+            return False
+        self.fault(equipment, text_of(error))
+        return True
+
+    def contain_sequence(self, task: Task, error: BaseException) -> bool:
+        """A started sequence has failed: whoever awaits it gets the error. If nobody in the same equipment does, it is
+        in fault; False if it is the machine itself."""
+        equipment, awaiting = self.innermost(task.part), task.awaited_by
+        if is_interrupt(error):
+            return False
+        if awaiting is not None and (equipment is None or is_within(awaiting.part, equipment.compound)):
+            task.error = error
+            return True
+        if not self.contain(task.part, error):
+            return False
+        task.fail(error)
+        return True
+
+    def fault(self, equipment: Equipment, reason: str) -> None:
+        """Put equipment in fault, unless it is. Its actuators are brought to their defaults first."""
+        if self._stands(equipment):
+            return
+        equipment.fault = in_a_line(reason)
+        unreached = [] if equipment.inhibition is None else self._commands.inhibit(equipment.inhibition)
+        self._show()
+        self._tell(equipment, f"{IN_FAULT}{equipment.fault}", FAULT)
+        if unreached:
+            self._tell(equipment, in_a_line(str(DriverError("not brought to their defaults yet", unreached))))
+        self._changed(equipment)
+
+    def _stands(self, equipment: Equipment) -> bool:
+        return any(each.fault is not None for each in self._around(equipment.compound))
+
+    # And back ------------------------------------------------------------------------------------------
+
+    def clear(self, part: Node) -> list[str]:
+        """End the faults of the equipment in a part of the machine, and around it; their paths. EquipmentFault if one
+        of its sensors cannot be read, DriverError if an object cannot be initialised: then it stays in fault."""
+        found = [each for each in self.all if each.fault is not None and _concern(each.compound, part)]
+        for equipment in found:
+            self._clear(equipment)
+        return [each.path for each in found]
+
+    def _clear(self, equipment: Equipment) -> None:
+        image = self._image
+        if unread := [image.items[slot].path for slot in equipment.slots if self._is_unread(slot)]:
+            raise EquipmentFault(equipment.path, f"it cannot be cleared while {', '.join(unread)} cannot be read")
+        for slot in equipment.slots:
+            item = image.items[slot]
+            if isinstance(item, Actuator) or slot in image.failed:
+                if (failure := image.initialize(slot)) is not None:
+                    raise DriverError("could not be initialised", [failure])
+                if getattr(item, "incremental", False):
+                    image.set_referenced(slot, False)
+        equipment.fault = None
+        image.failed.difference_update(equipment.slots)
+        if equipment.inhibition is not None:
+            self._commands.free(equipment.inhibition)
+        self._show()
+        self._tell(equipment, "fault cleared")
+        self._changed(equipment)
+
+    def _is_unread(self, slot: int) -> bool:
+        item = self._image.items[slot]
+        return (
+            isinstance(item, Sensor)
+            and item.synchronous
+            and not item._marks
+            and self._image.quality[slot] == Quality.BAD
+        )
+
+    def _show(self) -> None:
+        states = [EquipmentState.NORMAL if each.fault is None else EquipmentState.FAULT for each in self.all]
+        self._image.columns.equipment[:] = states
+
+    def _tell(self, equipment: Equipment, text: str, asked: str = "") -> None:
+        self._commands.events.add(Event(self._image.clock.now, equipment.path, text, asked=asked))
+        log.warning("%s: %s", equipment.path, text)
+
+
+def _concern(compound: Compound, part: Node) -> bool:
+    return is_within(compound, part) or is_within(part, compound)

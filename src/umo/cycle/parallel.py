@@ -1,0 +1,93 @@
+"""Sequences that run in parallel within another one: until all have ended, until the first has, until a condition."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, cast
+
+from umo.cycle.sequences import Sequence, Task, cancel_all, next_period, with_notes
+from umo.errors import Cancelled
+from umo.objects import link
+
+
+class First(NamedTuple):
+    """The sequence of `first` that ended first."""
+
+    number: int
+    """Its place among the sequences given, from 0."""
+    result: Any
+
+
+async def together(*sequences: Sequence | link.Task) -> tuple[Any, ...]:
+    """Run sequences in parallel and return their results. The first error cancels the others and is raised. A started
+    sequence, what `cycle.start` returned, may be among them."""
+    tasks = [_task(each) for each in sequences]
+    running, tick = tasks, None
+    try:
+        while running := [task for task in running if not task.advance(tick)]:
+            tick = await next_period()
+    except BaseException as failure:
+        _cancel_after(failure, tasks)
+        raise
+    return tuple(task.result for task in tasks)
+
+
+async def first(*sequences: Sequence | link.Task) -> First:
+    """Run sequences in parallel until the first ends; the others are cancelled. Returns which one ended, and its
+    result: `number, result = await first(fill(), wait("5 s"))`.
+
+    If two would end in the same period, the one given first counts, and the other one is cancelled before its last
+    step. The first error cancels the others and is raised, also one raised while the others are cancelled. TypeError
+    without a sequence.
+    """
+    if not sequences:
+        raise TypeError("first() needs a sequence: of none, none can end")
+    tasks = [_task(each) for each in sequences]
+    try:
+        tick = None
+        while (ended := next((n for n, task in enumerate(tasks) if task.advance(tick)), None)) is None:
+            tick = await next_period()
+    except BaseException as failure:
+        _cancel_after(failure, tasks)
+        raise
+    if errors := cancel_all(tasks):
+        raise with_notes(errors.pop(0), errors)
+    return First(ended, tasks[ended].result)
+
+
+async def unless(condition: Callable[[], bool], sequence: Sequence | link.Task) -> bool:
+    """Run a sequence unless the condition is, or becomes, true; then it is cancelled. Returns whether it ended by
+    itself.
+
+    The condition is evaluated at once, when the sequence does not begin if it is true, and then once per period before
+    the sequence's step. An error in the condition cancels the sequence and is raised.
+    """
+    task, tick = _task(sequence), None
+    try:
+        while not condition():
+            if task.advance(tick):
+                return True
+            tick = await next_period()
+    except BaseException as failure:
+        _cancel_after(failure, [task])
+        raise
+    task.cancel()
+    return False
+
+
+def _task(sequence: Sequence | link.Task) -> Task:
+    return Task(_ended(sequence) if isinstance(sequence, Task) else cast(Sequence, sequence))
+
+
+async def _ended(task: Task) -> Any:
+    """A started sequence, as one that awaits it."""
+    return await task
+
+
+def _cancel_after(failure: BaseException, tasks: list[Task]) -> None:
+    """Cancel the sequences after an error. Errors of their clean-ups are noted with it; after a mere cancellation the
+    first of them is raised."""
+    errors = cancel_all(tasks)
+    if errors and isinstance(failure, Cancelled | GeneratorExit):
+        raise with_notes(errors.pop(0), errors) from None
+    with_notes(failure, errors)

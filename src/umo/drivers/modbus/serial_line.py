@@ -1,0 +1,205 @@
+"""The units of a serial line (Modbus over Serial Line V1.02, RTU).
+
+A frame has no number, so nothing in it tells a late answer from the answer to the next request of the same kind.
+Therefore a unit whose answer did not come in time is not asked for the same function again for its `recovery` time.
+What comes in meanwhile is discarded; the late answer itself ends the time early, and so does an answer that came
+damaged, if it is known for the answer (`has_come`): nothing else is to come then. Other functions and
+other units go on: an answer names both, so a late one is known from theirs. Functions 5 and 6 go on too, as their
+answer repeats address and value. When the line is opened, the time runs for every unit: another process, which has
+ended, may have asked it.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from time import monotonic, sleep
+from typing import ClassVar
+
+from umo.drivers.modbus.answer import answer_size
+from umo.drivers.modbus.rtu_frame import CHECKSUM_SIZE, answer_end, has_come, is_answer
+from umo.drivers.streams import Gone, Lost, Serial, Stream, TimedOut
+from umo.errors import DriverError
+
+_MAX_STRAY = 256
+"""Stray bytes that are kept."""
+_MAX_DISCARDS = 16
+"""Reads of up to 4 KiB after which a line that does not fall silent is left."""
+_UNMISTAKABLE = (5, 6)
+"""Functions whose answer repeats what was written: a late one of an earlier request has another address or value, or
+confirms that the same value was written."""
+
+
+UnitFunction = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class PendingAnswer:
+    """An answer that may still come: to this request, given up at this time. Without one: to another process."""
+
+    request: bytes
+    since: float
+
+
+class SerialLine:
+    """A serial line of this process, shared by the drivers of its units; open while one of them is."""
+
+    _lines: ClassVar[dict[tuple[int, str], SerialLine]] = {}
+
+    def __init__(self, place: Serial, key: tuple[int, str]) -> None:
+        self.place = place
+        self._dial = place.dial()
+        self._silence = silence(place)
+        self._key = key
+        self._users = 0
+        self._port: Stream | None = None
+        self.opened_at = 0.0
+        self._owed: dict[UnitFunction, PendingAnswer | None] = {}
+        """Answers that are owed by the units that were asked since the line was opened; None: there is none."""
+        self._last_byte_at = 0.0
+        self._stray = b""
+        """Bytes that came in since the last request was sent."""
+        self._last_asked: UnitFunction | None = None
+        """Unit and function of that request."""
+
+    @classmethod
+    def join(cls, place: Serial) -> SerialLine:
+        """The line of this device file; a child process has its own."""
+        key = (os.getpid(), os.path.realpath(place.path))
+        line = cls._lines.setdefault(key, cls(place, key))
+        if str(line.place) != str(place):
+            raise DriverError(f"{place.path} is open at {line.place} for another unit, and here it is {place}")
+        line._users += 1
+        return line
+
+    def leave(self) -> None:
+        self._users -= 1
+        if not self._users:
+            self.close()
+            self._lines.pop(self._key, None)
+
+    @property
+    def is_shared(self) -> bool:
+        """Whether several units are on it."""
+        return self._users > 1
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether nobody has sent anything for 3.5 characters."""
+        return monotonic() >= self._last_byte_at + self._silence
+
+    @property
+    def port(self) -> Stream:
+        if self._port is None:
+            raise Gone("the serial line is closed")
+        return self._port
+
+    def open(self, deadline: float) -> None:
+        """Open the line if it is not open, or has failed since. DriverError, in words of its own."""
+        if self._port is None:
+            self._port = self._dial(deadline)
+            self.opened_at = self._last_byte_at = monotonic()
+            self._owed.clear()
+            self._last_asked = None
+
+    def close(self) -> None:
+        if self._port is not None:
+            self._port.close()
+        self._port = None
+
+    def owed(self, asked: UnitFunction) -> PendingAnswer | None:
+        """Answer that may be mistaken for the one to this function, if it is asked for now."""
+        if asked[1] in _UNMISTAKABLE:
+            return None
+        return self._owed.get(asked, PendingAnswer(b"", self.opened_at))
+
+    def settle(self, asked: UnitFunction) -> None:
+        """Nothing is owed: the answer has come, or its time is over."""
+        self._owed[asked] = None
+
+    def exchange(self, frame: bytes, deadline: float) -> bytes:
+        """Send a frame; unit, function and data of its answer."""
+        self._wait_for_silence(deadline)
+        request, asked = frame[:-CHECKSUM_SIZE], (frame[0], frame[1])
+        try:
+            self._send(frame, deadline)
+            answer = self._answer(request, deadline)
+        except BaseException:
+            self._owed[asked] = PendingAnswer(request, monotonic())
+            self._consider(b"")
+            raise
+        self.settle(asked)
+        return answer
+
+    def ask(self, frame: bytes) -> None:
+        """Send a frame; its answer is owed."""
+        self._send(frame, 0.0)
+        self._owed[frame[0], frame[1]] = PendingAnswer(frame[:-CHECKSUM_SIZE], monotonic())
+
+    def _send(self, frame: bytes, deadline: float) -> None:
+        self._last_byte_at = monotonic() + len(frame) * self.place.character  # it is on its way for so long
+        self._last_asked, self._stray = (frame[0], frame[1]), b""
+        self.port.send(frame, deadline)
+
+    def discard(self) -> None:
+        """Discard what has come in unasked. A late answer is owed no more."""
+        for _ in range(_MAX_DISCARDS):
+            data = self.port.waiting()
+            if not data:
+                return
+            self._last_byte_at = monotonic()
+            self._consider(data)
+
+    def _consider(self, data: bytes) -> None:
+        """Bytes that came in unasked may be an answer that is owed."""
+        self._stray = (self._stray + data)[-_MAX_STRAY:]
+        for asked, owed in self._owed.items():
+            came = has_come if asked == self._last_asked else is_answer
+            if owed is not None and owed.request and came(owed.request, self._stray):
+                self._owed[asked] = None
+
+    def _wait_for_silence(self, deadline: float) -> None:
+        """Wait until nobody has sent anything for 3.5 characters."""
+        self.discard()
+        while (pause := self._last_byte_at + self._silence - monotonic()) > 0:
+            if monotonic() + pause > deadline:
+                raise TimedOut("the line was not silent")
+            sleep(pause)
+            self.discard()
+
+    def _answer(self, request: bytes, deadline: float) -> bytes:
+        data = b""
+        while True:
+            answered = self._answered(request, data)
+            end = answer_end(answered, data) if len(data) > 1 else 0
+            if not end:
+                data += self._receive(request, data, deadline)
+            elif answered is not request:
+                self.settle((data[0], data[1] & 0x7F))
+                data = data[end:]
+            elif len(data) > end:
+                raise Lost(f"an answer of {len(data)} bytes in place of {end}")
+            else:
+                return data[:-CHECKSUM_SIZE]
+
+    def _answered(self, request: bytes, data: bytes) -> bytes:
+        """The request that the data begins to answer: this one, or another one whose answer is late."""
+        if len(data) > 1 and (data[0], data[1] & 0x7F) != (request[0], request[1]):
+            owed = self._owed.get((data[0], data[1] & 0x7F))
+            return request if owed is None else owed.request
+        return request
+
+    def _receive(self, request: bytes, data: bytes, deadline: float) -> bytes:
+        try:
+            more = self.port.receive(deadline)
+        except TimedOut:
+            size = answer_size(request) + CHECKSUM_SIZE
+            raise TimedOut(f"{len(data)} of {size} bytes of an answer came" if data else "") from None
+        self._last_byte_at = monotonic()
+        self._stray += more
+        return more
+
+
+def silence(place: Serial) -> float:
+    """Time in s between two frames: 3.5 characters, or 1.75 ms above 19200 baud (Modbus over Serial Line, 2.5.1.1)."""
+    return 3.5 * place.character if place.baudrate <= 19200 else 1.75e-3

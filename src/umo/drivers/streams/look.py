@@ -1,0 +1,100 @@
+"""Looking for a device that has stopped answering, without waiting for it (`Driver.look`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from time import monotonic
+
+from umo.drivers.streams.stream import Dial, Stream, TimedOut
+
+
+def at_once(stream: Stream) -> bool:
+    """The device takes requests as soon as it is connected."""
+    return True
+
+
+class Look:
+    """Opens a stream, sends one request and looks for its answer, a step with each call of `found`.
+
+        if not self._look.under_way:
+            self._look.begin(request, has_answered, self.timeout)
+        self._stream = self._look.found()
+        return None if self._stream is None else True
+
+    `stop` before the device is called in any other way: the stream of a look is its own until it is found.
+    """
+
+    def __init__(self, dial: Dial) -> None:
+        self._dial = dial
+        self._steps: Iterator[Stream | None] | None = None
+
+    @property
+    def under_way(self) -> bool:
+        return self._steps is not None
+
+    def begin(
+        self,
+        request: bytes,
+        has_answered: Callable[[bytes], bool],
+        seconds: float,
+        is_ready: Callable[[Stream], bool] = at_once,
+    ) -> None:
+        """Begin a look that ends within `seconds`. The request is sent when the device `is_ready`; without one (b"") it
+        has answered by being connected. `has_answered`: whether these bytes, which came since the request, are the
+        whole answer; Lost if they are anything else."""
+        self.stop()
+        self._steps = self._look(request, has_answered, monotonic() + seconds, is_ready)
+
+    def found(self) -> Stream | None:
+        """The stream on which the device has answered; None: not known yet. Raises Lost or DriverError: not now."""
+        if self._steps is None:
+            return None
+        try:
+            stream = next(self._steps)
+        except BaseException:
+            self._steps = None
+            raise
+        if stream is not None:
+            self._steps = None
+        return stream
+
+    def stop(self) -> None:
+        """Give the look up."""
+        self._steps = None  # a generator that is dropped closes what it has open
+
+    def _look(
+        self,
+        request: bytes,
+        has_answered: Callable[[bytes], bool],
+        deadline: float,
+        is_ready: Callable[[Stream], bool],
+    ) -> Iterator[Stream | None]:
+        stream: Stream | None = None
+        try:
+            for stream in self._dial.without_waiting(deadline):
+                if stream is None:
+                    yield None
+            assert stream is not None
+            while not is_ready(stream):
+                _check(deadline)
+                yield None
+            if request:
+                stream.send(request, 0.0)
+                data = b""
+                while not has_answered(data):
+                    if stream.idle():
+                        _check(deadline)
+                        yield None
+                    else:
+                        data += stream.waiting()
+            found, stream = stream, None
+            yield found
+        finally:
+            if stream is not None:
+                stream.close()
+
+
+def _check(deadline: float) -> None:
+    """Nothing more can be done now: TimedOut if the time is over."""
+    if monotonic() >= deadline:
+        raise TimedOut("no answer")

@@ -1,0 +1,1 @@
+"""A batch plant: two reactors that share a scale (docs/batch.md)."""

@@ -1,0 +1,56 @@
+"""Make batches in both reactors, side by side."""
+
+from collections import Counter
+from typing import Any
+
+from umo.control import together, until
+from umo.errors import TaskFailed, TimeExpired
+
+from .control import BatchPlant, Reactor
+from .errors import BatchesLost
+from .recipes import Recipe, chosen, in_words
+
+
+async def main(m: BatchPlant, recipes: str = "glue, soap", batches: int = 2, patience: float = 600.0) -> dict[str, Any]:
+    """Make batches. Each reactor takes the recipes in turn; the second one begins with the second recipe.
+
+    Options:
+        recipes: their names, separated by commas: glue, paint, soap.
+        batches: how many each reactor makes.
+        patience: time in which a fault must be cleared, s; then the batches of this reactor are not made.
+
+    A batch that was broken off by a fault is dumped and made again when the fault is cleared. BatchesLost at the end if
+    a fault was not.
+    """
+    book = chosen(recipes)
+    for reactor in m.reactors:
+        reactor.begin()
+    m.cycle.progress("", done=0, total=batches * len(m.reactors))
+    plans = [[book[(first + number) % len(book)] for number in range(batches)] for first in range(len(m.reactors))]
+    lost = await together(*(work(m, reactor, plan, patience) for reactor, plan in zip(m.reactors, plans, strict=True)))
+    if reasons := list(filter(None, lost)):
+        raise BatchesLost("; ".join(reasons))
+    made = Counter(recipe.name for plan in plans for recipe in plan)
+    dumped = sum(reactor.dumped for reactor in m.reactors)
+    return {"batches_made": made.total(), "made": in_words(made), "batches_dumped": dumped}
+
+
+async def work(m: BatchPlant, reactor: Reactor, plan: list[Recipe], patience: float) -> str:
+    """Make the batches of one reactor. Returns why some were not made; empty if all were."""
+    for number, recipe in enumerate(plan):
+        while not await made(m, reactor, recipe):
+            try:
+                await until(lambda: reactor.cycle.fault is None, timeout=patience)
+            except TimeExpired:
+                left = f"{len(plan) - number} of {len(plan)} batches were not made"
+                return f"reactor {reactor.number}: {left}: {reactor.cycle.fault}"
+    return ""
+
+
+async def made(m: BatchPlant, reactor: Reactor, recipe: Recipe) -> bool:
+    """Make one batch; False if the reactor failed."""
+    try:
+        await reactor.cycle.start(reactor.produce(recipe, m.line))
+    except TaskFailed:  # it is in fault, and says why
+        return False
+    return True

@@ -1,0 +1,191 @@
+"""The control of the batch plant: a reactor makes batches, the charging line weighs what goes into them (charging.py).
+
+Each is equipment: it fails alone. What a reactor does in the charging line is a sequence of the line, which the reactor
+awaits: if the line fails, the line is in fault, and so is the reactor whose batch it has broken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import nan
+from typing import Annotated
+
+from umo import Compound, DigitalActuator, DigitalSensor, Interlock, Number
+from umo.control import Servo, first, unless, until, value_of, wait
+from umo.errors import TimeExpired
+
+from .charging import OPEN, ChargingLine, Valve, held_open
+from .errors import DrainingError, TemperatureError
+from .recipes import Recipe
+
+__all__ = ["BatchPlant", "ChargingLine", "Reactor"]
+
+
+class Reactor(
+    Compound,
+    equipment=True,
+    stop_order=("heater", "stirrer", "feed", "drain"),
+    numbers={
+        "made": Number(shown=True),
+        "dumped": Number(shown=True),
+        "heating.gain": Number("percent/K", 0.0, 50.0, tunable=True),
+        "heating.integral_time": Number("s", 20.0, 2000.0, tunable=True),
+    },
+    max_period="1 s",
+):
+    """A vessel with a heater and a stirrer. It makes one batch at a time."""
+
+    feed: Valve
+    drain: Valve
+    stirrer: DigitalActuator
+    heater: DigitalActuator
+    temperature: DigitalSensor
+    level: DigitalSensor
+    gain: float = 6.0
+    """Gain of the heater's PI, percent per K."""
+    integral_time: float = 200.0
+    """Integral time of the heater's PI, s."""
+    tolerance: Annotated[float, Number("K", 0.2, 2.0, tunable=True)] = 1.0
+    """Distance from the temperature of the recipe within which the time counts, K."""
+    heating_time: Annotated[float, Number("s", 60.0, 3600.0, tunable=True)] = 400.0
+    """Time in which a batch must come to its temperature, s."""
+    rise_time: Annotated[float, Number("s", 10.0, 600.0)] = 60.0
+    """Time in which the temperature must rise by `least_rise` while it is further below its setpoint, s."""
+    least_rise: Annotated[float, Number("K", 0.5, 20.0)] = 5.0
+    """Rise of the temperature in `rise_time` that shows that it is heated, and measured, K."""
+    draining_time: float = 120.0
+    """Time in which the reactor must become empty, s."""
+    covered: float = 20.0
+    """Level above which the heater is covered, l."""
+    full: float = 150.0
+    """Level above which the feed valve is inhibited, l."""
+    empty: float = 1.0
+    """Level below which the reactor is empty, l."""
+    hottest: float = 100.0
+    """Temperature above which the heater is inhibited, degC."""
+
+    def setup(self) -> None:
+        self.heating = Servo(self.temperature, self.heater, gain=self.gain, integral_time=self.integral_time)
+        self.number = 0  # among the reactors, and of its outlet of the charging line
+        self.setpoint = nan  # degC; NaN: it is neither heated nor stirred
+        self.stirring = 0.0  # rpm
+        self.begin()
+
+    def begin(self) -> None:
+        """A run begins: what is in it belongs to no batch."""
+        self.made = self.dumped = 0  # batches
+        self.phase = "idle"
+        self._ready = False  # what is in it is a batch that is made, and only to be drained
+
+    def interlocks(self) -> Iterator[Interlock]:
+        """The level and the temperature that cannot be read count as the dangerous ones."""
+        dry = Interlock(lambda: value_of(self.level) < self.covered, [self.heater], "the level is low")
+        hot = Interlock(lambda: value_of(self.temperature) > self.hottest, [self.heater], "too hot")
+        full = Interlock(lambda: value_of(self.level) > self.full, [self.feed], "the reactor is full")
+        fed = Interlock(lambda: self.feed.read() is OPEN, [self.drain], "the feed valve is open")
+        drained = Interlock(lambda: self.drain.read() is OPEN, [self.feed], "the drain valve is open")
+        yield from (dry, hot, full, fed, drained)
+
+    def control(self) -> None:
+        if self.setpoint == self.setpoint:  # not NaN
+            self.heating.control(self.setpoint, dt=self.dt)
+            self.stirrer.write(self.stirring)
+
+    async def produce(self, recipe: Recipe, line: ChargingLine) -> None:
+        """Make one batch. What is left of one that was broken off is drained first; one that was broken off while it
+        was drained is made when that is done."""
+        try:
+            if value_of(self.level) > self.empty and not self._ready:
+                self.dumped += 1
+                await self._empty("dumping")
+            if not self._ready:
+                await self._charge(recipe, line)
+                await self._heat(recipe)
+                await self._hold(recipe)
+            self._ready = True
+            await self._empty("draining")
+            self._ready = False
+            self.made += 1
+            self.phase = "idle"
+        finally:
+            self.rest()
+
+    def rest(self) -> None:
+        """Neither heated nor stirred."""
+        self.setpoint = nan
+        self.heater.write(0.0)
+        self.stirrer.write(0.0)
+
+    async def _charge(self, recipe: Recipe, line: ChargingLine) -> None:
+        self.phase = "waiting for the scale"
+        async with line.lock:
+            self.phase = "weighing"
+            await line.cycle.start(line.weigh(recipe.amounts))
+            self.phase = "charging"
+            await first(line.cycle.start(line.discharge(self.number)), held_open(self.feed))
+
+    async def _heat(self, recipe: Recipe) -> None:
+        self.phase = "heating"
+        self.stirring = recipe.stirring
+        self.heating.reset()
+        self.setpoint = recipe.temperature
+        await self._arrive()
+
+    async def _arrive(self) -> None:
+        """Wait until the temperature of the recipe is reached."""
+        arrived = until(lambda: not self._is_off(), timeout=self.heating_time, stays="5 s")
+        try:
+            number, _ = await first(arrived, self._standstill())
+        except TimeExpired:
+            number = 1
+        if number == 1:
+            found, wanted = self.temperature.read(), self.setpoint
+            raise TemperatureError(f"{found:.1f} degC: the temperature does not come to {wanted:g} degC")
+
+    async def _standstill(self) -> None:
+        """Ends when the temperature does not rise although it is too low: it is not heated without a thermometer."""
+        while True:
+            before = value_of(self.temperature)
+            await wait(self.rise_time)
+            now = value_of(self.temperature)
+            if now < before + self.least_rise and now < self.setpoint - self.least_rise:
+                return
+
+    def _is_off(self) -> bool:
+        return abs(value_of(self.temperature) - self.setpoint) > self.tolerance
+
+    async def _hold(self, recipe: Recipe) -> None:
+        """Keep the temperature for the time of the recipe, without interruption."""
+        self.phase = "holding"
+        while not await unless(self._is_off, wait(recipe.hold)):
+            await self._arrive()
+
+    async def _empty(self, phase: str) -> None:
+        self.phase = phase
+        self.rest()
+        empty = until(lambda: value_of(self.level) < self.empty, timeout=self.draining_time, stays="5 s")
+        try:
+            await first(empty, held_open(self.drain))
+        except TimeExpired:
+            raise DrainingError(f"{self.level.read():.0f} l after {self.draining_time:g} s of draining") from None
+
+
+class BatchPlant(Compound, stop_order=("reactors", "line"), max_period="200 ms"):
+    """Two reactors and the charging line."""
+
+    reactors: Sequence[Reactor]
+    line: ChargingLine
+    timer: DigitalSensor
+
+    def setup(self) -> None:
+        for number, reactor in enumerate(self.reactors):
+            reactor.number = number
+        self._told = ""
+
+    def control(self) -> None:
+        """Report what the reactors do."""
+        phases = (f"{reactor.number} {'fault' if reactor.cycle.fault else reactor.phase}" for reactor in self.reactors)
+        told = ", ".join(phases)
+        if told != self._told:
+            self._told = told
+            self.cycle.progress(told, done=sum(reactor.made for reactor in self.reactors))

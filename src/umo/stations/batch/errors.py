@@ -1,0 +1,26 @@
+"""Errors of the batch plant, besides those of its devices.
+
+TaskFailed
+|-- ChargingError       the charging line does not fill, weigh or empty its hopper as it should
+|-- TemperatureError    a reactor does not come to its temperature, or does not stay there
+|-- DrainingError       a reactor does not become empty
+`-- BatchesLost         a reactor stayed in fault: its batches were not made
+"""
+
+from umo.errors import TaskFailed
+
+
+class ChargingError(TaskFailed):
+    """A raw material does not flow, the amount is wrong, or the hopper does not become empty."""
+
+
+class TemperatureError(TaskFailed):
+    """A reactor does not come to the temperature of its recipe, or does not stay there."""
+
+
+class DrainingError(TaskFailed):
+    """A reactor does not become empty."""
+
+
+class BatchesLost(TaskFailed):
+    """Nobody cleared the fault of a reactor in time: its batches were not made."""

@@ -1,0 +1,112 @@
+"""A reactor as it really is: what is in it, how warm that is, and what has become of the batch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import exp
+
+from .recipes import AMOUNT_TOLERANCE, BOOK, STIRRING_TOLERANCE, TEMPERATURE_TOLERANCE, Recipe
+
+MATERIALS = 2
+POWER, LOSS, HEAT, WALL, AMBIENCE = 120.0, 0.2, 4.0, 20.0, 20.0
+"""Heater, kW; loss to the ambience, kW/K; heat capacity of a kg of material and of the vessel, kJ/K; ambience, degC."""
+DENSITIES = (1.0, 0.9)
+"""Densities of the raw materials, kg/l."""
+VALVE_LAG, STIRRER_LAG, HEATER_LAG, THERMOMETER_LAG = 0.15, 1.0, 8.0, 4.0
+"""Time constants, s."""
+DRAIN, LAST = 4.0, 0.5
+"""Flow through the drain, kg/s, and time constant with which the last of it flows, s."""
+TRACE = 0.3
+"""Content below which it is empty, kg."""
+
+
+@dataclass(eq=False)
+class Vessel:
+    """A reactor and its content."""
+
+    power: float
+    """Of the heater at full duty, kW."""
+    amounts: list[float] = field(default_factory=lambda: [0.0] * MATERIALS)
+    """Content, kg of each raw material."""
+    temperature: float = AMBIENCE
+    sensed: float = AMBIENCE
+    heat: float = 0.0  # of the heater, kW
+    speed: float = 0.0  # rpm
+    feed: float = 0.0  # of the valves, 0 (closed) to 1 (open)
+    drain: float = 0.0
+    charged: list[float] = field(default_factory=lambda: [0.0] * MATERIALS)
+    """What came into it since it was empty, kg."""
+    held: dict[str, float] = field(default_factory=lambda: dict.fromkeys(BOOK, 0.0))
+    """Longest time at the temperature and speed of each recipe since then, s."""
+    holding: dict[str, float] = field(default_factory=lambda: dict.fromkeys(BOOK, 0.0))
+
+    @property
+    def content(self) -> float:
+        """kg."""
+        return self.amounts[0] + self.amounts[1]
+
+    @property
+    def volume(self) -> float:
+        """Volume of its content, l."""
+        return sum(amount / density for amount, density in zip(self.amounts, DENSITIES, strict=True))
+
+    def move(self, *, feed: int, drain: int, stirrer: float, heater: float, dt: float) -> None:
+        """Valves, stirrer (rpm) and heater (0 to 1) follow their levels for a time in s."""
+        share = 1.0 - exp(-dt / VALVE_LAG)
+        self.feed += (feed - self.feed) * share
+        self.drain += (drain - self.drain) * share
+        self.speed += (stirrer - self.speed) * dt / STIRRER_LAG
+        self.heat += (self.power * min(heater, 1.0) - self.heat) * dt / HEATER_LAG
+
+    def charge(self, amounts: Sequence[float]) -> None:
+        """Raw materials at the temperature of the ambience come in, kg."""
+        before = WALL + HEAT * self.content
+        for number, amount in enumerate(amounts):
+            self.amounts[number] += amount
+            self.charged[number] += amount
+        after = WALL + HEAT * self.content
+        self.temperature = AMBIENCE + (self.temperature - AMBIENCE) * before / after
+
+    def warm(self, dt: float) -> None:
+        """The heat balance of a time in s; it counts for the recipes whose temperature and speed it has."""
+        flow = self.heat - LOSS * (self.temperature - AMBIENCE)
+        self.temperature += flow * dt / (WALL + HEAT * self.content)
+        self.sensed += (self.temperature - self.sensed) * dt / THERMOMETER_LAG
+        for name, recipe in BOOK.items():
+            right = abs(self.temperature - recipe.temperature) <= TEMPERATURE_TOLERANCE
+            right = right and abs(self.speed - recipe.stirring) <= STIRRING_TOLERANCE
+            self.holding[name] = self.holding[name] + dt if right else 0.0
+            self.held[name] = max(self.held[name], self.holding[name])
+
+    def empty(self, dt: float) -> bool:
+        """Let the content out through the drain for a time in s; whether it has become empty."""
+        had = self.content
+        let_out(self.amounts, DRAIN * self.drain, dt)
+        return had >= TRACE > self.content
+
+    def made(self) -> Recipe | None:
+        """The recipe of which its content is a good batch."""
+        for recipe in BOOK.values():
+            if self.deviation(recipe) <= AMOUNT_TOLERANCE and self.held[recipe.name] >= recipe.hold:
+                return recipe
+        return None
+
+    def deviation(self, recipe: Recipe) -> float:
+        """Largest deviation of an amount from the recipe, kg."""
+        return max(abs(had - wanted) for had, wanted in zip(self.charged, recipe.amounts, strict=True))
+
+    def begin(self) -> None:
+        """What comes in from now on is another batch."""
+        self.charged = [0.0] * MATERIALS
+        self.held, self.holding = dict.fromkeys(BOOK, 0.0), dict.fromkeys(BOOK, 0.0)
+
+
+def let_out(amounts: list[float], flow: float, dt: float) -> list[float]:
+    """What leaves at a flow (kg/s) in a time (s): its share of each raw material, slower when little is left."""
+    content = sum(amounts)
+    share = min(flow * dt / content, flow / (DRAIN * LAST) * dt, 1.0) if content > 0.0 else 0.0
+    out = [amount * share for amount in amounts]
+    for number, amount in enumerate(out):
+        amounts[number] -= amount
+    return out

@@ -1,0 +1,96 @@
+"""Rules of looking for a device that does not answer."""
+
+from __future__ import annotations
+
+from time import monotonic, sleep
+
+from umo.drivers.contract import Driver
+from umo.errors import text_of
+from umo.presentation.durations import duration
+from umo.testing.conformance.probe import Probe, WrongKind
+from umo.testing.conformance.rule_context import RuleContext
+from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.spoiling import TRIES, recovers, values
+
+AT_ONCE = 0.1
+"""Time in s that a look may take."""
+LOOK_TIMEOUT = 1.0
+"""Timeout in s of the driver meanwhile: a look that waits would wait ten times as long as it may."""
+LOOKS = 10
+"""Looks for a device that is silent, in succession."""
+LOOK_INTERVAL = 0.005
+"""Time in s between two looks: a period."""
+
+
+@rule(Cost(each=8, waits=8))
+def look(context: RuleContext) -> str | None:
+    """Looking for a device that does not answer (`look`) waits for nothing, does not find it, and raises nothing but an
+    OSError; when it is back it is found, and the next transfers give true values."""
+    kinds = [context.line.silent] if context.subject.line is not None else []
+    tried = False
+    with context.opened() as probe:
+        for away in (*kinds, context.loss):
+            expected = values(context, probe)
+            with away():
+                if not _fails(context, probe):
+                    continue
+                tried = True
+                _looks_in_vain(context, probe)
+            _is_found(context, probe)
+            recovers(context, probe, expected, "it was found by a look")
+            context.insist(context.transfers(probe)[-1])
+    if not tried:
+        raise NotTried("no transfer fails without an answer")
+    return None if _has_its_own(probe) else "the driver does not look: a transfer is tried, which may wait"
+
+
+def _has_its_own(probe: Probe) -> bool:
+    return type(probe.driver).look is not Driver.look
+
+
+def _fails(context: RuleContext, probe: Probe) -> bool:
+    """Whether a transfer fails, as it does before umo looks for the device."""
+    probe.timeout = context.haste
+    return context.failure(context.transfers(probe)[0]) is not None
+
+
+def _looks_in_vain(context: RuleContext, probe: Probe) -> None:
+    """The quickest of some attempts counts, each after a transfer that has failed."""
+    slowest = []
+    for _ in range(TRIES):
+        probe.timeout = LOOK_TIMEOUT
+        took = 0.0
+        for _ in range(LOOKS):
+            if _look(context, probe) is True and _has_its_own(probe) and context.readable:
+                raise RuleBroken("look says that the device answers, and it does not")
+            took = max(took, context.watch.took)
+            if took > AT_ONCE:
+                break
+            sleep(LOOK_INTERVAL)
+        else:
+            return
+        slowest.append(took)
+        _fails(context, probe)
+    raise RuleBroken(f"a look for a device that does not answer took {duration(round(min(slowest), 3))}")
+
+
+def _is_found(context: RuleContext, probe: Probe) -> None:
+    probe.timeout = context.patience
+    end = monotonic() + context.patience
+    while _look(context, probe) is not True:
+        if monotonic() > end:
+            raise RuleBroken(f"the device answers again, and look has not found it for {duration(context.patience)}")
+        sleep(LOOK_INTERVAL)
+
+
+def _look(context: RuleContext, probe: Probe) -> bool | None:
+    """The outcome of a look; False for an OSError."""
+    try:
+        found = probe.call("look", probe.driver.look)
+    except WrongKind as error:
+        raise RuleBroken(f"look raised {text_of(error)}, which is no OSError") from error
+    except OSError:
+        return False
+    if found is not None and not isinstance(found, bool):
+        raise RuleBroken(f"look returned {found!r}, which is neither a bool nor None")
+    return found
