@@ -361,6 +361,20 @@ def test_what_actions_have_changed_is_as_the_application_left_it() -> None:
         assert (m.fan.read(), m.clamp.read(), m.spindle.read()) == (OnOff.OFF, OnOff.ON, 240.0)
 
 
+def test_what_an_action_writes_in_the_period_of_the_change_is_not_taken_for_a_laws() -> None:
+    m = winder()
+    with operated(m) as ann:
+        m.cycle.start(m.wind())
+        ann.run(5)
+        ann.send("mode", value="manual")
+        ann.send("call", "blow")
+        ann.run(3)
+        assert m.fan.read() is OnOff.ON  # its caller is in charge
+        assert ann.notes[-1] == "manual mode: to the default: spindle; held: clamp; just written: fan"
+        ann.mode("automatic")
+        assert m.fan.read() is OnOff.OFF
+
+
 def test_an_application_does_not_go_on_while_an_actuator_that_it_needs_is_inhibited() -> None:
     m = winder()
     with operated(m) as ann:
