@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -565,3 +566,30 @@ def test_a_machine_that_stops_while_it_resumes_cleans_up() -> None:
         resuming = ann.clients._suspension.resuming
         assert resuming is not None and resuming.running
     assert not resuming.running
+
+
+@pytest.mark.parametrize("broken", ["", "on_suspend", "on_resume"])
+def test_changes_of_the_mode_leave_nothing_that_only_the_collector_would_free(broken: str) -> None:
+    m = winder(Told)
+    m.broken = broken
+
+    async def forever() -> None:
+        m.spindle.write(240.0)
+        while True:
+            await next_period()
+
+    with operated(m) as ann:
+        m.cycle.start(forever())
+        for count in (3, 10):
+            gc.collect()
+            gc.disable()
+            try:
+                for _ in range(count):
+                    ann.mode("manual")
+                    ann.run(3)
+                    ann.mode("automatic")
+                    ann.run(10)
+                left = gc.collect()
+            finally:
+                gc.enable()
+        assert left == 0
