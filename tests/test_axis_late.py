@@ -130,6 +130,13 @@ def test_a_stepper_that_stood_still_in_missed_periods_starts_with_a_ramp() -> No
     assert speeds[stopped] <= 200.0 * DT
 
 
+@pytest.mark.parametrize("every", [1, 2])
+def test_a_stepper_that_is_always_late_arrives(every: int) -> None:
+    slide = Late(dict.fromkeys(range(1, 100_000, every), 20))
+    run(stepper(), slide, lambda m: m.x.move_to(17.0))
+    assert slide.position == pytest.approx(17.0, abs=0.06)
+
+
 def test_a_stepper_that_was_late_by_less_than_a_step_goes_on() -> None:
     usual = run(stepper(), Late({}), lambda m: m.x.move_to(17.0))
     assert run(stepper(), Late({300: 2}), lambda m: m.x.move_to(17.0)) == usual

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -361,6 +362,20 @@ def test_what_actions_have_changed_is_as_the_application_left_it() -> None:
         assert (m.fan.read(), m.clamp.read(), m.spindle.read()) == (OnOff.OFF, OnOff.ON, 240.0)
 
 
+def test_what_an_action_writes_in_the_period_of_the_change_is_not_taken_for_a_laws() -> None:
+    m = winder()
+    with operated(m) as ann:
+        m.cycle.start(m.wind())
+        ann.run(5)
+        ann.send("mode", value="manual")
+        ann.send("call", "blow")
+        ann.run(3)
+        assert m.fan.read() is OnOff.ON  # its caller is in charge
+        assert ann.notes[-1] == "manual mode: to the default: spindle; held: clamp; just written: fan"
+        ann.mode("automatic")
+        assert m.fan.read() is OnOff.OFF
+
+
 def test_an_application_does_not_go_on_while_an_actuator_that_it_needs_is_inhibited() -> None:
     m = winder()
     with operated(m) as ann:
@@ -551,3 +566,30 @@ def test_a_machine_that_stops_while_it_resumes_cleans_up() -> None:
         resuming = ann.clients._suspension.resuming
         assert resuming is not None and resuming.running
     assert not resuming.running
+
+
+@pytest.mark.parametrize("broken", ["", "on_suspend", "on_resume"])
+def test_changes_of_the_mode_leave_nothing_that_only_the_collector_would_free(broken: str) -> None:
+    m = winder(Told)
+    m.broken = broken
+
+    async def forever() -> None:
+        m.spindle.write(240.0)
+        while True:
+            await next_period()
+
+    with operated(m) as ann:
+        m.cycle.start(forever())
+        for count in (3, 10):
+            gc.collect()
+            gc.disable()
+            try:
+                for _ in range(count):
+                    ann.mode("manual")
+                    ann.run(3)
+                    ann.mode("automatic")
+                    ann.run(10)
+                left = gc.collect()
+            finally:
+                gc.enable()
+        assert left == 0

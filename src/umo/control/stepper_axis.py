@@ -45,6 +45,7 @@ class StepperAxis(Axis):
         self.stepping = Stepping(self.step, self.direction)
         self._offset = 0.0  # the position at which the step count is 0
         self._error = 0.0
+        self._ramp = 0.0  # s until a motor that has started with a ramp has its speed again
 
     @property
     def commanded(self) -> float:
@@ -62,6 +63,7 @@ class StepperAxis(Axis):
         clock = self._machine.clock
         if clock.ticks > 1:
             self._resume((clock.ticks - 1) * clock.period)
+        self._ramp -= clock.period
         position = self.profile.step(clock.period).position
         self.stepping.control((position - self._offset) / self.step_size)
         self._error = self.commanded - reading
@@ -76,9 +78,10 @@ class StepperAxis(Axis):
 
     def _resume(self, missed: float) -> None:
         """After missed periods (s in all), in which no step was made: a motor that would have made more than one stands
-        still, and starts with a ramp."""
+        still, and starts with a ramp. It does not start anew while it ramps up: an axis that is always late arrives."""
         position, velocity, _ = self.profile.setpoint
-        if missed * abs(velocity) > self.step_size:
+        if self._ramp <= 0.0 and missed * abs(velocity) > self.step_size:
+            self._ramp = abs(velocity) / self.profile.acceleration + self.profile.acceleration / self.profile.jerk
             self.profile.hold(position)
             self._replan()
 

@@ -160,6 +160,7 @@ class ClientControl:
                 self._advance(each)
         if self._suspension.resuming is not None:
             self._resume()
+        self._suspension.commands_taken()
         self._active = bool(self._running or self._held or self.lease.holder or self._suspension.resuming)
 
     def _advance(self, each: _Action) -> None:

@@ -219,15 +219,13 @@ class ConnectedMachine:
 
     def after_laws(self, call: Callable[[], None]) -> None:
         """Call it once, after the laws of this period."""
-
-        def once(root: Compound) -> None:
-            self._after_laws.remove(act)
-            self._choose_acts()
-            call()
-
-        act = partial(once, self.root)
-        self._after_laws.append(act)
+        self._after_laws.append(partial(self._once, self.root, call))
         self._choose_acts()
+
+    def _once(self, root: Compound, call: Callable[[], None]) -> None:
+        self._after_laws = [act for act in self._after_laws if act.args[1] is not call]
+        self._choose_acts()
+        call()
 
     def _end_in(self, equipment: Equipment) -> None:
         """Whatever is under way in equipment that is in fault now."""

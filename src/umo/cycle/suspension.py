@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from umo.cycle.machine import ConnectedMachine
 
 
+STOPPED = "to the default"
+"""Words for actuators of which nobody is in charge."""
 MANUAL = "manual mode"
 """Words that begin the event of a suspended application."""
 
@@ -87,7 +89,8 @@ class Suspension:
         """The values that the application has left, by slot, but for those of laws; None: it is not suspended."""
         self._noting: _Noting | None = None
         self._end_noting: Callable[[], None] = lambda: None
-        self._by_hooks: set[int] = set()
+        self._by_others: set[int] = set()
+        """The actuators that `on_suspend` and actions have written in this period."""
         self._failed: set[int] = set()
         """The actuators of compounds whose `on_suspend` failed."""
         self._registered = False
@@ -115,13 +118,18 @@ class Suspension:
                 self._tell(f"{node._path}.on_suspend".lstrip("."), f"failed: {error}")
                 slot_of = self._machine.image.slot_of
                 self._failed.update(slot_of[id(item)] for item in atoms(node) if isinstance(item, Actuator))
-        self._by_hooks = self._written()
         self._react()
 
     def lease_ended(self) -> None:
         """The lease ends in manual mode: what its holder has left is in nobody's charge."""
         self._note_writes("the lease has ended")
         self._react()
+
+    def commands_taken(self) -> None:
+        """What was written in this period until now was not written by laws, but by `on_suspend` and actions."""
+        if self._noting is not None:
+            written, self._noting.written = self._noting.written, set()
+            self._by_others |= written
 
     def _note_writes(self, cause: str) -> None:
         """Note what is written in this period, until its laws have acted."""
@@ -135,12 +143,6 @@ class Suspension:
             self._registered = True
             machine.after_laws(self._settle)
 
-    def _written(self) -> set[int]:
-        """What was written since it was asked last."""
-        assert self._noting is not None
-        found, self._noting.written = self._noting.written, set()
-        return found
-
     def _react(self) -> None:
         self._said += [f"{path} {words}" for path, axis in self._axes.items() if (words := axis.react())]
 
@@ -150,27 +152,30 @@ class Suspension:
         if self._noting is None:  # the application has gone on in the same period
             return
         image, commands = self._machine.image, self._machine.commands
-        by_laws, by_hooks, failed = self._written(), self._by_hooks - self._failed, self._failed
+        by_laws, by_others, failed = self._noting.written, self._by_others - self._failed, self._failed
         self._stop_noting()
         if self._left is not None:
             self._left = {slot: value for slot, value in self._left.items() if slot not in by_laws}
-        stopped, held, run_on = [], [], []
+        found: dict[str, list[str]] = {what: [] for what in (STOPPED, "held", "its law writes", "just written")}
         for slot, item in self._actuators.items():
             if image.pending[slot] == item._default_value() or commands.client_of(slot):
                 continue
-            if slot in by_laws or slot in by_hooks:
-                run_on.append(item.path)
+            if slot in by_laws:
+                what = "its law writes"
+            elif slot in by_others:
+                what = "just written"
             elif item.when_suspended == "hold" and slot not in failed:
-                held.append(item.path)
+                what = "held"
             else:
-                stopped.append(item.path)
+                what = STOPPED
                 self._to_default(slot, item)
-        self._tell_what_drives(stopped, held, run_on)
+            found[what].append(item.path)
+        self._tell_what_drives(found)
 
     def _stop_noting(self) -> None:
         self._end_noting()
         self._machine.image.commands, self._noting = self._machine.commands, None
-        self._by_hooks, self._failed = set(), set()
+        self._by_others, self._failed = set(), set()
 
     def _to_default(self, slot: int, item: Actuator) -> None:
         image = self._machine.image
@@ -179,10 +184,9 @@ class Suspension:
         if not item.synchronous:
             image.try_send(slot)  # a default that the device does not accept is sent again
 
-    def _tell_what_drives(self, stopped: list[str], held: list[str], run_on: list[str]) -> None:
-        groups = (("to the default", stopped), ("held", held), ("its law writes", run_on))
-        said = [*self._said, *(f"{what}: {some(paths)}" for what, paths in groups if paths)]
-        changed, self._said = bool(stopped or self._said), []
+    def _tell_what_drives(self, found: dict[str, list[str]]) -> None:
+        said = [*self._said, *(f"{what}: {some(paths)}" for what, paths in found.items() if paths)]
+        changed, self._said = bool(found[STOPPED] or self._said), []
         if changed or (said and self._cause == MANUAL):
             self._tell("", f"{self._cause}: {'; '.join(said)}")
 
