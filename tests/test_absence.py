@@ -7,6 +7,8 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from helpers.machines import Bench, actuator, bench, failed, relay, sensor, switch, timer, wired
 from umo import Compound, DigitalActuator, DigitalSensor, Quality, connect
@@ -487,3 +489,53 @@ def test_the_calls_of_a_driver_that_is_there_are_its_own() -> None:
         run(m, 0.2)
         assert image.inputs[0].transfer == box.read_many
         assert image.outputs[0].transfer == box.write_many
+
+
+# Anything -------------------------------------------------------------------------------------------------
+
+STATES = {
+    "there": (None, True),
+    "silent": (DeviceTimeout("no answer"), False),
+    "silent, not known": (DeviceTimeout("no answer"), None),
+    "silent, found": (DeviceTimeout("no answer"), True),
+    "refuses": (OSError("refused"), False),
+    "refuses, found": (OSError("refused"), True),
+    "away behind a gateway": (None, False),
+}
+"""What every call raises, and what a look says."""
+WAYS = st.lists(
+    st.tuples(st.sampled_from([*STATES]), st.sampled_from([1, 2, 40, 600]), st.booleans()), min_size=1, max_size=8
+)
+
+
+@given(WAYS, st.booleans())
+@settings(max_examples=12, deadline=None)
+def test_whatever_a_device_does_it_has_what_is_pending_when_it_is_back_and_few_calls_have_waited(
+    ways: list[tuple[str, int, bool]], synchronous: bool
+) -> None:
+    box = Box()
+    m = bench(
+        motor=actuator(on_error="retry", max_age="60 s", synchronous=synchronous),
+        encoder=sensor(on_error="hold", max_age="60 s"),
+        valve=relay(on_error="retry", max_age="60 s"),
+        limit=switch(on_error="mark"),
+    )
+    with running(m, box) as connection:
+        image, on_tick = connection.image, connection.machine.clock.on_tick
+        for number, (state, count, write) in enumerate(ways):
+            box.broken, found = STATES[state]
+            box.found = lambda found=found: found  # type: ignore[misc]
+            if write:
+                assert m.motor.write(float(number))
+            since = len(box.calls)
+            periods(m, count)
+            if state.startswith("silent"):
+                assert len(box.calls) - since <= 2 + 2 * len(box.looks)
+        box.back()
+        box.found = lambda: True
+        periods(m, 5_600)  # the longest interval, and more
+        assert [item.quality for item in (m.motor, m.encoder, m.valve, m.limit)] == [Quality.GOOD] * 4
+        assert box.get("motor") == 2 * m.motor.pending == 2 * m.motor.read()
+        assert image.inputs[0].transfer == box.read_many
+        assert image.outputs[0].transfer == box.write_many
+        assert connection.machine.clock.on_tick == on_tick

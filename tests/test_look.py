@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from helpers.machines import relay, sensor, switch, timer
+from helpers.peers.hostile import hostile
 from helpers.peers.line_server import LineServer, line_server
 from helpers.peers.modbus_device import Peer, running
 from helpers.waiting import until
@@ -252,6 +253,34 @@ def test_a_text_device_that_is_never_asked_is_identified_or_else_connected() -> 
             server.clients[-1].shutdown(2)
             until(lambda driver=driver, server=server: found(driver) and server.connections == 2)
             assert server.received[-1] == last
+
+
+def test_a_text_device_on_a_serial_line_is_found_after_its_quiet_time_and_is_used_at_once() -> None:
+    silent: list[bool] = []
+
+    def answer(data: bytes) -> tuple[int, bytes]:
+        size = data.find(b"\n") + 1
+        return size, b"" if silent else b"7\n"
+
+    with hostile(answer, ["right"], line=True) as peer:
+        driver = Text(channels={"level": {"ask": "L?"}}, serial=peer.path, quiet=0.03)
+        driver.timeout = PATIENT
+        driver.open()
+        try:
+            assert read(driver, "level") == 7
+            silent.append(True)
+            driver.timeout = HASTY
+            with pytest.raises(DeviceTimeout):
+                read(driver, "level")
+            assert not found(driver)
+            silent.clear()
+            until(lambda: found(driver))
+            asked = peer.met["right"]
+            driver.timeout = PATIENT
+            assert read(driver, "level") == 7
+            assert peer.met["right"] == asked + 1
+        finally:
+            driver.close()
 
 
 # Streams ------------------------------------------------------------------------------------------------

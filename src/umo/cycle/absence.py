@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from time import monotonic
 from typing import Any, NoReturn, Protocol
 
 from umo.cycle.clock import Clock
 from umo.cycle.events import Event, Events
+from umo.cycle.stand_ins import Away, NotCalled, Tried
 from umo.drivers.contract import Driver
 from umo.drivers.faults.wrapper import bare
-from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, Failure, text_of
+from umo.errors import DriverError, Failure, text_of
 from umo.presentation.durations import duration
 from umo.user_code import attempt
 
@@ -33,10 +33,6 @@ must not bring an output to its default."""
 
 ROUNDING = 1e-9
 """Time in s by which a period may come early: the machine's time is a sum of periods."""
-
-
-class NotCalled(DeviceTimeout):
-    """The driver is away: the call was not made."""
 
 
 class Drivers(Protocol):
@@ -130,7 +126,7 @@ class Absences:
                 absence.since = self._clock.now  # it has answered: it was not switched off meanwhile
         absence.trial = False
         absence.shut |= timed_out
-        self._transfer.exchange(driver, _Away(absence) if absence.shut else driver)
+        self._transfer.exchange(driver, Away(absence.refusal) if absence.shut else driver)
 
     def end(self) -> None:
         """Every driver is called again, whether it answers or not: the machine stops."""
@@ -160,11 +156,11 @@ class Absences:
             absence.cause = error.text
         if found is None and error is None:
             absence.shut = True  # until it is known
-            self._transfer.exchange(absence.driver, _Away(absence))
+            self._transfer.exchange(absence.driver, Away(absence.refusal))
         elif not (found and self._found(absence)):
             absence.known = True
             absence.shut_for_now(self._clock.now)
-            self._transfer.exchange(absence.driver, _Away(absence))
+            self._transfer.exchange(absence.driver, Away(absence.refusal))
             self._tell_away(absence)
 
     def _found(self, absence: Absence) -> bool:
@@ -177,7 +173,7 @@ class Absences:
                 return False
             absence.initialized, absence.since = True, now
         absence.shut, absence.trial, absence.known = False, True, True
-        self._transfer.exchange(driver, _Tried(driver, lambda: self._back(absence)))
+        self._transfer.exchange(driver, Tried(driver, lambda: self._back(absence)))
         return True
 
     def _initialize_again(self, absence: Absence) -> str:
@@ -212,44 +208,6 @@ class Absences:
     def _tell(self, absence: Absence, text: str) -> None:
         self._events.add(Event(self._clock.now, f"driver {absence.name}", text))
         log.warning("driver %s %s", absence.name, text)
-
-
-class _Away:
-    """Stands in the place of a driver that is away."""
-
-    def __init__(self, absence: Absence) -> None:
-        self._absence = absence
-
-    def _refuse(self, *_: object) -> NoReturn:
-        raise self._absence.refusal()
-
-    read = write = read_many = write_many = initialize = reset = finalize = _refuse
-
-
-class _Tried:
-    """Stands in the place of a driver that was found: the first call that succeeds is told."""
-
-    def __init__(self, driver: Driver[Any], succeeded: Callable[[], object]) -> None:
-        for segment in ("read", "write", "read_many", "write_many", "initialize", "reset", "finalize"):
-            setattr(self, segment, _watched(driver, getattr(driver, segment), succeeded))
-
-
-def _watched(driver: Driver[Any], call: Callable[..., Any], succeeded: Callable[[], object]) -> Callable[..., Any]:
-    def tried(*arguments: Any) -> Any:
-        began = monotonic()
-        try:
-            result = call(*arguments)
-        except ChannelsFailed:
-            succeeded()  # the device answers
-            raise
-        except (Exception, SystemExit) as error:
-            if monotonic() - began >= driver.timeout and not isinstance(error, TimeoutError):
-                raise DeviceTimeout(text_of(error)) from None
-            raise
-        succeeded()
-        return result
-
-    return tried
 
 
 def in_order(slots: Iterable[int], drivers: Sequence[Driver[Any]]) -> dict[int, list[int]]:

@@ -14,9 +14,10 @@ from typing import Any, Literal, NoReturn, TypeVar
 
 import numpy as np
 
-from umo.cycle.absence import Absences, NotCalled
+from umo.cycle.absence import Absences
 from umo.cycle.columns import Block
 from umo.cycle.journal import ErrorKind, Journal, Kind
+from umo.cycle.stand_ins import NotCalled
 from umo.drivers.contract import UNREAD, Channel, Driver
 from umo.errors import ChannelsFailed, DriverError, Failure, forget_frames, text_of
 from umo.objects.scaling import IntArray

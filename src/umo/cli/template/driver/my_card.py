@@ -76,7 +76,8 @@ class MyCard(Driver):
             device.set(channel.text, raw)
 
     # If the device transfers many channels in one message: override read_many and
-    # write_many too.
+    # write_many too. If it can be asked whether it is there without waiting for it:
+    # override look, or a device that does not answer is tried again and again.
 
     @contextmanager
     def _connection(self) -> Iterator[Device]:

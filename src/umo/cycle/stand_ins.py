@@ -1,0 +1,52 @@
+"""What stands in the place of a driver that is away, or that was found and is tried (`absence.py`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import monotonic
+from typing import Any, NoReturn
+
+from umo.drivers.contract import Driver
+from umo.errors import ChannelsFailed, DeviceTimeout, text_of
+
+
+class NotCalled(DeviceTimeout):
+    """The driver is away: the call was not made."""
+
+
+class Away:
+    """Stands in the place of a driver that is away: every call fails at once."""
+
+    def __init__(self, refusal: Callable[[], NotCalled]) -> None:
+        self._refusal = refusal
+
+    def _refuse(self, *_: object) -> NoReturn:
+        raise self._refusal()
+
+    read = write = read_many = write_many = initialize = reset = finalize = _refuse
+
+
+class Tried:
+    """Stands in the place of a driver that was found: the first call that succeeds is told."""
+
+    def __init__(self, driver: Driver[Any], succeeded: Callable[[], object]) -> None:
+        for segment in ("read", "write", "read_many", "write_many", "initialize", "reset", "finalize"):
+            setattr(self, segment, _watched(driver, getattr(driver, segment), succeeded))
+
+
+def _watched(driver: Driver[Any], call: Callable[..., Any], succeeded: Callable[[], object]) -> Callable[..., Any]:
+    def tried(*arguments: Any) -> Any:
+        began = monotonic()
+        try:
+            result = call(*arguments)
+        except ChannelsFailed:
+            succeeded()  # the device answers
+            raise
+        except (Exception, SystemExit) as error:
+            if monotonic() - began >= driver.timeout and not isinstance(error, TimeoutError):
+                raise DeviceTimeout(text_of(error)) from None
+            raise
+        succeeded()
+        return result
+
+    return tried
