@@ -279,6 +279,7 @@ def test_a_refused_machine_looks_for_nobody() -> None:
             connection.machine.clock.on_tick()
             asked.append("and nothing was refused")
         asked.append(len(box.looks) - before)
+    connection.stop.restore()  # a process that refuses ends
     assert asked == ["nothing was called", 0]
 
 
