@@ -473,6 +473,22 @@ def test_a_latched_interlock_is_acknowledged_under_the_lease_when_its_cause_is_g
         eventually(lambda: station.diverter.read() == "ON")
 
 
+def test_equipment_in_fault_is_told_with_its_reason_and_cleared_under_the_lease(page: Any, tmp_path: Path) -> None:
+    fault = "reactors.1.level disconnect at 0.5 s for 1 s"
+    with started(tmp_path, "batch", fault=fault) as station, serving() as served:
+        page.goto(served.url + "#view=machine")
+        page.get_by_text("reactors.1 is in fault: could not be read").first.wait_for()
+        assert list(station.faults) == ["reactors.1"]
+        button = page.get_by_role("button", name="Clear reactors.1")
+        assert button.is_disabled()
+        take_lease(page, served.url)
+        eventually(lambda: station.frames(0.01)["time"][-1] > 1.7)
+        button.click()
+        button.wait_for(state="detached")
+        assert "clear reactors.1: done" in answers(page)
+        assert station.faults == {}
+
+
 def test_in_automatic_mode_numbers_can_be_tuned_and_actuators_cannot_be_written(page: Any, tmp_path: Path) -> None:
     with started(tmp_path) as station, serving() as served:
         take_lease(page, served.url)
