@@ -4,7 +4,7 @@ import { address, el, setText, store } from "./dom.js";
 import { Feed } from "./feed.js";
 import { Client, words } from "./client.js";
 import { list, nameOf, offer, runAfter } from "./stations.js";
-import { faultsOf, forbidden, statusOf } from "./status.js";
+import { clearing, faultsOf, forbidden, statusOf } from "./status.js";
 import { nextTab } from "./tabs.js";
 
 /** @type {Record<string, () => Promise<Page.ViewModule>>} */
@@ -115,16 +115,16 @@ function showFaults(found) {
   const key = JSON.stringify([shown, more, client.possible && !feed.ended, client.leased]);
   if (key === faultsShown) return;
   faultsShown = key;
-  const each = shown.flatMap(({ path, text }) => [text, clearButton(path), " "]);
+  const each = shown.flatMap(({ path, text }) => [clearButton(path), ` ${text} `]);
   faults.replaceChildren(...each, more ? `and ${more} more` : "");
 }
 
 /** @param {string} path */
 function clearButton(path) {
-  return el("button", {
-    textContent: "Clear", title: `End the fault of ${path}: what had failed is initialised again`, "aria-label": `Clear ${path}`,
-    hidden: !client.possible || feed.ended, disabled: !client.leased, onclick: () => command({ do: "clear", path }, `clear ${path}`),
-  });
+  const button = clearing(path, () => command({ do: "clear", path }, `clear ${path}`));
+  button.hidden = !client.possible || feed.ended;
+  button.disabled = !client.leased;
+  return button;
 }
 
 /** @param {string} text */

@@ -4,7 +4,7 @@ import { ActionControl, ActuatorControl, JogControl, SensorControl, TunableContr
 import { address, el, setText, store } from "./dom.js";
 import { words } from "./client.js";
 import { filtered, groupsOf, isActuator, partsOf } from "./parts.js";
-import { forbidden } from "./status.js";
+import { clearing, forbidden } from "./status.js";
 
 /**
  * @typedef {import("./feed.js").Feed} Feed
@@ -143,6 +143,7 @@ class Part {
     /** @type {Control[] | null} */
     this._controls = null;
     this._reasons = el("p", { className: "reasons" });
+    this._clear = clearing(part.path, () => client.ask({ do: "clear", path: part.path }, `clear ${part.path}`));
     this.element = el("details", { className: "part", "data-part": part.path }, el("summary", { textContent: part.title }));
     this.element.ontoggle = () => this.refresh();
   }
@@ -158,7 +159,7 @@ class Part {
       Actuators: objects.filter(isActuator).map((entry) => new ActuatorControl(this._client, entry)),
       "Tunable numbers": tunables.map((entry) => new TunableControl(this._client, entry)),
     };
-    if (objects.some(isActuator)) this.element.append(this._reasons);
+    if (objects.some(isActuator)) this.element.append(el("div", { className: "why" }, this._reasons, this._clear));
     const shown = Object.entries(sections).filter(([, controls]) => controls.length);
     this.element.append(el("div", { className: "controls" }, ...shown.flatMap(([title, controls]) => [
       title ? el("h3", { textContent: title }) : null, ...controls.map(({ element }) => element),
@@ -177,7 +178,12 @@ class Part {
   _forbidden() {
     const { inhibited = {} } = this._feed.state ?? {};
     const own = Object.fromEntries(Object.entries(inhibited).filter(([path]) => this._part.objects.some((entry) => entry.path === path)));
-    const text = forbidden(own).map((reason) => `⊘ inhibited: ${reason}`).join("; ");
+    const { faults = {} } = this._feed.state ?? {};
+    const fault = faults[this._part.path];
+    const others = forbidden(own, faults).map((reason) => `⊘ inhibited: ${reason}`);
+    const text = [...(fault ? [`✖ in fault: ${fault}`] : []), ...others].join("; ");
+    this._clear.hidden = !fault || !this._client.possible || this._feed.ended;
+    this._clear.disabled = !this._client.leased;
     setText(this._reasons, text);
     this._reasons.title = text;
   }

@@ -1,5 +1,6 @@
 /** The line of the page that says how the run and the connection are. */
 
+import { el } from "./dom.js";
 import { lasting } from "./presentation.js";
 
 const MAX_FAULTS = 3;  // equipments in fault that are told in words
@@ -41,6 +42,12 @@ function ended(station, ending) {
 export function faultsOf(faults) {
   const found = Object.entries(faults ?? {}).map(([path, reason]) => ({ path, text: `✖ ${path} is in fault: ${reason}` }));
   return { shown: found.slice(0, MAX_FAULTS), more: Math.max(0, found.length - MAX_FAULTS) };
+}
+
+/** The button that clears a fault. @param {string} path @param {() => void} onclick */
+export function clearing(path, onclick) {
+  const title = `End the fault of ${path}: what had failed is initialised again`;
+  return el("button", { className: "clear", textContent: "Clear", title, "aria-label": `Clear ${path}`, onclick });
 }
 
 /**
