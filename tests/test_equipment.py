@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -12,7 +12,7 @@ import pytest
 
 from helpers.letters import Letters
 from helpers.machines import actuator, relay, sensor, timer, wired
-from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, TaskFailed, action, connect
+from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Range, TaskFailed, action, connect
 from umo.control import ServoAxis, next_period, until, value_of, wait
 from umo.cycle.client_commands import ClientCommand, Mode
 from umo.cycle.client_control import ClientControl
@@ -511,6 +511,67 @@ def test_clear_fails_while_an_object_cannot_be_initialised(rig: Rig) -> None:
     assert rig.m.a.cycle.clear() == ["a"]
 
 
+def test_clear_of_a_part_frees_nothing_of_its_neighbour_in_fault(rig: Rig) -> None:
+    """The outer equipment is cleared, an inner one stays in fault."""
+
+    class Outlet(Valve, equipment=True):
+        pass
+
+    class Double(Reactor, equipment=True):
+        other: Outlet
+
+    with Rig(a=reactor(Double, other=Outlet(coil=relay()))) as own:
+        m = own.m
+        m.a.outlet.cycle.start(failing())
+        own.periods(1)
+        m.a.cycle.start(failing())
+        own.periods(1)
+        assert m.a.other.cycle.clear() == ["a"]
+        assert (m.a.cycle.fault, m.a.outlet.cycle.fault) == (None, "no feed")
+        assert m.a.outlet.coil.write(OnOff.ON) is False
+        own.periods(2)
+        assert m.a.outlet.coil.read() is OnOff.OFF
+
+
+def test_clear_clears_nothing_if_one_of_several_cannot_be_cleared(rig: Rig) -> None:
+    rig.m.a.cycle.start(failing())
+    rig.boxes["of_b"].set("b.thermometer", OSError("the wire is broken"))
+    rig.periods(2)
+    with pytest.raises(EquipmentFault, match=r"b is in fault: it cannot be cleared while b.thermometer cannot be read"):
+        rig.m.cycle.clear()
+    assert rig.m.a.cycle.fault == "no feed"
+
+
+def test_clear_clears_the_others_if_one_cannot_be_initialised(rig: Rig) -> None:
+    for each in (rig.m.a, rig.m.b):
+        each.cycle.start(failing())
+    rig.periods(1)
+    box = rig.boxes["of_b"]
+    box.at(len(box.calls), OSError("short circuit"))
+    with pytest.raises(DriverError, match="short circuit"):
+        rig.m.cycle.clear()
+    assert (rig.m.a.cycle.fault, rig.m.b.cycle.fault) == (None, "no feed")
+
+
+def test_a_thousand_equipments_may_fail_in_one_period() -> None:
+    class Zone(Compound, equipment=True):
+        heater: DigitalActuator
+
+        def control(self) -> None:
+            raise ValueError("broken")
+
+    class Zones(Compound):
+        timer: DigitalSensor
+        zones: Sequence[Zone]
+
+    m = Zones(timer=timer(), zones=[Zone(heater=actuator()) for _ in range(1100)])
+    with connect(m, wired(m, Scripted())):
+        m.timer.read()
+        m.control()
+        assert all(zone.cycle.fault for zone in m.zones)
+        assert len(m.cycle.clear()) == 1100
+
+
 def test_clear_of_the_machine_clears_all_of_it(rig: Rig) -> None:
     for each in (rig.m.a, rig.m.b):
         each.cycle.start(failing())
@@ -673,6 +734,108 @@ def test_a_clients_write_that_a_device_refuses_is_refused_and_a_fault_of_its_equ
         state, text = rig.do("write", "a.drain", value="ON")
         assert (state, text) == ("refused", "CommandRefused: a.drain is inhibited: a is in fault")
         assert "short circuit" in (rig.m.a.cycle.fault or "")
+
+
+class Cooking(Reactor, equipment=True):
+    @action
+    async def cook(self) -> None:
+        """Drive the heater, and a valve."""
+        while True:
+            self.heater.write(5.0)
+            self.drain.write(OnOff.ON)
+            await next_period()
+
+    @action
+    def begin(self) -> None:
+        """Heat in a sequence that nobody awaits; then drive a valve."""
+        self.cycle.start(self.heat())
+        self.drain.write(OnOff.ON)
+
+    @action(velocity=Range("rpm", 0.0, 9.0), release="let_go")
+    def stir(self, velocity: float) -> None:
+        """Stir."""
+        self.stirrer.write(velocity)
+
+    def let_go(self) -> None:
+        self.stirrer.write(0.0)
+
+    async def on_resume(self) -> None:
+        for _ in range(20):
+            self.heater.write(3.0)
+            await next_period()
+
+
+@pytest.mark.parametrize("name", ["cook", "begin"])
+def test_an_action_whose_own_write_puts_its_equipment_in_fault_has_ended_also_after_clear(name: str) -> None:
+    with Commanded(Mode.MANUAL, a=reactor(Cooking)) as rig:
+        box = rig.boxes["of_a"]
+        box.at(len(box.calls) + 1, OSError("the coil is broken"))  # after read_many
+        rig.do("call", f"a.{name}")
+        rig.periods(2)
+        assert "the coil is broken" in (rig.m.a.cycle.fault or "")
+        told = [each for each in rig.connection.machine.events if each.command == rig.number]
+        assert str(told[-1].state) in ("refused", "cancelled")
+        rig.do("clear", "a")
+        rig.periods(3)
+        assert driven(rig.m.a) == AT_DEFAULT
+
+
+def test_what_a_client_keeps_up_in_equipment_ends_with_its_fault() -> None:
+    with Commanded(Mode.MANUAL, a=reactor(Cooking)) as rig:
+        assert rig.do("call", "a.stir", arguments={"velocity": 2.0})[0] == "done"
+        number = rig.number
+        fail_sensor(rig)
+        rig.periods(2)
+        assert rig.answer(number)[0] == "cancelled"
+        assert "a is in fault" in rig.answer(number)[1]
+
+
+def test_on_resume_of_equipment_that_comes_into_fault_has_ended_also_after_clear() -> None:
+    with Commanded(Mode.AUTOMATIC, a=reactor(Cooking)) as rig:
+        rig.m.b.cycle.start(rig.m.b.heat())
+        rig.do("mode", value="manual")
+        rig.do("mode", value="automatic")
+        rig.periods(3)
+        assert rig.m.a.heater.read() == 3.0
+        fail_law(rig)
+        rig.periods(1)
+        rig.m.a.law = None
+        assert rig.do("clear", "a")[0] == "done"
+        rig.periods(3)
+        assert rig.m.a.heater.read() == 0.0
+
+
+def test_a_lease_that_ends_after_a_fault_frees_nothing_of_it() -> None:
+    with Commanded(Mode.MANUAL) as rig:
+        rig.do("write", "a.heater", value=5.0)
+        fail_law(rig)
+        rig.periods(1)
+        rig.do("give back")
+        rig.periods(2)
+        assert (rig.m.a.heater.write(5.0), rig.m.a.heater.inhibited) == (False, "a is in fault")
+
+
+def test_a_write_that_fails_and_a_release_in_the_same_period_free_nothing_of_the_fault() -> None:
+    with Commanded(Mode.MANUAL) as rig:
+        rig.do("write", "a.heater", value=5.0)
+        box = rig.boxes["of_a"]
+        box.at(len(box.calls) + 1, OSError("the coil is broken"))
+        rig.letters.waiting.append(ClientCommand(90, "ann", "key", "write", "a.drain", "ON"))
+        rig.letters.waiting.append(ClientCommand(91, "ann", "key", "let go", "a.heater"))
+        rig.letters.signs = dict.fromkeys(("", "a.drain", "a.heater"), (1, 1.0))
+        rig.periods(2)
+        assert rig.m.a.cycle.fault is not None
+        assert rig.m.a.heater.write(5.0) is False
+
+
+def test_an_actuator_that_is_taken_and_released_many_times_is_free_for_the_program() -> None:
+    with Commanded(Mode.MANUAL) as rig:
+        for _ in range(3):
+            rig.do("write", "a.heater", value=5.0)
+            rig.do("let go", "a.heater")
+        assert rig.m.a.heater.write(1.0)
+        rig.periods(1)
+        assert rig.m.a.heater.read() == 1.0
 
 
 def test_what_a_client_holds_ends_with_a_fault_and_says_why() -> None:

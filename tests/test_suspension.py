@@ -438,7 +438,7 @@ def test_modes_that_change_back_and_forth_in_one_period_leave_all_as_it_was() ->
         ann.mode("automatic")
         ann.run(30)
         assert m.wound == [240.0] * 20
-        assert len(ann.machine._root_acts) == 1
+        assert len(ann.machine._laws) == 1
 
 
 # Hooks ----------------------------------------------------------------------------------------------------

@@ -101,6 +101,11 @@ class Absences:
         self._absent: dict[int, Absence] = {}
         self._on_tick = clock.on_tick
 
+    def is_away(self, driver: Driver[Any]) -> bool:
+        """Whether calls of this driver are refused."""
+        absence = self._absent.get(id(driver))
+        return absence is not None and absence.shut
+
     def is_unknown(self, driver: Driver[Any]) -> bool:
         """Whether calls of this driver are refused, and it is not known yet whether its device answers."""
         absence = self._absent.get(id(driver))

@@ -166,6 +166,8 @@ class ClientControl:
     def _advance(self, each: _Action) -> None:
         if each.task is not None:
             done, error = attempt(self._within, each, each.task.advance, self._machine.clock)
+            if each not in self._running:  # it has put its own equipment in fault, and was told so
+                return
             if error is not None:
                 each.task = None
                 self._tell(each.command, CommandState.FAILED, str(error))
@@ -180,7 +182,7 @@ class ClientControl:
         _, error = attempt(self._within, each, each.started.advance, self._machine.clock)
         if error is not None:
             self._note(f"a sequence that {each.command.path} has started failed: {error}")
-        if each.is_over:
+        if each.is_over and each in self._running:
             self._running.remove(each)
 
     def _new(self, command: ClientCommand) -> _Action:
@@ -190,16 +192,16 @@ class ClientControl:
         """Its result; the sequence that this is, and those that it starts, belong to the action."""
         result = self._within(action, call)
         if isinstance(result, Coroutine):
-            action.task = Task(result, self._object(action.command.path.rpartition(".")[0]))
+            action.task = Task(result, self._part(action.command.path))
         return result
 
     def _within(self, action: _Action, call: Callable[..., Any], *arguments: Any) -> Any:
         """A part of an action. The sequences that it starts are its own."""
-        self.at_work = action.started
+        before, self.at_work = self.at_work, action.started
         try:
             return call(*arguments)
         finally:
-            self.at_work = None
+            self.at_work = before
 
     # Commands ------------------------------------------------------------------------------------------
 
@@ -290,9 +292,10 @@ class ClientControl:
     def _call(self, command: ClientCommand) -> tuple[CommandState, str]:
         self.lease.check(command.key)
         action = _known(self._machine.actions, command.path, "action")
+        part = self._part(action.path)
         if not action.harmless:
             self._need_manual(f"{action.path} can be called")
-            if (fault := self._machine.fault_of(self._object(action.path.rpartition(".")[0]))) is not None:
+            if (fault := self._machine.fault_of(part)) is not None:
                 raise fault
         arguments = action.converted(command.arguments)
         if len(self._running) >= MAX_ACTIONS:
@@ -301,17 +304,22 @@ class ClientControl:
         if action.release is not None:
             signed = self._last_sign(action.path, DEAD_MAN_TIME)
             self._held[action.path] = _Held(command, DEAD_MAN_TIME, signed, action.release)
+        self._running.append(begun)
         try:
             result = self._begin(begun, partial(action.call, **arguments))
+            if begun not in self._running:
+                raise self._machine.fault_of(part) or CommandRefused(f"{action.path} was cancelled as it began")
         except BaseException:  # what it has begun until then ends with it
             attempt(self._within, begun, begun.cancel)
+            if begun in self._running:
+                self._running.remove(begun)
             if action.path in self._held:
                 self._release(action.path, "")
             raise
         if begun.task is not None and action.path in self._held:
             self._held[action.path].is_running = True
-        if not begun.is_over:
-            self._running.append(begun)
+        if begun.is_over:
+            self._running.remove(begun)
         return (CommandState.BEGUN, "") if begun.task is not None else (CommandState.DONE, _plain(result))
 
     def _cancel(self, command: ClientCommand) -> tuple[CommandState, str]:
@@ -347,16 +355,23 @@ class ClientControl:
 
     def end_in(self, compound: Compound, fault: Callable[[], EquipmentFault]) -> list[BaseException]:
         """End the actions of one compound, and the sequences of it that others have started; the errors of their
-        cleaning up. Not the action that is being carried out, which has its own error."""
+        cleaning up."""
         self._suspension.forget(compound)
-        errors: list[BaseException] = []
+        errors = [] if self._suspension.resuming is None else self._suspension.resuming.end_in(compound, fault)
+        running = {each.command.path for each in self._running}
         for each in self._running.copy():
-            part = self._object(each.command.path.rpartition(".")[0])
-            if each.started is not self.at_work and is_within(part, compound):
+            if is_within(self._part(each.command.path), compound):
                 self._end(each, str(fault()))
             else:
                 errors += each.started.end_in(compound, fault)
+        for path, held in list(self._held.items()):
+            if held.slot < 0 and is_within(self._part(path), compound):
+                self._release(path, "" if path in running else str(fault()))
         return errors
+
+    def _part(self, action: str) -> Atomic | Compound:
+        """The compound of the action at this path."""
+        return self._object(action.rpartition(".")[0])
 
     def _object(self, path: str) -> Atomic | Compound:
         """At this path; "": the machine."""

@@ -48,8 +48,6 @@ class Command:
     """Time in s without a write after which the default is sent; infinite: never."""
     inhibitions: list[Inhibition]
     """The faults of its equipment and the interlocks that name this actuator."""
-    guarded: bool
-    """Whether it has an interlock or an expiry."""
     written: float | None = None
     """Time of the last write that was admitted, in s on the cycle's clock; None after it has expired."""
     client: str = ""
@@ -95,8 +93,8 @@ class CommandStage:
         self._faults: list[Inhibition] = []
         """The inhibitions by faults of equipment: no condition is asked for these."""
         found = (self._command(item) for item in atoms(root) if isinstance(item, Actuator))
-        self.by_slot = {command.slot: command for command in found if command.guarded}
-        """The guarded actuators, as declared."""
+        self.by_slot = {command.slot: command for command in found if command.inhibitions or command.expires < inf}
+        """The guarded actuators, as declared, and those that were taken by a client or inhibited by a fault since."""
         commands = self.by_slot.values()
         self._expiring = [command for command in commands if command.expires < inf]
         self._inhibiting: list[tuple[Inhibition, str]] = []
@@ -115,8 +113,7 @@ class CommandStage:
         slot, default = self._image.slot_of[id(item)], item._default_value()
         interlocks = [each for each in self._inhibitions if slot in each.slots]
         inhibitions = [*(each for each in self._faults if slot in each.slots), *interlocks]
-        guarded = bool(interlocks) or item.expires is not None
-        return Command(slot, item.path, default, item.synchronous, item.expires or inf, inhibitions, guarded)
+        return Command(slot, item.path, default, item.synchronous, item.expires or inf, inhibitions)
 
     # From the source -----------------------------------------------------------------------------------
 
@@ -168,8 +165,6 @@ class CommandStage:
         self._image.set_default(slot)
         if not command.synchronous:
             self._image.try_send(slot)
-        if not command.guarded:
-            del self.by_slot[slot]
 
     def _known(self, slot: int) -> Command:
         """The command of an actuator, also of one without a guard."""
@@ -188,22 +183,23 @@ class CommandStage:
         self._numbers = {reason: number for number, reason in enumerate(self.reasons, 1)}
         self._restrict()
 
-    def inhibit(self, fault: Inhibition) -> list[Failure]:
-        """Bring its actuators to their defaults, in stop order, and keep them there; those that failed."""
-        fault.held, fault.reason = True, fault.interlock.reason
-        self._taken_by_clients.difference_update(fault.slots)
-        for slot in fault.slots:
+    def inhibit(self, faults: Sequence[Inhibition]) -> dict[int, Failure]:
+        """Bring their actuators to their defaults, in stop order, and keep them there; those that failed, by slot."""
+        slots = {slot for fault in faults for slot in fault.slots}
+        for fault in faults:
+            fault.held, fault.reason = True, fault.interlock.reason
+        for slot in slots:
             self._known(slot).client = ""
             self._image.transfer.note(slot, Kind.INTERLOCKED)
+        self._taken_by_clients -= slots
         self._restrict()
-        return [failure for _, failure in self._image.reset_each(fault.slots) if failure is not None]
+        found = self._image.reset_each([slot for slot in self.order if slot in slots])
+        return {slot: failure for slot, failure in found if failure is not None}
 
-    def free(self, fault: Inhibition) -> None:
-        """Its actuators may be written again."""
-        fault.held, fault.reason = False, None
-        for slot in fault.slots:
-            if not self._known(slot).guarded:
-                del self.by_slot[slot]
+    def free(self, faults: Sequence[Inhibition]) -> None:
+        """Their actuators may be written again."""
+        for fault in faults:
+            fault.held, fault.reason = False, None
         self._restrict()
 
     # ---------------------------------------------------------------------------------------------------
@@ -290,9 +286,11 @@ class CommandStage:
                 self._taken_by_clients.difference_update(*(each.slots for each in begun))
                 self._restrict()
         for each in begun:
+            what = "inhibited until acknowledged" if each.interlock.latched else "inhibited"
             for slot in each.slots:
                 self.by_slot[slot].client = ""  # it does not start again by itself
-                self._happened(self.by_slot[slot], f"inhibited: {each.reason}", Kind.INTERLOCKED)
+                if not any(fault.held for fault in self._faults if slot in fault.slots):
+                    self._happened(self.by_slot[slot], f"{what}: {each.reason}", Kind.INTERLOCKED)
         return {slot for each in begun for slot in each.slots}
 
     def _expired(self, due: set[int]) -> set[int]:

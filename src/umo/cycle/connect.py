@@ -191,7 +191,7 @@ class connect(Generic[C]):
                 transfer.watchdog(name, limit)
         self._contain_absences()
         self.machine.sample_all()
-        self.machine.contain(True)
+        self.machine.contain_failures(True)
         self.started = True
 
     def _contain_absences(self) -> None:
@@ -223,7 +223,7 @@ class connect(Generic[C]):
         unreached: list[Failure] | None = None
         hindered: list[Failure] = []
         self._waiting = set(self._stop_sequence())
-        self.machine.contain(False)
+        self.machine.contain_failures(False)
         try:
             stopping = _error_of(self.machine.cancel_sequences)
             self.image.transfer.end_absences()

@@ -8,7 +8,7 @@ goes on. What no declared equipment contains ends the run.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
@@ -23,7 +23,7 @@ from umo.objects import Actuator, Compound, Interlock, Node, Quality, atoms, wal
 from umo.objects.keywords import IN_MANUAL
 from umo.objects.paths import is_within
 from umo.objects.sensors import Sensor
-from umo.text import in_a_line
+from umo.text import in_a_line, some
 from umo.user_code import is_interrupt
 
 log = logging.getLogger("umo")
@@ -76,7 +76,7 @@ class Containment:
         image: Image,
         commands: CommandStage,
         is_manual: Callable[[], bool],
-        changed: Callable[[Equipment], None],
+        changed: Callable[[Sequence[Equipment]], None],
     ) -> None:
         self._image, self._commands = image, commands
         self._is_manual, self._changed = is_manual, changed
@@ -125,9 +125,8 @@ class Containment:
         for failure in failures:
             found = self.innermost(self._items[failure.path])
             (own if found is None else contained.setdefault(found, [])).append(failure)
-        for equipment, each in contained.items():
-            if not self._stands(equipment):  # the text takes its time
-                self.fault(equipment, str(DriverError(what, each)))
+        new = {equipment: each for equipment, each in contained.items() if not self.is_in_fault(equipment.compound)}
+        self.enter({equipment: str(DriverError(what, each)) for equipment, each in new.items()})
         if own:
             raise DriverError(what, own)
 
@@ -136,7 +135,7 @@ class Containment:
         equipment = self.innermost(part)
         if equipment is None or is_interrupt(error):
             return False
-        self.fault(equipment, text_of(error))
+        self.enter({equipment: text_of(error)})
         return True
 
     def contain_sequence(self, task: Task, error: BaseException) -> bool:
@@ -153,49 +152,71 @@ class Containment:
         task.fail(error)
         return True
 
-    def fault(self, equipment: Equipment, reason: str) -> None:
+    def enter(self, reasons: Mapping[Equipment, str]) -> None:
         """Put equipment in fault, unless it is. Its actuators are brought to their defaults first."""
-        if self._stands(equipment):
-            return
-        equipment.fault = in_a_line(reason)
-        unreached = [] if equipment.inhibition is None else self._commands.inhibit(equipment.inhibition)
+        new = []
+        for equipment in self.all:
+            if equipment in reasons and not self.is_in_fault(equipment.compound):
+                equipment.fault = in_a_line(reasons[equipment])
+                new.append(equipment)
+        inhibitions = [each.inhibition for each in new if each.inhibition is not None]
+        unreached = self._commands.inhibit(inhibitions) if inhibitions else {}
         self._show()
-        self._tell(equipment, f"{IN_FAULT}{equipment.fault}", FAULT)
-        if unreached:
-            self._tell(equipment, in_a_line(str(DriverError("not brought to their defaults yet", unreached))))
-        self._changed(equipment)
+        for equipment in new:
+            self._tell(equipment, f"{IN_FAULT}{equipment.fault}", FAULT)
+            if left := [unreached[slot] for slot in equipment.slots if slot in unreached]:
+                self._tell(equipment, in_a_line(str(DriverError("not brought to their defaults yet", left))))
+        if new:
+            self._changed(new)
 
-    def _stands(self, equipment: Equipment) -> bool:
-        return any(each.fault is not None for each in self._around(equipment.compound))
+    def is_in_fault(self, node: Node) -> bool:
+        """Whether equipment around an object is in fault."""
+        return any(each.fault is not None for each in self._around(node))
 
     # And back ------------------------------------------------------------------------------------------
 
     def clear(self, part: Node) -> list[str]:
-        """End the faults of the equipment in a part of the machine, and around it; their paths. EquipmentFault if one
-        of its sensors cannot be read, DriverError if an object cannot be initialised: then it stays in fault."""
+        """End the faults of the equipment in a part of the machine and around it; their paths. EquipmentFault, and none
+        is cleared, if one of their sensors cannot be read; DriverError if an object cannot be initialised: then its
+        equipment, and what is in that, stays in fault."""
         found = [each for each in self.all if each.fault is not None and _concern(each.compound, part)]
         for equipment in found:
-            self._clear(equipment)
-        return [each.path for each in found]
+            if unread := [self._image.items[slot].path for slot in equipment.slots if self._is_unread(slot)]:
+                why = f"it cannot be cleared while {some(unread)} cannot be read{self._absent(equipment)}"
+                raise EquipmentFault(equipment.path, why)
+        failures = {each: failure for each in found if (failure := self._initialize(each)) is not None}
+        cleared = [each for each in found if not any(is_within(each.compound, bad.compound) for bad in failures)]
+        for equipment in cleared:
+            equipment.fault = None
+            self._image.failed.difference_update(equipment.slots)
+        self._commands.free([each.inhibition for each in cleared if each.inhibition is not None])
+        self._show()
+        for equipment in cleared:
+            self._tell(equipment, "fault cleared")
+        if cleared:
+            self._changed(cleared)
+        if failures:
+            raise DriverError("could not be initialised", list(failures.values()))
+        return [each.path for each in cleared]
 
-    def _clear(self, equipment: Equipment) -> None:
+    def _initialize(self, equipment: Equipment) -> Failure | None:
+        """Its actuators, and the sensors that had failed; what failed."""
         image = self._image
-        if unread := [image.items[slot].path for slot in equipment.slots if self._is_unread(slot)]:
-            raise EquipmentFault(equipment.path, f"it cannot be cleared while {', '.join(unread)} cannot be read")
         for slot in equipment.slots:
             item = image.items[slot]
             if isinstance(item, Actuator) or slot in image.failed:
                 if (failure := image.initialize(slot)) is not None:
-                    raise DriverError("could not be initialised", [failure])
+                    return failure
                 if getattr(item, "incremental", False):
                     image.set_referenced(slot, False)
-        equipment.fault = None
-        image.failed.difference_update(equipment.slots)
-        if equipment.inhibition is not None:
-            self._commands.free(equipment.inhibition)
-        self._show()
-        self._tell(equipment, "fault cleared")
-        self._changed(equipment)
+        return None
+
+    def _absent(self, equipment: Equipment) -> str:
+        """Which of its drivers are away, in words."""
+        transfer = self._image.transfer
+        drivers = dict.fromkeys(transfer.wires[slot].driver for slot in equipment.slots)
+        names = [name for driver in drivers if (name := transfer.name_if_away(driver))]
+        return f"; away, and looked for, is: {', '.join(names)}" if names else ""
 
     def _is_unread(self, slot: int) -> bool:
         item = self._image.items[slot]

@@ -20,18 +20,18 @@ from umo.cycle.stage import Stage
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.drivers.faults.wrapper import Injection
-from umo.errors import DriverError, EquipmentFault, forget_frames
+from umo.errors import DriverError, EquipmentFault, forget_frames, text_of
 from umo.objects import Action, Compound, Node, actions_of, atoms, described, numbers_of, walk
 from umo.objects.stop_order import stop_sequence
 from umo.presentation.run_facts import driven_text, facts_of
-from umo.user_code import read_numbers, refuse_exit, told
+from umo.user_code import is_interrupt, read_numbers, refuse_exit, told
 from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE
 
 INJECTED = "injected_faults"
 """The signal of a run with faults: how many are in effect."""
 
 
-_Act = partial[None]
+_Law = partial[None]
 """The `control` of one object, which is its only argument."""
 
 
@@ -85,8 +85,8 @@ class ConnectedMachine:
         """The last 1,000 actions of guards and clients."""
         self.stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         self._slots: dict[int, _PartSlots] = {}
-        self._acts: dict[int, list[_Act]] = {}
-        self._after_laws: list[_Act] = []
+        self._acts: dict[int, list[_Law]] = {}
+        self._after_laws: list[_Law] = []
         self._started = 0
         self._unsent = False
         """Whether an `update` waits for the next tick."""
@@ -105,9 +105,9 @@ class ConnectedMachine:
             root._connect(self, sample, self._update)
         for compound in self._compounds[1:]:
             compound._connect(self, partial(self.sample, compound), partial(self.update, compound))
-        self._choose_acts()
+        self._choose_laws()
 
-    def contain(self, yes: bool) -> None:
+    def contain_failures(self, yes: bool) -> None:
         """Whether equipment contains failures of its objects: between connecting and disconnecting."""
         if yes and self.equipment.all:
             self.image.fail = self.equipment.failed
@@ -171,7 +171,7 @@ class ConnectedMachine:
             if self.clients is not None:
                 self.clients.look()
             self.sequences.advance(self.clock)
-            self._act(self._root_acts)
+            self._act(self._laws)
             return
         try:
             for act in self._overrides(part):
@@ -180,20 +180,24 @@ class ConnectedMachine:
             refuse_exit(error, "control")
             raise
 
-    def _act(self, acts: Sequence[_Act]) -> None:
+    def _act(self, laws: Sequence[_Law]) -> None:
         """Every law. What equipment contains of their errors does not keep the others from acting."""
-        try:
-            for act in acts:
-                act()
-        except BaseException as error:
-            if not self.fail(act.args[0], error):
-                refuse_exit(error, "control")
-                raise
-            forget_frames(error)
-        else:
-            return
-        rest = acts[acts.index(act) + 1 :]
-        self._act([each for each in rest if each in self._root_acts])
+        failed: dict[Equipment, str] = {}
+        while True:
+            try:
+                for law in laws:
+                    law()
+                break
+            except BaseException as error:
+                equipment = self.equipment.innermost(law.args[0])
+                if equipment is None or is_interrupt(error):
+                    refuse_exit(error, "control")
+                    raise
+                failed.setdefault(equipment, text_of(error))
+                forget_frames(error)
+            laws = laws[laws.index(law) + 1 :]
+        if failed:
+            self.equipment.enter(failed)
 
     # Equipment -----------------------------------------------------------------------------------------
 
@@ -206,25 +210,26 @@ class ConnectedMachine:
     def clear(self, part: Node) -> list[str]:
         return self.equipment.clear(part)
 
-    def _equipment_changed(self, equipment: Equipment) -> None:
+    def _equipment_changed(self, changed: Sequence[Equipment]) -> None:
         """It is in fault, or was cleared."""
-        if equipment.fault is not None:
-            self._end_in(equipment)
-        self._choose_acts()
+        for equipment in changed:
+            if equipment.fault is not None:
+                self._end_in(equipment)
+        self._choose_laws()
 
-    def _choose_acts(self) -> None:
+    def _choose_laws(self) -> None:
         """What is called in each period: the laws but those of equipment in fault, then what waits for them."""
-        laws = (act for act in self._overrides(self.root) if self.fault_of(act.args[0]) is None)
-        self._root_acts = [*laws, *self._after_laws]
+        laws = (law for law in self._overrides(self.root) if not self.equipment.is_in_fault(law.args[0]))
+        self._laws = [*laws, *self._after_laws]
 
     def after_laws(self, call: Callable[[], None]) -> None:
         """Call it once, after the laws of this period."""
         self._after_laws.append(partial(self._once, self.root, call))
-        self._choose_acts()
+        self._choose_laws()
 
     def _once(self, root: Compound, call: Callable[[], None]) -> None:
-        self._after_laws = [act for act in self._after_laws if act.args[1] is not call]
-        self._choose_acts()
+        self._after_laws = [law for law in self._after_laws if law.args[1] is not call]
+        self._choose_laws()
         call()
 
     def _end_in(self, equipment: Equipment) -> None:
@@ -345,7 +350,7 @@ class ConnectedMachine:
             )
         return self._slots[id(part)]
 
-    def _overrides(self, part: Node) -> list[_Act]:
+    def _overrides(self, part: Node) -> list[_Law]:
         """The `control` of every class that has its own, in pre-order; collected once, called flat."""
         if id(part) not in self._acts:
             nodes: list[Node] = [part, *walk(part)]

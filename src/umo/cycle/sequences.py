@@ -358,7 +358,7 @@ class Sequences:
                         task.error = error  # its text is asked for by who needs it: it may take long
                         raise
                     over = True
-                if over:
+                if over and task in self._tasks:  # not: it was cancelled with the others meanwhile
                     self._tasks.remove(task)
         finally:
             self._advancing = False

@@ -165,6 +165,11 @@ class Transfer:
             self.absences.end()
         self.absences = None
 
+    def name_if_away(self, driver: Driver[Any]) -> str:
+        """The driver with its device, if it is away; else ""."""
+        away = self.absences is not None and self.absences.is_away(driver)
+        return self._names[id(driver)] if away else ""
+
     def is_unknown(self, slot: int) -> bool:
         """Whether the calls of its driver are refused, and it is not known yet whether the device answers."""
         return self.absences is not None and self.absences.is_unknown(self.wires[slot].driver)
