@@ -10,13 +10,15 @@ from typing import Any
 import pytest
 
 import umo
-from helpers.machines import timer
+from helpers.machines import relay, timer
 from helpers.operator import Operator
-from helpers.slide import DT, Slide, servo, stepper
-from umo import Compound, DigitalSensor, Quality
+from helpers.slide import DT, Slide, encoder, servo, stepper
+from umo import BinaryActuator, Compound, DigitalSensor, Quality
 from umo.control import Axis, EndStop, wait
 from umo.cycle.events import CommandState
+from umo.errors import DriverError
 from umo.objects import atoms
+from umo.states import OnOff
 
 ON = {"x.motor": "motor", "x.step": "step", "x.direction": "direction", "x.encoder": "counter", "timer": "tick"}
 
@@ -61,15 +63,24 @@ class Bench(Operator):
 
 
 @contextmanager
-def bench(axis: Axis, kind: type[Rail] = Rail, referenced: bool = True, start: float = 40.0) -> Iterator[Bench]:
-    m, slide = kind(x=axis, timer=timer()), Slide(start)
-    wire: dict[str, Any] = {item.path: {"driver": "slide", "channel": ON[item.path]} for item in atoms(m)}
+def bench(
+    axis: Axis, kind: type[Rail] = Rail, referenced: bool = True, start: float = 40.0, slide: type[Slide] = Slide
+) -> Iterator[Bench]:
+    m = kind(x=axis, timer=timer())
+    with on_slide(m, slide(start)) as found:
+        if referenced:
+            m.x.encoder.referenced(at=start)
+        yield found
+
+
+@contextmanager
+def on_slide(m: Rail, slide: Slide) -> Iterator[Bench]:
+    channels = {item.path: ON.get(item.path, "enable") for item in atoms(m)}
+    wire: dict[str, Any] = {path: {"driver": "slide", "channel": channel} for path, channel in channels.items()}
     wire["timer"]["period"] = DT
     with umo.connect(m, {"drivers": {"slide": slide}, "wire": wire}):
         found = Bench(m, slide)
         found.do("lease", seconds=60.0)
-        if referenced:
-            m.x.encoder.referenced(at=start)
         yield found
 
 
@@ -295,3 +306,45 @@ def test_an_axis_that_an_action_has_left_moving_stops_when_the_lease_ends(make: 
         assert ann.notes[-1].startswith("the lease has ended: x stops")
         ann.do("lease", seconds=60.0)
         assert ann.call("x.move_to", position=40.0).state is CommandState.BEGUN
+
+
+class Cut(Slide):
+    """A slide of which the encoder may be cut off."""
+
+    cut = False
+
+    def read(self, channel: Any) -> int:
+        if self.cut and channel.text == "counter":
+            raise DriverError("cut")
+        return super().read(channel)
+
+
+class Lit(Rail):
+    lamp: BinaryActuator[OnOff]
+
+    def setup(self) -> None:
+        self.suspended = False
+
+    def on_suspend(self) -> None:
+        self.suspended = True
+
+
+@BOTH
+def test_an_axis_that_cannot_be_suspended_is_disabled_and_the_change_goes_on(make: Make) -> None:
+    """Its encoder fails in the period in which it pushes against an end stop."""
+    x = make(encoder=encoder(on_error="mark"))
+    x.homing, x.stall = EndStop(direction=-1, position=-5.0, clearance=10.0), 30.0
+    slide = Cut(0.0)
+    with on_slide(Lit(x=x, lamp=relay(), timer=timer()), slide) as ann:
+        ann.m.cycle.start(ann.x.home())
+        ann.m.lamp.write(OnOff.ON)
+        ann.until(lambda: abs(ann.x.error) > ann.x.following_error)
+        slide.cut = True
+        assert ann.mode("manual").state is CommandState.DONE
+        assert "disabled, as it could not be suspended: BadInput: x.encoder is BAD" in ann.notes
+        assert ann.m.suspended
+        ann.run()
+        assert (ann.x.enabled, ann.x.cycle.fault, ann.m.lamp.read()) == (False, None, OnOff.OFF)
+        slide.cut = False
+        ann.run(300)
+        assert ann.mode("automatic").state is CommandState.DONE

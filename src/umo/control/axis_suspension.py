@@ -68,17 +68,23 @@ class AxisSuspension:
     def leave(self) -> None:
         """The application is suspended: keep what it does with the axis, which is free for another motion then."""
         axis = self._axis
-        setpoint, referenced = axis.profile.setpoint, axis.encoder.quality is not Quality.UNREFERENCED
+        setpoint, quality = axis.profile.setpoint, axis.encoder.quality
+        referenced = quality is not Quality.UNREFERENCED and not (axis.searching and quality is Quality.BAD)
         rests = axis.enabled and axis._motion is None and axis.profile.done and not setpoint.velocity
         position = setpoint.position if rests else nan
         was = axis._motion, axis._replan, axis.enabled, axis.searching, axis._accept, referenced
         self._left = _Left(*was, position)
         axis._motion = None
         if axis.searching:
-            if axis.enabled and not abs(axis.error) <= axis.following_error:  # it pushes against an end stop
-                axis._stand()
+            pushes = axis.enabled and not abs(axis.error) <= axis.following_error  # against an end stop
             axis._set_searching(False)
             axis._accept = HOMING
+            if pushes:
+                axis._stand()
+
+    def disable(self) -> None:
+        """It could not be suspended: it is controlled no longer."""
+        self._axis.disable()
 
     def react(self) -> str:
         """Nobody is in charge of the axis: the declared reaction, in words; "": nothing changes."""

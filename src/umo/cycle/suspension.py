@@ -42,6 +42,9 @@ class Suspendable(Protocol):
     def react(self) -> str:
         """Nobody is in charge: the declared reaction, in words; "": nothing changes."""
 
+    def disable(self) -> None:
+        """It could not be suspended: it is controlled no longer."""
+
     def obstacle(self) -> str:
         """Why the application cannot go on; "": it can."""
 
@@ -103,15 +106,15 @@ class Suspension:
     # Nobody is in charge -------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """The mode becomes manual: suspend the application."""
+        """The mode becomes manual: suspend the application. It raises nothing."""
         self.cancel()
         self._machine.sequences.paused = True
         self._note_writes(MANUAL)
         if self._left is None:
             pending = self._machine.image.pending
             self._left = {slot: pending[slot] for slot in self._actuators}
-            for axis in self._axes.values():
-                axis.leave()
+            for path, axis in self._axes.items():
+                self._ask(path, axis, axis.leave)
         for node in self._told:
             _, error = attempt(node.on_suspend)
             if error is not None:
@@ -144,7 +147,16 @@ class Suspension:
             machine.after_laws(self._settle)
 
     def _react(self) -> None:
-        self._said += [f"{path} {words}" for path, axis in self._axes.items() if (words := axis.react())]
+        asked = ((path, self._ask(path, axis, axis.react)) for path, axis in self._axes.items())
+        self._said += [f"{path} {words}" for path, words in asked if words]
+
+    def _ask(self, path: str, axis: Suspendable, what: Callable[[], str | None]) -> str | None:
+        """What an axis answers. One that fails is disabled; the others are suspended all the same."""
+        answer, error = attempt(what)
+        if error is not None:
+            attempt(axis.disable)
+            self._tell(path, f"disabled, as it could not be suspended: {error}")
+        return cast("str | None", answer)
 
     def _settle(self) -> None:
         """The laws have acted: what nobody is in charge of goes to its default."""
