@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
 from typing import Any
@@ -12,13 +12,14 @@ import pytest
 import umo
 from helpers.machines import relay, timer
 from helpers.operator import Operator
-from helpers.slide import DT, Slide, encoder, servo, stepper
+from helpers.slide import DT, Slide, direction_output, encoder, servo, stepper
 from umo import BinaryActuator, Compound, DigitalSensor, Quality
 from umo.control import Axis, EndStop, wait
 from umo.cycle.events import CommandState
+from umo.drivers import Channel
 from umo.errors import DriverError
 from umo.objects import atoms
-from umo.states import OnOff
+from umo.states import OnOff, Rotation
 
 ON = {"x.motor": "motor", "x.step": "step", "x.direction": "direction", "x.encoder": "counter", "timer": "tick"}
 
@@ -348,3 +349,35 @@ def test_an_axis_that_cannot_be_suspended_is_disabled_and_the_change_goes_on(mak
         slide.cut = False
         ann.run(300)
         assert ann.mode("automatic").state is CommandState.DONE
+
+
+class Port(Slide):
+    """A card that sets all outputs in one transfer; the slide sees the direction before a step, or after it."""
+
+    direction_first = True
+
+    def write_many(self, channels: Sequence[Channel], raws: Any) -> None:
+        both = zip(channels, map(int, raws), strict=True)
+        for channel, raw in sorted(both, key=lambda each: each[0].text, reverse=not self.direction_first):
+            self.write(channel, raw)
+
+
+class StepFirst(Port):
+    direction_first = False
+
+
+@pytest.mark.parametrize("slide", [Port, StepFirst])
+@pytest.mark.parametrize(("target", "default"), [(20.0, Rotation.CW), (60.0, Rotation.CCW)])
+@pytest.mark.parametrize("at", range(40, 60))
+def test_a_change_to_manual_mode_costs_a_stepper_no_step(
+    slide: type[Port], target: float, default: Rotation, at: int
+) -> None:
+    """Its direction is in the charge of its law, as its steps are."""
+    x = stepper(direction=direction_output(default))
+    with bench(x, slide=slide) as ann:
+        ann.m.cycle.start(ann.x.move_to(target))
+        ann.run(at)
+        ann.mode("manual")
+        assert "x.direction" not in ann.notes[-1].partition("to the default")[2].partition(";")[0]
+        ann.run(300)
+        assert ann.x.commanded == pytest.approx(ann.slide.position, abs=0.03)
