@@ -13,8 +13,8 @@ import umo
 from helpers.machines import relay, timer
 from helpers.operator import Operator
 from helpers.slide import DT, Slide, direction_output, encoder, servo, stepper
-from umo import BinaryActuator, Compound, DigitalSensor, Quality
-from umo.control import Axis, EndStop, wait
+from umo import BinaryActuator, Compound, DigitalSensor, Interlock, Quality
+from umo.control import Axis, EndStop, state_of, wait
 from umo.cycle.events import CommandState
 from umo.drivers import Channel
 from umo.errors import DriverError
@@ -381,3 +381,55 @@ def test_a_change_to_manual_mode_costs_a_stepper_no_step(
         assert "x.direction" not in ann.notes[-1].partition("to the default")[2].partition(";")[0]
         ann.run(300)
         assert ann.x.commanded == pytest.approx(ann.slide.position, abs=0.03)
+
+
+@BOTH
+@pytest.mark.parametrize("at", [50, 250, 700])
+def test_an_axis_that_is_homed_stops_although_it_is_declared_to_run_on(make: Make, at: int) -> None:
+    x = make()
+    x.homing = EndStop(direction=-1, position=-5.0, clearance=10.0)
+    with bench(x, RunningOn, referenced=False, start=20.0) as ann:
+        task = ann.m.cycle.start(ann.x.home())
+        ann.until(lambda: bool(ann.x.profile.setpoint.velocity))
+        ann.run(at)
+        ann.mode("manual")
+        assert "x stops" in ann.notes[-1]
+        ann.run(2_000)
+        assert (ann.x.profile.setpoint.velocity, ann.x.enabled, ann.x.cycle.fault) == (0.0, True, None)
+        ann.mode("automatic")
+        ann.until(lambda: task.done)
+        assert ann.x.encoder.quality is Quality.GOOD
+
+
+@BOTH
+@pytest.mark.parametrize("referenced", [False, True])
+def test_an_axis_that_is_jogged_stops_although_it_is_declared_to_run_on(make: Make, referenced: bool) -> None:
+    with bench(make(), RunningOn, referenced=referenced) as ann:
+        ann.x.jog(10.0)
+        ann.run(100)
+        ann.mode("manual")
+        assert "x stops" in ann.notes[-1]
+        ann.run(300)
+        assert ann.x.profile.setpoint.velocity == 0.0
+
+
+class Guarded(RunningOn):
+    lamp: BinaryActuator[OnOff]
+
+    def interlocks(self) -> Iterator[Interlock]:
+        yield Interlock(lambda: state_of(self.lamp) is OnOff.ON, [self.x], "the lamp is lit")
+
+
+@BOTH
+def test_a_jog_that_an_interlock_has_interrupted_does_not_run_on_when_it_lets_go(make: Make) -> None:
+    with on_slide(Guarded(x=make(), lamp=relay(when_suspended="hold"), timer=timer()), Slide()) as ann:
+        ann.x.jog(10.0)
+        ann.run(50)
+        ann.m.lamp.write(OnOff.ON)
+        ann.run(5)
+        assert ann.x._interrupted
+        ann.mode("manual")
+        ann.m.lamp.write(OnOff.OFF)
+        ann.run(300)
+        assert not ann.x._interrupted
+        assert ann.x.profile.setpoint.velocity == 0.0

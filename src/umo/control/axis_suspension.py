@@ -95,11 +95,18 @@ class AxisSuspension:
             axis.disable()
             return "is disabled"
         moves = not axis.profile.done or bool(axis.profile.setpoint.velocity)
-        if reaction == "run on":
+        if reaction == "run on" and self._has_end():
             return "moves on to its end" if moves else ""
         axis._go(lambda: axis.profile.at(0.0))
         axis._motion = None
         return "stops" if moves else ""
+
+    def _has_end(self) -> bool:
+        """Whether what the axis does ends by itself: not a jog or a search, and not what an interlock has interrupted,
+        which is planned anew."""
+        axis, left = self._axis, self._left
+        jogs = "jog" in (axis._motion, left and left.motion)
+        return axis.profile.stops and not (jogs or axis._interrupted or (left is not None and left.searching))
 
     def obstacle(self) -> str:
         """Why the application cannot go on with the axis; "": it can."""
