@@ -433,3 +433,20 @@ def test_a_jog_that_an_interlock_has_interrupted_does_not_run_on_when_it_lets_go
         ann.run(300)
         assert not ann.x._interrupted
         assert ann.x.profile.setpoint.velocity == 0.0
+
+
+@BOTH
+@pytest.mark.parametrize("motion", ["move_to", "home"])
+def test_an_axis_that_the_operator_disables_during_his_motion_is_not_in_fault(make: Make, motion: str) -> None:
+    x = make()
+    x.homing = EndStop(direction=-1, position=-5.0, clearance=10.0)
+    with bench(x) as ann:
+        ann.mode("manual")
+        moved = ann.call("x.move_to", position=60.0) if motion == "move_to" else ann.call("x.home")
+        ann.until(lambda: bool(ann.x.profile.setpoint.velocity))
+        assert ann.call("x.disable").state is CommandState.DONE
+        ann.run(3)
+        end = [event for event in ann.events if event.command == moved.command][-1]
+        assert (end.state, end.text) == (CommandState.FAILED, "AxisError: x was disabled during its motion")
+        assert ann.x.cycle.fault is None
+        assert ann.mode("automatic").state is CommandState.DONE
