@@ -450,3 +450,59 @@ def test_an_axis_that_the_operator_disables_during_his_motion_is_not_in_fault(ma
         assert (end.state, end.text) == (CommandState.FAILED, "AxisError: x was disabled during its motion")
         assert ann.x.cycle.fault is None
         assert ann.mode("automatic").state is CommandState.DONE
+
+
+def jog_into_a_fault(ann: Bench) -> None:
+    """The operator's jog ends in a fault of the axis, which he clears."""
+    ann.run(60)
+    ann.mode("manual")
+    ann.run(300)
+    ann.call("x.jog", velocity=10.0)
+    ann.run(20)
+    ann.slide.stuck = True
+    ann.until(lambda: ann.x.cycle.fault is not None)
+    ann.slide.stuck = False
+    ann.run(50)
+    assert "x is in fault" in ann.mode("automatic").text
+    assert ann.do("clear", "x").state is CommandState.DONE
+
+
+@BOTH
+@pytest.mark.parametrize("moved", [False, True])
+def test_an_application_that_awaits_a_motion_which_a_fault_has_ended_does_not_go_on(make: Make, moved: bool) -> None:
+    with bench(make()) as ann:
+        task = ann.m.cycle.start(forth_and_back(ann.m))
+        jog_into_a_fault(ann)
+        ann.x.encoder.referenced(at=ann.slide.position)
+        if moved:
+            ann.call("x.move_to", position=50.0)
+            ann.until(lambda: ann.x._motion is None)
+        refused = ann.mode("automatic")
+        assert refused.state is CommandState.REFUSED
+        text = "the application cannot go on: x was in fault: its motion has ended; stop the run, and start it again"
+        assert refused.text == f"CommandRefused: {text}"
+        assert not task.done
+
+
+@BOTH
+def test_an_application_of_which_the_fault_has_ended_the_sequence_as_well_goes_on(make: Make) -> None:
+    with bench(make()) as ann:
+        task = ann.x.cycle.start(forth_and_back(ann.m))
+        jog_into_a_fault(ann)
+        assert ann.mode("automatic").state is CommandState.DONE
+        ann.run(10)
+        assert task.done
+
+
+@BOTH
+def test_an_application_that_awaits_no_motion_of_an_axis_that_was_in_fault_goes_on(make: Make) -> None:
+    async def program(m: Any) -> str:
+        await wait(2.0)
+        return "done"
+
+    with bench(make()) as ann:
+        task = ann.m.cycle.start(program(ann.m))
+        jog_into_a_fault(ann)
+        assert ann.mode("automatic").state is CommandState.DONE
+        ann.until(lambda: task.done)
+        assert task.result == "done"

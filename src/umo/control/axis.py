@@ -124,6 +124,10 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         self._replan: Callable[[], object] = self._stand
         self._motion: str | None = None
         """The motion that is under way: "home", "move_to" or "jog"."""
+        self._begun = 0
+        """Number of motions that sequences have begun, which gives each its own."""
+        self._awaited: set[int] = set()
+        """The numbers of those that have not ended: of the operator, and of the suspended application."""
 
     # Motions -------------------------------------------------------------------------------------------
 
@@ -370,6 +374,9 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         if self._motion is not None:
             raise self._busy(what)
         self._motion, self._was_disabled = what, False
+        self._begun += 1
+        number = self._begun
+        self._awaited.add(number)
         try:
             yield
         except (AxisError, HomingError) as error:
@@ -378,6 +385,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
             raise
         finally:
             self._motion = None
+            self._awaited.discard(number)
 
     def _go(self, plan: Callable[[], object]) -> None:
         """Plan a motion, now and again after an interruption."""

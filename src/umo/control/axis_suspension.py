@@ -9,6 +9,7 @@ from typing import NamedTuple, Protocol
 from umo.control.inputs import HOMING, Accept
 from umo.control.profile import Profile
 from umo.objects import DigitalSensor, Quality
+from umo.objects.link import Cycle
 from umo.presentation.digits import digits_of
 from umo.presentation.value_text import measure
 
@@ -28,6 +29,8 @@ class _Left(NamedTuple):
     referenced: bool
     position: float
     """The position at which it stood, enabled; NaN: it did not."""
+    number: int
+    """Number of the motion that a sequence awaits."""
 
 
 class SuspendedAxis(Protocol):
@@ -43,9 +46,13 @@ class SuspendedAxis(Protocol):
     _accept: Accept
     _replan: Callable[[], object]
     _interrupted: bool
+    _begun: int
+    _awaited: set[int]
 
     @property
     def _path(self) -> str: ...
+    @property
+    def cycle(self) -> Cycle: ...
     @property
     def reading(self) -> float: ...
     @property
@@ -64,6 +71,8 @@ class AxisSuspension:
         """`declared`: the reaction that the axis, or a compound around it, declares."""
         self._axis, self._declared = axis, declared
         self._left: _Left | None = None
+        self._lost = 0
+        """Number of the application's motion that a fault has ended; 0: of none."""
 
     def leave(self) -> None:
         """The application is suspended: keep what it does with the axis, which is free for another motion then."""
@@ -73,7 +82,7 @@ class AxisSuspension:
         rests = axis.enabled and axis._motion is None and axis.profile.done and not setpoint.velocity
         position = setpoint.position if rests else nan
         was = axis._motion, axis._replan, axis.enabled, axis.searching, axis._accept, referenced
-        self._left = _Left(*was, position)
+        self._left = _Left(*was, position, axis._begun)
         axis._motion = None
         if axis.searching:
             pushes = axis.enabled and not abs(axis.error) <= axis.following_error  # against an end stop
@@ -141,8 +150,14 @@ class AxisSuspension:
             axis.disable()
 
     def forget(self) -> None:
-        """The application does nothing with the axis any longer."""
-        self._left = None
+        """The axis is in fault: what the application did with it has ended."""
+        left, self._left = self._left, None
+        if left is not None and left.motion is not None:
+            self._lost = left.number
+
+    def is_lost(self) -> bool:
+        """Whether a sequence of the application still awaits a motion that a fault has ended, and that was cleared."""
+        return self._lost in self._axis._awaited and self._axis.cycle.fault is None
 
     def go_on(self) -> None:
         """The application goes on: its motion is planned anew."""

@@ -55,7 +55,10 @@ class Suspendable(Protocol):
         """The application goes on."""
 
     def forget(self) -> None:
-        """The application does nothing with it any longer."""
+        """It is in fault: what the application did with it has ended."""
+
+    def is_lost(self) -> bool:
+        """Whether the application still awaits what a fault has ended that was cleared."""
 
 
 class _Noting:
@@ -222,6 +225,10 @@ class Suspension:
             item = self._actuators[slot]
             if value != item._default_value() and not commands.client_of(slot) and (why := item.inhibited):
                 found.append(f"{item.path} is inhibited: {why}")
+        if lost := [
+            f"{path} was in fault: its motion has ended" for path, axis in self._axes.items() if axis.is_lost()
+        ]:
+            raise CommandRefused(f"the application cannot go on: {some(lost)}; stop the run, and start it again")
         if found:
             raise CommandRefused(f"the application cannot go on: {some(found)}; or stop the run")
 
