@@ -143,7 +143,7 @@ def test_what_a_suspended_sequence_has_started_stops_and_goes_on_when_the_sequen
         ann.mode("manual")
         assert (m.spindle.read(), m.clamp.read()) == (0.0, OnOff.ON)
         assert ann.notes[-1] == "manual mode: to the default: spindle; held: clamp"
-        assert ann.driven == "clamp ON (held)"
+        assert ann.driven == "clamp ON (held, or its law)"
         ann.run(100)
         assert m.spindle.read() == 0.0
         assert ann.mode("automatic").state is CommandState.DONE
@@ -305,7 +305,7 @@ def test_what_an_action_has_left_driven_goes_to_its_reaction_when_the_lease_ends
             ann.do("give back")
         assert (m.fan.read(), m.clamp.read()) == (OnOff.OFF, OnOff.ON)
         assert ann.notes[-1] == "the lease has ended: to the default: fan; held: clamp"
-        assert ann.driven == "clamp ON (held)"
+        assert ann.driven == "clamp ON (held, or its law)"
 
 
 def test_a_sequence_that_an_action_has_started_ends_with_the_action_and_leaves_nothing_driven() -> None:
