@@ -477,7 +477,7 @@ def test_what_on_suspend_writes_stays_and_on_resume_comes_before_the_application
         ann.run(5)
         assert m.spindle.read() == 30.0
         before = len(m.wound)
-        assert ann.mode("automatic").state is CommandState.DONE
+        assert ann.mode("automatic").state is CommandState.BEGUN
         ann.run(6)
         assert (len(m.wound), m.said) == (before, ["suspended", "resumed"])
         ann.run(4)
@@ -531,6 +531,50 @@ def test_a_change_to_manual_mode_cancels_what_runs_before_the_application() -> N
         ann.run(30)
         assert (len(m.wound), ann.clients.mode) == (before, Mode.MANUAL)
         assert m.said == ["suspended", "resumed", "suspended"]
+
+
+@pytest.mark.parametrize(
+    ("end", "state", "text"),
+    [
+        ("", CommandState.DONE, ""),
+        ("on_resume", CommandState.FAILED, "back to manual mode: on_resume failed: TaskFailed: too slow"),
+        ("manual", CommandState.CANCELLED, "the mode has changed to manual"),
+        ("give back", CommandState.DONE, ""),
+        ("stop", CommandState.CANCELLED, "the machine stops"),
+    ],
+)
+def test_a_change_to_automatic_mode_is_answered_when_its_hooks_have_ended(
+    end: str, state: CommandState, text: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    m = winder(Told)
+    m.broken = end
+    with operated(m) as ann:
+        m.cycle.start(m.wind())
+        ann.run(5)
+        ann.mode("manual")
+        begun = ann.mode("automatic")
+        assert (begun.state, ann.clients.mode) == (CommandState.BEGUN, Mode.AUTOMATIC)
+        ann.run(2)
+        if end == "manual":
+            ann.mode("manual")
+        elif end == "give back":
+            ann.do("give back")
+        elif end == "stop":
+            ann.clients.cancel()
+        else:
+            ann.run(10)
+        ann.run(10)
+        told = [(event.state, event.text) for event in ann.events if event.command == begun.command]
+        assert told == [(CommandState.BEGUN, ""), (state, text)]
+        assert [each.getMessage() for each in caplog.records] == ([text] if state is CommandState.FAILED else [])
+
+
+def test_a_change_to_automatic_mode_without_hooks_is_answered_at_once() -> None:
+    with operated(winder()) as ann:
+        ann.m.cycle.start(ann.m.wind())
+        ann.run(5)
+        ann.mode("manual")
+        assert ann.mode("automatic").state is CommandState.DONE
 
 
 def test_a_parent_is_told_before_its_parts() -> None:

@@ -237,14 +237,14 @@ class Suspension:
         left, pending = self._left or {}, self._machine.image.pending
         return {slot: left[slot] for slot in reversed(self._actuators) if slot in left and left[slot] != pending[slot]}
 
-    def end(self) -> None:
+    def end(self) -> bool:
         """The mode becomes automatic: what the application has left is restored, then `on_resume` runs, then the
-        application goes on."""
+        application goes on. Whether there is an `on_resume` to run."""
         if self._left is None:  # it has not begun yet
             self._note_writes("automatic mode")
             self._react()
             self._machine.sequences.paused = False
-            return
+            return False
         if self._noting is not None:
             self._stop_noting()
         changed = self._changed()
@@ -255,9 +255,10 @@ class Suspension:
         self.resuming = Sequences()
         if changed:
             self.resuming.start(_sent())
-        for node in self._resuming:
-            if self._machine.fault_of(node) is None:
-                self.resuming.start(_resumed(node), node)
+        nodes = [node for node in self._resuming if self._machine.fault_of(node) is None]
+        for node in nodes:
+            self.resuming.start(_resumed(node), node)
+        return bool(nodes)
 
     def advance(self) -> Raised | None:
         """A step of what runs before the application goes on; why it failed."""
