@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
 from typing import Any
@@ -10,13 +10,16 @@ from typing import Any
 import pytest
 
 import umo
-from helpers.machines import timer
+from helpers.machines import relay, timer
 from helpers.operator import Operator
-from helpers.slide import DT, Slide, servo, stepper
-from umo import Compound, DigitalSensor, Quality
-from umo.control import Axis, EndStop, wait
+from helpers.slide import DT, Slide, direction_output, encoder, servo, stepper
+from umo import BinaryActuator, Compound, DigitalSensor, Interlock, Quality
+from umo.control import Axis, EndStop, state_of, wait
 from umo.cycle.events import CommandState
+from umo.drivers import Channel
+from umo.errors import DriverError
 from umo.objects import atoms
+from umo.states import OnOff, Rotation
 
 ON = {"x.motor": "motor", "x.step": "step", "x.direction": "direction", "x.encoder": "counter", "timer": "tick"}
 
@@ -61,15 +64,24 @@ class Bench(Operator):
 
 
 @contextmanager
-def bench(axis: Axis, kind: type[Rail] = Rail, referenced: bool = True, start: float = 40.0) -> Iterator[Bench]:
-    m, slide = kind(x=axis, timer=timer()), Slide(start)
-    wire: dict[str, Any] = {item.path: {"driver": "slide", "channel": ON[item.path]} for item in atoms(m)}
+def bench(
+    axis: Axis, kind: type[Rail] = Rail, referenced: bool = True, start: float = 40.0, slide: type[Slide] = Slide
+) -> Iterator[Bench]:
+    m = kind(x=axis, timer=timer())
+    with on_slide(m, slide(start)) as found:
+        if referenced:
+            m.x.encoder.referenced(at=start)
+        yield found
+
+
+@contextmanager
+def on_slide(m: Rail, slide: Slide) -> Iterator[Bench]:
+    channels = {item.path: ON.get(item.path, "enable") for item in atoms(m)}
+    wire: dict[str, Any] = {path: {"driver": "slide", "channel": channel} for path, channel in channels.items()}
     wire["timer"]["period"] = DT
     with umo.connect(m, {"drivers": {"slide": slide}, "wire": wire}):
         found = Bench(m, slide)
         found.do("lease", seconds=60.0)
-        if referenced:
-            m.x.encoder.referenced(at=start)
         yield found
 
 
@@ -295,3 +307,202 @@ def test_an_axis_that_an_action_has_left_moving_stops_when_the_lease_ends(make: 
         assert ann.notes[-1].startswith("the lease has ended: x stops")
         ann.do("lease", seconds=60.0)
         assert ann.call("x.move_to", position=40.0).state is CommandState.BEGUN
+
+
+class Cut(Slide):
+    """A slide of which the encoder may be cut off."""
+
+    cut = False
+
+    def read(self, channel: Any) -> int:
+        if self.cut and channel.text == "counter":
+            raise DriverError("cut")
+        return super().read(channel)
+
+
+class Lit(Rail):
+    lamp: BinaryActuator[OnOff]
+
+    def setup(self) -> None:
+        self.suspended = False
+
+    def on_suspend(self) -> None:
+        self.suspended = True
+
+
+@BOTH
+def test_an_axis_that_cannot_be_suspended_is_disabled_and_the_change_goes_on(make: Make) -> None:
+    """Its encoder fails in the period in which it pushes against an end stop."""
+    x = make(encoder=encoder(on_error="mark"))
+    x.homing, x.stall = EndStop(direction=-1, position=-5.0, clearance=10.0), 30.0
+    slide = Cut(0.0)
+    with on_slide(Lit(x=x, lamp=relay(), timer=timer()), slide) as ann:
+        ann.m.cycle.start(ann.x.home())
+        ann.m.lamp.write(OnOff.ON)
+        ann.until(lambda: abs(ann.x.error) > ann.x.following_error)
+        slide.cut = True
+        assert ann.mode("manual").state is CommandState.DONE
+        assert "disabled, as it could not be suspended: BadInput: x.encoder is BAD" in ann.notes
+        assert ann.m.suspended
+        ann.run()
+        assert (ann.x.enabled, ann.x.cycle.fault, ann.m.lamp.read()) == (False, None, OnOff.OFF)
+        slide.cut = False
+        ann.run(300)
+        assert ann.mode("automatic").state is CommandState.DONE
+
+
+class Port(Slide):
+    """A card that sets all outputs in one transfer; the slide sees the direction before a step, or after it."""
+
+    direction_first = True
+
+    def write_many(self, channels: Sequence[Channel], raws: Any) -> None:
+        both = zip(channels, map(int, raws), strict=True)
+        for channel, raw in sorted(both, key=lambda each: each[0].text, reverse=not self.direction_first):
+            self.write(channel, raw)
+
+
+class StepFirst(Port):
+    direction_first = False
+
+
+@pytest.mark.parametrize("slide", [Port, StepFirst])
+@pytest.mark.parametrize(("target", "default"), [(20.0, Rotation.CW), (60.0, Rotation.CCW)])
+@pytest.mark.parametrize("at", range(40, 60))
+def test_a_change_to_manual_mode_costs_a_stepper_no_step(
+    slide: type[Port], target: float, default: Rotation, at: int
+) -> None:
+    """Its direction is in the charge of its law, as its steps are."""
+    x = stepper(direction=direction_output(default))
+    with bench(x, slide=slide) as ann:
+        ann.m.cycle.start(ann.x.move_to(target))
+        ann.run(at)
+        ann.mode("manual")
+        assert "x.direction" not in ann.notes[-1].partition("to the default")[2].partition(";")[0]
+        ann.run(300)
+        assert ann.x.commanded == pytest.approx(ann.slide.position, abs=0.03)
+
+
+@BOTH
+@pytest.mark.parametrize("at", [50, 250, 700])
+def test_an_axis_that_is_homed_stops_although_it_is_declared_to_run_on(make: Make, at: int) -> None:
+    x = make()
+    x.homing = EndStop(direction=-1, position=-5.0, clearance=10.0)
+    with bench(x, RunningOn, referenced=False, start=20.0) as ann:
+        task = ann.m.cycle.start(ann.x.home())
+        ann.until(lambda: bool(ann.x.profile.setpoint.velocity))
+        ann.run(at)
+        ann.mode("manual")
+        assert "x stops" in ann.notes[-1]
+        ann.run(2_000)
+        assert (ann.x.profile.setpoint.velocity, ann.x.enabled, ann.x.cycle.fault) == (0.0, True, None)
+        ann.mode("automatic")
+        ann.until(lambda: task.done)
+        assert ann.x.encoder.quality is Quality.GOOD
+
+
+@BOTH
+@pytest.mark.parametrize("referenced", [False, True])
+def test_an_axis_that_is_jogged_stops_although_it_is_declared_to_run_on(make: Make, referenced: bool) -> None:
+    with bench(make(), RunningOn, referenced=referenced) as ann:
+        ann.x.jog(10.0)
+        ann.run(100)
+        ann.mode("manual")
+        assert "x stops" in ann.notes[-1]
+        ann.run(300)
+        assert ann.x.profile.setpoint.velocity == 0.0
+
+
+class Guarded(RunningOn):
+    lamp: BinaryActuator[OnOff]
+
+    def interlocks(self) -> Iterator[Interlock]:
+        yield Interlock(lambda: state_of(self.lamp) is OnOff.ON, [self.x], "the lamp is lit")
+
+
+@BOTH
+def test_a_jog_that_an_interlock_has_interrupted_does_not_run_on_when_it_lets_go(make: Make) -> None:
+    with on_slide(Guarded(x=make(), lamp=relay(when_suspended="hold"), timer=timer()), Slide()) as ann:
+        ann.x.jog(10.0)
+        ann.run(50)
+        ann.m.lamp.write(OnOff.ON)
+        ann.run(5)
+        assert ann.x._interrupted
+        ann.mode("manual")
+        ann.m.lamp.write(OnOff.OFF)
+        ann.run(300)
+        assert not ann.x._interrupted
+        assert ann.x.profile.setpoint.velocity == 0.0
+
+
+@BOTH
+@pytest.mark.parametrize("motion", ["move_to", "home"])
+def test_an_axis_that_the_operator_disables_during_his_motion_is_not_in_fault(make: Make, motion: str) -> None:
+    x = make()
+    x.homing = EndStop(direction=-1, position=-5.0, clearance=10.0)
+    with bench(x) as ann:
+        ann.mode("manual")
+        moved = ann.call("x.move_to", position=60.0) if motion == "move_to" else ann.call("x.home")
+        ann.until(lambda: bool(ann.x.profile.setpoint.velocity))
+        assert ann.call("x.disable").state is CommandState.DONE
+        ann.run(3)
+        end = [event for event in ann.events if event.command == moved.command][-1]
+        assert (end.state, end.text) == (CommandState.FAILED, "AxisError: x was disabled during its motion")
+        assert ann.x.cycle.fault is None
+        assert ann.mode("automatic").state is CommandState.DONE
+
+
+def jog_into_a_fault(ann: Bench) -> None:
+    """The operator's jog ends in a fault of the axis, which he clears."""
+    ann.run(60)
+    ann.mode("manual")
+    ann.run(300)
+    ann.call("x.jog", velocity=10.0)
+    ann.run(20)
+    ann.slide.stuck = True
+    ann.until(lambda: ann.x.cycle.fault is not None)
+    ann.slide.stuck = False
+    ann.run(50)
+    assert "x is in fault" in ann.mode("automatic").text
+    assert ann.do("clear", "x").state is CommandState.DONE
+
+
+@BOTH
+@pytest.mark.parametrize("moved", [False, True])
+def test_an_application_that_awaits_a_motion_which_a_fault_has_ended_does_not_go_on(make: Make, moved: bool) -> None:
+    with bench(make()) as ann:
+        task = ann.m.cycle.start(forth_and_back(ann.m))
+        jog_into_a_fault(ann)
+        ann.x.encoder.referenced(at=ann.slide.position)
+        if moved:
+            ann.call("x.move_to", position=50.0)
+            ann.until(lambda: ann.x._motion is None)
+        refused = ann.mode("automatic")
+        assert refused.state is CommandState.REFUSED
+        text = "the application cannot go on: x was in fault: its motion has ended; stop the run, and start it again"
+        assert refused.text == f"CommandRefused: {text}"
+        assert not task.done
+
+
+@BOTH
+def test_an_application_of_which_the_fault_has_ended_the_sequence_as_well_goes_on(make: Make) -> None:
+    with bench(make()) as ann:
+        task = ann.x.cycle.start(forth_and_back(ann.m))
+        jog_into_a_fault(ann)
+        assert ann.mode("automatic").state is CommandState.DONE
+        ann.run(10)
+        assert task.done
+
+
+@BOTH
+def test_an_application_that_awaits_no_motion_of_an_axis_that_was_in_fault_goes_on(make: Make) -> None:
+    async def program(m: Any) -> str:
+        await wait(2.0)
+        return "done"
+
+    with bench(make()) as ann:
+        task = ann.m.cycle.start(program(ann.m))
+        jog_into_a_fault(ann)
+        assert ann.mode("automatic").state is CommandState.DONE
+        ann.until(lambda: task.done)
+        assert task.result == "done"

@@ -143,7 +143,7 @@ def test_what_a_suspended_sequence_has_started_stops_and_goes_on_when_the_sequen
         ann.mode("manual")
         assert (m.spindle.read(), m.clamp.read()) == (0.0, OnOff.ON)
         assert ann.notes[-1] == "manual mode: to the default: spindle; held: clamp"
-        assert ann.driven == "clamp ON (held)"
+        assert ann.driven == "clamp ON (held, or its law)"
         ann.run(100)
         assert m.spindle.read() == 0.0
         assert ann.mode("automatic").state is CommandState.DONE
@@ -305,7 +305,7 @@ def test_what_an_action_has_left_driven_goes_to_its_reaction_when_the_lease_ends
             ann.do("give back")
         assert (m.fan.read(), m.clamp.read()) == (OnOff.OFF, OnOff.ON)
         assert ann.notes[-1] == "the lease has ended: to the default: fan; held: clamp"
-        assert ann.driven == "clamp ON (held)"
+        assert ann.driven == "clamp ON (held, or its law)"
 
 
 def test_a_sequence_that_an_action_has_started_ends_with_the_action_and_leaves_nothing_driven() -> None:
@@ -477,7 +477,7 @@ def test_what_on_suspend_writes_stays_and_on_resume_comes_before_the_application
         ann.run(5)
         assert m.spindle.read() == 30.0
         before = len(m.wound)
-        assert ann.mode("automatic").state is CommandState.DONE
+        assert ann.mode("automatic").state is CommandState.BEGUN
         ann.run(6)
         assert (len(m.wound), m.said) == (before, ["suspended", "resumed"])
         ann.run(4)
@@ -531,6 +531,50 @@ def test_a_change_to_manual_mode_cancels_what_runs_before_the_application() -> N
         ann.run(30)
         assert (len(m.wound), ann.clients.mode) == (before, Mode.MANUAL)
         assert m.said == ["suspended", "resumed", "suspended"]
+
+
+@pytest.mark.parametrize(
+    ("end", "state", "text"),
+    [
+        ("", CommandState.DONE, ""),
+        ("on_resume", CommandState.FAILED, "back to manual mode: on_resume failed: TaskFailed: too slow"),
+        ("manual", CommandState.CANCELLED, "the mode has changed to manual"),
+        ("give back", CommandState.DONE, ""),
+        ("stop", CommandState.CANCELLED, "the machine stops"),
+    ],
+)
+def test_a_change_to_automatic_mode_is_answered_when_its_hooks_have_ended(
+    end: str, state: CommandState, text: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    m = winder(Told)
+    m.broken = end
+    with operated(m) as ann:
+        m.cycle.start(m.wind())
+        ann.run(5)
+        ann.mode("manual")
+        begun = ann.mode("automatic")
+        assert (begun.state, ann.clients.mode) == (CommandState.BEGUN, Mode.AUTOMATIC)
+        ann.run(2)
+        if end == "manual":
+            ann.mode("manual")
+        elif end == "give back":
+            ann.do("give back")
+        elif end == "stop":
+            ann.clients.cancel()
+        else:
+            ann.run(10)
+        ann.run(10)
+        told = [(event.state, event.text) for event in ann.events if event.command == begun.command]
+        assert told == [(CommandState.BEGUN, ""), (state, text)]
+        assert [each.getMessage() for each in caplog.records] == ([text] if state is CommandState.FAILED else [])
+
+
+def test_a_change_to_automatic_mode_without_hooks_is_answered_at_once() -> None:
+    with operated(winder()) as ann:
+        ann.m.cycle.start(ann.m.wind())
+        ann.run(5)
+        ann.mode("manual")
+        assert ann.mode("automatic").state is CommandState.DONE
 
 
 def test_a_parent_is_told_before_its_parts() -> None:

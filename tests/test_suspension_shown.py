@@ -44,7 +44,7 @@ def winding() -> Iterator[tuple[Operator, Any]]:
         yield ann, ring
 
 
-ALL = "spindle 4.5 V (its law or an action), clamp ON (held), fan ON (client ann)"
+ALL = "spindle 4.5 V (its law or an action), clamp ON (held, or its law), fan ON (client ann)"
 
 
 def umo(*words: str) -> str:
@@ -64,11 +64,25 @@ def test_ps_watch_and_page_say_what_is_driven_and_why() -> None:
             assert json.loads(watched.state(True))["facts"]["driven"] == ALL
         ann.do("give back")
         ann.run()
-        assert "spindle 4.5 V (its law), clamp ON (held)" in umo("ps")
+        assert "spindle 4.5 V (its law), clamp ON (held, or its law)" in umo("ps")
         ann.do("lease")
         ann.mode("automatic")
         ann.run()
         assert "spindle" not in umo("ps")
+
+
+def test_an_actuator_that_a_law_runs_is_not_said_to_be_held_alone() -> None:
+    """The compound around it declares `hold`; the event says that its law writes it."""
+
+    class Line(Winder, when_suspended="hold"): ...
+
+    m = Line(spindle=actuator(), clamp=relay(), fan=relay(), timer=timer())
+    with connect(m, wired(m, Scripted(), clock=VirtualTimer())):
+        ann = Operator(m)
+        ann.do("lease", seconds=60.0)
+        ann.mode("manual")
+        assert ann.notes[-1] == "manual mode: its law writes: spindle"
+        assert ann.driven == "spindle 4.5 V (held, or its law)"
 
 
 def test_the_first_few_are_told_and_the_others_counted() -> None:

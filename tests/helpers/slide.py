@@ -118,8 +118,12 @@ class Stepper(StepperAxis):
 
 
 def stepper(**changes: Any) -> Stepper:
-    return Stepper(
-        step=BinaryActuator(UpDown, one=UpDown.UP, default=UpDown.DOWN),
-        direction=BinaryActuator(Rotation, one=Rotation.CW, default=Rotation.CW),
-        **{"encoder": encoder()} | changes,
-    )
+    return Stepper(**{"step": step_output(), "direction": direction_output(), "encoder": encoder()} | changes)
+
+
+def step_output() -> BinaryActuator[UpDown]:
+    return BinaryActuator(UpDown, one=UpDown.UP, default=UpDown.DOWN)
+
+
+def direction_output(default: Rotation = Rotation.CW) -> BinaryActuator[Rotation]:
+    return BinaryActuator(Rotation, one=Rotation.CW, default=default)

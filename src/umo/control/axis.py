@@ -112,6 +112,9 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     """Whether it is planned from where the axis then stands, and not from its setpoint: an interlock has let go of
     it."""
 
+    _was_disabled = False
+    """Whether the motion ends because the axis was disabled: an error of whoever awaits it, and no fault."""
+
     def setup(self) -> None:
         names = ("velocity", "acceleration", "jerk", "window", "following_error", "settling_time")
         check_numbers(self, above_0=(*names, "search_speed", "stall"), not_negative=("window_time",))
@@ -121,6 +124,10 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         self._replan: Callable[[], object] = self._stand
         self._motion: str | None = None
         """The motion that is under way: "home", "move_to" or "jog"."""
+        self._begun = 0
+        """Number of motions that sequences have begun, which gives each its own."""
+        self._awaited: set[int] = set()
+        """The numbers of those that have not ended: of the operator, and of the suspended application."""
 
     # Motions -------------------------------------------------------------------------------------------
 
@@ -218,7 +225,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
 
     @action
     def disable(self) -> None:
-        """Stop following: the actuators go to their defaults. A motion under way ends with AxisError."""
+        """Stop following: the actuators go to their defaults. A motion under way ends with AxisError, which
+        is no fault."""
         self.enabled = False
         if self._motion == "jog":
             self._motion = None
@@ -365,14 +373,19 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         """One motion at a time: Busy while there is another one."""
         if self._motion is not None:
             raise self._busy(what)
-        self._motion = what
+        self._motion, self._was_disabled = what, False
+        self._begun += 1
+        number = self._begun
+        self._awaited.add(number)
         try:
             yield
         except (AxisError, HomingError) as error:
-            self._machine.fail(self, error)
+            if not self._was_disabled:
+                self._machine.fail(self, error)
             raise
         finally:
             self._motion = None
+            self._awaited.discard(number)
 
     def _go(self, plan: Callable[[], object]) -> None:
         """Plan a motion, now and again after an interruption."""
@@ -385,6 +398,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
 
     def _check_enabled(self) -> None:
         if not self.enabled:
+            self._was_disabled = True
             raise self._machine.fault_of(self) or AxisError(f"{self._path} was disabled during its motion")
 
     def _set_searching(self, searching: bool) -> None:

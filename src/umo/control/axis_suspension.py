@@ -9,6 +9,7 @@ from typing import NamedTuple, Protocol
 from umo.control.inputs import HOMING, Accept
 from umo.control.profile import Profile
 from umo.objects import DigitalSensor, Quality
+from umo.objects.link import Cycle
 from umo.presentation.digits import digits_of
 from umo.presentation.value_text import measure
 
@@ -28,6 +29,8 @@ class _Left(NamedTuple):
     referenced: bool
     position: float
     """The position at which it stood, enabled; NaN: it did not."""
+    number: int
+    """Number of the motion that a sequence awaits."""
 
 
 class SuspendedAxis(Protocol):
@@ -43,9 +46,13 @@ class SuspendedAxis(Protocol):
     _accept: Accept
     _replan: Callable[[], object]
     _interrupted: bool
+    _begun: int
+    _awaited: set[int]
 
     @property
     def _path(self) -> str: ...
+    @property
+    def cycle(self) -> Cycle: ...
     @property
     def reading(self) -> float: ...
     @property
@@ -64,21 +71,29 @@ class AxisSuspension:
         """`declared`: the reaction that the axis, or a compound around it, declares."""
         self._axis, self._declared = axis, declared
         self._left: _Left | None = None
+        self._lost = 0
+        """Number of the application's motion that a fault has ended; 0: of none."""
 
     def leave(self) -> None:
         """The application is suspended: keep what it does with the axis, which is free for another motion then."""
         axis = self._axis
-        setpoint, referenced = axis.profile.setpoint, axis.encoder.quality is not Quality.UNREFERENCED
+        setpoint, quality = axis.profile.setpoint, axis.encoder.quality
+        referenced = quality is not Quality.UNREFERENCED and not (axis.searching and quality is Quality.BAD)
         rests = axis.enabled and axis._motion is None and axis.profile.done and not setpoint.velocity
         position = setpoint.position if rests else nan
         was = axis._motion, axis._replan, axis.enabled, axis.searching, axis._accept, referenced
-        self._left = _Left(*was, position)
+        self._left = _Left(*was, position, axis._begun)
         axis._motion = None
         if axis.searching:
-            if axis.enabled and not abs(axis.error) <= axis.following_error:  # it pushes against an end stop
-                axis._stand()
+            pushes = axis.enabled and not abs(axis.error) <= axis.following_error  # against an end stop
             axis._set_searching(False)
             axis._accept = HOMING
+            if pushes:
+                axis._stand()
+
+    def disable(self) -> None:
+        """It could not be suspended: it is controlled no longer."""
+        self._axis.disable()
 
     def react(self) -> str:
         """Nobody is in charge of the axis: the declared reaction, in words; "": nothing changes."""
@@ -89,11 +104,18 @@ class AxisSuspension:
             axis.disable()
             return "is disabled"
         moves = not axis.profile.done or bool(axis.profile.setpoint.velocity)
-        if reaction == "run on":
+        if reaction == "run on" and self._has_end():
             return "moves on to its end" if moves else ""
         axis._go(lambda: axis.profile.at(0.0))
         axis._motion = None
         return "stops" if moves else ""
+
+    def _has_end(self) -> bool:
+        """Whether what the axis does ends by itself: not a jog or a search, and not what an interlock has interrupted,
+        which is planned anew."""
+        axis, left = self._axis, self._left
+        jogs = "jog" in (axis._motion, left and left.motion)
+        return axis.profile.stops and not (jogs or axis._interrupted or (left is not None and left.searching))
 
     def obstacle(self) -> str:
         """Why the application cannot go on with the axis; "": it can."""
@@ -128,8 +150,14 @@ class AxisSuspension:
             axis.disable()
 
     def forget(self) -> None:
-        """The application does nothing with the axis any longer."""
-        self._left = None
+        """The axis is in fault: what the application did with it has ended."""
+        left, self._left = self._left, None
+        if left is not None and left.motion is not None:
+            self._lost = left.number
+
+    def is_lost(self) -> bool:
+        """Whether a sequence of the application still awaits a motion that a fault has ended, and that was cleared."""
+        return self._lost in self._axis._awaited and self._axis.cycle.fault is None
 
     def go_on(self) -> None:
         """The application goes on: its motion is planned anew."""

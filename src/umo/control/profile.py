@@ -142,6 +142,11 @@ class Profile:
         """Whether the target, or the velocity, is reached."""
         return self._elapsed >= self._duration
 
+    @property
+    def stops(self) -> bool:
+        """Whether the setpoint stands, or comes to a standstill by itself."""
+        return not (self._final if self._duration else self.setpoint.velocity)
+
     def step(self, dt: float) -> Setpoint:
         """Advance the profile by `dt` s and return the setpoint. After the end it stands at the target, or moves on at
         the velocity. `dt` must not be negative; RangeError if it is not finite."""

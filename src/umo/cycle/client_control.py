@@ -13,6 +13,7 @@ their times are compared with the computer's clock, however long the period is.
 from __future__ import annotations
 
 import json
+import logging
 import time
 from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import dataclass
@@ -31,6 +32,8 @@ from umo.objects.paths import is_within
 from umo.presentation.digits import setting_text
 from umo.text import did_you_mean
 from umo.user_code import Raised, as_json, attempt
+
+log = logging.getLogger("umo")
 
 DEAD_MAN_TIME = 0.5
 """Time without a sign of life after which a written actuator or a jog ends, s; shorter where the actuator expires
@@ -106,6 +109,8 @@ class ClientControl:
         self._held: dict[str, _Held] = {}
         self._active = False
         self._suspension = Suspension(machine)
+        self._changing: ClientCommand | None = None
+        """The change to automatic mode that has begun: `on_resume` runs."""
         self.mode = mode
         machine.sequences.paused = mode is Mode.MANUAL
 
@@ -247,17 +252,22 @@ class ClientControl:
             return CommandState.DONE, ""
         if mode is Mode.AUTOMATIC:
             self._suspension.check()
-        self._drop(f"the mode has changed to {mode}")
+        why = f"the mode has changed to {mode}"
+        self._drop(why)
         if mode is Mode.MANUAL:
+            self._end_change(CommandState.CANCELLED, why)
             self._suspend()
-        else:
-            try:
-                self._suspension.end()
-            except BaseException:  # a device that did not accept a value
-                self._suspend()
-                raise
-            self.mode = mode
-        return CommandState.DONE, ""
+            return CommandState.DONE, ""
+        try:
+            begun = self._suspension.end()
+        except BaseException:  # a device that did not accept a value
+            self._suspend()
+            raise
+        self.mode = mode
+        if not begun:
+            return CommandState.DONE, ""
+        self._changing = command
+        return CommandState.BEGUN, ""
 
     def _tune(self, command: ClientCommand) -> tuple[CommandState, str]:
         self.lease.check(command.key)
@@ -392,8 +402,19 @@ class ClientControl:
         finally:
             self.at_work = None
         if error is not None:
-            self._note(f"back to manual mode: on_resume failed: {error}")
+            text = f"back to manual mode: on_resume failed: {error}"
+            log.warning("%s", text)
+            self._note(text)
+            self._end_change(CommandState.FAILED, text)
             self._suspend()
+        elif self._suspension.resuming is None:
+            self._end_change(CommandState.DONE, "")
+
+    def _end_change(self, state: CommandState, text: str) -> None:
+        """The change to automatic mode has ended, if one had begun."""
+        command, self._changing = self._changing, None
+        if command is not None:
+            self._tell(command, state, text)
 
     def _end_lease(self, why: str) -> None:
         self._drop(why)
@@ -410,6 +431,7 @@ class ClientControl:
     def cancel(self) -> None:
         """The machine stops: cancel what runs. TaskFailed with the first error of the cleaning up."""
         self._suspension.cancel()
+        self._end_change(CommandState.CANCELLED, "the machine stops")
         if errors := self._cancel_running("the machine stops"):
             raise TaskFailed(str(errors[0]))
 

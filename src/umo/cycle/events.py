@@ -27,7 +27,7 @@ class CommandState(IntEnum):
     NONE = 0
     """The event is not a command's."""
     BEGUN = 1
-    """An action has begun; another event tells its end."""
+    """An action, or a change to automatic mode, has begun; another event tells its end."""
     DONE = 2
     REFUSED = 3
     """The command is not allowed, or not valid: nothing was changed."""

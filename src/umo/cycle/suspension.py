@@ -42,6 +42,9 @@ class Suspendable(Protocol):
     def react(self) -> str:
         """Nobody is in charge: the declared reaction, in words; "": nothing changes."""
 
+    def disable(self) -> None:
+        """It could not be suspended: it is controlled no longer."""
+
     def obstacle(self) -> str:
         """Why the application cannot go on; "": it can."""
 
@@ -52,7 +55,10 @@ class Suspendable(Protocol):
         """The application goes on."""
 
     def forget(self) -> None:
-        """The application does nothing with it any longer."""
+        """It is in fault: what the application did with it has ended."""
+
+    def is_lost(self) -> bool:
+        """Whether the application still awaits what a fault has ended that was cleared."""
 
 
 class _Noting:
@@ -103,15 +109,15 @@ class Suspension:
     # Nobody is in charge -------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """The mode becomes manual: suspend the application."""
+        """The mode becomes manual: suspend the application. It raises nothing."""
         self.cancel()
         self._machine.sequences.paused = True
         self._note_writes(MANUAL)
         if self._left is None:
             pending = self._machine.image.pending
             self._left = {slot: pending[slot] for slot in self._actuators}
-            for axis in self._axes.values():
-                axis.leave()
+            for path, axis in self._axes.items():
+                self._ask(path, axis, axis.leave)
         for node in self._told:
             _, error = attempt(node.on_suspend)
             if error is not None:
@@ -144,7 +150,16 @@ class Suspension:
             machine.after_laws(self._settle)
 
     def _react(self) -> None:
-        self._said += [f"{path} {words}" for path, axis in self._axes.items() if (words := axis.react())]
+        asked = ((path, self._ask(path, axis, axis.react)) for path, axis in self._axes.items())
+        self._said += [f"{path} {words}" for path, words in asked if words]
+
+    def _ask(self, path: str, axis: Suspendable, what: Callable[[], str | None]) -> str | None:
+        """What an axis answers. One that fails is disabled; the others are suspended all the same."""
+        answer, error = attempt(what)
+        if error is not None:
+            attempt(axis.disable)
+            self._tell(path, f"disabled, as it could not be suspended: {error}")
+        return cast("str | None", answer)
 
     def _settle(self) -> None:
         """The laws have acted: what nobody is in charge of goes to its default."""
@@ -210,6 +225,10 @@ class Suspension:
             item = self._actuators[slot]
             if value != item._default_value() and not commands.client_of(slot) and (why := item.inhibited):
                 found.append(f"{item.path} is inhibited: {why}")
+        if lost := [
+            f"{path} was in fault: its motion has ended" for path, axis in self._axes.items() if axis.is_lost()
+        ]:
+            raise CommandRefused(f"the application cannot go on: {some(lost)}; stop the run, and start it again")
         if found:
             raise CommandRefused(f"the application cannot go on: {some(found)}; or stop the run")
 
@@ -218,14 +237,14 @@ class Suspension:
         left, pending = self._left or {}, self._machine.image.pending
         return {slot: left[slot] for slot in reversed(self._actuators) if slot in left and left[slot] != pending[slot]}
 
-    def end(self) -> None:
+    def end(self) -> bool:
         """The mode becomes automatic: what the application has left is restored, then `on_resume` runs, then the
-        application goes on."""
+        application goes on. Whether there is an `on_resume` to run."""
         if self._left is None:  # it has not begun yet
             self._note_writes("automatic mode")
             self._react()
             self._machine.sequences.paused = False
-            return
+            return False
         if self._noting is not None:
             self._stop_noting()
         changed = self._changed()
@@ -236,9 +255,10 @@ class Suspension:
         self.resuming = Sequences()
         if changed:
             self.resuming.start(_sent())
-        for node in self._resuming:
-            if self._machine.fault_of(node) is None:
-                self.resuming.start(_resumed(node), node)
+        nodes = [node for node in self._resuming if self._machine.fault_of(node) is None]
+        for node in nodes:
+            self.resuming.start(_resumed(node), node)
+        return bool(nodes)
 
     def advance(self) -> Raised | None:
         """A step of what runs before the application goes on; why it failed."""

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 Reaction = Literal["default", "hold", "run on"]
 """Actuators go to their defaults, or keep their values ("hold" and "run on"). Axes are disabled; stop on their profiles
-and stay under control; or their motions go on to their ends."""
+and stay under control; or their motions go on to their ends (homing and jogs stop)."""
 REACTIONS: tuple[Reaction, ...] = ("default", "hold", "run on")
 """Reactions of a compound."""
 

@@ -65,7 +65,7 @@ def _of_faults(faults: Mapping[str, str]) -> str:
 
 def driven_text(actuators: Iterable[tuple[Mapping[str, Any], float, bool]], holder: str) -> str:
     """The actuators that are away from their defaults in manual mode, and why: `spindle 240 rpm (its law), clamp ON
-    (held)`. `actuators`: the description of each object, its value, whether a client has taken it."""
+    (held, or its law)`. `actuators`: the description of each object, its value, whether a client has taken it."""
     found = [each for each in actuators if "default" in each[0] and each[1] != _default_of(each[0])]
     shown = found[:MAX_DRIVEN]
     texts = [
@@ -84,7 +84,7 @@ def _cause(about: Mapping[str, Any], taken: bool, holder: str) -> str:
     if taken:
         return f"client {holder}"
     if about.get("when_suspended") == "hold":
-        return "held"
+        return "held, or its law"  # an object's description does not tell whether a law writes it
     return "its law or an action" if holder else "its law"
 
 

@@ -265,7 +265,7 @@ class Answers:
 def _raised(event: Event) -> Exception:
     """The machine's error, of its own type where that is umo's."""
     if event.state is CommandState.CANCELLED:
-        return TaskFailed(f"{event.path} was cancelled: {event.text}")
+        return TaskFailed(f"{event.path or event.asked} was cancelled: {event.text}")
     name, _, text = event.text.partition(": ")
     kind = {each.__name__: each for each in _kinds(UmoError)}.get(name)
     if kind is None:
