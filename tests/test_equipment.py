@@ -13,7 +13,7 @@ import pytest
 from helpers.letters import Letters
 from helpers.machines import actuator, relay, sensor, timer, wired
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, TaskFailed, action, connect
-from umo.control import ServoAxis, next_period, until, value_of, wait
+from umo.control import ServoAxis, next_period, unless, until, value_of, wait
 from umo.cycle.client_commands import ClientCommand, Mode
 from umo.cycle.client_control import ClientControl
 from umo.errors import AxisError, Cancelled, DeclarationError, DriverError, EquipmentFault
@@ -824,3 +824,36 @@ def test_the_machine_is_equipment_without_saying_so() -> None:
         box.set("level", OSError("gone"))
         m.timer.read()
         m.sample()
+
+
+class Local:
+    """Something whose life can be observed."""
+
+
+def test_a_failure_whose_awaiter_is_cancelled_in_the_same_period_is_a_fault_and_keeps_nothing_alive() -> None:
+    alive: weakref.WeakSet[Local] = weakref.WeakSet()
+
+    async def failing() -> None:
+        local = Local()
+        alive.add(local)
+        await next_period()
+        raise TaskFailed(f"the valve of {type(local).__name__} sticks")
+
+    async def parent(part: Reactor) -> None:
+        task = part.cycle.start(failing())
+
+        async def waiting() -> None:
+            await task
+
+        asked = iter(range(3))
+        await unless(lambda: next(asked, None) is None, waiting())
+
+    gc.disable()
+    try:
+        with Rig() as rig:
+            rig.m.a.cycle.start(parent(rig.m.a))
+            rig.periods(9)
+            assert rig.texts == ["a: in fault: the valve of Local sticks"]
+            assert not alive
+    finally:
+        gc.enable()

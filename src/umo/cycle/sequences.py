@@ -276,6 +276,11 @@ class Task:
             refuse_exit(error, self.name)
             raise
 
+    @property
+    def is_untold(self) -> bool:
+        """Whether it has failed, whoever awaited it was cancelled before he took the error, and nobody else knows."""
+        return self.error is not None and not self._failure and self.awaited_by is None
+
     def fail(self, error: BaseException) -> None:
         """It has ended with this error, which lets go of its frames."""
         self.error, self._failure = error, text_of(error)
@@ -341,6 +346,13 @@ def with_notes(error: BaseException, others: list[BaseException]) -> BaseExcepti
     return error
 
 
+def _is_settled(task: Task) -> bool:
+    """Whether nothing is to come of a sequence that has ended. Its error is raised if it is untold."""
+    if task.error is not None and task.is_untold:
+        raise task.error
+    return task.error is None or task.awaited_by is None
+
+
 class Sequences:
     """All sequences that run side by side on one machine. `contain` is told of one that has failed; whether the machine
     goes on."""
@@ -378,12 +390,13 @@ class Sequences:
         try:
             for task in self._tasks.copy():  # what they start begins with the next period
                 try:
-                    over = task.advance(tick)
+                    over = task.advance(tick) and _is_settled(task)
                 except BaseException as error:
                     if not self._contain(task, error):
+                        self._tasks.remove(task)
                         task.error = error  # its text is asked for by who needs it: it may take long
                         raise
-                    over = True
+                    over = task.awaited_by is None  # else whoever awaits it may be cancelled before he takes the error
                 if over:
                     self._tasks.remove(task)
         finally:
@@ -404,5 +417,6 @@ class Sequences:
         while self._tasks:  # cleaning up may start more
             tasks, self._tasks = self._tasks, []
             errors += cancel_all(tasks)
+            errors += [task.error for task in tasks if task.error is not None and task.is_untold]
         if errors:
             raise with_notes(errors[0], errors[1:])
