@@ -228,7 +228,14 @@ def test_the_time_is_in_the_description() -> None:
 
 
 def test_a_channel_whose_writes_are_events_is_refused_for_an_actuator_that_retries() -> None:
-    box = Scripted(channels=[Channel("step", Direction.BOTH, 16, True, event=True)])
+    class Step(Channel):
+        """A step of a motor."""
+
+        @property
+        def event(self) -> bool:
+            return True
+
+    box = Scripted(channels=[Step("step", Direction.BOTH, 16, True)])
 
     class One(Compound):
         motor: DigitalActuator
