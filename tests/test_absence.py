@@ -142,6 +142,24 @@ def test_a_look_that_does_not_know_yet_is_asked_again_in_the_next_period() -> No
         assert "read_many" in calls(box)
 
 
+def test_a_look_that_does_not_decide_within_the_timeout_or_a_long_absence_has_not_found_it() -> None:
+    for timeout, limit in (("20 ms", LONG_ABSENCE), ("800 ms", 0.8)):
+        box, m = (
+            Box(),
+            bench(motor=actuator(on_error="raise"), encoder=sensor(on_error="mark"), limit=switch(on_error="mark")),
+        )
+        with running(m, box, timeout=timeout) as connection:
+            m.motor.write(5.0)
+            periods(m)
+            box.silent()
+            box.found = lambda: None
+            run(m, limit)
+            assert (m.motor.quality, events(connection)) == (Quality.STALE, [])
+            with pytest.raises(DriverError, match="motor"):
+                periods(m, 10)
+            assert events(connection) == ["driver box is away: no answer"]
+
+
 def test_a_look_that_raises_is_one_that_does_not_find_it_and_its_cause_is_told() -> None:
     box, m = Box(), held()
 

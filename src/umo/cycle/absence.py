@@ -9,6 +9,7 @@ lets the driver be looked for before the next period; until then it is called as
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NoReturn, Protocol
 
@@ -73,6 +74,8 @@ class Absence:
         self.due = since
         """Time in s from which it is looked for."""
         self.interval = FIRST_INTERVAL
+        self.undecided = math.inf
+        """Time in s since which looks for it have not decided; inf: the last one has."""
 
     def refusal(self) -> NotCalled:
         return NotCalled(f"it is away: {self.cause}")
@@ -154,14 +157,22 @@ class Absences:
         found, error = attempt(absence.driver.look)
         if error is not None:
             absence.cause = error.text
-        if found is None and error is None:
+        if found is None and error is None and self._is_awaited(absence):
             absence.shut = True  # until it is known
             self._transfer.exchange(absence.driver, Away(absence.refusal))
-        elif not (found and self._found(absence)):
+            return
+        absence.undecided = math.inf
+        if not (found and self._found(absence)):
             absence.known = True
             absence.shut_for_now(self._clock.now)
             self._transfer.exchange(absence.driver, Away(absence.refusal))
             self._tell_away(absence)
+
+    def _is_awaited(self, absence: Absence) -> bool:
+        """Whether a look that has not decided may still do so: it has the time of a call, or that of a long absence."""
+        absence.undecided = min(absence.undecided, self._clock.now)
+        limit = max(absence.driver.timeout, LONG_ABSENCE)
+        return self._clock.now - absence.undecided <= limit + ROUNDING
 
     def _found(self, absence: Absence) -> bool:
         """The device may be tried; whether it is ready for that."""

@@ -218,7 +218,8 @@ class Driver(ABC, Generic[C]):
 
     def look(self) -> bool | None:
         """Whether the device answers again, found out without waiting. True: it does. None: not known yet, asked again
-        in the next period. False, or an OSError: not now.
+        in the next period; for longer than `timeout`, or 0.5 s if that is longer, it counts as False. False, or an
+        OSError: not now.
 
         Called while the driver is away: a call has timed out, or one of the whole driver has failed. Other calls may
         come in between. A driver that can only wait for its device leaves it as it is: the default is True, "try it",
