@@ -20,6 +20,7 @@ from umo.drivers.contract import Driver
 from umo.drivers.faults.wrapper import bare
 from umo.errors import DriverError, Failure, text_of
 from umo.presentation.durations import duration
+from umo.text import some
 from umo.user_code import attempt
 
 log = logging.getLogger("umo")
@@ -66,6 +67,8 @@ class Absence:
         """Whether it was found, and no call has succeeded yet."""
         self.initialized = False
         """Whether it was initialised since."""
+        self.defaulted: list[str] = []
+        """The actuators that this has brought to their defaults, where they stay."""
         self.answered = False
         """Whether an initialisation has succeeded for some of its objects at least: it is there."""
         self.known = known
@@ -94,11 +97,14 @@ class Absences:
         clock: Clock,
         events: Events,
         initialize: Callable[[int], Failure | None],
+        stays_at_default: Callable[[int], str],
         slots: Mapping[int, Sequence[int]],
         watchdogs: Mapping[str, float],
     ) -> None:
-        """`slots` are those of each driver (by id) in the order in which they are initialised."""
+        """`slots` are those of each driver (by id) in the order in which they are initialised. `stays_at_default` is
+        the path of an object that loses its value by this, else ""."""
         self._transfer, self._clock, self._events = transfer, clock, events
+        self._stays_at_default = stays_at_default
         self._initialize, self._slots, self._watchdogs = initialize, slots, watchdogs
         self._names = {id(driver): name for name, driver in transfer.drivers.items()}
         self._absent: dict[int, Absence] = {}
@@ -190,8 +196,11 @@ class Absences:
     def _initialize_again(self, absence: Absence) -> str:
         """Initialise every object of the driver and arm its watchdog; why that failed, or ""."""
         for slot in self._slots.get(id(absence.driver), ()):
+            loses = self._stays_at_default(slot)
             if (failure := self._initialize(slot)) is not None:
                 return failure.cause
+            if loses and loses not in absence.defaulted:
+                absence.defaulted.append(loses)
             if not absence.answered:  # once: what fails each time is tried at growing intervals
                 absence.answered, absence.interval = True, FIRST_INTERVAL
         if absence.name in self._watchdogs:
@@ -208,7 +217,7 @@ class Absences:
         if not self._absent:
             self._clock.on_tick = self._on_tick
         if absence.told:
-            again = ", initialised again" if absence.initialized else ""
+            again = f", initialised again{_at_defaults(absence.defaulted)}" if absence.initialized else ""
             self._tell(absence, f"is back after {duration(round(self._clock.now - absence.began, 6))}{again}")
 
     def _tell_away(self, absence: Absence) -> None:
@@ -219,6 +228,13 @@ class Absences:
     def _tell(self, absence: Absence, text: str) -> None:
         self._events.add(Event(self._clock.now, f"driver {absence.name}", text))
         log.warning("driver %s %s", absence.name, text)
+
+
+def _at_defaults(paths: Sequence[str]) -> str:
+    """Which actuators are at their defaults; "" if there are none."""
+    if not paths:
+        return ""
+    return f"; {some(paths)} {'is at its default' if len(paths) == 1 else 'are at their defaults'}"
 
 
 def in_order(slots: Iterable[int], drivers: Sequence[Driver[Any]]) -> dict[int, list[int]]:
