@@ -142,6 +142,24 @@ def test_a_look_that_does_not_know_yet_is_asked_again_in_the_next_period() -> No
         assert "read_many" in calls(box)
 
 
+def test_a_look_that_does_not_decide_within_the_timeout_or_a_long_absence_has_not_found_it() -> None:
+    for timeout, limit in (("20 ms", LONG_ABSENCE), ("800 ms", 0.8)):
+        box, m = (
+            Box(),
+            bench(motor=actuator(on_error="raise"), encoder=sensor(on_error="mark"), limit=switch(on_error="mark")),
+        )
+        with running(m, box, timeout=timeout) as connection:
+            m.motor.write(5.0)
+            periods(m)
+            box.silent()
+            box.found = lambda: None
+            run(m, limit)
+            assert (m.motor.quality, events(connection)) == (Quality.STALE, [])
+            with pytest.raises(DriverError, match="motor"):
+                periods(m, 10)
+            assert events(connection) == ["driver box is away: no answer"]
+
+
 def test_a_look_that_raises_is_one_that_does_not_find_it_and_its_cause_is_told() -> None:
     box, m = Box(), held()
 
@@ -325,6 +343,41 @@ def test_the_absence_is_told_once_and_its_end_with_its_duration(caplog: pytest.L
             "driver box is back after 3.151 s, initialised again",
         ]
         assert [record.message for record in caplog.records] == events(connection)
+
+
+@pytest.mark.parametrize(
+    ("moved", "told"),
+    [
+        ([], ""),
+        ([2], "; valves.2 is at its default"),
+        ([0, 2], "; valves.0 and valves.2 are at their defaults"),
+    ],
+)
+def test_the_actuators_that_have_lost_their_value_are_named_when_it_is_back(moved: list[int], told: str) -> None:
+    class Manifold(Compound):
+        timer: DigitalSensor
+        level: DigitalSensor
+        motor: DigitalActuator
+        valves: list[DigitalActuator]
+
+    m = Manifold(
+        timer=timer(),
+        level=sensor(on_error="mark"),
+        motor=actuator(synchronous=False, on_error="retry", max_age="60 s"),
+        valves=[actuator(synchronous=False) for _ in range(3)],
+    )
+    box = Box()
+    with running(m, box) as connection:
+        m.motor.write(2.0)
+        for number in moved:
+            m.valves[number].write(5.0)
+        periods(m)
+        box.silent()
+        run(m, 1.0)
+        box.back()
+        run(m, 2.0)
+        assert events(connection)[-1].partition(", ")[2] == f"initialised again{told}"
+        assert [valve.read() for valve in m.valves] == [0.0] * 3
 
 
 def test_a_driver_that_is_found_and_not_called_is_back_in_the_next_period() -> None:

@@ -13,7 +13,7 @@ import pytest
 from helpers.letters import Letters
 from helpers.machines import actuator, relay, sensor, timer, wired
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Range, TaskFailed, action, connect
-from umo.control import ServoAxis, next_period, until, value_of, wait
+from umo.control import ServoAxis, next_period, unless, until, value_of, wait
 from umo.cycle.client_commands import ClientCommand, Mode
 from umo.cycle.client_control import ClientControl
 from umo.errors import AxisError, Cancelled, DeclarationError, DriverError, EquipmentFault
@@ -805,6 +805,36 @@ def test_on_resume_of_equipment_that_comes_into_fault_has_ended_also_after_clear
         assert rig.m.a.heater.read() == 0.0
 
 
+def test_an_on_resume_of_equipment_that_fails_is_a_fault_of_it_and_the_others_go_on() -> None:
+    with Commanded(Mode.AUTOMATIC, a=reactor(Cooking)) as rig:
+        rig.m.b.cycle.start(rig.m.b.heat())
+        rig.do("mode", value="manual")
+        box = rig.boxes["of_a"]
+        box.at(len(box.calls) + 3, OSError("the coil is broken"))  # a write of on_resume
+        rig.do("mode", value="automatic")
+        rig.periods(25)
+        assert "the coil is broken" in (rig.m.a.cycle.fault or "")
+        assert (rig.answer(rig.number)[0], rig.m.b.cycle.fault) == ("done", None)
+
+
+class Refusing(Cooking):
+    """Its `on_resume` raises."""
+
+    async def on_resume(self) -> None:
+        raise TaskFailed("the door is open")
+
+
+def test_an_on_resume_of_equipment_that_raises_is_a_fault_of_it_and_the_others_go_on() -> None:
+    with Commanded(Mode.AUTOMATIC, a=reactor(Refusing)) as rig:
+        rig.m.b.cycle.start(rig.m.b.heat())
+        rig.do("mode", value="manual")
+        rig.do("mode", value="automatic")
+        rig.periods(3)
+        assert rig.m.a.cycle.fault == "the door is open"
+        assert (rig.answer(rig.number)[0], rig.m.b.cycle.fault) == ("done", None)
+        assert rig.m.b.heater.read() == 3.0
+
+
 def test_a_lease_that_ends_after_a_fault_frees_nothing_of_it() -> None:
     with Commanded(Mode.MANUAL) as rig:
         rig.do("write", "a.heater", value=5.0)
@@ -987,3 +1017,36 @@ def test_the_machine_is_equipment_without_saying_so() -> None:
         box.set("level", OSError("gone"))
         m.timer.read()
         m.sample()
+
+
+class Local:
+    """Something whose life can be observed."""
+
+
+def test_a_failure_whose_awaiter_is_cancelled_in_the_same_period_is_a_fault_and_keeps_nothing_alive() -> None:
+    alive: weakref.WeakSet[Local] = weakref.WeakSet()
+
+    async def failing() -> None:
+        local = Local()
+        alive.add(local)
+        await next_period()
+        raise TaskFailed(f"the valve of {type(local).__name__} sticks")
+
+    async def parent(part: Reactor) -> None:
+        task = part.cycle.start(failing())
+
+        async def waiting() -> None:
+            await task
+
+        asked = iter(range(3))
+        await unless(lambda: next(asked, None) is None, waiting())
+
+    gc.disable()
+    try:
+        with Rig() as rig:
+            rig.m.a.cycle.start(parent(rig.m.a))
+            rig.periods(9)
+            assert rig.texts == ["a: in fault: the valve of Local sticks"]
+            assert not alive
+    finally:
+        gc.enable()

@@ -424,3 +424,61 @@ def test_a_condition_and_a_wait_are_common_parts_of_first():
         task = cycle.start(first(until(lambda: m.now > 0.0025), wait("5 ms")))
         cycle.steps(6)
         assert task.result == (0, None)
+
+
+# A started sequence that is given to them -------------------------------------------------------------
+
+
+async def at_once():
+    return 1
+
+
+async def failing_at_once():
+    raise TaskFailed("at once")
+
+
+@pytest.mark.parametrize(
+    "given_to",
+    [
+        lambda task: unless(lambda: True, task),
+        lambda task: first(at_once(), task),
+        lambda task: together(failing_at_once(), task),
+        lambda task: first(at_once(), together(at_once(), unless(lambda: False, task))),
+    ],
+)
+def test_a_started_sequence_is_cancelled_with_what_it_is_given_to_also_if_that_ends_in_its_first_step(given_to):
+    log: list[str] = []
+
+    async def main(task):
+        with contextlib.suppress(TaskFailed):
+            await given_to(task)
+
+    with Cycle() as cycle:
+        task = cycle.start(after(9, "a", log))
+        cycle.steps(2)
+        cycle.start(main(task))
+        cycle.steps(1)
+        assert (task.done, log) == (True, ["cancelled a", "left a"])
+
+
+def test_a_started_sequence_goes_on_if_a_function_that_has_it_as_an_argument_never_began():
+    async def watching(task):
+        await task
+
+    with Cycle() as cycle:
+        task = cycle.start(after(9, log=[]))
+        cycle.steps(1)
+        cycle.start(unless(lambda: True, watching(task)))
+        cycle.steps(3)
+        assert not task.done
+
+
+def test_an_error_in_the_clean_up_of_a_started_sequence_that_was_not_awaited_yet_is_raised():
+    log: list[str] = []
+    with Cycle() as cycle:
+        task = cycle.start(stubborn(log, "a"))
+        cycle.steps(1)
+        cycle.start(unless(lambda: True, together(task, after(3, "b", log))))
+        with pytest.raises(RuntimeError, match="cleaning up a"):
+            cycle.steps(1)
+        assert log == ["a"]

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from helpers.machines import Bench, actuator, bench, failed, relay, wired
+from helpers.machines import Bench, actuator, bench, failed, relay, sensor, wired
 from umo import Compound, DigitalActuator, LookupTable, Quality, Vector, check, connect
 from umo.drivers import Channel, ChannelsFailed, Direction, DriverError, WiringError
 from umo.drivers.counter import Counter
@@ -227,8 +227,40 @@ def test_the_time_is_in_the_description() -> None:
     assert relay(on_error="retry", max_age="2 s").describe().endswith(", sent again for 2 s")
 
 
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {"motor": actuator(on_error="retry", max_age="0.5 ms")},
+        {"motor": actuator(on_error="retry", max_age="0.5 ms", synchronous=False)},
+        {"encoder": sensor(on_error="hold", max_age="0.5 ms")},
+        {"encoder": sensor(on_error="mark", max_age="0.5 ms")},
+    ],
+)
+def test_a_time_shorter_than_the_period_can_never_hold_and_is_refused(parts: dict[str, Any]) -> None:
+    [path], m = parts, bench(**parts)
+    assert [str(mistake) for mistake in check(m, wired(m, Scripted()))] == [
+        f'wiring: wire."timer".period: 1 ms is longer than `max_age` of {path} (500 µs)'
+    ]
+
+
+def test_a_time_of_one_period_is_accepted_and_one_of_an_asynchronous_sensor_is_its_own() -> None:
+    for parts in (
+        {"motor": actuator(on_error="retry", max_age="1 ms")},
+        {"encoder": sensor(on_error="hold", max_age="0.5 ms", synchronous=False)},
+    ):
+        m = bench(**parts)
+        assert check(m, wired(m, Scripted())) == []
+
+
 def test_a_channel_whose_writes_are_events_is_refused_for_an_actuator_that_retries() -> None:
-    box = Scripted(channels=[Channel("step", Direction.BOTH, 16, True, event=True)])
+    class Step(Channel):
+        """A step of a motor."""
+
+        @property
+        def event(self) -> bool:
+            return True
+
+    box = Scripted(channels=[Step("step", Direction.BOTH, 16, True)])
 
     class One(Compound):
         motor: DigitalActuator

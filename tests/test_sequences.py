@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from helpers.cycling import Cycle, after, gather, steps_until_done, stubborn
 from helpers.machines import actuator
 from umo import Compound, DigitalActuator, TaskFailed, connect
-from umo.control import next_period, timeout, together, until, wait
+from umo.control import next_period, timeout, together, unless, until, wait
 from umo.cycle.clock import Clock
 from umo.cycle.sequences import Sequences, Task
 from umo.errors import Cancelled, DeclarationError, TimeExpired
@@ -1039,3 +1039,59 @@ def test_an_error_that_the_application_handles_keeps_nothing_alive():
             assert sum(each() is not None for each in left[:-4]) == 0
     finally:
         gc.enable()
+
+
+async def failing():
+    for _ in range(3):
+        await next_period()
+    raise TaskFailed("the valve sticks")
+
+
+async def awaiting_for(count, task):
+    passed = iter(range(count))
+
+    async def waiting():
+        await task
+
+    return await unless(lambda: next(passed, None) is None, waiting())
+
+
+@pytest.mark.parametrize("fails_first", [True, False])
+def test_a_failure_whose_awaiter_is_cancelled_in_the_same_period_comes_out_of_control(fails_first):
+    with Cycle() as cycle:
+        if fails_first:
+            task = cycle.start(failing())
+            cycle.start(awaiting_for(3, task))
+        else:
+
+            async def main():
+                await awaiting_for(5, cycle.start(failing()))
+
+            cycle.start(main())
+        with pytest.raises(TaskFailed, match="the valve sticks"):
+            cycle.steps(9)
+        cycle.steps(9)
+
+
+def test_a_failure_that_its_awaiter_takes_in_time_does_not_come_out_of_control():
+    with Cycle() as cycle:
+
+        async def main():
+            with contextlib.suppress(TaskFailed):
+                await awaiting_for(6, cycle.start(failing()))
+            return "taken"
+
+        task = cycle.start(main())
+        cycle.steps(9)
+        assert task.result == "taken"
+
+
+def test_a_failure_that_nobody_has_taken_before_the_stop_is_raised_by_the_stop():
+    cycle = Cycle()
+
+    async def main():
+        await cycle.start(failing())
+
+    with pytest.raises(TaskFailed, match="the valve sticks"), cycle:
+        cycle.start(main())
+        cycle.steps(5)

@@ -30,6 +30,7 @@ SIGNS_OF_LIFE = (
     "every reading makes a cycle of references",
     "readings are kept for 200 ms",
     "a look takes a connection for an answer",
+    "a look never decides that a device is away",
     "the answer to a look is taken for that of the next call",
 )
 """Those that `make test` tries, with their rule alone."""

@@ -9,6 +9,7 @@ lets the driver be looked for before the next period; until then it is called as
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NoReturn, Protocol
 
@@ -19,6 +20,7 @@ from umo.drivers.contract import Driver
 from umo.drivers.faults.wrapper import bare
 from umo.errors import DriverError, Failure, text_of
 from umo.presentation.durations import duration
+from umo.text import some
 from umo.user_code import attempt
 
 log = logging.getLogger("umo")
@@ -65,6 +67,8 @@ class Absence:
         """Whether it was found, and no call has succeeded yet."""
         self.initialized = False
         """Whether it was initialised since."""
+        self.defaulted: list[str] = []
+        """The actuators that this has brought to their defaults, where they stay."""
         self.answered = False
         """Whether an initialisation has succeeded for some of its objects at least: it is there."""
         self.known = known
@@ -73,6 +77,8 @@ class Absence:
         self.due = since
         """Time in s from which it is looked for."""
         self.interval = FIRST_INTERVAL
+        self.undecided = math.inf
+        """Time in s since which looks for it have not decided; inf: the last one has."""
 
     def refusal(self) -> NotCalled:
         return NotCalled(f"it is away: {self.cause}")
@@ -91,11 +97,14 @@ class Absences:
         clock: Clock,
         events: Events,
         initialize: Callable[[int], Failure | None],
+        stays_at_default: Callable[[int], str],
         slots: Mapping[int, Sequence[int]],
         watchdogs: Mapping[str, float],
     ) -> None:
-        """`slots` are those of each driver (by id) in the order in which they are initialised."""
+        """`slots` are those of each driver (by id) in the order in which they are initialised. `stays_at_default` is
+        the path of an object that loses its value by this, else ""."""
         self._transfer, self._clock, self._events = transfer, clock, events
+        self._stays_at_default = stays_at_default
         self._initialize, self._slots, self._watchdogs = initialize, slots, watchdogs
         self._names = {id(driver): name for name, driver in transfer.drivers.items()}
         self._absent: dict[int, Absence] = {}
@@ -159,14 +168,22 @@ class Absences:
         found, error = attempt(absence.driver.look)
         if error is not None:
             absence.cause = error.text
-        if found is None and error is None:
+        if found is None and error is None and self._is_awaited(absence):
             absence.shut = True  # until it is known
             self._transfer.exchange(absence.driver, Away(absence.refusal))
-        elif not (found and self._found(absence)):
+            return
+        absence.undecided = math.inf
+        if not (found and self._found(absence)):
             absence.known = True
             absence.shut_for_now(self._clock.now)
             self._transfer.exchange(absence.driver, Away(absence.refusal))
             self._tell_away(absence)
+
+    def _is_awaited(self, absence: Absence) -> bool:
+        """Whether a look that has not decided may still do so: it has the time of a call, or that of a long absence."""
+        absence.undecided = min(absence.undecided, self._clock.now)
+        limit = max(absence.driver.timeout, LONG_ABSENCE)
+        return self._clock.now - absence.undecided <= limit + ROUNDING
 
     def _found(self, absence: Absence) -> bool:
         """The device may be tried; whether it is ready for that."""
@@ -184,8 +201,11 @@ class Absences:
     def _initialize_again(self, absence: Absence) -> str:
         """Initialise every object of the driver and arm its watchdog; why that failed, or ""."""
         for slot in self._slots.get(id(absence.driver), ()):
+            loses = self._stays_at_default(slot)
             if (failure := self._initialize(slot)) is not None:
                 return failure.cause
+            if loses and loses not in absence.defaulted:
+                absence.defaulted.append(loses)
             if not absence.answered:  # once: what fails each time is tried at growing intervals
                 absence.answered, absence.interval = True, FIRST_INTERVAL
         if absence.name in self._watchdogs:
@@ -202,7 +222,7 @@ class Absences:
         if not self._absent:
             self._clock.on_tick = self._on_tick
         if absence.told:
-            again = ", initialised again" if absence.initialized else ""
+            again = f", initialised again{_at_defaults(absence.defaulted)}" if absence.initialized else ""
             self._tell(absence, f"is back after {duration(round(self._clock.now - absence.began, 6))}{again}")
 
     def _tell_away(self, absence: Absence) -> None:
@@ -213,6 +233,13 @@ class Absences:
     def _tell(self, absence: Absence, text: str) -> None:
         self._events.add(Event(self._clock.now, f"driver {absence.name}", text))
         log.warning("driver %s %s", absence.name, text)
+
+
+def _at_defaults(paths: Sequence[str]) -> str:
+    """Which actuators are at their defaults; "" if there are none."""
+    if not paths:
+        return ""
+    return f"; {some(paths)} {'is at its default' if len(paths) == 1 else 'are at their defaults'}"
 
 
 def in_order(slots: Iterable[int], drivers: Sequence[Driver[Any]]) -> dict[int, list[int]]:

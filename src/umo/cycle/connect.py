@@ -200,7 +200,13 @@ class connect(Generic[C]):
         sensors = [slot for slot, item in enumerate(image.items) if isinstance(item, Sensor) and slot != image.timer]
         slots = in_order([*machine.stop_order, *sensors], [wire.driver for wire in image.wires])
         image.transfer.absences = Absences(
-            image.transfer, image.clock, machine.events, image.initialize_again, slots, self.wired.watchdogs
+            image.transfer,
+            image.clock,
+            machine.events,
+            image.initialize_again,
+            image.stays_at_default,
+            slots,
+            self.wired.watchdogs,
         )
 
     @contextmanager

@@ -265,6 +265,13 @@ class Image(Slots):
         self._set_quality(slot, Quality.STALE)
         return True
 
+    def stays_at_default(self, slot: int) -> str:
+        """The path of an actuator that is away from its default, and stays there once its device is initialised again:
+        nothing sends what it had. "" for any other object."""
+        item = self.items[slot]
+        rests = isinstance(item, Actuator) and not item.synchronous and item._max_age is None
+        return item.path if rests and self.pending[slot] != self._defaults[slot] else ""
+
     def initialize_again(self, slot: int) -> Failure | None:
         """The device was away: at its default, from where `update` goes on to what is pending. What an asynchronous
         actuator had is sent again if it retries; else its default stays. An incremental sensor is not referenced."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple, cast
 
-from umo.cycle.sequences import Sequence, Task, cancel_all, next_period, with_notes
+from umo.cycle.sequences import Sequence, Task, adopting, cancel_all, next_period, with_notes
 from umo.errors import Cancelled
 from umo.objects import link
 
@@ -18,9 +18,10 @@ class First(NamedTuple):
     result: Any
 
 
+@adopting
 async def together(*sequences: Sequence | link.Task) -> tuple[Any, ...]:
     """Run sequences in parallel and return their results. The first error cancels the others and is raised. A started
-    sequence, what `cycle.start` returned, may be among them."""
+    sequence, what `cycle.start` returned, may be among them, and is cancelled as the others are."""
     tasks = [_task(each) for each in sequences]
     running, tick = tasks, None
     try:
@@ -32,6 +33,7 @@ async def together(*sequences: Sequence | link.Task) -> tuple[Any, ...]:
     return tuple(task.result for task in tasks)
 
 
+@adopting
 async def first(*sequences: Sequence | link.Task) -> First:
     """Run sequences in parallel until the first ends; the others are cancelled. Returns which one ended, and its
     result: `number, result = await first(fill(), wait("5 s"))`.
@@ -55,6 +57,7 @@ async def first(*sequences: Sequence | link.Task) -> First:
     return First(ended, tasks[ended].result)
 
 
+@adopting
 async def unless(condition: Callable[[], bool], sequence: Sequence | link.Task) -> bool:
     """Run a sequence unless the condition is, or becomes, true; then it is cancelled. Returns whether it ended by
     itself.
@@ -79,6 +82,7 @@ def _task(sequence: Sequence | link.Task) -> Task:
     return Task(_ended(sequence) if isinstance(sequence, Task) else cast(Sequence, sequence))
 
 
+@adopting
 async def _ended(task: Task) -> Any:
     """A started sequence, as one that awaits it."""
     return await task

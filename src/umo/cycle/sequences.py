@@ -11,8 +11,8 @@ import linecache
 import math
 import sys
 from collections.abc import Callable, Coroutine, Generator
-from types import CoroutineType, coroutine
-from typing import Any
+from types import CodeType, CoroutineType, coroutine
+from typing import Any, TypeVar
 
 from umo.cycle.clock import Clock
 from umo.duration import seconds as in_seconds
@@ -23,7 +23,7 @@ from umo.text import add_note, in_brackets, place_among, shown_path, str_of
 from umo.user_code import refuse_exit
 
 Sequence = Coroutine[Any, Any, Any]
-
+Adopting = TypeVar("Adopting", bound=Callable[..., Any])
 
 _PERIOD = object()
 """The only object that a sequence may yield to the cycle; anything else, even None, is an error."""
@@ -31,6 +31,15 @@ AWAITABLE_HINT = "a sequence can await only the functions of umo.control"
 """Words of a message: what a sequence can await."""
 _ADVANCING: list[Task] = []
 """The sequences that take a step just now, the innermost last."""
+_ADOPTING: set[CodeType] = set()
+"""The code of the functions that have a started sequence as a part of theirs: it is cancelled with them."""
+
+
+def adopting(function: Adopting) -> Adopting:
+    """Decorator of an `async def` function: a started sequence among its arguments is a part of it. It is cancelled
+    with it, also if it never began."""
+    _ADOPTING.add(function.__code__)
+    return function
 
 
 def advancing() -> list[Task]:
@@ -267,6 +276,11 @@ class Task:
             refuse_exit(error, self.name)
             raise
 
+    @property
+    def is_untold(self) -> bool:
+        """Whether it has failed, whoever awaited it was cancelled before he took the error, and nobody else knows."""
+        return self.error is not None and not self._failure and self.awaited_by is None
+
     def fail(self, error: BaseException) -> None:
         """It has ended with this error, which lets go of its frames."""
         self.error, self._failure = error, text_of(error)
@@ -284,17 +298,34 @@ class Task:
 
 
 def _dropped(sequence: Any) -> bool:
-    """Close a sequence that never began, and the sequences among its arguments, which do not begin either: Python warns
-    of each that nobody awaits. Whether it never began."""
-    if not inspect.iscoroutine(sequence) or inspect.getcoroutinestate(sequence) != inspect.CORO_CREATED:
+    """Close a sequence that never began; whether it is one. What was given to it does not begin either, and a started
+    sequence that is a part of it is cancelled."""
+    if not _is_new(sequence):
         return False
+    if errors := cancel_all(_close(sequence)):
+        raise with_notes(errors.pop(0), errors)
+    return True
+
+
+def _is_new(sequence: Any) -> bool:
+    return inspect.iscoroutine(sequence) and inspect.getcoroutinestate(sequence) == inspect.CORO_CREATED
+
+
+def _close(sequence: Any) -> list[Task]:
+    """Close a sequence that never began, and those among its arguments: Python warns of each that nobody awaits. The
+    started sequences that are parts of them."""
     values = inspect.getcoroutinelocals(sequence)
     arguments = [values[name] for name in sequence.cr_code.co_varnames if name in values]
+    adopts = sequence.cr_code in _ADOPTING
     sequence.close()
+    tasks: list[Task] = []
     for each in arguments:
         for one in each if isinstance(each, tuple) else (each,):
-            _dropped(one)
-    return True
+            if _is_new(one):
+                tasks += _close(one)
+            elif adopts and isinstance(one, Task):
+                tasks.append(one)
+    return tasks
 
 
 def cancel_all(tasks: list[Task]) -> list[BaseException]:
@@ -310,9 +341,18 @@ def cancel_all(tasks: list[Task]) -> list[BaseException]:
 
 def with_notes(error: BaseException, others: list[BaseException]) -> BaseException:
     for other in others:
+        if other is error:
+            continue
         add_note(error, f"also, while another sequence was cancelled: {text_of(other)}")
         forget_frames(other)  # its frames refer to the list that it is in: a circle
     return error
+
+
+def _is_settled(task: Task) -> bool:
+    """Whether nothing is to come of a sequence that has ended. Its error is raised if it is untold."""
+    if task.error is not None and task.is_untold:
+        raise task.error
+    return task.error is None or task.awaited_by is None
 
 
 class Sequences:
@@ -352,12 +392,14 @@ class Sequences:
         try:
             for task in self._tasks.copy():  # what they start begins with the next period
                 try:
-                    over = task.advance(tick)
+                    over = task.advance(tick) and _is_settled(task)
                 except BaseException as error:
                     if not self._contain(task, error):
+                        if task in self._tasks:
+                            self._tasks.remove(task)
                         task.error = error  # its text is asked for by who needs it: it may take long
                         raise
-                    over = True
+                    over = task.awaited_by is None  # else whoever awaits it may be cancelled before he takes the error
                 if over and task in self._tasks:  # not: it was cancelled with the others meanwhile
                     self._tasks.remove(task)
         finally:
@@ -378,5 +420,6 @@ class Sequences:
         while self._tasks:  # cleaning up may start more
             tasks, self._tasks = self._tasks, []
             errors += cancel_all(tasks)
+            errors += [task.error for task in tasks if task.error is not None and task.is_untold]
         if errors:
             raise with_notes(errors[0], errors[1:])

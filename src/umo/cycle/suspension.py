@@ -252,7 +252,7 @@ class Suspension:
             self._machine.image.command(slot, value)
         for axis in self._axes.values():
             axis.restore()
-        self.resuming = Sequences()
+        self.resuming = Sequences(self._machine.equipment.contain_sequence)
         if changed:
             self.resuming.start(_sent())
         nodes = [node for node in self._resuming if self._machine.fault_of(node) is None]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from enum import Flag
 from functools import cache
 from operator import index
@@ -48,8 +48,12 @@ class Channel:
     direction: Direction
     bits: int
     signed: bool = False
-    event: bool = field(default=False, kw_only=True)
-    """Whether a write is an event, such as a pulse or a command, and not a level: sent twice, it may happen twice."""
+
+    @property  # a field would make every channel larger, and slower a period of many
+    def event(self) -> bool:
+        """Whether a write is an event, such as a pulse or a command, and not a level: sent twice, it may happen twice.
+        Default: it is not."""
+        return False
 
     @property
     def places(self) -> tuple[Hashable, ...]:
@@ -214,7 +218,8 @@ class Driver(ABC, Generic[C]):
 
     def look(self) -> bool | None:
         """Whether the device answers again, found out without waiting. True: it does. None: not known yet, asked again
-        in the next period. False, or an OSError: not now.
+        in the next period; for longer than `timeout`, or 0.5 s if that is longer, it counts as False. False, or an
+        OSError: not now.
 
         Called while the driver is away: a call has timed out, or one of the whole driver has failed. Other calls may
         come in between. A driver that can only wait for its device leaves it as it is: the default is True, "try it",

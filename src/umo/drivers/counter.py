@@ -33,6 +33,11 @@ class CounterChannel(Channel):
     count: int = 0
     attribute: str = ""
 
+    @property
+    def event(self) -> bool:
+        """A count that is set again has lost what it counted meanwhile."""
+        return self.attribute == "count"
+
 
 class Counter(Driver[CounterChannel]):
     """One counter device, with one or more counts.
@@ -78,8 +83,7 @@ class Counter(Driver[CounterChannel]):
         direction = Direction.INPUT if attribute == "direction" else Direction.BOTH
         signed = self._signed and attribute in ("count", "preset")
         bits = 1 if one_bit else self._bits if signed else min(self._bits, _MAX_BITS)
-        # a count that is set again has lost what it counted meanwhile
-        return CounterChannel(text, direction, bits, signed, count, attribute, event=attribute == "count")
+        return CounterChannel(text, direction, bits, signed, count, attribute)
 
     def devices(self) -> Sequence[str]:
         """Its number, however the option names it; a device that is not there stands for itself."""

@@ -29,6 +29,7 @@ from umo.objects import (
     DigitalActuator,
     DigitalSensor,
     Node,
+    Sensor,
     atoms,
     walk,
 )
@@ -481,6 +482,10 @@ def _fault_of_period(period: float, node: Node) -> str:
         expires = node.expires or math.inf  # it must outlast the way from one write to the next
         if period > expires * (1 - 1e-9):
             return f"not shorter than `expires` of {node.path} ({duration(expires)})"
+    if isinstance(node, Actuator) or (isinstance(node, Sensor) and node.synchronous):
+        max_age = node._max_age  # at the first failure the last transfer is one period old
+        if max_age is not None and period > max_age * (1 + 1e-9):
+            return f"longer than `max_age` of {node.path} ({duration(max_age)})"
     return ""
 
 

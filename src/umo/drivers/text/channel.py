@@ -91,6 +91,8 @@ class WriteCommand:
     levels: Mapping[int, str]
     acknowledge: Pattern | None
     confirm: Query | None
+    sets_level: bool = field(default=False, compare=False)
+    """Whether it may be sent twice: it sets a level, and does not command an event."""
 
     def request(self, raw: int) -> str:
         if self.template is not None:
@@ -119,6 +121,11 @@ class TextChannel(Channel):
             return (self.setting.place,)
         assert self.reading is not None
         return (("ask", self.reading.ask, self.reading.answer.text),)
+
+    @property
+    def event(self) -> bool:
+        """Whether it is not known to set a level."""
+        return self.setting is not None and not self.setting.sets_level
 
     @property
     def done(self) -> tuple[Pattern | None, Query | None]:
@@ -192,10 +199,7 @@ class Channels:
         if units is not None and levels:
             raise WiringError(f"{where}.units is for a number; levels have no unit")
         physical = None if units is None else PhysicalScale(float(scale or 1), 0.0, units)
-        event = setting is not None and not _truth(table.get("sets_level", False), f"{where}.sets_level")
-        if "sets_level" in table and setting is None:
-            raise WiringError(f"{where}.sets_level needs set")
-        channel = TextChannel(text, direction, bits, signed, reading, setting, physical, event=event)
+        channel = TextChannel(text, direction, bits, signed, reading, setting, physical)
         if levels and max(levels) > channel.highest:
             raise WiringError(f"{where}: level {max(levels)} does not fit its {bits} bits")
         if setting is not None and setting.template is not None:
@@ -207,6 +211,8 @@ class Channels:
         if given is None:
             if "acknowledge" in table or "confirm" in table:
                 raise WiringError(f"{where}: acknowledge and confirm need set")
+            if "sets_level" in table:
+                raise WiringError(f"{where}.sets_level needs set")
             return None
         template, levels = None, {}
         if isinstance(given, str):
@@ -219,7 +225,8 @@ class Channels:
             acknowledge = Pattern(text, f"{where}.acknowledge") if text else None
         if "confirm" in table:
             confirm = Query.parse(table["confirm"], f"{where}.confirm")
-        return WriteCommand(template, levels, acknowledge, confirm)
+        sets_level = _truth(table.get("sets_level", False), f"{where}.sets_level")
+        return WriteCommand(template, levels, acknowledge, confirm, sets_level)
 
 
 def _reading(table: ChannelOptions, where: str, scale: Decimal | None) -> ReadCommand | None:

@@ -24,8 +24,8 @@ LOOK_INTERVAL = 0.005
 
 @rule(Cost(each=8, waits=8))
 def look(context: RuleContext) -> str | None:
-    """Looking for a device that does not answer (`look`) waits for nothing, does not find it, and raises nothing but an
-    OSError; when it is back it is found, and the next transfers give true values."""
+    """Looking for a device that does not answer (`look`) waits for nothing, does not find it, says so in the end,
+    and raises nothing but an OSError; when it is back it is found, and the next transfers give true values."""
     kinds = [context.line.silent] if context.subject.line is not None else []
     tried = False
     with context.opened() as probe:
@@ -36,6 +36,7 @@ def look(context: RuleContext) -> str | None:
                     continue
                 tried = True
                 _looks_in_vain(context, probe)
+                _decides(context, probe)
             _is_found(context, probe)
             recovers(context, probe, expected, "it was found by a look")
             context.insist(context.transfers(probe)[-1])
@@ -72,6 +73,17 @@ def _looks_in_vain(context: RuleContext, probe: Probe) -> None:
         slowest.append(took)
         _fails(context, probe)
     raise RuleBroken(f"a look for a device that does not answer took {duration(round(min(slowest), 3))}")
+
+
+def _decides(context: RuleContext, probe: Probe) -> None:
+    """Looks for a device that stays away come to an end."""
+    probe.timeout = context.haste
+    end = monotonic() + context.patience
+    while _look(context, probe) is None:
+        if monotonic() > end:
+            limit = duration(context.patience)
+            raise RuleBroken(f"look has not found out for {limit} that the device does not answer: it returns None")
+        sleep(LOOK_INTERVAL)
 
 
 def _is_found(context: RuleContext, probe: Probe) -> None:
