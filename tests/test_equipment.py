@@ -832,7 +832,7 @@ def test_an_on_resume_of_equipment_that_raises_is_a_fault_of_it_and_the_others_g
         rig.periods(3)
         assert rig.m.a.cycle.fault == "the door is open"
         assert (rig.answer(rig.number)[0], rig.m.b.cycle.fault) == ("done", None)
-        assert rig.m.b.heater.read() == 3.0
+        assert rig.m.b.heater.read() == 5.0
 
 
 def test_a_lease_that_ends_after_a_fault_frees_nothing_of_it() -> None:
