@@ -36,7 +36,8 @@ def test_every_rule_of_the_line_is_tried(subject):
 """
 
 
-@pytest.mark.parametrize("line", ["--tcp", pytest.param("--serial", marks=pytest.mark.full)])
+@pytest.mark.full
+@pytest.mark.parametrize("line", ["--tcp", "--serial"])
 def test_a_new_driver_on_a_line_has_a_device_and_a_line_on_which_every_rule_is_tried(
     umo, tmp_path: Path, line: str
 ) -> None:

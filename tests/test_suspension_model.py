@@ -199,7 +199,7 @@ def obey(ann: Operator, deed: tuple[Any, ...]) -> None:
 
 
 @pytest.mark.parametrize("make", [servo, stepper])
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(program=PROGRAM, deeds=DEEDS, reaction=REACTIONS)
 def test_nothing_is_driven_with_nobody_in_charge(make: Any, program: Any, deeds: Any, reaction: str) -> None:
     with cell(make, reaction) as (ann, _):
@@ -216,7 +216,7 @@ def test_nothing_is_driven_with_nobody_in_charge(make: Any, program: Any, deeds:
 
 
 @pytest.mark.parametrize("make", [servo, stepper])
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(program=PROGRAM, modes=st.lists(st.integers(1, 200), max_size=10), reaction=REACTIONS)
 def test_manual_mode_without_interference_changes_no_result(make: Any, program: Any, modes: Any, reaction: str) -> None:
     with cell(make, reaction) as (ann, slide):
