@@ -71,7 +71,7 @@ class Shift:
         with connection as m, umo.published(connection, "shift") as ring, Reader(ring.path) as self._reader:
             self._events, self._number, self._next = connection.machine.events, 0, 0
             connection.machine.observers.append(self._observe)
-            self.result = umo.drive(m, main, batches=batches, recipes="glue, soap")
+            self.result = umo.drive(m, main, batches=batches, recipe=["glue", "soap"])
             self._observe(connection.machine.frame)
             self.time = m.now
             blackbox.save(self._reader, kept, "the end of the shift")

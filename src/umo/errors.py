@@ -203,7 +203,7 @@ class Interlocked(UmoError, RuntimeError):
 
 class CommandRefused(UmoError, RuntimeError):
     """A client's command was refused: nobody or another client has the lease, or the mode does not allow it; nothing
-    was changed. Or what it held has ended, as by an interlock or another client."""
+    was changed. Or what it held has ended, as by an interlock, a fault of its equipment, or another client."""
 
 
 class LeaseHeld(CommandRefused):

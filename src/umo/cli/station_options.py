@@ -138,7 +138,7 @@ def _parse(name: str, options: Sequence[Option], arguments: Sequence[str]) -> tu
 def _nearest(error: click.ClickException) -> str:
     """The choice of an option that is nearest to what was given."""
     choice = getattr(getattr(error, "param", None), "type", None)
-    given = re.search(r"'(.*)' is not one of", error.format_message())
+    given = re.search(r"'([^']*)' is not one of", error.format_message())
     return did_you_mean(given[1], map(str, choice.choices)) if given and isinstance(choice, click.Choice) else ""
 
 
@@ -156,12 +156,18 @@ def help_panel(station: Station, wiring: str | None, *, application: bool = True
     """A table of a station's options, as `--help` shows those of umo."""
     table = Table.grid(padding=(0, 2))
     for option in options_of(station, wiring, application=application):
-        default = option.default.value if isinstance(option.default, Enum) else option.default
-        shown = "" if default is None or default == () else f"[default: {default}]"
+        shown = f"[default: {_shown(option.default)}]" if option.default not in (None, ()) else ""
         shown = "[required]" if option.required else shown
         about = "  ".join(filter(None, (option.about.rstrip("."), shown)))
         table.add_row(*map(Text, (option.flag, option.metavar, option.taker, about)))
     return Panel(table, title=f"Options of {station.name}", title_align="left", border_style="dim")
+
+
+def _shown(default: Any) -> str:
+    """A default, as it is given in the command line."""
+    if isinstance(default, tuple | list):
+        return ", ".join(map(_shown, default))
+    return str(default.value if isinstance(default, Enum) else default)
 
 
 def _of_function(function: Any, taker: str, skip: int = 0) -> list[Option]:

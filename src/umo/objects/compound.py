@@ -75,7 +75,7 @@ class Compound(Node):
         sequence that was started in it fails, its actuators go to their defaults, in stop order, its sequences end, and
         it is in fault (`cycle.fault`) until `cycle.clear()`; the rest of the machine goes on. "manual": in manual mode
         only, as an axis. Default: False: a failure is that of the equipment around it, of the machine the end of the
-        run.
+        run. On the machine itself it has no effect.
     numbers: The numbers that are no fields, such as those of laws and properties, by the names of the attributes:
         `numbers={"law.gain": Number("V/mm", 0.0, 2.0, tunable=True), "load": Number("N", shown=True)}`, or a function
         of the object that returns them. Those of the base are kept; for a name in both, those of the

@@ -1,6 +1,7 @@
 """Make batches in both reactors, side by side."""
 
 from collections import Counter
+from collections.abc import Sequence
 from typing import Any
 
 from umo.control import together, until
@@ -8,21 +9,23 @@ from umo.errors import TaskFailed, TimeExpired
 
 from .control import BatchPlant, Reactor
 from .errors import BatchesLost
-from .recipes import Recipe, chosen, in_words
+from .recipes import BOOK, Name, Recipe, in_words
 
 
-async def main(m: BatchPlant, recipes: str = "glue, soap", batches: int = 2, patience: float = 600.0) -> dict[str, Any]:
+async def main(
+    m: BatchPlant, recipe: Sequence[Name] = ("glue", "soap"), batches: int = 2, patience: float = 600.0
+) -> dict[str, Any]:
     """Make batches. Each reactor takes the recipes in turn; the second one begins with the second recipe.
 
     Options:
-        recipes: their names, separated by commas: glue, paint, soap.
+        recipe: one or several, in the order in which they are made.
         batches: how many each reactor makes.
         patience: time in which a fault must be cleared, s; then the batches of this reactor are not made.
 
     A batch that was broken off by a fault is dumped and made again when the fault is cleared. BatchesLost at the end if
     a fault was not.
     """
-    book = chosen(recipes)
+    book = [BOOK[name] for name in recipe]
     for reactor in m.reactors:
         reactor.begin()
     m.cycle.progress("", done=0, total=batches * len(m.reactors))

@@ -15,7 +15,7 @@ from umo.control import Servo, first, unless, until, value_of, wait
 from umo.errors import TimeExpired
 
 from .charging import OPEN, ChargingLine, Valve, held_open
-from .errors import DrainingError, TemperatureError
+from .errors import ChargingError, DrainingError, TemperatureError
 from .recipes import STIRRING_TOLERANCE, Recipe
 
 __all__ = ["BatchPlant", "ChargingLine", "Reactor"]
@@ -53,6 +53,8 @@ class Reactor(
     """Time in which the temperature must rise by `least_rise` while it is further below its setpoint, s."""
     least_rise: Annotated[float, Number("K", 0.5, 20.0)] = 5.0
     """Rise of the temperature in `rise_time` that shows that it is heated, and measured, K."""
+    line_time: Annotated[float, Number("s", 0.0, 36_000.0)] = 600.0
+    """Time for which a batch waits for a charging line in fault, s."""
     draining_time: float = 120.0
     """Time in which the reactor must become empty, s."""
     covered: float = 20.0
@@ -119,10 +121,18 @@ class Reactor(
     async def _charge(self, recipe: Recipe, line: ChargingLine) -> None:
         self.phase = "waiting for the scale"
         async with line.lock:
+            await self._cleared(line)
             self.phase = "weighing"
             await line.cycle.start(line.weigh(recipe.amounts))
             self.phase = "charging"
             await first(line.cycle.start(line.discharge(self.number)), held_open(self.feed))
+
+    async def _cleared(self, line: ChargingLine) -> None:
+        """Wait until the line is in fault no longer: it was not in this batch that it failed."""
+        try:
+            await until(lambda: line.cycle.fault is None, timeout=self.line_time)
+        except TimeExpired:
+            raise ChargingError(f"the charging line was in fault for {self.line_time:g} s") from None
 
     async def _heat(self, recipe: Recipe) -> None:
         self.phase = "heating"

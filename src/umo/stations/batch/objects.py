@@ -1,11 +1,17 @@
 """The objects of the batch plant: two reactors and the charging line that they share."""
 
+from typing import Any
+
 from umo import BinaryActuator, DigitalActuator, DigitalSensor
 from umo.states import OpenClosed
 
 from .control import BatchPlant, ChargingLine, Reactor
 
 REACTORS = 2
+
+
+KEPT: Any = {"max_age": "1 s"}
+"""How long a value that was not read, or not accepted, is kept."""
 
 
 def machine() -> BatchPlant:
@@ -16,7 +22,7 @@ def machine() -> BatchPlant:
             inlets=[valve(), valve()],
             outlets=[valve() for _ in range(REACTORS)],
             waste=valve(),
-            scale=DigitalSensor("kg", minimum=-2.0, maximum=120.0, resolution=0.01),
+            scale=sensor("kg", -2.0, 120.0, 0.01),
         ),
         timer=DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False),
     )
@@ -27,19 +33,25 @@ def reactor() -> Reactor:
     return Reactor(
         feed=valve(),
         drain=valve(),
-        stirrer=DigitalActuator("rpm", default=0.0, minimum=0.0, maximum=150.0, resolution=0.1, slew_rate=50.0),
-        heater=DigitalActuator("percent", default=0.0, minimum=0.0, maximum=100.0, resolution=0.1),
-        temperature=DigitalSensor(
-            "degC",
-            minimum=-10.0,
-            maximum=150.0,
-            resolution=0.01,
-            invalid_raws=[0x7FFF],  # the transmitter's mark of a broken wire
-        ),
-        level=DigitalSensor("l", minimum=-2.0, maximum=200.0, resolution=0.1),
+        stirrer=drive("rpm", 150.0, slew_rate=50.0),
+        heater=drive("percent", 100.0),
+        temperature=sensor("degC", -10.0, 150.0, 0.01, invalid_raws=[0x7FFF]),  # the mark of a broken wire
+        level=sensor("l", -2.0, 200.0, 0.1),
     )
 
 
+def sensor(units: str, minimum: float, maximum: float, resolution: float, **more: Any) -> DigitalSensor:
+    """A lost answer of its box is no failure: the last value holds."""
+    limits: Any = {"minimum": minimum, "maximum": maximum, "resolution": resolution}
+    return DigitalSensor(units, on_error="hold", **limits, **KEPT, **more)
+
+
+def drive(units: str, maximum: float, **more: Any) -> DigitalActuator:
+    """A lost answer of its box is no failure: the value is sent again."""
+    limits: Any = {"minimum": 0.0, "maximum": maximum, "resolution": 0.1}
+    return DigitalActuator(units, default=0.0, on_error="retry", **limits, **KEPT, **more)
+
+
 def valve() -> BinaryActuator[OpenClosed]:
-    """A lost answer of its box is no failure: it is sent again for as long as what it does can wait."""
+    """As a drive; what a valve does can wait for longer."""
     return BinaryActuator(OpenClosed, one=OpenClosed.OPEN, default=OpenClosed.CLOSED, on_error="retry", max_age="3 s")
