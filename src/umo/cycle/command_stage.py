@@ -9,7 +9,7 @@ here; the column belongs to the command stage. All other writes go straight into
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import inf
 
@@ -101,6 +101,8 @@ class CommandStage:
         """The interlocks that inhibit actuators, with their reasons, as last evaluated."""
         self._taken_by_clients: set[int] = set()
         """The actuators that a client has taken."""
+        self.noted: set[int] | None = None
+        """The actuators that were written since `note_writes`; None: they are not noted."""
         self._numbers: dict[str, int] = {}
         outputs = ((slot, item) for slot, item in enumerate(image.items) if item.direction is Direction.OUTPUT)
         asked = (slot for slot, item in outputs if not item.synchronous)
@@ -119,6 +121,8 @@ class CommandStage:
 
     def accept(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
         """A value within the range was written; whether the image takes it. False: inhibited."""
+        if self.noted is not None:
+            self.noted.add(slot)
         command = self.by_slot.get(slot)
         if command is not None:
             if not command.admits(value, source):
@@ -128,6 +132,8 @@ class CommandStage:
 
     def accept_many(self, slots: Sequence[int], values: FloatArray) -> list[bool]:
         """The same for many at once, each with its answer; where it raises Interlocked, none was taken."""
+        if self.noted is not None:
+            self.noted.update(slots)
         commands = [self.by_slot.get(slot) for slot in slots]
         numbers = values.tolist()
         free = [
@@ -226,24 +232,18 @@ class CommandStage:
     def _restrict(self) -> None:
         """Set the column `restrictions`."""
         found = self._unrestricted.copy()
+        if self.noted is not None:
+            found[self.order] = ASKED
         for each in reversed([*self._faults, *self._inhibitions]):
             if each.reason is not None:
                 found[each.slots] = self._numbers.get(each.brief, len(self._numbers))
         found[[*self._taken_by_clients]] = TAKEN_BY_CLIENT
         self._image.columns.restrictions[:] = found
 
-    def ask_before(self, slots: Sequence[int]) -> Callable[[], None]:
-        """Be asked before each write of these actuators, by whomever. The result ends it."""
-        before = self._unrestricted
-        self._unrestricted = before.copy()
-        self._unrestricted[[*slots]] = ASKED
+    def note_writes(self, yes: bool) -> None:
+        """Note in `noted` which actuators are written, by whomever; or no longer."""
+        self.noted = set() if yes else None
         self._restrict()
-
-        def end() -> None:
-            self._unrestricted = before
-            self._restrict()
-
-        return end
 
     @property
     def reasons(self) -> list[str]:

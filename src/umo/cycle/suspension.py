@@ -9,17 +9,14 @@ change is refused.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol, cast
 
-from umo.cycle.columns import Source
-from umo.cycle.command_stage import CommandStage
 from umo.cycle.events import Event
 from umo.cycle.sequences import Sequences, next_period
 from umo.errors import CommandRefused
 from umo.objects import Actuator, Compound, atoms, walk
 from umo.objects.paths import is_within
-from umo.objects.scaling import FloatArray
 from umo.text import some
 from umo.user_code import Raised, attempt
 
@@ -61,23 +58,6 @@ class Suspendable(Protocol):
         """Whether the application still awaits what a fault has ended that was cleared."""
 
 
-class _Noting:
-    """A command stage that notes which actuators are written."""
-
-    def __init__(self, commands: CommandStage) -> None:
-        self._commands = commands
-        self.written: set[int] = set()
-        self.inhibited, self.acknowledge, self.rest = commands.inhibited, commands.acknowledge, commands.rest
-
-    def accept(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
-        self.written.add(slot)
-        return self._commands.accept(slot, value, source)
-
-    def accept_many(self, slots: Sequence[int], values: FloatArray) -> list[bool]:
-        self.written.update(slots)
-        return self._commands.accept_many(slots, values)
-
-
 class Suspension:
     """The suspensions of one connected machine."""
 
@@ -93,8 +73,6 @@ class Suspension:
         """The actuators by slot, in stop order."""
         self._left: dict[int, float] | None = None
         """The values that the application has left, by slot, but for those of laws; None: it is not suspended."""
-        self._noting: _Noting | None = None
-        self._end_noting: Callable[[], None] = lambda: None
         self._by_others: set[int] = set()
         """The actuators that `on_suspend` and actions have written in this period."""
         self._failed: set[int] = set()
@@ -133,18 +111,17 @@ class Suspension:
 
     def commands_taken(self) -> None:
         """What was written in this period until now was not written by laws, but by `on_suspend` and actions."""
-        if self._noting is not None:
-            written, self._noting.written = self._noting.written, set()
-            self._by_others |= written
+        noted = self._machine.commands.noted
+        if noted is not None:
+            self._by_others |= noted
+            noted.clear()
 
     def _note_writes(self, cause: str) -> None:
         """Note what is written in this period, until its laws have acted."""
         self._cause = cause
         machine = self._machine
-        if self._noting is None:
-            self._noting = _Noting(machine.commands)
-            machine.image.commands = self._noting
-            self._end_noting = machine.commands.ask_before([*self._actuators])
+        if machine.commands.noted is None:
+            machine.commands.note_writes(True)
         if not self._registered:
             self._registered = True
             machine.after_laws(self._settle)
@@ -164,10 +141,10 @@ class Suspension:
     def _settle(self) -> None:
         """The laws have acted: what nobody is in charge of goes to its default."""
         self._registered = False
-        if self._noting is None:  # the application has gone on in the same period
-            return
         image, commands = self._machine.image, self._machine.commands
-        by_laws, by_others, failed = self._noting.written, self._by_others - self._failed, self._failed
+        by_laws, by_others, failed = commands.noted, self._by_others - self._failed, self._failed
+        if by_laws is None:  # the application has gone on in the same period
+            return
         self._stop_noting()
         if self._left is not None:
             self._left = {slot: value for slot, value in self._left.items() if slot not in by_laws}
@@ -188,8 +165,7 @@ class Suspension:
         self._tell_what_drives(found)
 
     def _stop_noting(self) -> None:
-        self._end_noting()
-        self._machine.image.commands, self._noting = self._machine.commands, None
+        self._machine.commands.note_writes(False)
         self._by_others, self._failed = set(), set()
 
     def _to_default(self, slot: int, item: Actuator) -> None:
@@ -245,7 +221,7 @@ class Suspension:
             self._react()
             self._machine.sequences.paused = False
             return False
-        if self._noting is not None:
+        if self._machine.commands.noted is not None:
             self._stop_noting()
         changed = self._changed()
         for slot, value in changed.items():
