@@ -77,8 +77,6 @@ class Suspension:
         """The actuators that `on_suspend` and actions have written in this period."""
         self._failed: set[int] = set()
         """The actuators of compounds whose `on_suspend` failed."""
-        self._registered = False
-        """Whether the laws of this period are still to act."""
         self._cause = ""
         self._said: list[str] = []
         self.resuming: Sequences | None = None
@@ -122,9 +120,7 @@ class Suspension:
         machine = self._machine
         if machine.commands.noted is None:
             machine.commands.note_writes(True)
-        if not self._registered:
-            self._registered = True
-            machine.after_laws(self._settle)
+        machine.after_laws(self._settle)
 
     def _react(self) -> None:
         asked = ((path, self._ask(path, axis, axis.react)) for path, axis in self._axes.items())
@@ -140,7 +136,6 @@ class Suspension:
 
     def _settle(self) -> None:
         """The laws have acted: what nobody is in charge of goes to its default."""
-        self._registered = False
         image, commands = self._machine.image, self._machine.commands
         by_laws, by_others, failed = commands.noted, self._by_others - self._failed, self._failed
         if by_laws is None:  # the application has gone on in the same period
