@@ -74,7 +74,7 @@ class AxisSuspension:
         self._lost = 0
         """Number of the application's motion that a fault has ended; 0: of none."""
 
-    def leave(self) -> None:
+    def suspend(self) -> None:
         """The application is suspended: keep what it does with the axis, which is free for another motion then."""
         axis = self._axis
         setpoint, quality = axis.profile.setpoint, axis.encoder.quality
@@ -95,7 +95,7 @@ class AxisSuspension:
         """It could not be suspended: it is controlled no longer."""
         self._axis.disable()
 
-    def react(self) -> str:
+    def stop_as_declared(self) -> str:
         """Nobody is in charge of the axis: the declared reaction, in words; "": nothing changes."""
         axis, reaction = self._axis, self._declared() or "hold"
         if not axis.enabled:
@@ -117,7 +117,7 @@ class AxisSuspension:
         jogs = "jog" in (axis._motion, left and left.motion)
         return axis.profile.stops and not (jogs or axis._interrupted or (left is not None and left.searching))
 
-    def obstacle(self) -> str:
+    def why_not_resumed(self) -> str:
         """Why the application cannot go on with the axis; "": it can."""
         axis, left = self._axis, self._left
         if left is None or not left.enabled:
@@ -159,7 +159,7 @@ class AxisSuspension:
         """Whether a sequence of the application still awaits a motion that a fault has ended, and that was cleared."""
         return self._lost in self._axis._awaited and self._axis.cycle.fault is None
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         """The application goes on: its motion is planned anew."""
         axis, left = self._axis, self._left
         self._left = None

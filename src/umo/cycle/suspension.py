@@ -33,22 +33,22 @@ MANUAL = "manual mode"
 class Suspendable(Protocol):
     """An object that moves by itself, under its own control: an axis (`umo.control.axis_suspension`)."""
 
-    def leave(self) -> None:
+    def suspend(self) -> None:
         """The application is suspended: keep what it does."""
 
-    def react(self) -> str:
+    def stop_as_declared(self) -> str:
         """Nobody is in charge: the declared reaction, in words; "": nothing changes."""
 
     def disable(self) -> None:
         """It could not be suspended: it is controlled no longer."""
 
-    def obstacle(self) -> str:
+    def why_not_resumed(self) -> str:
         """Why the application cannot go on; "": it can."""
 
     def restore(self) -> None:
         """Make it ready to go on."""
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         """The application goes on."""
 
     def forget(self) -> None:
@@ -93,7 +93,7 @@ class Suspension:
             pending = self._machine.image.pending
             self._left = {slot: pending[slot] for slot in self._actuators}
             for path, axis in self._axes.items():
-                self._ask(path, axis, axis.leave)
+                self._ask(path, axis, axis.suspend)
         for node in self._told:
             _, error = attempt(node.on_suspend)
             if error is not None:
@@ -123,7 +123,7 @@ class Suspension:
         machine.after_laws(self._settle)
 
     def _react(self) -> None:
-        asked = ((path, self._ask(path, axis, axis.react)) for path, axis in self._axes.items())
+        asked = ((path, self._ask(path, axis, axis.stop_as_declared)) for path, axis in self._axes.items())
         self._said += [f"{path} {words}" for path, words in asked if words]
 
     def _ask(self, path: str, axis: Suspendable, what: Callable[[], str | None]) -> str | None:
@@ -190,7 +190,7 @@ class Suspension:
     def check(self) -> None:
         """CommandRefused if the application cannot go on from here."""
         found = [str(each.error()) for each in self._machine.equipment.all if each.fault and each.in_manual_only]
-        found += [reason for axis in self._axes.values() if (reason := axis.obstacle())]
+        found += [reason for axis in self._axes.values() if (reason := axis.why_not_resumed())]
         commands = self._machine.commands
         for slot, value in self._changed().items():
             item = self._actuators[slot]
@@ -238,7 +238,7 @@ class Suspension:
         if error is None and not self.resuming.running:
             self.resuming = self._left = None
             for axis in self._axes.values():
-                axis.go_on()
+                axis.resume()
             self._machine.sequences.paused = False
         return error
 
