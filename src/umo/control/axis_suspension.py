@@ -30,7 +30,7 @@ class _Left(NamedTuple):
     position: float
     """The position at which it stood, enabled; NaN: it did not."""
     number: int
-    """Number of the motion that a sequence awaits."""
+    """Number of its motion."""
 
 
 class SuspendedAxis(Protocol):
@@ -46,7 +46,7 @@ class SuspendedAxis(Protocol):
     _accept: Accept
     _replan: Callable[[], object]
     _interrupted: bool
-    _begun: int
+    _in_charge: int
     _awaited: set[int]
 
     @property
@@ -82,7 +82,7 @@ class AxisSuspension:
         rests = axis.enabled and axis._motion is None and axis.profile.done and not setpoint.velocity
         position = setpoint.position if rests else nan
         was = axis._motion, axis._replan, axis.enabled, axis.searching, axis._accept, referenced
-        self._left = _Left(*was, position, axis._begun)
+        self._left = _Left(*was, position, axis._in_charge)
         axis._motion = None
         if axis.searching:
             pushes = axis.enabled and not abs(axis.error) <= axis.following_error  # against an end stop
@@ -155,6 +155,14 @@ class AxisSuspension:
         if left is not None and left.motion is not None:
             self._lost = left.number
 
+    def motion_ended(self, number: int) -> None:
+        """A motion has ended. If it is that of the suspended application, it was cancelled: the application goes on
+        without it. Homing that is cancelled leaves the axis disabled."""
+        left = self._left
+        if left is not None and left.number == number:
+            enabled = left.enabled and left.motion != "home"
+            self._left = left._replace(motion=None, searching=False, enabled=enabled)
+
     def is_lost(self) -> bool:
         """Whether a sequence of the application still awaits a motion that a fault has ended, and that was cleared."""
         return self._lost in self._axis._awaited and self._axis.cycle.fault is None
@@ -165,7 +173,7 @@ class AxisSuspension:
         self._left = None
         if left is None:
             return
-        axis._motion = left.motion
+        axis._motion, axis._in_charge = left.motion, left.number
         axis._set_searching(left.searching)
         axis._accept = left.accept
         if left.motion is not None and left.enabled:
