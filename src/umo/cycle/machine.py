@@ -45,8 +45,10 @@ class Commanding(Protocol):
     mode: Mode
     lease: Lease
     inbox: Inbox
-    at_work: Sequences | None
-    """The sequences of the action that is being carried out at this moment: what it starts belongs here."""
+
+    @property
+    def at_work(self) -> Sequences | None:
+        """The sequences of the action that is being carried out at this moment: what it starts belongs here."""
 
     def end_in(self, compound: Compound, fault: Callable[[], EquipmentFault]) -> list[BaseException]:
         """End the actions and sequences of one compound; the errors of their cleaning up."""
