@@ -746,6 +746,11 @@ class Cooking(Reactor, equipment=True):
             await next_period()
 
     @action
+    async def heat_it(self) -> None:
+        """Heat."""
+        await self.heat()
+
+    @action
     def begin(self) -> None:
         """Heat in a sequence that nobody awaits; then drive a valve."""
         self.cycle.start(self.heat())
@@ -788,6 +793,39 @@ def test_what_a_client_keeps_up_in_equipment_ends_with_its_fault() -> None:
         rig.periods(2)
         assert rig.answer(number)[0] == "cancelled"
         assert "a is in fault" in rig.answer(number)[1]
+
+
+class Watched(Plant):
+    @action
+    async def watch(self) -> None:
+        """Open the drain of a at the end."""
+        try:
+            await wait(10.0)
+        finally:
+            self.a.drain.write(OnOff.ON)
+
+
+@pytest.mark.parametrize("end", ["give back", "cancel", "mode"])
+@pytest.mark.parametrize(
+    ("other", "arguments"), [("heat_it", {}), ("stir", {"velocity": 2.0})], ids=["running", "held"]
+)
+def test_an_action_that_a_fault_has_ended_while_others_are_cancelled_is_ended_once(
+    end: str, other: str, arguments: dict[str, Any]
+) -> None:
+    m = Watched(timer=timer(), lamp=relay(), level=sensor(), a=reactor(Cooking), b=reactor())
+    with Commanded(Mode.MANUAL, machine=m) as rig:
+        box = rig.boxes["of_a"]
+        rig.do("call", "watch")
+        assert rig.do("call", f"a.{other}", arguments=arguments)[0] in ("begun", "done")
+        number = rig.number
+        rig.periods(2)
+        box.at(len(box.calls) + 1, OSError("the coil is broken"))  # after read_many
+        assert rig.do(end, value="automatic" if end == "mode" else None)[0] == "done"
+        assert "the coil is broken" in (m.a.cycle.fault or "")
+        ends = [event for event in rig.connection.machine.events if event.command == number and "fault" in event.text]
+        assert [str(event.state) for event in ends] == ["cancelled"]
+        rig.periods(2)
+        assert driven(m.a) == AT_DEFAULT
 
 
 def test_on_resume_of_equipment_that_comes_into_fault_has_ended_also_after_clear() -> None:

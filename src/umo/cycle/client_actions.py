@@ -144,6 +144,8 @@ class ClientActions:
         """End what is held without a sign of life. `signed`: the times of the last ones by path, until now."""
         commands = self._machine.commands
         for path, held in list(self._held.items()):
+            if path not in self._held:  # the release of another one has put its equipment in fault
+                continue
             if held.signed < signed[path] <= now:
                 held.signed = signed[path]
             if held.slot >= 0 and not commands.client_of(held.slot):  # an interlock has reset it
@@ -220,6 +222,8 @@ class ClientActions:
 
     def _end(self, action: _Action, why: str) -> Raised | None:
         """Cancel an action and what it has started; the error of the cleaning up."""
+        if action not in self._running:  # the cleaning up of another one has put its equipment in fault
+            return None
         self._running.remove(action)
         asked = action.task is not None
         _, error = attempt(self.within, action.started, action.cancel)
@@ -232,7 +236,9 @@ class ClientActions:
 
     def release(self, path: str, why: str) -> None:
         """End what is held. A release starts nothing; if it fails, the actuators of its part go to their defaults."""
-        held = self._held.pop(path)
+        held = self._held.pop(path, None)
+        if held is None:  # another release has put its equipment in fault
+            return
         self.cancel(why, path)
         begun = self._new(held.command)
         failed: object = attempt(self._call, begun, held.release)[1]
