@@ -124,10 +124,15 @@ class ClientActions:
         return _Action(command, part, Sequences(self._machine.equipment.contain_sequence))
 
     def _call(self, action: _Action, call: Callable[[], Any]) -> Any:
-        """Its result; the sequence that this is, and those that it starts, belong to the action."""
+        """Its result; the sequence that this is, and those that it starts, belong to the action. EquipmentFault if a
+        sequence is to be started in equipment in fault."""
         result = self.within(action.started, call)
         if isinstance(result, Coroutine):
-            action.task = Task(result, action.part)
+            task = Task(result, action.part)
+            if (fault := self._machine.fault_of(action.part)) is not None:
+                task.cancel()  # it never begins
+                raise fault
+            action.task = task
         return result
 
     def within(self, sequences: Sequences, call: Callable[..., Any], *arguments: Any) -> Any:

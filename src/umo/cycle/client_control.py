@@ -156,6 +156,8 @@ class ClientControl:
         except KeyError:
             raise CommandRefused(f"there is no mode {command.value!r}; there are: automatic, manual") from None
         if mode is self.mode:
+            if self._changing is not None:
+                raise CommandRefused("the change to automatic mode has begun, and has not ended")
             return CommandState.DONE, ""
         if mode is Mode.AUTOMATIC:
             self._suspension.check()
@@ -227,22 +229,30 @@ class ClientControl:
         """The latched interlocks of an object, "": of the machine; said if there was none. CommandRefused while the
         condition of one still holds."""
         self.lease.check(command.key)
-        item = self._object(command.path)
-        parts, commands = list(atoms(item)) if isinstance(item, Compound) else [item], self._machine.commands
-        before = commands.latched(parts)
-        item.acknowledge()
-        if left := commands.latched(parts):
+        parts, commands = self._items(command.path), self._machine.commands
+        before = commands.inhibiting(parts, latched=True)
+        self._object(command.path).acknowledge()
+        if left := commands.inhibiting(parts, latched=True):
             raise CommandRefused(f"{command.path or 'the machine'} is still inhibited: {'; '.join(left)}")
         return CommandState.DONE, "" if before else plain("nothing was latched")
 
     def _clear(self, command: ClientCommand) -> tuple[CommandState, str]:
-        """The faults of the equipment in an object and around it, "": in the machine; told which."""
+        """The faults of the equipment in an object and around it, "": in the machine; told which, and which interlocks
+        still inhibit their actuators."""
         self.lease.check(command.key)
         cleared = self._machine.clear(self._object(command.path))
-        return CommandState.DONE, plain(f"cleared: {', '.join(cleared)}" if cleared else "nothing was in fault")
+        text = f"cleared: {', '.join(cleared)}" if cleared else "nothing was in fault"
+        parts = [item for path in cleared or [command.path] for item in self._items(path)]
+        if left := self._machine.commands.inhibiting(parts):
+            text += f"; still inhibited: {'; '.join(left)}"
+        return CommandState.DONE, plain(text)
 
     def _object(self, path: str) -> Atomic | Compound:
         return object_at(self._machine.root, path)
+
+    def _items(self, path: str) -> list[Atomic]:
+        item = self._object(path)
+        return list(atoms(item)) if isinstance(item, Compound) else [item]
 
     # Modes and ends ------------------------------------------------------------------------------------
 

@@ -223,11 +223,11 @@ class CommandStage:
         self._restrict()
         return all(command.interlocked is None for command in commands)
 
-    def latched(self, items: Iterable[Atomic]) -> list[str]:
-        """The reasons of the latched interlocks that inhibit one of these, each once."""
+    def inhibiting(self, items: Iterable[Atomic], *, latched: bool = False) -> list[str]:
+        """The reasons of the interlocks that inhibit one of these, each once; `latched`: of those that latch."""
         slots = {self._image.slot_of[id(item)] for item in items}
-        inhibiting = ((each, reason) for each, reason in self._inhibiting if each.reason is not None)
-        return [reason for each, reason in inhibiting if each.interlock.latched and slots & {*each.slots}]
+        asked = (each for each in self._inhibitions if each.interlock.latched or not latched)
+        return list(dict.fromkeys(each.reason for each in asked if each.reason and not slots.isdisjoint(each.slots)))
 
     def _restrict(self) -> None:
         """Set the column `restrictions`."""
