@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import pairwise
 from typing import Any
 
@@ -12,12 +12,12 @@ import pytest
 import umo
 from helpers.machines import relay, timer
 from helpers.operator import Operator
-from helpers.slide import DT, Slide, direction_output, encoder, servo, stepper
+from helpers.slide import DT, SERVO, Slide, direction_output, encoder, motor, servo, stepper
 from umo import BinaryActuator, Compound, DigitalSensor, Interlock, Quality
-from umo.control import Axis, EndStop, state_of, wait
+from umo.control import Axis, EndStop, ServoAxis, state_of, wait
 from umo.cycle.events import CommandState
 from umo.drivers import Channel
-from umo.errors import DriverError
+from umo.errors import DriverError, TaskFailed
 from umo.objects import atoms
 from umo.states import OnOff, Rotation
 
@@ -506,3 +506,136 @@ def test_an_application_that_awaits_no_motion_of_an_axis_that_was_in_fault_goes_
         assert ann.mode("automatic").state is CommandState.DONE
         ann.until(lambda: task.done)
         assert task.result == "done"
+
+
+class Cell(Compound, equipment=True):
+    lamp: BinaryActuator[OnOff]
+    broken = False
+
+    def control(self) -> None:
+        if self.broken:
+            raise RuntimeError("broken")
+
+
+class Plant(Rail):
+    """An axis, and equipment that moves it and is around another part of the machine."""
+
+    cell: Cell
+
+
+def plant(axis: Axis) -> Plant:
+    return Plant(x=axis, timer=timer(), cell=Cell(lamp=relay()))
+
+
+async def home(m: Any) -> None:
+    await m.x.home()
+
+
+APPLICATIONS = pytest.mark.parametrize("application", [forth_and_back, home])
+
+
+@contextmanager
+def moved_by_a_cell(make: Make, application: Callable[[Any], Any]) -> Iterator[tuple[Bench, Any]]:
+    """An axis that a sequence of the cell has moved until the mode became manual; and this sequence."""
+    axis = make()
+    axis.homing = EndStop(direction=-1, position=-5.0, clearance=10.0)
+    with on_slide(plant(axis), Slide(40.0)) as ann:
+        ann.x.encoder.referenced(at=40.0)
+        task = ann.m.cell.cycle.start(application(ann.m))  # type: ignore[attr-defined]
+        ann.until(lambda: abs(ann.x.profile.setpoint.velocity) > 5.0)
+        ann.mode("manual")
+        ann.run(500)
+        assert not task.done
+        yield ann, task
+
+
+def break_cell(ann: Bench, task: Any) -> None:
+    ann.m.cell.broken = True  # type: ignore[attr-defined]
+    ann.run(2)
+    assert task.done
+    ann.m.cell.broken = False  # type: ignore[attr-defined]
+    assert ann.do("clear", "cell").state is CommandState.DONE
+
+
+def refused(ann: Bench, path: str, **arguments: Any) -> str:
+    number = ann.call(path, **arguments).command
+    return [event.text for event in ann.events if event.command == number][-1]
+
+
+@BOTH
+@APPLICATIONS
+def test_a_jog_goes_on_until_it_is_let_go_of_if_the_suspended_motion_of_the_application_is_cancelled(
+    make: Make, application: Any
+) -> None:
+    with moved_by_a_cell(make, application) as (ann, task):
+        ann.call("x.jog", velocity=10.0)
+        ann.run(100)
+        break_cell(ann, task)
+        ann.run(100)
+        assert ann.x.profile.setpoint.velocity == pytest.approx(10.0, abs=0.1)
+        assert "busy with jog" in refused(ann, "x.move_to", position=50.0)
+        assert ann.do("let go", "x.jog").state is CommandState.DONE
+        ann.run(300)
+        assert ann.x.profile.setpoint.velocity == 0.0
+        assert ann.x.enabled
+
+
+@BOTH
+@APPLICATIONS
+def test_an_operators_motion_arrives_if_the_suspended_motion_of_the_application_is_cancelled(
+    make: Make, application: Any
+) -> None:
+    with moved_by_a_cell(make, application) as (ann, task):
+        ann.x.encoder.referenced(at=ann.slide.position)
+        moved = ann.call("x.move_to", position=70.0)
+        assert moved.state is CommandState.BEGUN
+        ann.run(100)
+        break_cell(ann, task)
+        assert "busy with move_to" in refused(ann, "x.jog", velocity=10.0)
+        ann.until(lambda: len([each for each in ann.events if each.command == moved.command]) == 2)
+        assert [each.state for each in ann.events if each.command == moved.command][-1] is CommandState.DONE
+        assert ann.slide.position == pytest.approx(70.0, abs=0.06)
+
+
+@BOTH
+@APPLICATIONS
+def test_an_axis_of_which_the_suspended_motion_was_cancelled_is_free_for_the_application(
+    make: Make, application: Any
+) -> None:
+    with moved_by_a_cell(make, application) as (ann, task):
+        break_cell(ann, task)
+        assert ann.mode("automatic").state is CommandState.DONE
+        ann.run(5)
+        assert ann.x.enabled is (application is forth_and_back)  # homing that is cancelled disables the axis
+        assert not ann.x.searching
+        here = ann.slide.position
+        ann.run(300)
+        assert ann.slide.position == pytest.approx(here, abs=0.06)
+        ann.x.encoder.referenced(at=ann.slide.position)
+        again = ann.m.cycle.start(ann.x.move_to(50.0))
+        ann.until(lambda: again.done)
+        assert ann.slide.position == pytest.approx(50.0, abs=0.06)
+
+
+class Table(ServoAxis, equipment=True): ...
+
+
+def test_a_motion_of_the_application_that_fails_is_a_fault_although_the_operator_has_disabled_the_axis() -> None:
+    async def program(m: Any) -> None:
+        with suppress(TaskFailed):
+            await m.x.move_to(60.0)
+
+    axis = Table(**SERVO | {"motor": motor(), "encoder": encoder(), "following_error": 1e9, "settling_time": 0.1})
+    with bench(axis) as ann:
+        ann.m.cycle.start(program(ann.m))
+        ann.run(60)
+        ann.mode("manual")
+        ann.run(300)
+        ann.call("x.move_to", position=40.0)
+        ann.run(30)
+        ann.call("x.disable")
+        ann.run(300)
+        ann.slide.stuck = True
+        assert ann.mode("automatic").state is CommandState.DONE
+        ann.run(1000)
+        assert "did not arrive" in (ann.x.cycle.fault or "")

@@ -12,7 +12,17 @@ import pytest
 
 from helpers.letters import Letters
 from helpers.machines import actuator, relay, sensor, timer, wired
-from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Range, TaskFailed, action, connect
+from umo import (
+    BinaryActuator,
+    Compound,
+    DigitalActuator,
+    DigitalSensor,
+    Interlock,
+    Range,
+    TaskFailed,
+    action,
+    connect,
+)
 from umo.control import ServoAxis, next_period, unless, until, value_of, wait
 from umo.cycle.client_commands import ClientCommand, Mode
 from umo.cycle.client_control import ClientControl
@@ -677,6 +687,12 @@ class Operated(Reactor, equipment=True):
         """Periods."""
         return self.acted
 
+    @action(harmless=True)
+    async def measure(self) -> float:
+        """Temperature after a while."""
+        await wait(1.0)
+        return self.thermometer.read()
+
 
 def test_a_client_clears_a_fault_in_automatic_mode() -> None:
     with Commanded() as rig:
@@ -685,6 +701,36 @@ def test_a_client_clears_a_fault_in_automatic_mode() -> None:
         assert rig.do("clear", "a.heater") == ("done", '"cleared: a"')
         assert rig.m.a.cycle.fault is None
         assert rig.do("clear") == ("done", '"nothing was in fault"')
+
+
+class Hot(Reactor, equipment=True):
+    """Its heater latches, its stirrer waits."""
+
+    hot = waits = False
+
+    def interlocks(self) -> Iterator[Interlock]:
+        yield Interlock(lambda: self.hot, [self.heater], "over-temperature", latched=True)
+        yield Interlock(lambda: self.waits, [self.stirrer, self.heater], "the lid is open")
+
+
+def test_a_client_that_clears_a_fault_is_told_which_interlocks_still_inhibit_its_actuators() -> None:
+    with Commanded(a=reactor(Hot), b=reactor(Hot)) as rig:
+        a, b = rig.m.a, rig.m.b
+        a.cycle.start(failing())
+        a.hot, a.waits, b.waits = True, True, True
+        rig.periods(2)
+        still = "cleared: a; still inhibited: over-temperature"
+        assert rig.do("clear", "a.drain") == ("done", f'"{still}; the lid is open"')
+        a.hot, a.waits = False, False
+        a.cycle.start(failing())
+        rig.periods(2)
+        assert rig.do("clear") == ("done", f'"{still} (latched: to be acknowledged)"')
+        assert rig.do("clear", "a.drain") == ("done", '"nothing was in fault"')
+        assert rig.do("clear", "b") == ("done", '"nothing was in fault; still inhibited: the lid is open"')
+        rig.do("acknowledge", "a")
+        a.cycle.start(failing())
+        rig.periods(2)
+        assert rig.do("clear", "a") == ("done", '"cleared: a"')
 
 
 def test_a_client_is_told_why_a_fault_cannot_be_cleared() -> None:
@@ -708,6 +754,7 @@ def test_an_action_of_equipment_that_comes_into_fault_ends_and_another_is_refuse
         assert (state, "a is in fault" in text, rig.m.a.drain.read()) == ("cancelled", True, OnOff.OFF)
         assert rig.do("call", "a.drain_it")[0] == "refused"
         assert rig.do("call", "a.count")[0] == "done"
+        assert rig.do("call", "a.measure") == ("refused", f"EquipmentFault: a is in fault: {rig.m.a.cycle.fault}")
 
 
 def test_a_sequence_that_an_action_of_another_part_has_started_in_equipment_ends_with_its_fault() -> None:
@@ -744,6 +791,11 @@ class Cooking(Reactor, equipment=True):
             self.heater.write(5.0)
             self.drain.write(OnOff.ON)
             await next_period()
+
+    @action
+    async def heat_it(self) -> None:
+        """Heat."""
+        await self.heat()
 
     @action
     def begin(self) -> None:
@@ -788,6 +840,39 @@ def test_what_a_client_keeps_up_in_equipment_ends_with_its_fault() -> None:
         rig.periods(2)
         assert rig.answer(number)[0] == "cancelled"
         assert "a is in fault" in rig.answer(number)[1]
+
+
+class Watched(Plant):
+    @action
+    async def watch(self) -> None:
+        """Open the drain of a at the end."""
+        try:
+            await wait(10.0)
+        finally:
+            self.a.drain.write(OnOff.ON)
+
+
+@pytest.mark.parametrize("end", ["give back", "cancel", "mode"])
+@pytest.mark.parametrize(
+    ("other", "arguments"), [("heat_it", {}), ("stir", {"velocity": 2.0})], ids=["running", "held"]
+)
+def test_an_action_that_a_fault_has_ended_while_others_are_cancelled_is_ended_once(
+    end: str, other: str, arguments: dict[str, Any]
+) -> None:
+    m = Watched(timer=timer(), lamp=relay(), level=sensor(), a=reactor(Cooking), b=reactor())
+    with Commanded(Mode.MANUAL, machine=m) as rig:
+        box = rig.boxes["of_a"]
+        rig.do("call", "watch")
+        assert rig.do("call", f"a.{other}", arguments=arguments)[0] in ("begun", "done")
+        number = rig.number
+        rig.periods(2)
+        box.at(len(box.calls) + 1, OSError("the coil is broken"))  # after read_many
+        assert rig.do(end, value="automatic" if end == "mode" else None)[0] == "done"
+        assert "the coil is broken" in (m.a.cycle.fault or "")
+        ends = [event for event in rig.connection.machine.events if event.command == number and "fault" in event.text]
+        assert [str(event.state) for event in ends] == ["cancelled"]
+        rig.periods(2)
+        assert driven(m.a) == AT_DEFAULT
 
 
 def test_on_resume_of_equipment_that_comes_into_fault_has_ended_also_after_clear() -> None:

@@ -569,6 +569,20 @@ def test_a_change_to_automatic_mode_is_answered_when_its_hooks_have_ended(
         assert [each.getMessage() for each in caplog.records] == ([text] if state is CommandState.FAILED else [])
 
 
+def test_a_second_change_to_automatic_mode_is_refused_until_the_first_has_ended() -> None:
+    with operated(winder(Told)) as ann:
+        ann.m.cycle.start(ann.m.wind())
+        ann.run(5)
+        ann.mode("manual")
+        begun = ann.mode("automatic")
+        again = ann.mode("automatic")
+        assert again.state is CommandState.REFUSED
+        assert again.text == "CommandRefused: the change to automatic mode has begun, and has not ended"
+        ann.run(20)
+        assert [each.state for each in ann.events if each.command == begun.command][-1] is CommandState.DONE
+        assert ann.mode("automatic").state is CommandState.DONE
+
+
 def test_a_change_to_automatic_mode_without_hooks_is_answered_at_once() -> None:
     with operated(winder()) as ann:
         ann.m.cycle.start(ann.m.wind())

@@ -240,3 +240,54 @@ def test_manual_mode_without_interference_changes_no_result(make: Any, program: 
             ann.run()
         assert ended == {item.path: item.pending for item in atoms(ann.m) if item.path in WRITTEN}  # type: ignore[attr-defined]
         assert position == pytest.approx(slide.position, abs=0.11)
+
+
+MOVED = st.lists(
+    st.tuples(
+        st.integers(1, 250),
+        st.one_of(
+            st.tuples(st.just("jog"), st.sampled_from([-10.0, 10.0])),
+            st.tuples(st.just("let go"), st.just("x.jog")),
+            st.tuples(st.just("move"), st.sampled_from([39.0, 42.0])),
+            st.tuples(st.just("disable")),
+            st.tuples(st.just("give back")),
+            st.tuples(st.just("lease")),
+        ),
+    ),
+    max_size=3,
+)
+"""What an operator does with an axis."""
+
+
+@pytest.mark.parametrize("make", [servo, stepper])
+@settings(max_examples=10)
+@given(at=st.integers(5, 200), before=MOVED, after=MOVED, back=st.booleans(), reaction=REACTIONS)
+def test_a_program_that_ends_in_manual_mode_leaves_its_axis_to_the_operator_and_then_at_rest(
+    make: Any, at: int, before: Any, after: Any, back: bool, reaction: str
+) -> None:
+    with cell(make, reaction) as (ann, _):
+        m: Any = ann.m
+        watch = Watch(ann)
+        task = m.cycle.start(m.program([("move", position) for position in (43.5, 38.0, 42.0, 40.0)]))
+        ann.run(at)
+        ann.mode("manual")
+        for pause, deed in before:
+            obey(ann, deed)
+            ann.run(pause)
+        there = m.x._motion, m.x.profile.setpoint
+        task.cancel()
+        if there[0] is not None:
+            assert (m.x._motion, m.x.profile.setpoint) == there
+        for pause, deed in after:
+            obey(ann, deed)
+            ann.run(pause)
+        if back:
+            ann.mode("automatic")
+        ann.do("give back")
+        ann.run(1500)
+        assert (m.x._motion, m.x.searching) == (None, False)
+        if m.x.enabled:
+            here = m.x.profile.setpoint
+            ann.run(100)
+            assert m.x.profile.setpoint == here
+        watch.assert_smooth(*LIMITS[make])

@@ -125,7 +125,9 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         self._motion: str | None = None
         """The motion that is under way: "home", "move_to" or "jog"."""
         self._begun = 0
-        """Number of motions that sequences have begun, which gives each its own."""
+        """Number of motions that have begun, which gives each its own."""
+        self._in_charge = 0
+        """Number of the motion that the axis carries out: no other one stops it."""
         self._awaited: set[int] = set()
         """The numbers of those that have not ended: of the operator, and of the suspended application."""
 
@@ -136,7 +138,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         """Find the reference. Ends at standstill, with the encoder referenced. HomingError if it is not found."""
         if self.homing is None:
             raise DeclarationError(f"{self._path} does not declare how it is homed (`homing`)")
-        with self._claimed("home"):
+        with self._claimed("home") as number:
             self.encoder.referenced(False)
             self._set_searching(True)
             try:
@@ -144,10 +146,12 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
                 self.enable()
                 await self.homing.find(self)
             except BaseException:
-                self.disable()
+                if self._in_charge == number:
+                    self.disable()
                 raise
             finally:
-                self._set_searching(False)
+                if self._in_charge == number:
+                    self._set_searching(False)
             await self._settle()
 
     @action(
@@ -185,7 +189,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         self._accept = HOMING if self.encoder.quality is Quality.UNREFERENCED else ACCEPTED_WHEN_REFERENCED
         self.enable()
         self._go(lambda: self._jog(velocity))
-        self._motion = "jog"
+        self._begin("jog")
 
     def halt(self) -> None:
         """End a jog: decelerate to standstill. An axis that is not enabled, or does something else, goes on so."""
@@ -219,7 +223,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
             if (fault := self._machine.fault_of(self)) is not None:
                 raise fault
             self._stand()
-            self._interrupted = self._standing = False
+            self._interrupted = self._standing = self._was_disabled = False
             self._replan = self._stand
             self.enabled = True
 
@@ -290,6 +294,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     async def travel(self, position: float, *, speed: float = inf, duration: float = 0.0) -> None:
         """Move to a position, also beyond the range. It ends when the encoder has arrived. AxisError if it does not."""
         end = self.now + duration  # after an interruption only what is left of the duration counts
+        number = self._in_charge
         try:
             self._go(lambda: self.profile.to(position, velocity=self._speed(speed), duration=max(end - self.now, 0.0)))
             late, corrections = 0.0, 0
@@ -309,7 +314,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
                     late, corrections = 0.0, corrections + 1
                     self._correct(position, corrections)
         except BaseException:
-            if self.enabled:
+            if self.enabled and self._in_charge == number:
                 self._go(lambda: self.profile.at(0.0))
             raise
         self._replan = self._stand
@@ -368,24 +373,31 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         """The error for a motion that cannot be started now."""
         return Busy(f"{self._path} is busy with {self._motion}; {what} was not started")
 
+    def _begin(self, what: str) -> int:
+        """The axis carries out this motion from now on; its number."""
+        self._motion = what
+        self._begun += 1
+        self._in_charge = self._begun
+        return self._begun
+
     @contextmanager
-    def _claimed(self, what: str) -> Iterator[None]:
-        """One motion at a time: Busy while there is another one."""
+    def _claimed(self, what: str) -> Iterator[int]:
+        """One motion at a time: its number. Busy while there is another one."""
         if self._motion is not None:
             raise self._busy(what)
-        self._motion, self._was_disabled = what, False
-        self._begun += 1
-        number = self._begun
+        number = self._begin(what)
         self._awaited.add(number)
         try:
-            yield
+            yield number
         except (AxisError, HomingError) as error:
             if not self._was_disabled:
                 self._machine.fail(self, error)
             raise
         finally:
-            self._motion = None
+            if self._in_charge == number:
+                self._motion = None
             self._awaited.discard(number)
+            self._suspension.motion_ended(number)
 
     def _go(self, plan: Callable[[], object]) -> None:
         """Plan a motion, now and again after an interruption."""

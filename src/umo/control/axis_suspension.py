@@ -30,7 +30,7 @@ class _Left(NamedTuple):
     position: float
     """The position at which it stood, enabled; NaN: it did not."""
     number: int
-    """Number of the motion that a sequence awaits."""
+    """Number of its motion."""
 
 
 class SuspendedAxis(Protocol):
@@ -46,7 +46,7 @@ class SuspendedAxis(Protocol):
     _accept: Accept
     _replan: Callable[[], object]
     _interrupted: bool
-    _begun: int
+    _in_charge: int
     _awaited: set[int]
 
     @property
@@ -74,7 +74,7 @@ class AxisSuspension:
         self._lost = 0
         """Number of the application's motion that a fault has ended; 0: of none."""
 
-    def leave(self) -> None:
+    def suspend(self) -> None:
         """The application is suspended: keep what it does with the axis, which is free for another motion then."""
         axis = self._axis
         setpoint, quality = axis.profile.setpoint, axis.encoder.quality
@@ -82,7 +82,7 @@ class AxisSuspension:
         rests = axis.enabled and axis._motion is None and axis.profile.done and not setpoint.velocity
         position = setpoint.position if rests else nan
         was = axis._motion, axis._replan, axis.enabled, axis.searching, axis._accept, referenced
-        self._left = _Left(*was, position, axis._begun)
+        self._left = _Left(*was, position, axis._in_charge)
         axis._motion = None
         if axis.searching:
             pushes = axis.enabled and not abs(axis.error) <= axis.following_error  # against an end stop
@@ -95,7 +95,7 @@ class AxisSuspension:
         """It could not be suspended: it is controlled no longer."""
         self._axis.disable()
 
-    def react(self) -> str:
+    def stop_as_declared(self) -> str:
         """Nobody is in charge of the axis: the declared reaction, in words; "": nothing changes."""
         axis, reaction = self._axis, self._declared() or "hold"
         if not axis.enabled:
@@ -117,7 +117,7 @@ class AxisSuspension:
         jogs = "jog" in (axis._motion, left and left.motion)
         return axis.profile.stops and not (jogs or axis._interrupted or (left is not None and left.searching))
 
-    def obstacle(self) -> str:
+    def why_not_resumed(self) -> str:
         """Why the application cannot go on with the axis; "": it can."""
         axis, left = self._axis, self._left
         if left is None or not left.enabled:
@@ -155,17 +155,25 @@ class AxisSuspension:
         if left is not None and left.motion is not None:
             self._lost = left.number
 
+    def motion_ended(self, number: int) -> None:
+        """A motion has ended. If it is that of the suspended application, it was cancelled: the application goes on
+        without it. Homing that is cancelled leaves the axis disabled."""
+        left = self._left
+        if left is not None and left.number == number:
+            enabled = left.enabled and left.motion != "home"
+            self._left = left._replace(motion=None, searching=False, enabled=enabled)
+
     def is_lost(self) -> bool:
         """Whether a sequence of the application still awaits a motion that a fault has ended, and that was cleared."""
         return self._lost in self._axis._awaited and self._axis.cycle.fault is None
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         """The application goes on: its motion is planned anew."""
         axis, left = self._axis, self._left
         self._left = None
         if left is None:
             return
-        axis._motion = left.motion
+        axis._motion, axis._in_charge = left.motion, left.number
         axis._set_searching(left.searching)
         axis._accept = left.accept
         if left.motion is not None and left.enabled:

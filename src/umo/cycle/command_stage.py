@@ -9,7 +9,7 @@ here; the column belongs to the command stage. All other writes go straight into
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import inf
 
@@ -101,6 +101,8 @@ class CommandStage:
         """The interlocks that inhibit actuators, with their reasons, as last evaluated."""
         self._taken_by_clients: set[int] = set()
         """The actuators that a client has taken."""
+        self.noted: set[int] | None = None
+        """The actuators that were written since `note_writes`; None: they are not noted."""
         self._numbers: dict[str, int] = {}
         outputs = ((slot, item) for slot, item in enumerate(image.items) if item.direction is Direction.OUTPUT)
         asked = (slot for slot, item in outputs if not item.synchronous)
@@ -119,6 +121,8 @@ class CommandStage:
 
     def accept(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
         """A value within the range was written; whether the image takes it. False: inhibited."""
+        if self.noted is not None:
+            self.noted.add(slot)
         command = self.by_slot.get(slot)
         if command is not None:
             if not command.admits(value, source):
@@ -128,6 +132,8 @@ class CommandStage:
 
     def accept_many(self, slots: Sequence[int], values: FloatArray) -> list[bool]:
         """The same for many at once, each with its answer; where it raises Interlocked, none was taken."""
+        if self.noted is not None:
+            self.noted.update(slots)
         commands = [self.by_slot.get(slot) for slot in slots]
         numbers = values.tolist()
         free = [
@@ -217,33 +223,27 @@ class CommandStage:
         self._restrict()
         return all(command.interlocked is None for command in commands)
 
-    def latched(self, items: Iterable[Atomic]) -> list[str]:
-        """The reasons of the latched interlocks that inhibit one of these, each once."""
+    def inhibiting(self, items: Iterable[Atomic], *, latched: bool = False) -> list[str]:
+        """The reasons of the interlocks that inhibit one of these, each once; `latched`: of those that latch."""
         slots = {self._image.slot_of[id(item)] for item in items}
-        inhibiting = ((each, reason) for each, reason in self._inhibiting if each.reason is not None)
-        return [reason for each, reason in inhibiting if each.interlock.latched and slots & {*each.slots}]
+        asked = (each for each in self._inhibitions if each.interlock.latched or not latched)
+        return list(dict.fromkeys(each.reason for each in asked if each.reason and not slots.isdisjoint(each.slots)))
 
     def _restrict(self) -> None:
         """Set the column `restrictions`."""
         found = self._unrestricted.copy()
+        if self.noted is not None:
+            found[self.order] = ASKED
         for each in reversed([*self._faults, *self._inhibitions]):
             if each.reason is not None:
                 found[each.slots] = self._numbers.get(each.brief, len(self._numbers))
         found[[*self._taken_by_clients]] = TAKEN_BY_CLIENT
         self._image.columns.restrictions[:] = found
 
-    def ask_before(self, slots: Sequence[int]) -> Callable[[], None]:
-        """Be asked before each write of these actuators, by whomever. The result ends it."""
-        before = self._unrestricted
-        self._unrestricted = before.copy()
-        self._unrestricted[[*slots]] = ASKED
+    def note_writes(self, yes: bool) -> None:
+        """Note in `noted` which actuators are written, by whomever; or no longer."""
+        self.noted = set() if yes else None
         self._restrict()
-
-        def end() -> None:
-            self._unrestricted = before
-            self._restrict()
-
-        return end
 
     @property
     def reasons(self) -> list[str]:

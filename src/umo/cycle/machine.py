@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Iterable, Sequence
 from functools import cached_property, partial
 from time import monotonic_ns
+from types import MethodType
 from typing import Any, NamedTuple, NoReturn, Protocol, cast
 
 from umo.cycle.client_commands import Inbox, Lease, Mode
@@ -31,8 +32,11 @@ INJECTED = "injected_faults"
 """The signal of a run with faults: how many are in effect."""
 
 
-_Law = partial[None]
-"""The `control` of one object, which is its only argument."""
+class Law(NamedTuple):
+    """The `control` of one object."""
+
+    part: Node
+    act: Callable[[], object]
 
 
 class Commanding(Protocol):
@@ -41,8 +45,10 @@ class Commanding(Protocol):
     mode: Mode
     lease: Lease
     inbox: Inbox
-    at_work: Sequences | None
-    """The sequences of the action that is being carried out at this moment: what it starts belongs here."""
+
+    @property
+    def at_work(self) -> Sequences | None:
+        """The sequences of the action that is being carried out at this moment: what it starts belongs here."""
 
     def end_in(self, compound: Compound, fault: Callable[[], EquipmentFault]) -> list[BaseException]:
         """End the actions and sequences of one compound; the errors of their cleaning up."""
@@ -85,8 +91,8 @@ class ConnectedMachine:
         """The last 1,000 actions of guards and clients."""
         self.stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         self._slots: dict[int, _PartSlots] = {}
-        self._acts: dict[int, list[_Law]] = {}
-        self._after_laws: list[_Law] = []
+        self._acts: dict[int, list[Law]] = {}
+        self._after_laws: list[Callable[[], None]] = []
         self._started = 0
         self._unsent = False
         """Whether an `update` waits for the next tick."""
@@ -174,28 +180,28 @@ class ConnectedMachine:
             self._act(self._laws)
             return
         try:
-            for act in self._overrides(part):
-                act()
+            for law in self._overrides(part):
+                law.act()
         except BaseException as error:
             refuse_exit(error, "control")
             raise
 
-    def _act(self, laws: Sequence[_Law]) -> None:
+    def _act(self, laws: Iterable[Law]) -> None:
         """Every law. What equipment contains of their errors does not keep the others from acting."""
         failed: dict[Equipment, str] = {}
+        still_to_act = iter(laws)
         while True:
             try:
-                for law in laws:
-                    law()
+                for law in still_to_act:
+                    law.act()
                 break
             except BaseException as error:
-                equipment = self.equipment.innermost(law.args[0])
+                equipment = self.equipment.innermost(law.part)
                 if equipment is None or is_interrupt(error):
                     refuse_exit(error, "control")
                     raise
                 failed.setdefault(equipment, text_of(error))
                 forget_frames(error)
-            laws = laws[laws.index(law) + 1 :]
         if failed:
             self.equipment.enter(failed)
 
@@ -219,18 +225,20 @@ class ConnectedMachine:
 
     def _choose_laws(self) -> None:
         """What is called in each period: the laws but those of equipment in fault, then what waits for them."""
-        laws = (law for law in self._overrides(self.root) if not self.equipment.is_in_fault(law.args[0]))
-        self._laws = [*laws, *self._after_laws]
+        laws = [law for law in self._overrides(self.root) if not self.equipment.is_in_fault(law.part)]
+        self._laws = [*laws, Law(self.root, self._laws_have_acted)] if self._after_laws else laws
 
     def after_laws(self, call: Callable[[], None]) -> None:
         """Call it once, after the laws of this period."""
-        self._after_laws.append(partial(self._once, self.root, call))
-        self._choose_laws()
+        if call not in self._after_laws:
+            self._after_laws.append(call)
+            self._choose_laws()
 
-    def _once(self, root: Compound, call: Callable[[], None]) -> None:
-        self._after_laws = [law for law in self._after_laws if law.args[1] is not call]
+    def _laws_have_acted(self) -> None:
+        calls, self._after_laws = self._after_laws, []
         self._choose_laws()
-        call()
+        for call in calls:
+            call()
 
     def _end_in(self, equipment: Equipment) -> None:
         """Whatever is under way in equipment that is in fault now."""
@@ -350,13 +358,13 @@ class ConnectedMachine:
             )
         return self._slots[id(part)]
 
-    def _overrides(self, part: Node) -> list[_Law]:
+    def _overrides(self, part: Node) -> list[Law]:
         """The `control` of every class that has its own, in pre-order; collected once, called flat."""
         if id(part) not in self._acts:
             nodes: list[Node] = [part, *walk(part)]
             own = [(type(node).control, node) for node in nodes if type(node).control is not Node.control]
             # not node.control: that of a connected compound drives the whole part
-            self._acts[id(part)] = [partial(control, node) for control, node in own]
+            self._acts[id(part)] = [Law(node, MethodType(control, node)) for control, node in own]
         return self._acts[id(part)]
 
 

@@ -9,17 +9,14 @@ change is refused.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol, cast
 
-from umo.cycle.columns import Source
-from umo.cycle.command_stage import CommandStage
 from umo.cycle.events import Event
 from umo.cycle.sequences import Sequences, next_period
 from umo.errors import CommandRefused
 from umo.objects import Actuator, Compound, atoms, walk
 from umo.objects.paths import is_within
-from umo.objects.scaling import FloatArray
 from umo.text import some
 from umo.user_code import Raised, attempt
 
@@ -36,22 +33,22 @@ MANUAL = "manual mode"
 class Suspendable(Protocol):
     """An object that moves by itself, under its own control: an axis (`umo.control.axis_suspension`)."""
 
-    def leave(self) -> None:
+    def suspend(self) -> None:
         """The application is suspended: keep what it does."""
 
-    def react(self) -> str:
+    def stop_as_declared(self) -> str:
         """Nobody is in charge: the declared reaction, in words; "": nothing changes."""
 
     def disable(self) -> None:
         """It could not be suspended: it is controlled no longer."""
 
-    def obstacle(self) -> str:
+    def why_not_resumed(self) -> str:
         """Why the application cannot go on; "": it can."""
 
     def restore(self) -> None:
         """Make it ready to go on."""
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         """The application goes on."""
 
     def forget(self) -> None:
@@ -59,23 +56,6 @@ class Suspendable(Protocol):
 
     def is_lost(self) -> bool:
         """Whether the application still awaits what a fault has ended that was cleared."""
-
-
-class _Noting:
-    """A command stage that notes which actuators are written."""
-
-    def __init__(self, commands: CommandStage) -> None:
-        self._commands = commands
-        self.written: set[int] = set()
-        self.inhibited, self.acknowledge, self.rest = commands.inhibited, commands.acknowledge, commands.rest
-
-    def accept(self, slot: int, value: float, source: Source = Source.PROGRAM) -> bool:
-        self.written.add(slot)
-        return self._commands.accept(slot, value, source)
-
-    def accept_many(self, slots: Sequence[int], values: FloatArray) -> list[bool]:
-        self.written.update(slots)
-        return self._commands.accept_many(slots, values)
 
 
 class Suspension:
@@ -93,14 +73,10 @@ class Suspension:
         """The actuators by slot, in stop order."""
         self._left: dict[int, float] | None = None
         """The values that the application has left, by slot, but for those of laws; None: it is not suspended."""
-        self._noting: _Noting | None = None
-        self._end_noting: Callable[[], None] = lambda: None
         self._by_others: set[int] = set()
         """The actuators that `on_suspend` and actions have written in this period."""
         self._failed: set[int] = set()
         """The actuators of compounds whose `on_suspend` failed."""
-        self._registered = False
-        """Whether the laws of this period are still to act."""
         self._cause = ""
         self._said: list[str] = []
         self.resuming: Sequences | None = None
@@ -117,7 +93,7 @@ class Suspension:
             pending = self._machine.image.pending
             self._left = {slot: pending[slot] for slot in self._actuators}
             for path, axis in self._axes.items():
-                self._ask(path, axis, axis.leave)
+                self._ask(path, axis, axis.suspend)
         for node in self._told:
             _, error = attempt(node.on_suspend)
             if error is not None:
@@ -133,24 +109,21 @@ class Suspension:
 
     def commands_taken(self) -> None:
         """What was written in this period until now was not written by laws, but by `on_suspend` and actions."""
-        if self._noting is not None:
-            written, self._noting.written = self._noting.written, set()
-            self._by_others |= written
+        noted = self._machine.commands.noted
+        if noted is not None:
+            self._by_others |= noted
+            noted.clear()
 
     def _note_writes(self, cause: str) -> None:
         """Note what is written in this period, until its laws have acted."""
         self._cause = cause
         machine = self._machine
-        if self._noting is None:
-            self._noting = _Noting(machine.commands)
-            machine.image.commands = self._noting
-            self._end_noting = machine.commands.ask_before([*self._actuators])
-        if not self._registered:
-            self._registered = True
-            machine.after_laws(self._settle)
+        if machine.commands.noted is None:
+            machine.commands.note_writes(True)
+        machine.after_laws(self._settle)
 
     def _react(self) -> None:
-        asked = ((path, self._ask(path, axis, axis.react)) for path, axis in self._axes.items())
+        asked = ((path, self._ask(path, axis, axis.stop_as_declared)) for path, axis in self._axes.items())
         self._said += [f"{path} {words}" for path, words in asked if words]
 
     def _ask(self, path: str, axis: Suspendable, what: Callable[[], str | None]) -> str | None:
@@ -163,11 +136,10 @@ class Suspension:
 
     def _settle(self) -> None:
         """The laws have acted: what nobody is in charge of goes to its default."""
-        self._registered = False
-        if self._noting is None:  # the application has gone on in the same period
-            return
         image, commands = self._machine.image, self._machine.commands
-        by_laws, by_others, failed = self._noting.written, self._by_others - self._failed, self._failed
+        by_laws, by_others, failed = commands.noted, self._by_others - self._failed, self._failed
+        if by_laws is None:  # the application has gone on in the same period
+            return
         self._stop_noting()
         if self._left is not None:
             self._left = {slot: value for slot, value in self._left.items() if slot not in by_laws}
@@ -188,8 +160,7 @@ class Suspension:
         self._tell_what_drives(found)
 
     def _stop_noting(self) -> None:
-        self._end_noting()
-        self._machine.image.commands, self._noting = self._machine.commands, None
+        self._machine.commands.note_writes(False)
         self._by_others, self._failed = set(), set()
 
     def _to_default(self, slot: int, item: Actuator) -> None:
@@ -219,7 +190,7 @@ class Suspension:
     def check(self) -> None:
         """CommandRefused if the application cannot go on from here."""
         found = [str(each.error()) for each in self._machine.equipment.all if each.fault and each.in_manual_only]
-        found += [reason for axis in self._axes.values() if (reason := axis.obstacle())]
+        found += [reason for axis in self._axes.values() if (reason := axis.why_not_resumed())]
         commands = self._machine.commands
         for slot, value in self._changed().items():
             item = self._actuators[slot]
@@ -245,7 +216,7 @@ class Suspension:
             self._react()
             self._machine.sequences.paused = False
             return False
-        if self._noting is not None:
+        if self._machine.commands.noted is not None:
             self._stop_noting()
         changed = self._changed()
         for slot, value in changed.items():
@@ -267,7 +238,7 @@ class Suspension:
         if error is None and not self.resuming.running:
             self.resuming = self._left = None
             for axis in self._axes.values():
-                axis.go_on()
+                axis.resume()
             self._machine.sequences.paused = False
         return error
 

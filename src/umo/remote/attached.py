@@ -103,8 +103,9 @@ class RemoteStation(Commander, RemotePart):
 
     def clear(self, path: str = "") -> str:
         """End the fault of the equipment that contains an object or compound, or ("") of all equipment. Returns what it
-        did: "cleared: reactors.1", or "nothing was in fault". EquipmentFault while one of its sensors cannot be read,
-        TaskFailed if an object cannot be initialised: it stays in fault. Under the lease, in any mode."""
+        did: "cleared: reactors.1", or "nothing was in fault"; then the interlocks that still inhibit its actuators.
+        EquipmentFault while one of its sensors cannot be read, TaskFailed if an object cannot be initialised: it stays
+        in fault. Under the lease, in any mode."""
         return str(self.ask("clear", path))
 
     def __setattr__(self, name: str, value: Any) -> None:
