@@ -215,7 +215,8 @@ def why(
         Path | None, typer.Option(metavar="FILE.box", help="Read this black box instead of the newest one.")
     ] = None,
 ) -> None:
-    """Show why periods were missed: the newest black box, the duration of each phase, and the cause."""
+    """Show why periods were missed: the newest black box, the duration of each phase, and the cause; and the last faults
+    of equipment."""
     from .why import why as say_why
 
     say_why(station, now, file)

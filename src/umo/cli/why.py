@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from umo.cycle.fault_log import FaultLog
 from umo.errors import FramesError
 from umo.frames import Reader
 from umo.frames.layout import USAGE
@@ -70,6 +71,8 @@ def _report(reader: Reader, file: Path) -> None:
         raise FramesError(f"no period is in {file}")
     out.print(f"{reader.title}, {blackbox.kept_at(about)}: {about.get('reason', '')}")
     out.print(f"the last {len(frames)} periods of {duration(about['period'])}; {reader.missed} missed in the whole run")
+    for line in _faults(reader):
+        out.print(line, style="bold")
     verdicts = explain_all(frames, reader.layout)
     if not verdicts:
         out.print("no period was missed in these; usual times:")
@@ -79,6 +82,14 @@ def _report(reader: Reader, file: Path) -> None:
         out.print(line, style="bold")
     out.print(_around(reader, frames, verdicts[-1].row))
     out.print(str(file), style="dim")
+
+
+def _faults(reader: Reader) -> list[str]:
+    """The last faults of equipment whose events are kept."""
+    log = FaultLog()
+    for _, event in reader.events():
+        log.add(event)
+    return [f"{fault.path}: {fault}" for fault in log.last][-MAX_VERDICTS:]
 
 
 def _parts(reader: Reader, frames: Any) -> tuple[list[str], Any]:
