@@ -5,14 +5,18 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console
 from typer.testing import Result
 
 from helpers.failing_plant import plant
 from umo import connect, published
+from umo.cli.ps import attach
+from umo.cli.watch import WatchScreen
 from umo.cycle.events import FAULT, IN_FAULT, Event, Events
 from umo.cycle.fault_log import KEPT_FAULTS, FaultLog
 from umo.process.start import LINUX
@@ -105,3 +109,28 @@ def test_why_tells_the_faults_whose_events_are_kept(umo: Umo, tmp_path: Path) ->
     with running(tmp_path):
         text = " ".join(umo("why", "--now").stdout.split())
     assert "reactors.0: in fault from 0.010 s to 0.030 s: no feed reactors.1: in fault since 0.010 s: no feed" in text
+
+
+def test_ps_tells_faults_below_the_table_and_how_they_are_cleared(umo: Umo, tmp_path: Path) -> None:
+    with running(tmp_path) as m:
+        lines = umo("ps").stdout.splitlines()
+        assert "in fault" not in lines[0]
+        assert lines[3:] == ["plant: in fault: reactors.1: no feed", "       cleared by: umo clear plant reactors.1"]
+        m.reactors[2].cycle.start(m.reactors[2].stumble("no feed"))
+        periods(m, 2)
+        assert umo("ps").stdout.splitlines()[5] == "       cleared by: umo clear plant"
+        for reactor in m.reactors:
+            reactor.cycle.clear()
+        periods(m, 2)
+        assert len(umo("ps").stdout.splitlines()) == 3
+
+
+def test_watch_tells_faults_in_lines_that_fit_the_terminal_and_once(tmp_path: Path) -> None:
+    with running(tmp_path), attach("plant") as reader:
+        screen = WatchScreen(reader, [0])
+        console = Console(width=40, height=20, file=StringIO(), record=True)
+        console.print(screen.screen(console))
+        lines = [line.rstrip() for line in console.export_text().splitlines()]
+    assert "✕ in fault: reactors.1: no feed" in lines
+    assert "in fault" not in lines[1]
+    assert not [line for line in lines if line.startswith("⊘ inhibited")]

@@ -330,7 +330,7 @@ def test_patterns_choose_and_what_is_not_shown_is_said() -> None:
         assert [line.split()[0] for line in result.stdout.splitlines() if "temperature" in line] == [
             f"zones.{i}.temperature" for i in range(3)
         ]
-        assert "8 other objects and signals are not shown" in result.stdout
+        assert "8 others not shown" in result.stdout
         assert "not shown" not in umo("watch", "--once").stdout
         result = umo("watch", "zones.*.temperatur", "--once")
         assert result.exit_code == 2

@@ -215,8 +215,10 @@ def why(
         Path | None, typer.Option(metavar="FILE.box", help="Read this black box instead of the newest one.")
     ] = None,
 ) -> None:
-    """Show why periods were missed: the newest black box, the duration of each phase, and the cause; and the last faults
-    of equipment."""
+    """Show why periods were missed: the newest black box, the duration of each phase, and the cause.
+
+    It tells the last faults of equipment too.
+    """
     from .why import why as say_why
 
     say_why(station, now, file)
