@@ -14,7 +14,8 @@ from rich.console import Console
 from typer.testing import Result
 
 from helpers.failing_plant import plant
-from umo import connect, published
+from helpers.waiting import until
+from umo import Started, connect, published, start
 from umo.cli.ps import attach
 from umo.cli.watch import WatchScreen
 from umo.cycle.events import FAULT, IN_FAULT, Event, Events
@@ -108,7 +109,10 @@ def test_all_faults_are_counted_the_last_kept_and_what_a_client_says_is_none() -
 def test_why_tells_the_faults_whose_events_are_kept(umo: Umo, tmp_path: Path) -> None:
     with running(tmp_path):
         text = " ".join(umo("why", "--now").stdout.split())
-    assert "reactors.0: in fault from 0.010 s to 0.030 s: no feed reactors.1: in fault since 0.010 s: no feed" in text
+    told = "reactors.0: in fault from 0.010 s to 0.030 s: no feed reactors.1: in fault since 0.010 s: no feed "
+    assert f"{told}cleared by: umo clear plant reactors.1 " in text
+    assert told in " ".join(umo("why").stdout.split())
+    assert "cleared by" not in umo("why").stdout
 
 
 def test_ps_tells_faults_below_the_table_and_how_they_are_cleared(umo: Umo, tmp_path: Path) -> None:
@@ -134,3 +138,56 @@ def test_watch_tells_faults_in_lines_that_fit_the_terminal_and_once(tmp_path: Pa
     assert "✕ in fault: reactors.1: no feed" in lines
     assert "in fault" not in lines[1]
     assert not [line for line in lines if line.startswith("⊘ inhibited")]
+
+
+# Cleared ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def started(tmp_path: Path) -> Iterator[Started]:
+    """The plant in manual mode, in processes of its own."""
+    with start(plant(tmp_path), manual=True, realtime=True) as run:
+        until(lambda: run.poll(0.01) or (run.frames is not None and run.frames.head > 5))
+        yield run
+
+
+def fail(umo: Umo, started: Started, *numbers: int) -> None:
+    frames = started.frames
+    assert frames is not None
+    for number in numbers:
+        assert umo("call", "plant", f"reactors.{number}.fail").exit_code == 0
+    until(lambda: set(frames.faults(frames.latest())) >= {f"reactors.{number}" for number in numbers})
+
+
+@pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")
+def test_clear_takes_paths_and_patterns_and_says_what_it_cleared(umo: Umo, started: Started) -> None:
+    for words, cleared in (
+        (["reactors.0"], [0]),
+        (["reactors.0.heater"], [0]),
+        (["reactors.2", "reactors.0.heater"], [2, 0]),
+        (["reactors.*"], [0, 1, 2]),
+        (["reactors"], [0, 1, 2]),
+        (["*.2.heater"], [2]),
+    ):
+        fail(umo, started, *cleared)
+        result = umo("clear", "plant", *words)
+        assert result.exit_code == 0, said(result)
+        assert result.stdout == "".join(f"cleared: reactors.{number}\n" for number in cleared)
+        for more in ([], words, ["timer"]):
+            assert umo("clear", "plant", *more).stdout == "nothing was in fault\n"
+    fail(umo, started, 0, 2)
+    assert umo("clear", "plant").stdout == "cleared: reactors.0, reactors.2\n"
+    result = umo("clear", "plant", "reactors.*", "reactor.*.heater")
+    assert result.exit_code == 2
+    assert "no object or signal 'reactor.*.heater' (did you mean 'reactors.*.heater'?) in plant" in said(result)
+
+
+@pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")
+def test_a_command_that_a_fault_refuses_says_how_it_is_cleared(umo: Umo, started: Started) -> None:
+    fail(umo, started, 1)
+    for words in (["call", "plant", "reactors.1.heat"], ["set", "plant", "reactors.1.heater", "3", "--hold", "0"]):
+        result = umo(*words)
+        assert result.exit_code in (1, 2)
+        assert "reactors.1 is in fault" in said(result)
+        assert said(result).endswith("cleared by: umo clear plant reactors.1")
+    assert "cleared by" not in said(umo("call", "plant", "reactors.0.heat"))

@@ -22,7 +22,7 @@ from umo.remote.search import frames_at, reading, station_name
 from umo.text import did_you_mean
 
 from .console import out
-from .ps import attach
+from .ps import attach, how_to_clear
 
 PERIODS_BEFORE = 2
 """Periods shown before the one that reports the miss."""
@@ -37,7 +37,7 @@ def why(station: str | None, now: bool, file: Path | None) -> int:
     elif file is None:
         file = _newest(station)
     with frames_at(file) as reader, reading(file):
-        _report(reader, file)
+        _report(reader, file, now)
     return 0
 
 
@@ -65,14 +65,19 @@ def _keep(station: str | None) -> Path:
         return file
 
 
-def _report(reader: Reader, file: Path) -> None:
+def _report(reader: Reader, file: Path, now: bool) -> None:
     frames, about = reader.read(), reader.about
     if not len(frames):
         raise FramesError(f"no period is in {file}")
     out.print(f"{reader.title}, {blackbox.kept_at(about)}: {about.get('reason', '')}")
     out.print(f"the last {len(frames)} periods of {duration(about['period'])}; {reader.missed} missed in the whole run")
-    for line in _faults(reader):
-        out.print(line, style="bold")
+    log = FaultLog()
+    for _, event in reader.events():
+        log.add(event)
+    for fault in list(log.last)[-MAX_VERDICTS:]:
+        out.print(f"{fault.path}: {fault}", style="bold")
+    if log.standing and now:
+        out.print(how_to_clear(str(reader.about["station"]), log.standing))
     verdicts = explain_all(frames, reader.layout)
     if not verdicts:
         out.print("no period was missed in these; usual times:")
@@ -82,14 +87,6 @@ def _report(reader: Reader, file: Path) -> None:
         out.print(line, style="bold")
     out.print(_around(reader, frames, verdicts[-1].row))
     out.print(str(file), style="dim")
-
-
-def _faults(reader: Reader) -> list[str]:
-    """The last faults of equipment whose events are kept."""
-    log = FaultLog()
-    for _, event in reader.events():
-        log.add(event)
-    return [f"{fault.path}: {fault}" for fault in log.last][-MAX_VERDICTS:]
 
 
 def _parts(reader: Reader, frames: Any) -> tuple[list[str], Any]:
