@@ -170,6 +170,7 @@ def test_watch_takes_paths_alone_where_one_station_runs() -> None:
 def test_watch_says_which_stations_there_are() -> None:
     result = umo("watch", "press")
     assert (result.exit_code, "no station is running" in said(result)) == (2, True)
+    assert said(result).endswith("start one in real time with `umo run STATION --realtime`")
     with running():
         result = umo("watch", "pres")
         assert result.exit_code == 2
