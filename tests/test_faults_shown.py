@@ -131,7 +131,7 @@ def test_ps_tells_faults_below_the_table_and_how_they_are_cleared(umo: Umo, tmp_
 
 def test_watch_tells_faults_in_lines_that_fit_the_terminal_and_once(tmp_path: Path) -> None:
     with running(tmp_path), attach("plant") as reader:
-        screen = WatchScreen(reader, [0])
+        screen = WatchScreen(reader, list(range(len(reader.paths))))
         console = Console(width=40, height=20, file=StringIO(), record=True)
         console.print(screen.screen(console))
         lines = [line.rstrip() for line in console.export_text().splitlines()]
