@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from helpers.machines import Bench, actuator, bench, failed, relay, sensor, switch, timer, wired
-from umo import Compound, DigitalActuator, DigitalSensor, Quality, connect
+from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Quality, connect
 from umo.cycle.absence import LONG_ABSENCE
 from umo.cycle.journal import Journal, Kind
 from umo.cycle.phases import Phases
@@ -530,6 +530,37 @@ def test_the_phases_of_a_period_are_measured_through_an_absence() -> None:
         assert all(phases.ns[phases.names.index(name)] > 0 for name in ("sample box", "update box"))
         phases.remove()
         assert connection.image.inputs[0].transfer == box.read_many
+
+
+def test_the_tries_of_a_driver_that_is_away_are_a_phase_of_their_own() -> None:
+    box, m = Blind(), held()
+    with running(m, box) as connection:
+        phases = Phases(connection.image, connection.wired.drivers)
+        tries = phases.names.index("try box")
+        box.silent()
+        run(m, 0.6)
+        assert phases.ns[tries] > 0
+        phases.clear()
+        run(m, 0.001)
+        assert phases.ns[tries] == 0
+        phases.remove()
+
+
+def test_a_single_call_that_tries_a_driver_counts_as_a_try() -> None:
+    class Pumps(Compound):
+        timer: DigitalSensor
+        pump: BinaryActuator[OnOff]
+
+    box, m = Blind(), Pumps(timer=timer(), pump=relay(synchronous=False, on_error="retry", max_age="60 s"))
+    with running(m, box) as connection:
+        box.silent()
+        m.pump.write(OnOff.ON)
+        run(m, 0.06)
+        since, told = len(box.calls), list[str]()
+        connection.image.transfer.absences.tried = lambda name, ns: told.append(name)
+        run(m, 0.2)
+        assert told == ["box"] * 2 * calls(box, since).count("write")  # a look, then the call itself
+        box.back()
 
 
 def test_the_calls_of_a_driver_that_is_there_are_its_own() -> None:

@@ -20,7 +20,7 @@ from umo.cli.why import why
 from umo.frames import Reader
 from umo.frames.layout import Layout
 from umo.latency import blackbox
-from umo.latency.causes import Cause, Evidence, MissCause, explain_all
+from umo.latency.causes import Cause, Evidence, MissCause, explain_all, split
 from umo.system import realtime
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
@@ -184,6 +184,18 @@ def test_what_is_usual_between_two_readings_of_the_counters_is_no_cause(cause: C
     assert verdict.cause is cause
     if cause is Cause.PREEMPTED:
         assert verdict.text.startswith("preempted for 2.3 ms")
+
+
+def test_a_driver_that_is_away_and_was_tried_is_named_and_told_only_where_it_was_tried() -> None:
+    layout = Layout((), ("timer", "try io", "control"), {"period": 0.001})
+    frames = np.zeros(30, layout.dtype)
+    frames["began"] = np.arange(30) * MS
+    frames["phases"], frames["execution"], frames["counted"] = [900_000, 0, 20_000], 20_000, np.arange(30)
+    assert "try io" not in split(frames, layout)
+    frames["missed"][20], frames["phases"][19][1], frames["execution"][19] = 3, 3 * MS, 3 * MS + 20_000
+    assert "try io" in split(frames, layout)
+    verdict = Evidence(frames, layout).explain(20)
+    assert (verdict.cause, verdict.text) == (Cause.DRIVER, "driver io took 3 ms (it is away, and was tried)")
 
 
 def test_a_second_miss_from_one_long_period_has_the_cause_of_the_first() -> None:

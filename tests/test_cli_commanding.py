@@ -113,7 +113,8 @@ def test_an_action_is_called_with_units_and_waited_for(conveyor: umo.Started) ->
         (["call", "conveyor", "belt.run_at", "-3"], "'-3' is not one of its arguments: speed=..."),
         (["mode", "conveyor", "automatisch"], "there is no mode 'automatisch'; there are: automatic, manual"),
         (["mode", "convejor"], "'convejor' is not running (did you mean 'conveyor'?)"),
-        (["acknowledge", "conveyor", "bolt"], "no object 'bolt' in Conveyor (did you mean 'belt'?)"),
+        (["acknowledge", "conveyor", "bolt"], "no object or signal 'bolt' (did you mean 'belt'?) in conveyor"),
+        (["clear", "conveyor", "*.setpont"], "no object or signal '*.setpont' (did you mean 'belt.setpoint'?)"),
         (["set", "conveyor", "entry", "COVERED"], "entry is a sensor; only actuators can be set"),
     ],
 )
@@ -140,7 +141,7 @@ def test_an_unsafe_end_is_acknowledged_without_a_run_by_station_or_device(name: 
 
 @pytest.mark.parametrize(
     ("failed", "text"),
-    [("remote.RemoteStation.acknowledge", "conveyor has ended"), ("cli.commanding.attach", "2 runs are going on")],
+    [("remote.RemoteStation.acknowledge", "conveyor has ended"), ("cli.clearing.attach", "2 runs are going on")],
 )
 def test_an_unsafe_end_is_not_acknowledged_where_a_station_of_the_name_runs(
     conveyor: umo.Started, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, failed: str, text: str
@@ -156,9 +157,14 @@ def test_an_unsafe_end_is_not_acknowledged_where_a_station_of_the_name_runs(
 
 
 def test_an_acknowledgement_says_that_nothing_was_latched(conveyor: umo.Started) -> None:
-    for words, said_of in ((["belt"], "belt"), ([], "conveyor")):
+    for words, said_of in (
+        (["belt"], ["belt"]),
+        ([], ["conveyor"]),
+        (["diverter", "*.setpoint"], ["diverter", "belt.setpoint"]),
+    ):
         result = run("acknowledge", "conveyor", *words)
-        assert (result.exit_code, result.stdout) == (0, f"{said_of}: nothing was latched\n"), said(result)
+        assert result.exit_code == 0, said(result)
+        assert result.stdout == "".join(f"{each}: nothing was latched\n" for each in said_of)
 
 
 def test_a_number_is_tuned_and_how_to_keep_it_is_said(conveyor: umo.Started) -> None:

@@ -108,7 +108,7 @@ def test_the_header_alone_is_enough_to_read_a_frame() -> None:
 def test_phases_add_up_to_the_execution_time() -> None:
     with running() as (m, ring, _), Reader(ring.path) as reader:
         periods(m, 5)
-        assert reader.layout.phases == ("timer", "sample box", "control", "update box")
+        assert reader.layout.phases == ("timer", "try box", "sample box", "control", "update box")
         for frame in reader.read():
             assert frame["phases"][1:].sum() == frame["execution"]
             assert (frame["phases"] >= 0).all()

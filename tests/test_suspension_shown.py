@@ -89,4 +89,5 @@ def test_the_first_few_are_told_and_the_others_counted() -> None:
     about = [{"path": f"fans.{n}", "one": "ON", "zero": "OFF", "default": "OFF"} for n in range(5)]
     text = driven_text([(each, 1.0, False) for each in about] + [({"path": "level", "unit": "mm"}, 1.0, False)], "")
     assert text == "fans.0 ON (its law), fans.1 ON (its law), fans.2 ON (its law) and 2 others"
+    assert driven_text([(each, 1.0, False) for each in about[:4]], "").endswith("fans.2 ON (its law) and 1 other")
     assert driven_text([(each, 0.0, False) for each in about], "") == ""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import umo
-from umo.text import LIBRARY, Moment, place_among, place_of, shown_path, some
+from umo.text import LIBRARY, Moment, others, place_among, place_of, shown_path, some
 
 OWN = str(Path(umo.__file__).parent)
 SHIPPED = f"{OWN}/stations/ztheta/control.py"
@@ -68,6 +68,7 @@ def test_a_list_of_names_ends_with_the_number_of_the_others() -> None:
     assert some([]) == ""
     assert some(["a", "b", "c"]) == "a, b and c"
     assert some([f"z.{i}" for i in range(40)]) == "z.0, z.1 and 38 others"
+    assert (others(1), others(2)) == ("1 other", "2 others")
 
 
 @pytest.mark.parametrize(

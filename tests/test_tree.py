@@ -208,11 +208,13 @@ def test_a_registered_driver_is_described_alone(umo: Umo) -> None:
     assert not any("timerfd" in line for line in found)
 
 
-def test_equipment_is_marked(umo: Umo, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("declared", "told"), [("True", "Zone, equipment"), ('"manual"', "Zone, equipment (in manual mode)")]
+)
+def test_equipment_is_marked(umo: Umo, tmp_path: Path, declared: str, told: str) -> None:
     folder = tmp_path / "cell"
     folder.mkdir()
-    (folder / "objects.py").write_text(
-        OBJECTS.replace("class Zone(Compound):", "class Zone(Compound, equipment=True):").replace("COUNT", "3")
-    )
-    lines = umo("tree", str(folder)).stdout.splitlines()
-    assert any("3 x Zone, equipment" in line for line in lines)
+    objects = OBJECTS.replace("class Zone(Compound):", f"class Zone(Compound, equipment={declared}):")
+    (folder / "objects.py").write_text(objects.replace("COUNT", "3"))
+    assert any(line.endswith(f"3 x {told}") for line in umo("tree", str(folder)).stdout.splitlines())
+    assert umo("tree", str(folder), "zones.0").stdout.startswith(f"zones.0  {told}  everything")

@@ -170,6 +170,7 @@ def test_watch_takes_paths_alone_where_one_station_runs() -> None:
 def test_watch_says_which_stations_there_are() -> None:
     result = umo("watch", "press")
     assert (result.exit_code, "no station is running" in said(result)) == (2, True)
+    assert said(result).endswith("start one in real time with `umo run STATION --realtime`")
     with running():
         result = umo("watch", "pres")
         assert result.exit_code == 2
@@ -330,7 +331,7 @@ def test_patterns_choose_and_what_is_not_shown_is_said() -> None:
         assert [line.split()[0] for line in result.stdout.splitlines() if "temperature" in line] == [
             f"zones.{i}.temperature" for i in range(3)
         ]
-        assert "8 other objects and signals are not shown" in result.stdout
+        assert "8 others not shown" in result.stdout
         assert "not shown" not in umo("watch", "--once").stdout
         result = umo("watch", "zones.*.temperatur", "--once")
         assert result.exit_code == 2

@@ -109,7 +109,12 @@ def some(names: Sequence[str]) -> str:
     """`a, b and 38 others`; up to three are all named."""
     if len(names) <= MAX_NAMES + 1:
         return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
-    return f"{', '.join(names[:MAX_NAMES])} and {len(names) - MAX_NAMES} others"
+    return f"{', '.join(names[:MAX_NAMES])} and {others(len(names) - MAX_NAMES)}"
+
+
+def others(count: int) -> str:
+    """`1 other`, `38 others`."""
+    return f"{count} other{'s' * (count != 1)}"
 
 
 def printable(text: str) -> str:

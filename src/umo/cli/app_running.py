@@ -157,7 +157,7 @@ def tune(
     work(station, path, value, take)
 
 
-@command(epilog="Examples: umo acknowledge conveyor  |  umo acknowledge conveyor belt")
+@command(epilog="Examples: umo acknowledge conveyor  |  umo acknowledge conveyor belt diverter")
 def acknowledge(
     station: Annotated[
         str,
@@ -165,10 +165,13 @@ def acknowledge(
             metavar="STATION", help="Name or pid of a station that runs, or what stands stopped (see `umo ps`)."
         ),
     ],
-    path: Annotated[str | None, typer.Argument(metavar="[PATH]", help="Such as belt; default: all.")] = None,
+    paths: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[PATH]...", help="Such as belt, or patterns such as 'zones.*.heater'; default: all."),
+    ] = None,
     take: Take = False,
 ) -> None:
-    """Acknowledge the latched interlocks of a running station, or of one of its objects, in any mode.
+    """Acknowledge the latched interlocks of a running station, or of some of its objects, in any mode.
 
     What they inhibit is free again: the program may write it in the next period. Refused while the condition of one
     still holds.
@@ -176,25 +179,28 @@ def acknowledge(
     Of a station that does not run, the unsafe end of its last run is acknowledged: by the name of the station, or of
     the device. Inspect the machine first: the next run starts without --acknowledge.
     """
-    from .commanding import acknowledge as work
+    from .clearing import acknowledge as work
 
-    work(station, path or "", take)
+    work(station, paths or [], take)
 
 
-@command(epilog="Examples: umo clear batch  |  umo clear batch reactors.1")
+@command(epilog="Examples: umo clear batch  |  umo clear batch reactors.1  |  umo clear batch line 'reactors.*'")
 def clear(
     station: Running,
-    path: Annotated[str | None, typer.Argument(metavar="[PATH]", help="Such as reactors.1; default: all.")] = None,
+    paths: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[PATH]...", help="Such as reactors.1, or patterns such as 'reactors.*'; default: all."),
+    ] = None,
     take: Take = False,
 ) -> None:
-    """Clear the faults of a running station: of the equipment that contains an object, or of all, in any mode.
+    """Clear the faults of a running station: of the equipment at these paths or around them, or of all, in any mode.
 
     What had failed is initialised again, and the application can go on with it. An axis that has lost its reference
     must be homed. `umo ps` says what is in fault, and why. Refused while a sensor of the equipment cannot be read.
     """
-    from .commanding import clear as work
+    from .clearing import clear as work
 
-    work(station, path or "", take)
+    work(station, paths or [], take)
 
 
 @command(epilog="Examples: umo stop ztheta  |  umo stop 4711")
@@ -215,7 +221,10 @@ def why(
         Path | None, typer.Option(metavar="FILE.box", help="Read this black box instead of the newest one.")
     ] = None,
 ) -> None:
-    """Show why periods were missed: the newest black box, the duration of each phase, and the cause."""
+    """Show why periods were missed: the newest black box, the duration of each phase, and the cause.
+
+    It tells the last faults of equipment too.
+    """
     from .why import why as say_why
 
     say_why(station, now, file)

@@ -1,4 +1,4 @@
-"""`umo mode`, `call`, `tune`, `acknowledge`, `clear`, `stop`, and `umo get` and `umo set` of a station that runs."""
+"""`umo mode`, `call`, `tune`, `stop`, and `umo get` and `umo set` of a station that runs."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from math import inf
-from pathlib import Path
 from typing import Any
 
 from rich.table import Table
 
 from umo.cycle.stage import Progress, Stage
-from umo.errors import CommandRefused, FramesError, LeaseHeld, PathError, RangeError
+from umo.errors import CommandRefused, EquipmentFault, FramesError, LeaseHeld, PathError, RangeError
 from umo.frames import Reader
 from umo.objects import Quality
 from umo.objects.description import converted
@@ -23,14 +22,12 @@ from umo.presentation.rows import quality_of, sentence_of, value_of
 from umo.presentation.value_text import shown_unit, span, value_text
 from umo.remote import HeldLease, RemoteStation
 from umo.remote.remote_objects import RemoteObject, call_action
-from umo.remote.search import is_path, meant_by
-from umo.system.device_record import DeviceClaim
 from umo.system.processes import user_name
-from umo.text import did_you_mean, printable, some
+from umo.text import add_note, did_you_mean, printable, some
 
 from .console import err, out, say
 from .progress_line import OneLine
-from .ps import attach, how_ended, readers, standing
+from .ps import attach, how_ended, how_to_clear
 from .values import argument, number, state
 
 PICTURE_PAUSE = 0.05
@@ -57,6 +54,18 @@ def leased(station: RemoteStation, over: bool) -> Iterator[HeldLease]:
         yield lease
 
 
+@contextmanager
+def hinting(reader: Reader) -> Iterator[None]:
+    """A command that a fault of equipment refuses is told with the command that clears the fault."""
+    try:
+        yield
+    except (EquipmentFault, CommandRefused) as error:
+        faults = reader.faults(reader.latest())
+        if found := [path for path in faults if f" {path} is in fault" in f" {error}"]:
+            add_note(error, how_to_clear(str(reader.about["station"]), found))
+        raise
+
+
 def mode(name: str, wanted: str | None, over: bool) -> None:
     with station_of(name) as station:
         if wanted is not None:
@@ -65,38 +74,6 @@ def mode(name: str, wanted: str | None, over: bool) -> None:
         title, holder = station.reader.about["station"], printable(station.reader.holder)
         lease = f"  lease: {holder}" if holder and wanted is None else ""
         out.print(f"{title}  {wanted or station.mode or 'takes no commands'}{lease}")
-
-
-def acknowledge(name: str, path: str, over: bool) -> None:
-    """Acknowledge latched interlocks of a station that runs; else the end of its last run, or of the device's."""
-    try:
-        reader = attach(name)
-    except FramesError:
-        records = standing()
-        names = (name, Path(name).resolve().name) if is_path(name) else (name,)
-        stopped = [each for each in records if each.device == name or each.station in names]
-        if path or meant_by(name, readers()):  # several runs of this name go on
-            raise
-        if not stopped:
-            near = did_you_mean(name, [each.station for each in records])
-            raise FramesError(f"{name!r} neither runs nor has stopped unsafely{near}") from None
-        for ended in stopped:
-            DeviceClaim([ended.device], ended.station, ended.wiring, acknowledge=True).finish()
-            out.print(f"acknowledged: {ended.brief}", soft_wrap=True)
-        return
-    with RemoteStation(reader) as station:
-        with leased(station, over):
-            latched = station.acknowledge(path)
-        what = "acknowledged" if latched else "nothing was latched"
-        out.print(f"{path or reader.about['station']}: {what}")
-
-
-def clear(name: str, path: str, over: bool) -> None:
-    """Clear faults of equipment."""
-    with station_of(name) as station:
-        with leased(station, over):
-            cleared = station.clear(path)
-        out.print(f"{path or station.reader.about['station']}: {cleared}")
 
 
 def stop(name: str) -> None:
@@ -112,7 +89,7 @@ def call(name: str, path: str | None, words: list[str], over: bool, hold: float 
     with station_of(name) as station:
         actions = {entry["path"]: entry for entry in station.reader.layout.actions}
         if path is None:
-            out.print(_actions(station.reader))
+            out.print(_actions(station.reader) if actions else f"{station.reader.about['station']} has no actions")
             return 0
         if path not in actions:
             raise PathError(f"no action {path!r}{did_you_mean(path, actions)}; `umo call {name}` lists them")
@@ -120,7 +97,7 @@ def call(name: str, path: str | None, words: list[str], over: bool, hold: float 
         if hold is not None and not actions[path]["dead_man"]:
             raise RangeError(f"{path} ends by itself; --hold is for dead-man actions, such as a jog")
         status = 0
-        with leased(station, over) as lease:
+        with hinting(station.reader), leased(station, over) as lease:
             try:
                 result = _called(station, actions[path], given)
             except KeyboardInterrupt:
@@ -263,7 +240,7 @@ def set_running(reader: Reader, path: str, text: str, hold: float | None, over: 
         if not item.actuator:
             raise PathError(f"{path} is a sensor; only actuators can be set")
         value = state(path, text, item.states) if item.states else number(path, text, item.units)
-        with leased(station, over) as lease:
+        with hinting(reader), leased(station, over) as lease:
             item.write(value)
             _show(reader, path, "", value)
             status = _hold(lease, path, hold)

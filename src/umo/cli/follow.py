@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from umo.cycle.fault_log import FaultLog
 from umo.cycle.frame import Signal
 from umo.cycle.stage import Progress
 from umo.errors import text_of
@@ -48,8 +49,11 @@ class RingFrame:
         self.progress = progress_of(row)
 
 
-def follow(job: Job, frame: RingFrame, observers: list[Callable[[Any], None]]) -> tuple[Outcome, float]:
-    """Start the job, show every frame to the observers until it ends: its outcome, and the s that it ran."""
+def follow(
+    job: Job, frame: RingFrame, observers: list[Callable[[Any], None]], faults: FaultLog
+) -> tuple[Outcome, float]:
+    """Start the job, show every frame to the observers until it ends: its outcome, and the s that it ran. `faults` gets
+    those of equipment."""
     with Started(job) as started, handling(lambda number, frame: started.ask_to_stop(number)):
         told, begun, lost = 0, None, 0
         while True:
@@ -64,7 +68,7 @@ def follow(job: Job, frame: RingFrame, observers: list[Callable[[Any], None]]) -
                 say(notice)
             told = len(started.notices)
             if started.frames is not None and frame.whole:
-                _show(started.frames, frame, observers)
+                _show(started.frames, frame, observers, faults)
                 lost = started.frames.lost
             if outcome is not None:
                 break
@@ -77,13 +81,16 @@ def follow(job: Job, frame: RingFrame, observers: list[Callable[[Any], None]]) -
     return outcome, elapsed
 
 
-def _show(frames: Reader, frame: RingFrame, observers: list[Callable[[Any], None]]) -> None:
+def _show(frames: Reader, frame: RingFrame, observers: list[Callable[[Any], None]], faults: FaultLog) -> None:
     """Show the new frames until they make no sense or an observer fails: the machine runs on, the record has a gap."""
     try:
         for row in frames.read():
             frame.show(row)
             for observer in observers:
                 observer(frame)
+        for number, event in frames.events(faults.next):
+            faults.next = number + 1
+            faults.add(event)
     except Exception as error:
         say(f"the periods of this run are neither shown nor recorded any longer: {text_of(error)}")
         frame.whole = False

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from rich.table import Table
@@ -14,7 +14,7 @@ from umo.errors import FramesError, PathError
 from umo.frames import Reader
 from umo.frames.reader import progress_of
 from umo.presentation.rows import ANY
-from umo.presentation.run_facts import FREE, IN_FAULT, since
+from umo.presentation.run_facts import FREE, IN_FAULT, fault_texts, since
 from umo.remote import search
 from umo.system.device_lock import is_held
 from umo.system.device_record import Ended, all_standing
@@ -24,9 +24,9 @@ from umo.wiring.patterns import chosen
 from .console import out, plain_table, say
 
 COLUMNS = (
-    "station", "pid", "since", "state", "mode", "period", "periods", "missed", "lease", "driven", "progress", IN_FAULT
+    "station", "pid", "since", "state", "mode", "period", "periods", "missed", "lease", "progress",
 )  # fmt: skip
-"""Facts that `umo ps` shows."""
+"""Facts that `umo ps` shows in its table."""
 
 
 def ps(as_json: bool) -> None:
@@ -41,6 +41,8 @@ def ps(as_json: bool) -> None:
         return
     if found:
         out.print(_table([facts for _, facts in found]))
+        for data, _ in found:
+            _remark(data, [each["station"] for each, _ in found].count(data["station"]) > 1)
     else:
         out.print("no station that can be read is running" if unread else "no station is running")
     for ended in stopped:
@@ -60,6 +62,24 @@ def _lines(unread: Callable[[str], object]) -> Iterator[tuple[dict[str, Any], di
                 yield _told(reader)
         except FramesError as error:
             unread(str(error))
+
+
+def _remark(data: dict[str, Any], ambiguous: bool) -> None:
+    """Lines below the table on the equipment of a run that is in fault, and on what is driven."""
+    name = str(data["pid"] if ambiguous else data["station"])
+    faults: dict[str, str] = data["in_fault"]
+    for text in fault_texts(faults):
+        out.print(f"{name}: {IN_FAULT}: {text}", style="red", soft_wrap=True)
+    if faults:
+        out.print(f"{' ' * len(name)}  {how_to_clear(name, faults)}", soft_wrap=True)
+    if data["driven"]:
+        out.print(f"{name}: driven: {data['driven']}", soft_wrap=True)
+
+
+def how_to_clear(name: str, faults: Iterable[str]) -> str:
+    """Hint which command clears the faults at these paths of a station."""
+    paths = list(faults)
+    return f"cleared by: umo clear {name}{f' {paths[0]}' if len(paths) == 1 else ''}"
 
 
 def how_ended(reader: Reader) -> Text:

@@ -60,6 +60,8 @@ def run_station(
                 folder.discard()
             return _fail(result.outcome.failure, full_traceback)  # nothing ran: there is nothing to show
         _say_how_it_ended(result.outcome, full_traceback)
+        for line in result.standing_faults():
+            say(line, "red")
         name = f"{plan.name}, {plan.wiring_name}" if plan.wiring_name else plan.name
         out.print(result.table(f"umo run {name}"))
         complete = summary is None or _write_summary(result, summary)
@@ -74,7 +76,7 @@ def run_station(
 
 def _run(plan: Plan, trace: Trace, folder: RunFolder | None) -> RunSummary:
     """The run itself, with what is told of it. Its error is in the result; the actuators are reset."""
-    result = RunSummary(Statistics(), faults=() if plan.wired.injection is None else plan.wired.injection.texts)
+    result = RunSummary(Statistics(), injected=() if plan.wired.injection is None else plan.wired.injection.texts)
     with RunProgressLine(err) as shown:
         observers: list[Any] = [result.statistics, trace, shown]
         if not (plan.wired.realtime and LINUX):
@@ -83,7 +85,7 @@ def _run(plan: Plan, trace: Trace, folder: RunFolder | None) -> RunSummary:
         if folder is not None:
             observers.append(TraceFile(trace, folder.path / "trace.csv"))
         frame = RingFrame(plan.machine)
-        result.outcome, result.elapsed = follow(plan.job, frame, observers)
+        result.outcome, result.elapsed = follow(plan.job, frame, observers, result.equipment_faults)
         result.progress = frame.progress
         if folder is not None:
             folder.complete = frame.whole
@@ -113,7 +115,8 @@ def _drive(plan: Plan, result: RunSummary, observers: list[Any]) -> None:
     outcome = result.outcome
     try:
         with connection as machine:
-            connection.machine.observers += observers
+            events, faults = connection.machine.events, result.equipment_faults
+            connection.machine.observers += [*observers, lambda frame: faults.add_new(events)]
             if plan.job.until is not None:
                 connection.machine.observers.append(TimeLimit(plan.job.until, connection.stop))
             if not plan.wired.realtime:
@@ -125,6 +128,7 @@ def _drive(plan: Plan, result: RunSummary, observers: list[Any]) -> None:
                 result.elapsed = time.perf_counter() - begun
                 outcome.simulated = machine.now
                 result.progress = connection.machine.frame.progress
+                faults.add_new(events)
                 outcome.stopped_by = connection.stop.signal
                 outcome.time_over = connection.stop.time_over and outcome.stopped_by is None
     except KeyboardInterrupt:

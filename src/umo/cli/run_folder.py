@@ -13,7 +13,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from math import isfinite
 from pathlib import Path
@@ -22,11 +22,13 @@ from typing import Any
 from rich.table import Table
 
 from umo.cycle import Frame
+from umo.cycle.fault_log import FaultLog
 from umo.cycle.stage import Progress
 from umo.cycle.trace import Statistics, Trace, lines
 from umo.errors import UmoError, text_of
 from umo.presentation.digits import NO_VALUE, number_text
 from umo.presentation.durations import duration
+from umo.presentation.run_facts import clock_text
 from umo.process.job import Plan
 from umo.process.outcome import Outcome
 from umo.text import printable
@@ -37,6 +39,8 @@ from .console import say
 RUNS = Path("runs")
 TRACE_PAUSE = 1.0
 """s on the machine's clock between two writings of the trace while the run goes on."""
+MAX_SHOWN = 5
+"""Number of faults of equipment that are shown."""
 MAX_VALUE_LENGTH = 100
 """Characters of a value in the table, at most."""
 
@@ -51,8 +55,9 @@ class RunSummary:
     """Last progress that the machine told."""
     elapsed: float = 0.0
     """s of wall-clock time."""
-    faults: Sequence[str] = ()
+    injected: Sequence[str] = ()
     """Faults that were injected on purpose."""
+    equipment_faults: FaultLog = field(default_factory=FaultLog)
 
     @property
     def realtime_factor(self) -> float | None:
@@ -66,11 +71,12 @@ class RunSummary:
 
     def summary(self) -> dict[str, Any]:
         statistics = self.statistics
-        injected = {"injected_faults": list(self.faults)} if self.faults else {}
+        injected = {"injected_faults": list(self.injected)} if self.injected else {}
         return injected | {
             "status": self.outcome.status,
             "failure": self.failed,
             "progress": self.progress._asdict(),
+            "equipment_faults": self._faults(),
             "periods": statistics.periods,
             "missed_periods": statistics.missed,
             "period_us": {
@@ -87,10 +93,12 @@ class RunSummary:
 
     def table(self, title: str) -> Table:
         table = Table(title=title, title_justify="left", show_header=False)
-        for fault in self.faults:
+        for fault in self.injected:
             table.add_row("injected fault", fault)
         if self.progress.total:
             table.add_row("progress", f"{self.progress.done} of {self.progress.total}, {self.progress.text}")
+        for name, value in self._fault_rows():
+            table.add_row(name, value)
         statistics = self.statistics
         why = " (why: `umo why`)" if statistics.missed else ""
         table.add_row("periods", f"{statistics.periods}, missed {statistics.missed}{why}")
@@ -105,6 +113,35 @@ class RunSummary:
         for name, value in rows("result", self.outcome.result):
             table.add_row(name, value)
         return table
+
+    def standing_faults(self) -> list[str]:
+        """A line for each of the first few parts that are in fault at the end, and the number of the others."""
+        standing = self.equipment_faults.standing.values()
+        lines = [
+            f"still in fault at the end: {each.path}, since {clock_text(each.time)}: {each.reason}" for each in standing
+        ]
+        more = [f"and {len(lines) - MAX_SHOWN} more"] if len(lines) > MAX_SHOWN else []
+        return lines[:MAX_SHOWN] + more
+
+    def _faults(self) -> dict[str, Any]:
+        """The faults of equipment as plain data."""
+        faults = self.equipment_faults
+        last = [asdict(fault) for fault in faults.last]
+        return {"number": faults.number, "standing": list(faults.standing), "last": last}
+
+    def _fault_rows(self) -> Iterator[tuple[str, str]]:
+        """The number of faults of equipment, and the last ones."""
+        faults = self.equipment_faults
+        if not faults.number:
+            return
+        standing = len(faults.standing)
+        ends = "all cleared" if not standing else f"{standing} not cleared"
+        yield "faults of equipment", f"{faults.number}, {ends}"
+        shown = list(faults.last)[-MAX_SHOWN:]
+        for fault in shown:
+            yield fault.path, _text(str(fault))
+        if earlier := faults.number - len(shown):
+            yield "", f"and {earlier} earlier"
 
 
 def rows(name: str, data: Any) -> Iterator[tuple[str, str]]:

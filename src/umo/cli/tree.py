@@ -12,6 +12,7 @@ from rich.tree import Tree
 from umo.drivers import Direction
 from umo.errors import DeclarationError
 from umo.objects import Atomic, Compound, Digital, DigitalActuator, Node, atoms, children, path_of
+from umo.objects.keywords import IN_MANUAL
 from umo.objects.paths import is_pattern, named
 from umo.presentation.rows import FOLDED_FROM, folded
 from umo.presentation.value_text import measure
@@ -51,8 +52,15 @@ def _part(machine: Compound, path: str) -> tuple[str, Mapping[str, Node]]:
     found = {path_of(node): node for node in named(machine, path)}
     node = found.get(path)
     if isinstance(node, Compound):
-        return type(node).__name__, children(node)
+        return _class_of(node), children(node)
     return "", {place if is_pattern(path) else each._name: each for place, each in found.items()}
+
+
+def _class_of(compound: Compound) -> str:
+    """`Reactor, equipment`."""
+    declared = compound._settings.equipment
+    mode = " (in manual mode)" if declared == IN_MANUAL else ""
+    return f"{type(compound).__name__}{', equipment' if declared else ''}{mode}"
 
 
 class _Branches:
@@ -67,8 +75,7 @@ class _Branches:
             name = folded(names)
             times = f"{len(names)} x " if len(names) > 1 else ""
             if isinstance(begin, Compound) and isinstance(end, Compound):
-                kind = f"{times}{type(begin).__name__}{', equipment' if begin._settings.equipment is True else ''}"
-                branch = tree.add(label((name, "bold"), (kind, "dim")))
+                branch = tree.add(label((name, "bold"), (f"{times}{_class_of(begin)}", "dim")))
                 self.add(branch, children(begin), children(end))
             elif isinstance(begin, Atomic) and isinstance(end, Atomic):
                 style = "green" if begin.direction is Direction.OUTPUT else "cyan"

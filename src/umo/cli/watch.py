@@ -22,11 +22,21 @@ from rich.text import Text
 from umo.frames import Reader, Stage
 from umo.objects import Quality
 from umo.presentation.digits import number_text
-from umo.presentation.rows import FOLDED_FROM, TableRow, families, folded, quality_of, raw_of, value_of, worst_of
-from umo.presentation.run_facts import IN_FAULT
+from umo.presentation.rows import (
+    FOLDED_FROM,
+    TableRow,
+    families,
+    folded,
+    quality_of,
+    raw_of,
+    restriction,
+    value_of,
+    worst_of,
+)
+from umo.presentation.run_facts import IN_FAULT, fault_texts
 from umo.remote.search import reading
 from umo.scope.history import samples
-from umo.text import printable, some
+from umo.text import others, printable, some
 from umo.wiring.patterns import chosen
 
 from .console import out, plain_table
@@ -39,8 +49,10 @@ OTHER_LINES = 6
 HEADINGS = ("object or signal", "value", f"last {TRACE_SPAN:g} s", "least to most", "raw")
 MAX_REASONS = 3
 """Reasons of inhibitions that are told, at most."""
-WARNINGS = ("no frame for", "not seen", IN_FAULT)
+WARNINGS = ("no frame for", "not seen")
 """Facts in another colour."""
+REMARKED = (IN_FAULT, "driven")
+"""Facts that are told in lines of their own."""
 COLUMN_GAP = 2
 """Characters between two columns."""
 KEYS = "enter: fold, a: all, arrows, page, home, end, q: quit"
@@ -145,30 +157,32 @@ class WatchScreen:
     def whole(self) -> Group | Text:
         """Everything that was asked for, each object in a line."""
         lines = View(self._names, fold=False).lines
-        rest = f"{self._others} other objects and signals are not shown" if self._others else ""
-        return self._draw(lines, None, self._inhibited(), rest, out.width)
+        rest = f"{others(self._others)} not shown" if self._others else ""
+        return self._draw(lines, None, self._remarks(), rest, out.width)
 
     def screen(self, console: Console, keys: bool = False, hint: str = "Ctrl-C: quit") -> Group | Text:
         """Draw as much as fits the terminal; with keys, a cursor and what they do."""
-        reasons = self._inhibited()
-        height = max(1, console.size.height - OTHER_LINES - len(reasons))
+        remarks = self._remarks()
+        height = max(1, console.size.height - OTHER_LINES - len(remarks))
         lines, total = self.view.visible(height), len(self.view.lines)
-        rest = f"{self._others} others not asked for; " if self._others else ""
+        rest = f"{others(self._others)} not asked for; " if self._others else ""
         how = KEYS if keys else hint
         rest = f"lines {self.view.top + 1} to {self.view.top + len(lines)} of {total}; {rest}{how}".rstrip("; ")
         cursor = self.view.lines[self.view.cursor] if keys else None
-        return self._draw(lines, cursor, reasons, rest, console.width)
+        return self._draw(lines, cursor, remarks, rest, console.width)
 
-    def _draw(self, lines: list[Line], cursor: Line | None, reasons: list[Text], rest: str, width: int) -> Group | Text:
+    def _draw(self, lines: list[Line], cursor: Line | None, remarks: list[Text], rest: str, width: int) -> Group | Text:
         if self._frame is None:
             return Text("no frame yet")
-        return Group(self._heading(), self._table(lines, cursor, width), *reasons, Text(rest, "dim", no_wrap=True))
+        return Group(self._heading(), self._table(lines, cursor, width), *remarks, Text(rest, "dim", no_wrap=True))
 
     def _heading(self) -> Text:
         reader = self._reader
         facts = reader.facts(self._frame)
         facts["not seen"] = f"{reader.lost:,} frames" if reader.lost else ""
         progress = facts.pop("progress")
+        for name in REMARKED:
+            facts.pop(name)
         text = Text(reader.title + (f": {progress}" if progress else "") + "\n", style="bold", no_wrap=True)
         for place, (name, fact) in enumerate((name, fact) for name, fact in facts.items() if fact):
             style = "yellow" if name in WARNINGS else "none"
@@ -209,18 +223,31 @@ class WatchScreen:
         traced = self.traces.of(line.rows), shown[0].about
         return line.name, _value(shown), spark(*traced), traced_span(*traced), raw_of(shown)
 
-    def _inhibited(self) -> list[Text]:
-        """A line for each of the first few reasons of inhibitions that are shown; none before the first frame."""
+    def _remarks(self) -> list[Text]:
+        """Lines on the equipment in fault, on what is driven, and on what is inhibited; none before the first frame."""
+        faults = self._reader.faults(self._frame)
+        driven = self._reader.driven(self._frame)
+        texts = [_remark(f"✕ {IN_FAULT}: {text}") for text in fault_texts(faults)]
+        texts += [_remark(f"driven: {driven}", "yellow")] * bool(driven)
+        return texts + self._inhibited([restriction(f"{path} is in fault") for path in faults])
+
+    def _inhibited(self, told: Sequence[str]) -> list[Text]:
+        """A line for each of the first few reasons of inhibitions that are shown, but those that were told."""
         taken: dict[str, list[str]] = {}
         if self._frame is not None:
             places = [row for row in self._rows if row < len(self._frame["quality"])]
             held = [place for place in places if self._frame["restrictions"][place]]
             for row in self._reader.rows(self._frame, held):
-                if row.note:
+                if row.note and row.note not in told:
                     taken.setdefault(row.note, []).append(row.about["path"])
         found = [f"{note}: {some(names)}" for note, names in taken.items()]
-        more = [f"and {len(found) - MAX_REASONS} other reasons"] if len(found) > MAX_REASONS else []
-        return [Text(printable(text), "red", no_wrap=True) for text in found[:MAX_REASONS] + more]
+        more = [f"and {others(len(found) - MAX_REASONS)}"] if len(found) > MAX_REASONS else []
+        return [_remark(text) for text in found[:MAX_REASONS] + more]
+
+
+def _remark(text: str, style: str = "red") -> Text:
+    """A line of its own, cut where the terminal ends."""
+    return Text(printable(text), style, no_wrap=True, overflow="ellipsis")
 
 
 def _percentiles(ns: Any) -> str:

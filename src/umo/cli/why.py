@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from umo.cycle.fault_log import FaultLog
 from umo.errors import FramesError
 from umo.frames import Reader
 from umo.frames.layout import USAGE
@@ -21,7 +22,7 @@ from umo.remote.search import frames_at, reading, station_name
 from umo.text import did_you_mean
 
 from .console import out
-from .ps import attach
+from .ps import attach, how_to_clear
 
 PERIODS_BEFORE = 2
 """Periods shown before the one that reports the miss."""
@@ -36,7 +37,7 @@ def why(station: str | None, now: bool, file: Path | None) -> int:
     elif file is None:
         file = _newest(station)
     with frames_at(file) as reader, reading(file):
-        _report(reader, file)
+        _report(reader, file, now)
     return 0
 
 
@@ -64,12 +65,19 @@ def _keep(station: str | None) -> Path:
         return file
 
 
-def _report(reader: Reader, file: Path) -> None:
+def _report(reader: Reader, file: Path, now: bool) -> None:
     frames, about = reader.read(), reader.about
     if not len(frames):
         raise FramesError(f"no period is in {file}")
     out.print(f"{reader.title}, {blackbox.kept_at(about)}: {about.get('reason', '')}")
     out.print(f"the last {len(frames)} periods of {duration(about['period'])}; {reader.missed} missed in the whole run")
+    log = FaultLog()
+    for _, event in reader.events():
+        log.add(event)
+    for fault in list(log.last)[-MAX_VERDICTS:]:
+        out.print(f"{fault.path}: {fault}", style="bold")
+    if log.standing and now:
+        out.print(how_to_clear(str(reader.about["station"]), log.standing))
     verdicts = explain_all(frames, reader.layout)
     if not verdicts:
         out.print("no period was missed in these; usual times:")

@@ -11,6 +11,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from time import monotonic_ns
 from typing import Any, NoReturn, Protocol
 
 from umo.cycle.clock import Clock
@@ -109,6 +110,8 @@ class Absences:
         self._names = {id(driver): name for name, driver in transfer.drivers.items()}
         self._absent: dict[int, Absence] = {}
         self._on_tick = clock.on_tick
+        self.tried: Callable[[str, int], object] = lambda name, ns: None
+        """Function that is told the ns that a driver has taken as it was looked for or tried, by its name."""
 
     def is_away(self, driver: Driver[Any]) -> bool:
         """Whether calls of this driver are refused."""
@@ -162,7 +165,9 @@ class Absences:
                 if absence.answers_for_device:  # nothing was called since it was found
                     self._back(absence)
             elif not absence.shut or self._clock.now >= absence.due - ROUNDING:
+                began = monotonic_ns()
                 self._look_for(absence)
+                self.tried(absence.name, monotonic_ns() - began)
 
     def _look_for(self, absence: Absence) -> None:
         found, error = attempt(absence.driver.look)
@@ -195,8 +200,11 @@ class Absences:
                 return False
             absence.initialized, absence.since = True, now
         absence.shut, absence.trial, absence.known = False, True, True
-        self._transfer.exchange(driver, Tried(driver, lambda: self._back(absence)))
+        self._transfer.exchange(driver, self._trial(absence))
         return True
+
+    def _trial(self, absence: Absence) -> Tried:
+        return Tried(absence.driver, lambda: self._back(absence), lambda ns: self.tried(absence.name, ns))
 
     def _initialize_again(self, absence: Absence) -> str:
         """Initialise every object of the driver and arm its watchdog; why that failed, or ""."""

@@ -14,7 +14,7 @@ from enum import IntEnum
 from typing import Any
 
 from umo.cycle.command_stage import CommandStage
-from umo.cycle.events import FAULT, IN_FAULT, Event
+from umo.cycle.events import FAULT, FAULT_CLEARED, IN_FAULT, Event
 from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition
 from umo.cycle.sequences import Task
@@ -192,7 +192,7 @@ class Containment:
         self._commands.free([each.inhibition for each in cleared if each.inhibition is not None])
         self._show()
         for equipment in cleared:
-            self._tell(equipment, "fault cleared")
+            self._tell(equipment, FAULT_CLEARED)
         if cleared:
             self._changed(cleared)
         if failures:

@@ -19,6 +19,8 @@ FAULT = "fault"
 """`Event.asked` of the event that equipment, at its path, has come into fault."""
 IN_FAULT = "in fault: "
 """Beginning of the text of this event; the reason follows."""
+FAULT_CLEARED = "fault cleared"
+"""Text of the event that the fault of the equipment at its path has ended."""
 
 
 class CommandState(IntEnum):

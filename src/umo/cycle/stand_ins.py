@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from time import monotonic
+from time import monotonic_ns
 from typing import Any, NoReturn
 
 from umo.drivers.contract import Driver
@@ -27,25 +27,32 @@ class Away:
 
 
 class Tried:
-    """Stands in the place of a driver that was found: the first call that succeeds is told."""
+    """Stands in the place of a driver that was found: the first call that succeeds is told, and the ns that each call
+    for one object takes. Those of blocks are measured with the period's transfers."""
 
-    def __init__(self, driver: Driver[Any], succeeded: Callable[[], object]) -> None:
-        for segment in ("read", "write", "read_many", "write_many", "initialize", "reset", "finalize"):
-            setattr(self, segment, _watched(driver, getattr(driver, segment), succeeded))
+    def __init__(self, driver: Driver[Any], succeeded: Callable[[], object], took: Callable[[int], object]) -> None:
+        for segment in ("read", "write", "initialize", "reset", "finalize"):
+            setattr(self, segment, _watched(driver, getattr(driver, segment), succeeded, took))
+        for segment in ("read_many", "write_many"):
+            setattr(self, segment, _watched(driver, getattr(driver, segment), succeeded, lambda ns: None))
 
 
-def _watched(driver: Driver[Any], call: Callable[..., Any], succeeded: Callable[[], object]) -> Callable[..., Any]:
+def _watched(
+    driver: Driver[Any], call: Callable[..., Any], succeeded: Callable[[], object], took: Callable[[int], object]
+) -> Callable[..., Any]:
     def tried(*arguments: Any) -> Any:
-        began = monotonic()
+        began = monotonic_ns()
         try:
             result = call(*arguments)
         except ChannelsFailed:
             succeeded()  # the device answers
             raise
         except (Exception, SystemExit) as error:
-            if monotonic() - began >= driver.timeout and not isinstance(error, TimeoutError):
+            if (monotonic_ns() - began) * 1e-9 >= driver.timeout and not isinstance(error, TimeoutError):
                 raise DeviceTimeout(text_of(error)) from None
             raise
+        finally:
+            took(monotonic_ns() - began)
         succeeded()
         return result
 

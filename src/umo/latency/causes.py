@@ -14,6 +14,7 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
+from umo.cycle.phases import TRY
 from umo.frames.layout import USAGE, Layout
 from umo.frames.reader import Frames
 from umo.presentation.durations import duration
@@ -121,9 +122,11 @@ def sentences(frames: Frames, layout: Layout, verdicts: list[MissCause], most: i
 
 
 def split(frames: Frames, layout: Layout) -> PhaseTimes:
-    """The parts of each period's time in ns: waking up, the phases, what came after `update`."""
+    """The parts of each period's time in ns: waking up, the phases, what came after `update`. Tries of a driver are
+    left out where there were none."""
     phases = frames["phases"].astype(float)
     parts: PhaseTimes = {name: phases[:, i] for i, name in enumerate(layout.phases) if name != "timer"}
+    parts = {name: times for name, times in parts.items() if not name.startswith(f"{TRY} ") or times.any()}
     known = frames["wake"] >= 0
     waiting = phases[:, layout.phases.index("timer")]
     parts = {WAKE: np.where(known, frames["wake"], np.where(frames["missed"] > 0, 0, waiting)).astype(float), **parts}
@@ -159,7 +162,8 @@ def _judge(part: str, excess: float, took: float, counted: dict[str, int]) -> tu
         return Cause.PAGE_FAULTS, _faults(counted)
     kind, _, driver = part.partition(" ")
     if driver:
-        return Cause.DRIVER, f"driver {driver} took {lasted} ({kind})"
+        what = "it is away, and was tried" if kind == TRY else kind
+        return Cause.DRIVER, f"driver {driver} took {lasted} ({what})"
     if part == WAKE:
         text = f"the timer woke {lasted} late, but no other process used the core: interrupts, or the host of this VM"
         return Cause.WAKE, text

@@ -10,7 +10,7 @@ from typing import Any
 from umo.presentation.digits import digits_of, number_text
 from umo.presentation.durations import duration, lasting
 from umo.presentation.value_text import value_text
-from umo.text import printable, time_of_day
+from umo.text import others, printable, time_of_day
 
 IN_FAULT = "in fault"
 """Name of the fact that tells the equipment in fault."""
@@ -52,15 +52,15 @@ def facts_of(
         "time": "" if time is None else clock_text(time),
         "period": "" if period is None else duration(period),
         "missed": "" if missed is None else f"{missed:,}",
-        IN_FAULT: _of_faults(faults),
+        IN_FAULT: "; ".join(fault_texts(faults)),
     }
 
 
-def _of_faults(faults: Mapping[str, str]) -> str:
+def fault_texts(faults: Mapping[str, str]) -> list[str]:
     """The first few equipments in fault with their reasons, and the number of the others."""
     found = [printable(f"{path}: {reason}") for path, reason in faults.items()]
     more = [f"and {len(found) - MAX_FAULTS} more"] if len(found) > MAX_FAULTS else []
-    return "; ".join(found[:MAX_FAULTS] + more)
+    return found[:MAX_FAULTS] + more
 
 
 def driven_text(actuators: Iterable[tuple[Mapping[str, Any], float, bool]], holder: str) -> str:
@@ -72,7 +72,7 @@ def driven_text(actuators: Iterable[tuple[Mapping[str, Any], float, bool]], hold
         f"{about['path']} {value_text(about, value)} ({_cause(about, taken, holder)})" for about, value, taken in shown
     ]
     more = len(found) - len(shown)
-    return printable(", ".join(texts) + (f" and {more} others" if more else ""))
+    return printable(", ".join(texts) + (f" and {others(more)}" if more else ""))
 
 
 def _default_of(about: Mapping[str, Any]) -> float:

@@ -61,7 +61,7 @@ def find_running(name: str | None, said: Callable[[str], object] = lambda text: 
         return fitting[0]
     names = [str(reader.about["station"]) for reader in found]
     if not found:
-        raise FramesError(f"no station is running{_others()}; start one in real time with `umo run STATION`")
+        raise FramesError(f"no station is running{_others()}; start one in real time with `umo run STATION --realtime`")
     if not fitting:
         raise FramesError(f"{name!r} is not running{did_you_mean(str(name), names)}; running: {', '.join(names)}")
     if name is not None:

@@ -17,7 +17,7 @@ from zipfile import BadZipFile, ZipFile
 
 from umo.drivers.contract import Channel, Direction
 from umo.errors import ChannelError, DriverError, WiringError
-from umo.text import COMPARED_NAMES
+from umo.text import COMPARED_NAMES, others
 
 TICK = "tick"
 FLOAT_BITS = 48
@@ -113,9 +113,9 @@ def channel_of(description: Any, text: str) -> FmuChannel:
     variable = variables.get(name)
     if variable is None:
         wireable = {each: known for each, known in variables.items() if _is_channel(description, known)}
-        near, others = (list(wireable), []) if text == ANY_CHANNEL else (_nearest(name, wireable), _others(wireable))
+        near, more = (list(wireable), []) if text == ANY_CHANNEL else (_nearest(name, wireable), _others(wireable))
         forms = [f"{each}:SCALE" if wireable[each].type in FLOATS else each for each in near]
-        raise ChannelError(text, [*forms, *others, TICK])
+        raise ChannelError(text, [*forms, *more, TICK])
     kind, bits, signed = _raw(description, variable, text)
     if kind in FLOATS and scale is None:
         raise ChannelError(text, [f"{name}:SCALE"])
@@ -240,5 +240,5 @@ def _nearest(name: str, variables: Mapping[str, Any]) -> list[str]:
 
 
 def _others(variables: Mapping[str, Any]) -> list[str]:
-    others = len(variables) - LISTED_NAMES
-    return [f"{others} others"] if others > 0 else []
+    more = len(variables) - LISTED_NAMES
+    return [others(more)] if more > 0 else []

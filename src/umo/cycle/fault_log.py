@@ -1,0 +1,61 @@
+"""The faults of equipment in one run, as its events tell them."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from umo.cycle.events import FAULT, FAULT_CLEARED, IN_FAULT, Event, Events
+from umo.presentation.run_facts import clock_text
+
+KEPT_FAULTS = 1000
+"""Number of the last faults that are kept; all are counted."""
+
+
+@dataclass
+class EquipmentFaultRecord:
+    """One fault of one part of the machine."""
+
+    path: str
+    time: float
+    """Time in s on the cycle's clock at which the equipment came into fault."""
+    reason: str
+    cleared: float | None = None
+    """Time in s at which the fault was cleared; None: it was not."""
+
+    def __str__(self) -> str:
+        if self.cleared is None:
+            return f"in fault since {clock_text(self.time)}: {self.reason}"
+        return f"in fault from {clock_text(self.time)} to {clock_text(self.cleared)}: {self.reason}"
+
+
+class FaultLog:
+    """Counts the faults, and keeps the last ones."""
+
+    def __init__(self) -> None:
+        self.number = 0
+        """Number of faults in all."""
+        self.last: deque[EquipmentFaultRecord] = deque(maxlen=KEPT_FAULTS)
+        self.standing: dict[str, EquipmentFaultRecord] = {}
+        """Those that were not cleared, by the path of the equipment."""
+        self.next = 0
+        """Number of the next event of the run that is to be added."""
+
+    def add(self, event: Event) -> None:
+        """The next event; those that tell no fault are passed over."""
+        if event.command or event.who:  # of a client
+            return
+        if event.asked == FAULT:
+            fault = EquipmentFaultRecord(event.path, event.time, event.text.removeprefix(IN_FAULT))
+            self.number += 1
+            self.last.append(fault)
+            self.standing[event.path] = fault
+        elif event.text == FAULT_CLEARED and (cleared := self.standing.pop(event.path, None)):
+            cleared.cleared = event.time
+
+    def add_new(self, events: Events) -> None:
+        """The events of a machine in this process that were not added yet, as far as they are kept."""
+        if new := min(events.number - self.next, len(events)):
+            self.next = events.number
+            for event in list(events)[-new:]:
+                self.add(event)
