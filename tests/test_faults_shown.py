@@ -119,6 +119,7 @@ def test_ps_tells_faults_below_the_table_and_how_they_are_cleared(umo: Umo, tmp_
     with running(tmp_path) as m:
         lines = umo("ps").stdout.splitlines()
         assert "in fault" not in lines[0]
+        assert max(map(len, lines)) <= 80
         assert lines[3:] == ["plant: in fault: reactors.1: no feed", "       cleared by: umo clear plant reactors.1"]
         m.reactors[2].cycle.start(m.reactors[2].stumble("no feed"))
         periods(m, 2)

@@ -63,6 +63,11 @@ def test_ps_lists_what_runs() -> None:
     assert said(umo("ps")) == "no station is running"
 
 
+def test_a_station_without_actions_says_so() -> None:
+    with running():
+        assert said(umo("call", "press")) == "press has no actions"
+
+
 def test_ps_names_the_machines_that_stand_stopped() -> None:
     run = DeviceRecord(["bus 1"], "press", "rig")
     run.begin(False)

@@ -23,10 +23,8 @@ from umo.wiring.patterns import chosen
 
 from .console import out, plain_table, say
 
-COLUMNS = (
-    "station", "pid", "since", "state", "mode", "period", "periods", "missed", "lease", "progress",
-)  # fmt: skip
-"""Facts that `umo ps` shows in its table."""
+COLUMNS = ("station", "pid", "since", "state", "mode", "period", "periods", "missed")
+"""Facts that `umo ps` shows in its table; the longer ones stand in lines below it."""
 
 
 def ps(as_json: bool) -> None:
@@ -41,8 +39,8 @@ def ps(as_json: bool) -> None:
         return
     if found:
         out.print(_table([facts for _, facts in found]))
-        for data, _ in found:
-            _remark(data, [each["station"] for each, _ in found].count(data["station"]) > 1)
+        for data, facts in found:
+            _remark(data, facts, [each["station"] for each, _ in found].count(data["station"]) > 1)
     else:
         out.print("no station that can be read is running" if unread else "no station is running")
     for ended in stopped:
@@ -64,16 +62,17 @@ def _lines(unread: Callable[[str], object]) -> Iterator[tuple[dict[str, Any], di
             unread(str(error))
 
 
-def _remark(data: dict[str, Any], ambiguous: bool) -> None:
-    """Lines below the table on the equipment of a run that is in fault, and on what is driven."""
+def _remark(data: dict[str, Any], facts: dict[str, str], ambiguous: bool) -> None:
+    """Lines below the table on the work of a run, its lease, what is driven, and its equipment in fault."""
     name = str(data["pid"] if ambiguous else data["station"])
+    for title in ("progress", "lease", "driven"):
+        if facts[title] and facts[title] != FREE:
+            out.print(f"{name}: {title}: {facts[title]}", soft_wrap=True)
     faults: dict[str, str] = data["in_fault"]
     for text in fault_texts(faults):
         out.print(f"{name}: {IN_FAULT}: {text}", style="red", soft_wrap=True)
     if faults:
         out.print(f"{' ' * len(name)}  {how_to_clear(name, faults)}", soft_wrap=True)
-    if data["driven"]:
-        out.print(f"{name}: driven: {data['driven']}", soft_wrap=True)
 
 
 def how_to_clear(name: str, faults: Iterable[str]) -> str:
@@ -149,12 +148,11 @@ def _told(reader: Reader) -> tuple[dict[str, Any], dict[str, str]]:
 
 
 def _table(found: list[dict[str, str]]) -> Table:
-    """The columns in which something stands; that of the lease only where somebody has one."""
+    """The columns in which something stands."""
     table = plain_table()
-    held = any(facts["lease"] not in ("", FREE) for facts in found)
-    titles = [title for title in COLUMNS if any(facts[title] for facts in found) and (held or title != "lease")]
+    titles = [title for title in COLUMNS if any(facts[title] for facts in found)]
     for title in titles:
-        table.add_column(title, overflow="fold", no_wrap=title in ("pid", "period", "periods", "missed"))
+        table.add_column(title, overflow="fold", no_wrap=title != "station")
     for facts in found:
         table.add_row(*(facts[title] for title in titles))
     return table
