@@ -175,7 +175,7 @@ def test_clear_takes_paths_and_patterns_and_says_what_it_cleared(umo: Umo, start
         assert result.exit_code == 0, said(result)
         assert result.stdout == "".join(f"cleared: reactors.{number}\n" for number in cleared)
         for more in ([], words, ["timer"]):
-            assert umo("clear", "plant", *more).stdout == "nothing was in fault\n"
+            assert umo("clear", "plant", *more).stdout.endswith("nothing was in fault\n")
     fail(umo, started, 0, 2)
     assert umo("clear", "plant").stdout == "cleared: reactors.0, reactors.2\n"
     result = umo("clear", "plant", "reactors.*", "reactor.*.heater")

@@ -17,9 +17,6 @@ from .commanding import leased, station_of
 from .console import out
 from .ps import attach, readers, standing
 
-NOTHING_IN_FAULT = "nothing was in fault"
-"""Answer of a machine to `clear` that had nothing to do."""
-
 
 def acknowledge(name: str, paths: Sequence[str], over: bool) -> None:
     """Acknowledge latched interlocks of a station that runs; else the end of its last run, or of the device's."""
@@ -56,13 +53,9 @@ def clear(name: str, paths: Sequence[str], over: bool) -> None:
     with station_of(name) as station:
         parts = _equipment(station.reader, paths) if paths else [""]
         with leased(station, over):
-            answers = []
             for part in parts:
-                answers.append(station.clear(part))
-                if answers[-1] != NOTHING_IN_FAULT:
-                    out.print(answers[-1], soft_wrap=True)
-        if all(answer == NOTHING_IN_FAULT for answer in answers):
-            out.print(NOTHING_IN_FAULT)
+                answer = station.clear(part)  # it names what was cleared
+                out.print(answer if answer.startswith("cleared") or not part else f"{part}: {answer}", soft_wrap=True)
 
 
 def _parts(reader: Reader, paths: Sequence[str]) -> list[str]:
