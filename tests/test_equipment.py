@@ -26,6 +26,7 @@ from umo import (
 from umo.control import ServoAxis, next_period, unless, until, value_of, wait
 from umo.cycle.client_commands import ClientCommand, Mode
 from umo.cycle.client_control import ClientControl
+from umo.cycle.events import CommandState
 from umo.errors import AxisError, Cancelled, DeclarationError, DriverError, EquipmentFault
 from umo.objects import atoms
 from umo.states import OnOff
@@ -654,11 +655,13 @@ class Commanded(Rig):
     def __init__(self, mode: Mode = Mode.AUTOMATIC, **changes: Any) -> None:
         super().__init__(**changes)
         self.letters, self.mode, self.number = Letters(), mode, 0
+        self.now = 1.0
+        """The clock of the signs of life, s."""
 
     def __enter__(self) -> Commanded:
         super().__enter__()
         machine = self.connection.machine
-        machine.clients = ClientControl(machine, self.letters, self.letters, self.mode, lambda: 1.0)
+        machine.clients = ClientControl(machine, self.letters, self.letters, self.mode, lambda: self.now)
         self.do("lease")
         return self
 
@@ -873,6 +876,71 @@ def test_an_action_that_a_fault_has_ended_while_others_are_cancelled_is_ended_on
         assert [str(event.state) for event in ends] == ["cancelled"]
         rig.periods(2)
         assert driven(m.a) == AT_DEFAULT
+
+
+class Drained(Reactor, equipment=True):
+    @action(release="rest")
+    def open_it(self) -> None:
+        """Open something."""
+
+    @action(release="rest")
+    def open_more(self) -> None:
+        """Open something else."""
+
+    def rest(self) -> None:
+        self.drain.write(OnOff.ON)
+
+
+@pytest.mark.parametrize("signs", [{}, {"": (1, 9.0)}], ids=["the lease ends", "only what is held ends"])
+def test_a_client_that_dies_holding_two_actions_ends_each_once_if_the_first_release_fails(
+    signs: dict[str, tuple[int, float]],
+) -> None:
+    with Commanded(Mode.MANUAL, a=reactor(Drained)) as rig:
+        rig.do("call", "a.open_it")
+        rig.do("call", "a.open_more")
+        rig.now, rig.letters.signs = 9.0, signs
+        rig.boxes["of_a"].at(len(rig.boxes["of_a"].calls) + 1, OSError("the coil is broken"))  # after read_many
+        rig.periods(3)
+        assert "the coil is broken" in (rig.m.a.cycle.fault or "")
+        events = rig.connection.machine.events
+        ended = [event.path for event in events if event.state is CommandState.CANCELLED]
+        assert sorted(ended) == ["a.open_it", "a.open_more"]
+        assert not [event.text for event in events if "could not be released" in event.text]
+        assert driven(rig.m.a) == AT_DEFAULT
+        assert rig.m.b.acted == rig.m.a.acted + 3  # it goes on
+
+
+class FlushedValve(Valve, equipment=True):
+    def setup(self) -> None:
+        self.at_end = lambda: None
+
+    @action
+    async def watch(self) -> None:
+        """Do something at the end."""
+        try:
+            await wait(10.0)
+        finally:
+            self.at_end()
+
+    @action
+    async def turn(self) -> None:
+        """Wait."""
+        await wait(10.0)
+
+
+def test_a_fault_of_the_outer_equipment_while_the_actions_of_the_inner_end_ends_each_once() -> None:
+    with Commanded(Mode.MANUAL, a=reactor(outlet=FlushedValve(coil=relay()))) as rig:
+        a: Any = rig.m.a
+        a.outlet.at_end = lambda: a.drain.write(OnOff.ON)
+        rig.do("call", "a.outlet.watch")
+        rig.do("call", "a.outlet.turn")
+        rig.boxes["of_a"].at(len(rig.boxes["of_a"].calls) + 1, OSError("the coil is broken"))
+        assert rig.connection.machine.fail(a.outlet, ValueError("it is stuck"))
+        assert "it is stuck" in a.outlet.cycle.fault
+        rig.periods(2)
+        assert (a.outlet.cycle.fault, a.cycle.fault is not None) == ("ValueError: it is stuck", True)
+        ended = [each.path for each in rig.connection.machine.events if each.state is CommandState.CANCELLED]
+        assert sorted(ended) == ["a.outlet.turn", "a.outlet.watch"]
 
 
 def test_on_resume_of_equipment_that_comes_into_fault_has_ended_also_after_clear() -> None:

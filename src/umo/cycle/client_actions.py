@@ -100,11 +100,8 @@ class ClientActions:
             if begun not in self._running:
                 raise self._machine.fault_of(begun.part) or CommandRefused(f"{path} was cancelled as it began")
         except BaseException:  # what it has begun until then ends with it
-            attempt(self.within, begun.started, begun.cancel)
-            if begun in self._running:
-                self._running.remove(begun)
-            if path in self._held:
-                self.release(path, "")
+            self._end(begun, "")
+            self.release(path, "")
             raise
         if begun.task is not None and path in self._held:
             self._held[path].is_running = True
@@ -149,8 +146,6 @@ class ClientActions:
         """End what is held without a sign of life. `signed`: the times of the last ones by path, until now."""
         commands = self._machine.commands
         for path, held in list(self._held.items()):
-            if path not in self._held:  # the release of another one has put its equipment in fault
-                continue
             if held.signed < signed[path] <= now:
                 held.signed = signed[path]
             if held.slot >= 0 and not commands.client_of(held.slot):  # an interlock has reset it
@@ -184,8 +179,8 @@ class ClientActions:
         _, error = attempt(self.within, each.started, each.started.advance, self._machine.clock)
         if error is not None:
             self.note(f"a sequence that {each.command.path} has started failed: {error}")
-        if each.is_over and each in self._running:
-            self._running.remove(each)
+        if each.is_over:
+            self._remove(each)
 
     # Ended ---------------------------------------------------------------------------------------------
 
@@ -226,11 +221,10 @@ class ClientActions:
         return errors
 
     def _end(self, action: _Action, why: str) -> Raised | None:
-        """Cancel an action and what it has started; the error of the cleaning up."""
-        if action not in self._running:  # the cleaning up of another one has put its equipment in fault
-            return None
-        self._running.remove(action)
-        asked = action.task is not None
+        """Cancel an action and what it has started; the error of the cleaning up. Of one that has ended nothing is told
+        again: the cleaning up of another one may have put its equipment in fault."""
+        asked = action.task is not None and action in self._running
+        self._remove(action)
         _, error = attempt(self.within, action.started, action.cancel)
         if asked:
             text = why if error is None else f"{why}; in its cleaning up: {error}"
@@ -239,10 +233,15 @@ class ClientActions:
             self.note(f"a sequence that {action.command.path} has started failed in its cleaning up: {error}")
         return error
 
+    def _remove(self, action: _Action) -> None:
+        if action in self._running:
+            self._running.remove(action)
+
     def release(self, path: str, why: str) -> None:
-        """End what is held. A release starts nothing; if it fails, the actuators of its part go to their defaults."""
+        """End what is held, if it is. A release starts nothing; if it fails, the actuators of its part go to their
+        defaults."""
         held = self._held.pop(path, None)
-        if held is None:  # another release has put its equipment in fault
+        if held is None:
             return
         self.cancel(why, path)
         begun = self._new(held.command)
