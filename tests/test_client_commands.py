@@ -8,7 +8,7 @@ import json
 import signal
 import weakref
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import pytest
 from hypothesis import given, settings
@@ -37,6 +37,7 @@ from umo.cycle.columns import ASKED, FREE, TAKEN_BY_CLIENT
 from umo.cycle.events import EVENT_TEXT_BYTES, CommandState, Event
 from umo.errors import DeclarationError
 from umo.objects import actions_of, find
+from umo.objects.linearization import Linearization
 from umo.states import OnOff, PassFail
 from umo.testing import Scripted, VirtualTimer, put
 
@@ -334,6 +335,37 @@ def test_what_a_client_holds_without_a_sign_of_life_goes_to_its_default(rig: Rig
         rig.keep()
     assert rig.m.heater.read() == rig.m.heater.default
     assert rig.last() == (CommandState.CANCELLED, "dead-man timeout")
+
+
+class Breaking(Linearization):
+    """A curve that fails between 5 and 10 V."""
+
+    def over(self, minimum: float, maximum: float) -> Self:
+        return self
+
+    def to_value(self, x: float) -> float:
+        return x
+
+    def to_input(self, value: float) -> float:
+        if 5.0 < value < 10.0:
+            raise ValueError("off the curve")
+        return value
+
+
+@pytest.mark.usefixtures("each_way")
+@pytest.mark.parametrize("held", [False, True])
+def test_an_actuator_that_a_client_could_not_write_is_free_at_once(held: bool) -> None:
+    with Rig(ram=actuator(linearization=Breaking())) as rig:
+        rig.do("lease")
+        if held:
+            assert rig.do("write", "ram", 4.0).state is CommandState.DONE
+        failed = rig.do("write", "ram", 6.0)
+        assert (failed.state, "off the curve" in failed.text) == (CommandState.FAILED, True)
+        assert rig.m.ram.inhibited is None
+        rig.periods(2)
+        assert (rig.m.ram.read(), rig.m.taken) == (1.0, True)
+        rig.periods(100)  # nothing is told of it later
+        assert not [event for event in rig.events if event.state is CommandState.CANCELLED]
 
 
 def test_an_actuator_that_expires_sooner_ends_sooner_in_a_client_too() -> None:

@@ -783,6 +783,8 @@ def test_a_clients_write_that_a_device_refuses_is_refused_and_a_fault_of_its_equ
         rig.boxes["of_a"].at(len(rig.boxes["of_a"].calls) + 1, OSError("short circuit"))  # after read_many
         state, text = rig.do("write", "a.drain", value="ON")
         assert (state, text) == ("refused", "CommandRefused: a.drain is inhibited: a is in fault")
+        rig.periods(3)
+        assert rig.answer(rig.number) == (state, text)  # and nothing else later
         assert "short circuit" in (rig.m.a.cycle.fault or "")
 
 

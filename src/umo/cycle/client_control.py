@@ -196,8 +196,12 @@ class ClientControl:
         if not commands.take_for_client(slot, command.who):
             raise CommandRefused(f"{item.path} is inhibited: {commands.inhibited(slot)}")
         self._actions.hold(command, lasts, signed, lambda: commands.release_from_client(slot), slot)
-        if not self._machine.image.command(slot, value, Source.CLIENT):
-            raise CommandRefused(f"{item.path} is inhibited: {commands.inhibited(slot)}")
+        try:
+            if not self._machine.image.command(slot, value, Source.CLIENT):
+                raise CommandRefused(f"{item.path} is inhibited: {commands.inhibited(slot)}")
+        except BaseException:  # a linearization, or a device, may raise anything
+            self._actions.release(item.path, "")
+            raise
         return CommandState.DONE, ""
 
     def _let_go(self, command: ClientCommand) -> tuple[CommandState, str]:
