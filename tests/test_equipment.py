@@ -1064,6 +1064,54 @@ def test_an_axis_that_does_not_follow_in_manual_mode_is_in_fault_alone() -> None
         assert rig.do("call", "x.move_to", arguments={"position": 0.0})[0] == "begun"
 
 
+def test_an_axis_in_fault_that_refuses_a_motion_leaves_nothing_that_only_the_collector_would_free() -> None:
+    class Alone(ServoAxis, equipment=True): ...
+
+    m, refused = slide(Alone), []
+
+    async def move() -> None:
+        while True:
+            try:
+                await m.x.move_to(40.0)
+            except EquipmentFault as error:
+                refused.append(weakref.ref(error))
+            await next_period()
+
+    with Commanded(machine=m) as rig:
+        rig.connection.machine.fail(m.x, ValueError("it is stuck"))
+        m.cycle.start(move())
+        gc.disable()
+        try:
+            rig.periods(3)
+            assert [each() for each in refused] == [None] * 3
+        finally:
+            gc.enable()
+
+
+class Braked(ServoAxis):
+    """An axis of a machine, whose brake does not answer."""
+
+    def disable(self) -> None:
+        if self.enabled and self.cycle.running:
+            raise ValueError("the brake did not answer")
+
+
+@pytest.mark.parametrize("motion", ["jog", "move_to"])
+def test_an_axis_in_fault_that_cannot_be_disabled_is_not_controlled_after_clear(motion: str) -> None:
+    m = slide(Braked)
+    with Commanded(Mode.MANUAL, machine=m) as rig:
+        rig.do("call", f"x.{motion}", arguments={"jog": {"velocity": 5.0}, "move_to": {"position": 40.0}}[motion])
+        rig.periods(1)
+        assert m.x.enabled
+        with suppress(ValueError):
+            rig.connection.machine.fail(m.x, ValueError("it is stuck"))
+        assert (m.x.enabled, m.x.motor.read()) == (False, 0.0)
+        rig.do("clear", "x")
+        rig.periods(3)
+        assert (m.x.cycle.fault, m.x.enabled, m.x.motor.read()) == (None, False, 0.0)
+        assert rig.do("call", "x.move_to", arguments={"position": 0.0})[0] == "begun"
+
+
 def test_automatic_mode_is_refused_while_an_axis_is_in_fault() -> None:
     m = slide()
     with Commanded(Mode.MANUAL, machine=m) as rig:

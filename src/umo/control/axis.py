@@ -147,7 +147,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
                 await self.homing.find(self)
             except BaseException:
                 if self._in_charge == number:
-                    self.disable()
+                    self._let_go()
                 raise
             finally:
                 if self._in_charge == number:
@@ -220,8 +220,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         """Follow the setpoint, from where the axis stands. BadInput if the encoder's quality is not accepted,
         EquipmentFault if the axis is in fault."""
         if not self.enabled:
-            if (fault := self._machine.fault_of(self)) is not None:
-                raise fault
+            self._check_fault()
             self._stand()
             self._interrupted = self._standing = self._was_disabled = False
             self._replan = self._stand
@@ -406,7 +405,22 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
 
     def _enter_fault(self) -> None:
         super()._enter_fault()
-        self.disable()
+        self._let_go()
+
+    def _let_go(self) -> None:
+        """`disable`. The axis is not controlled any longer, also if one of its own class fails."""
+        try:
+            self.disable()
+        finally:
+            Axis.disable(self)
+
+    def _check_fault(self) -> None:
+        fault = self._machine.fault_of(self)
+        try:
+            if fault is not None:
+                raise fault
+        finally:
+            del fault  # an error that its own frame refers to is never freed while the collector is off
 
     def _check_enabled(self) -> None:
         if not self.enabled:
