@@ -639,3 +639,93 @@ def test_a_motion_of_the_application_that_fails_is_a_fault_although_the_operator
         assert ann.mode("automatic").state is CommandState.DONE
         ann.run(1000)
         assert "did not arrive" in (ann.x.cycle.fault or "")
+
+
+async def jogging(m: Any) -> None:
+    m.x.jog(10.0)
+    try:
+        await wait(1000.0)
+    finally:
+        m.x.halt()
+
+
+async def jogging_on(m: Any) -> None:
+    m.x.jog(10.0)
+    await wait(1000.0)
+
+
+async def begin_jog(m: Any) -> None:
+    m.x.jog(10.0)
+
+
+JOGGING = pytest.mark.parametrize("application", [jogging, jogging_on])
+
+
+@BOTH
+@JOGGING
+@pytest.mark.parametrize("operated", [False, True])
+def test_a_suspended_jog_whose_sequence_is_cancelled_is_not_gone_on_with(
+    make: Make, application: Any, operated: bool
+) -> None:
+    with moved_by_a_cell(make, application) as (ann, task):
+        if operated:  # in the first of two changes to manual mode, and in the second
+            ann.call("x.jog", velocity=-10.0)
+            ann.run(100)
+            assert ann.mode("automatic").state is CommandState.DONE
+            ann.run(10)
+            ann.mode("manual")
+            ann.call("x.jog", velocity=-10.0)
+            ann.run(100)
+        break_cell(ann, task)
+        ann.run(100)
+        assert ann.mode("automatic").state is CommandState.DONE
+        ann.run(300)
+        assert (ann.x.enabled, ann.x.profile.setpoint.velocity) == (True, 0.0)
+        here = ann.slide.position
+        ann.run(300)
+        assert ann.slide.position == pytest.approx(here, abs=0.06)
+        ann.x.encoder.referenced(at=ann.slide.position)
+        again = ann.m.cycle.start(ann.x.move_to(50.0))
+        ann.until(lambda: again.done)
+        assert ann.slide.position == pytest.approx(50.0, abs=0.06)
+
+
+@BOTH
+@pytest.mark.parametrize(("application", "speed"), [(jogging_on, 10.0), (jogging, 0.0)])
+def test_an_operators_jog_ends_with_a_suspended_program_only_if_that_halts_the_axis(
+    make: Make, application: Any, speed: float
+) -> None:
+    """No halt is ignored, whoever calls it."""
+    with moved_by_a_cell(make, application) as (ann, task):
+        ann.x.encoder.referenced(False)
+        ann.call("x.jog", velocity=10.0)
+        ann.run(100)
+        break_cell(ann, task)
+        ann.run(100)
+        assert ann.x.profile.setpoint.velocity == pytest.approx(speed, abs=0.1)
+        ann.do("let go", "x.jog")
+        ann.run(300)
+        assert ann.x.profile.setpoint.velocity == 0.0
+
+
+@BOTH
+@pytest.mark.parametrize("application", [jogging, begin_jog])
+@pytest.mark.parametrize("operated", [False, True])
+def test_a_suspended_jog_is_gone_on_with_if_nobody_has_cancelled_it(
+    make: Make, application: Any, operated: bool
+) -> None:
+    """Also if the sequence that began it had ended before; and in a second change of the mode."""
+    with bench(make(), referenced=False) as ann:
+        ann.m.cycle.start(application(ann.m))
+        for _ in range(2):
+            ann.until(lambda: abs(ann.x.profile.setpoint.velocity) > 9.9)
+            ann.mode("manual")
+            ann.run(300)
+            assert ann.x.profile.setpoint.velocity == 0.0
+            if operated:
+                ann.call("x.jog", velocity=-5.0)
+                ann.run(100)
+                ann.do("let go", "x.jog")
+                ann.run(300)
+            assert ann.mode("automatic").state is CommandState.DONE
+        ann.until(lambda: ann.x.profile.setpoint.velocity > 9.9)

@@ -16,7 +16,7 @@ from umo.control.checks import check_numbers
 from umo.control.inputs import HOMING, Accept, value_of
 from umo.control.profile import Profile
 from umo.cycle.parallel import together
-from umo.cycle.sequences import next_period
+from umo.cycle.sequences import Task, advancing, next_period
 from umo.errors import AxisError, Busy, DeclarationError, HomingError, RangeError
 from umo.objects import Compound, DigitalSensor, Number, Quality, Range, action
 from umo.objects.reaction import declared_reaction
@@ -128,6 +128,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         """Number of motions that have begun, which gives each its own."""
         self._in_charge = 0
         """Number of the motion that the axis carries out: no other one stops it."""
+        self._jogged_by: Task | None = None
+        """The sequence that has begun the last jog; None: another caller has."""
         self._awaited: set[int] = set()
         """The numbers of those that have not ended: of the operator, and of the suspended application."""
 
@@ -190,9 +192,11 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         self.enable()
         self._go(lambda: self._jog(velocity))
         self._begin("jog")
+        self._jogged_by = next(iter(advancing()), None)
 
     def halt(self) -> None:
-        """End a jog: decelerate to standstill. An axis that is not enabled, or does something else, goes on so."""
+        """End a jog, whoever has begun it: decelerate to standstill. An axis that is not enabled, or does something
+        else, goes on so."""
         if self._motion == "jog":
             self._go(lambda: self.profile.at(0.0))
             self._motion = None

@@ -8,6 +8,7 @@ from typing import NamedTuple, Protocol
 
 from umo.control.inputs import HOMING, Accept
 from umo.control.profile import Profile
+from umo.cycle.sequences import Task
 from umo.objects import DigitalSensor, Quality
 from umo.objects.link import Cycle
 from umo.presentation.digits import digits_of
@@ -31,6 +32,13 @@ class _Left(NamedTuple):
     """The position at which it stood, enabled; NaN: it did not."""
     number: int
     """Number of its motion."""
+    jogged_by: Task | None
+    """The sequence that jogs, and ends the jog; None: it was begun by what has ended, or is no sequence."""
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether there is a motion to go on with: not a jog whose sequence was cancelled."""
+        return self.motion is not None and (self.jogged_by is None or not self.jogged_by.done)
 
 
 class SuspendedAxis(Protocol):
@@ -47,6 +55,7 @@ class SuspendedAxis(Protocol):
     _replan: Callable[[], object]
     _interrupted: bool
     _in_charge: int
+    _jogged_by: Task | None
     _awaited: set[int]
 
     @property
@@ -83,7 +92,10 @@ class AxisSuspension:
         rests = axis.enabled and axis._motion is None and axis.profile.done and not setpoint.velocity
         position = setpoint.position if rests else nan
         was = axis._motion, axis._replan, axis.enabled, axis.searching, axis._accept, referenced
-        self._left = _Left(*was, position, axis._in_charge)
+        jogged_by = axis._jogged_by
+        if axis._motion != "jog" or (jogged_by is not None and jogged_by.done):
+            jogged_by = None
+        self._left = _Left(*was, position, axis._in_charge, jogged_by)
         axis._motion = None
         if axis.searching:
             pushes = axis.enabled and not abs(axis.error) <= axis.following_error  # against an end stop
@@ -174,8 +186,9 @@ class AxisSuspension:
         self._left = None
         if left is None:
             return
-        axis._motion, axis._in_charge = left.motion, left.number
+        axis._motion, axis._in_charge = left.motion if left.goes_on else None, left.number
+        axis._jogged_by = left.jogged_by
         axis._set_searching(left.searching)
         axis._accept = left.accept
-        if left.motion is not None and left.enabled:
+        if left.goes_on and left.enabled:
             axis._replan, axis._interrupted = left.replan, True
