@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from helpers.machines import Bench, actuator, bench, failed, relay, sensor, switch, timer, wired
@@ -154,25 +154,38 @@ def test_a_look_that_does_not_decide_within_the_timeout_or_a_long_absence_has_no
             box.silent()
             box.found = lambda: None
             run(m, limit)
-            assert (m.motor.quality, events(connection)) == (Quality.STALE, [])
+            assert m.motor.quality is Quality.STALE
             with pytest.raises(DriverError, match="motor"):
                 periods(m, 10)
             assert events(connection) == ["driver box is away: no answer"]
 
 
-def test_a_look_that_raises_is_one_that_does_not_find_it_and_its_cause_is_told() -> None:
+class Undecidable:
+    def __bool__(self) -> bool:
+        raise ValueError("neither true nor false")
+
+
+@pytest.mark.parametrize(
+    ("answer", "told"),
+    [(OSError("no route to host"), "no route to host"), (Undecidable(), "ValueError: neither true nor false")],
+)
+def test_a_look_that_raises_is_one_that_does_not_find_it_and_its_cause_is_told(answer: Any, told: str) -> None:
     box, m = Box(), held()
 
-    def raising() -> bool:
-        raise OSError("no route to host")
+    def look() -> Any:
+        if isinstance(answer, OSError):
+            raise answer
+        return answer
 
     with running(m, box) as connection:
         box.silent()
-        box.found = raising
-        run(m, 0.02)
-        assert events(connection) == ["driver box is away: no route to host"]
-        with pytest.raises(DriverError, match="away: no route"):
+        box.found = look
+        run(m, 0.6)
+        (text,) = events(connection)
+        assert text.startswith(f"driver box is away: {told}")
+        with pytest.raises(DriverError, match=f"away: {told}"):
             connection.image.transfer.read(m.encoder._slot)
+        box.found = lambda: True
 
 
 def test_a_driver_that_cannot_look_is_tried_at_the_same_intervals() -> None:
@@ -343,6 +356,35 @@ def test_the_absence_is_told_once_and_its_end_with_its_duration(caplog: pytest.L
             "driver box is back after 3.151 s, initialised again",
         ]
         assert [record.message for record in caplog.records] == events(connection)
+
+
+@pytest.mark.parametrize("kind", [Box, Blind])
+@pytest.mark.parametrize("cause", [OSError("busy"), DeviceTimeout("no answer")])
+def test_an_absence_is_told_once_it_has_lasted(kind: type[Box], cause: OSError) -> None:
+    box, m = kind(), held()
+    with running(m, box) as connection:
+        periods(m)
+        box.broken = cause
+        run(m, LONG_ABSENCE)
+        assert events(connection) == []
+        periods(m, 2)
+        assert events(connection) == [f"driver box is away: {cause}"]
+
+
+@given(st.sampled_from([Box, Blind]), st.booleans(), st.integers(1, 120), st.integers(1, 3))
+@settings(max_examples=20, deadline=None)
+@example(Blind, False, 2, 1)
+def test_a_device_that_fails_now_and_then_is_told_a_few_times_a_second_at_most(
+    kind: type[Box], silent: bool, away: int, there: int
+) -> None:
+    box, m = kind(), held()
+    with running(m, box) as connection:
+        for _ in range(2_000 // (away + there)):
+            box.broken = DeviceTimeout("no answer") if silent else OSError("busy")
+            periods(m, away)
+            box.back()
+            periods(m, there)
+        assert len(events(connection)) <= 8  # in 2 s
 
 
 @pytest.mark.parametrize(

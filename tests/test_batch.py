@@ -324,7 +324,7 @@ def test_a_batch_that_waits_for_the_scale_of_a_line_in_fault_is_not_broken() -> 
 
 def test_a_batch_waits_for_a_line_in_fault_for_so_long_and_no_longer() -> None:
     run = Run(batches=2, fault=["line.scale disconnect at 60 s"], repair_time=None, patience=60.0)
-    assert "reactor 0: 1 of 2 batches were not made: the charging line was in fault for 600 s" in str(run.error)
+    assert "reactor 0: 1 of 2 batches not made: the charging line was in fault for 600 s" in str(run.error)
     assert run.report["good"] == "glue 1"
 
 
@@ -338,7 +338,7 @@ def test_lost_answers_cost_nothing(path: str) -> None:
 def test_a_fault_that_nobody_clears_costs_the_batches_of_its_reactor_and_no_other() -> None:
     run = Run(fault=["reactors.0.temperature disconnect at 120 s"], repair_time=None, patience=60.0)
     assert run.error is not None
-    assert str(run.error).startswith("reactor 0: 2 of 2 batches were not made: could not be read: plant: disconnected")
+    assert str(run.error).startswith("reactor 0: 2 of 2 batches not made: could not be read: plant: disconnected")
     assert run.report["good"] == "glue 1, soap 1"
     assert {number for number, _ in run.plant.good} == {1}
 

@@ -20,6 +20,7 @@ from umo import (
     Interlock,
     Range,
     TaskFailed,
+    Vector,
     action,
     connect,
 )
@@ -27,7 +28,8 @@ from umo.control import ServoAxis, next_period, unless, until, value_of, wait
 from umo.cycle.client_commands import ClientCommand, Mode
 from umo.cycle.client_control import ClientControl
 from umo.cycle.events import CommandState
-from umo.errors import AxisError, Cancelled, DeclarationError, DriverError, EquipmentFault
+from umo.cycle.journal import Journal, Kind
+from umo.errors import AxisError, Cancelled, DeclarationError, DriverError, EquipmentFault, Interlocked
 from umo.objects import atoms
 from umo.states import OnOff
 from umo.testing import Scripted
@@ -736,6 +738,83 @@ def test_a_client_that_clears_a_fault_is_told_which_interlocks_still_inhibit_its
         assert rig.do("clear", "a") == ("done", '"cleared: a"')
 
 
+def test_an_interlock_that_begins_in_a_fault_is_told_when_the_fault_ends_if_it_still_inhibits() -> None:
+    with Rig(a=reactor(Hot), b=reactor(Hot)) as rig:
+        a, journal = rig.m.a, Journal(100)
+        a.cycle.start(failing())
+        rig.periods(1)
+        a.hot = a.waits = True
+        rig.periods(1)
+        a.waits = False
+        rig.periods(1)
+        a.hot = False
+        rig.periods(1)
+        assert [text for text in rig.texts if "inhibited" in text] == []
+        rig.connection.image.transfer.journal = journal
+        noted: list[tuple[int, Kind]] = []
+        journal.add = lambda slot, kind, *_: noted.append((slot, kind))  # type: ignore[method-assign]
+        a.cycle.clear()
+        told = "a.heater: inhibited: over-temperature (latched: to be acknowledged)"
+        assert rig.texts[-2:] == [told, "a: fault cleared"]
+        assert (a.heater._slot, Kind.INTERLOCKED) in noted
+        assert (a.stirrer._slot, Kind.INTERLOCKED) not in noted
+        a.cycle.start(failing())
+        rig.periods(2)
+        a.cycle.clear()
+        assert rig.texts.count(told) == 1
+
+
+def test_a_latched_interlock_whose_condition_is_still_true_when_the_fault_ends_is_to_be_acknowledged() -> None:
+    with Rig(a=reactor(Hot), b=reactor(Hot)) as rig:
+        a = rig.m.a
+        a.cycle.start(failing())
+        rig.periods(1)
+        a.hot = True
+        rig.periods(1)
+        a.cycle.clear()
+        rig.periods(2)
+        assert [text for text in rig.texts if "inhibited" in text] == [
+            "a.heater: inhibited until acknowledged: over-temperature"
+        ]
+
+
+def test_an_interlock_that_began_before_the_fault_is_told_once() -> None:
+    with Rig(a=reactor(Hot), b=reactor(Hot)) as rig:
+        a = rig.m.a
+        a.waits = True
+        rig.periods(1)
+        a.cycle.start(failing())
+        rig.periods(2)
+        a.cycle.clear()
+        rig.periods(2)
+        assert len([text for text in rig.texts if "the lid is open" in text]) == 2  # two actuators
+
+
+class Strict(Reactor, equipment=True):
+    """To write its heater while it is hot is a program error."""
+
+    hot = False
+
+    def interlocks(self) -> Iterator[Interlock]:
+        yield Interlock(lambda: self.hot, [self.heater], "too hot", effect="stop")
+
+
+def test_a_write_in_a_fault_is_refused_and_raises_nothing_whatever_interlock_inhibits_as_well() -> None:
+    with Rig(a=reactor(Strict), b=reactor(Strict)) as rig:
+        a, b = rig.m.a, rig.m.b
+        both = Vector([a.heater, b.heater])
+        a.cycle.start(failing())
+        a.hot = True
+        rig.periods(2)
+        assert a.heater.write(1.0) is False
+        assert both.write([1.0, 2.0]) is False
+        rig.periods(1)
+        assert both.read().tolist() == [0.0, 2.0]
+        a.cycle.clear()
+        with pytest.raises(Interlocked, match="too hot"):
+            a.heater.write(1.0)
+
+
 def test_a_client_is_told_why_a_fault_cannot_be_cleared() -> None:
     with Commanded() as rig:
         fail_sensor(rig)
@@ -1103,8 +1182,8 @@ def test_an_axis_in_fault_that_cannot_be_disabled_is_not_controlled_after_clear(
         rig.do("call", f"x.{motion}", arguments={"jog": {"velocity": 5.0}, "move_to": {"position": 40.0}}[motion])
         rig.periods(1)
         assert m.x.enabled
-        with suppress(ValueError):
-            rig.connection.machine.fail(m.x, ValueError("it is stuck"))
+        rig.connection.machine.fail(m.x, ValueError("it is stuck"))
+        assert any("the brake did not answer" in text for text in rig.texts)
         assert (m.x.enabled, m.x.motor.read()) == (False, 0.0)
         rig.do("clear", "x")
         rig.periods(3)

@@ -30,8 +30,8 @@ FIRST_INTERVAL = 0.05
 MAX_INTERVAL = 5.0
 """Maximum of the same: it doubles each time."""
 LONG_ABSENCE = 0.5
-"""Time in s of an absence after which the device is initialised again: it may have been switched off. A lost answer
-must not bring an output to its default."""
+"""Time in s of an absence after which it is told, and its device initialised again: it may have been switched off. A
+lost answer must not bring an output to its default, nor a device that is busy now and then fill the events."""
 
 
 ROUNDING = 1e-9
@@ -136,7 +136,6 @@ class Absences:
         absence.cause = text_of(error)
         absence.known |= write
         if absence.trial:
-            self._tell_away(absence)
             if timed_out or absence.initialized:
                 absence.shut_for_now(self._clock.now)
             elif absence.answers_for_device:
@@ -164,13 +163,15 @@ class Absences:
             if absence.trial:
                 if absence.answers_for_device:  # nothing was called since it was found
                     self._back(absence)
-            elif not absence.shut or self._clock.now >= absence.due - ROUNDING:
+                continue
+            self._tell_away(absence)
+            if not absence.shut or self._clock.now >= absence.due - ROUNDING:
                 began = monotonic_ns()
                 self._look_for(absence)
                 self.tried(absence.name, monotonic_ns() - began)
 
     def _look_for(self, absence: Absence) -> None:
-        found, error = attempt(absence.driver.look)
+        found, error = attempt(_answer, absence.driver)
         if error is not None:
             absence.cause = error.text
         if found is None and error is None and self._is_awaited(absence):
@@ -182,7 +183,6 @@ class Absences:
             absence.known = True
             absence.shut_for_now(self._clock.now)
             self._transfer.exchange(absence.driver, Away(absence.refusal))
-            self._tell_away(absence)
 
     def _is_awaited(self, absence: Absence) -> bool:
         """Whether a look that has not decided may still do so: it has the time of a call, or that of a long absence."""
@@ -234,13 +234,20 @@ class Absences:
             self._tell(absence, f"is back after {duration(round(self._clock.now - absence.began, 6))}{again}")
 
     def _tell_away(self, absence: Absence) -> None:
-        if not absence.told:
+        """Once, when it has lasted."""
+        if not absence.told and self._clock.now - absence.began >= LONG_ABSENCE - ROUNDING:
             absence.told = True
             self._tell(absence, f"is away: {absence.cause}")
 
     def _tell(self, absence: Absence, text: str) -> None:
         self._events.add(Event(self._clock.now, f"driver {absence.name}", text))
         log.warning("driver %s %s", absence.name, text)
+
+
+def _answer(driver: Driver[Any]) -> bool | None:
+    """What its look says, as one of the three that it may be."""
+    found = driver.look()
+    return None if found is None else bool(found)
 
 
 def _at_defaults(paths: Sequence[str]) -> str:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from math import inf
 
 import numpy as np
@@ -46,8 +47,10 @@ class Command:
     synchronous: bool
     expires: float
     """Time in s without a write after which the default is sent; infinite: never."""
-    inhibitions: list[Inhibition]
-    """The faults of its equipment and the interlocks that name this actuator."""
+    interlocks: list[Inhibition]
+    """The interlocks that name this actuator."""
+    faults: list[Inhibition]
+    """The faults of its equipment."""
     written: float | None = None
     """Time of the last write that was admitted, in s on the cycle's clock; None after it has expired."""
     client: str = ""
@@ -56,7 +59,13 @@ class Command:
     @property
     def interlocked(self) -> str | None:
         """The reason of the fault or interlock for which only the default may be sent."""
-        return next((each.reason for each in self.inhibitions if each.reason is not None), None)
+        both = chain(self.faults, self.interlocks)
+        return next((each.reason for each in both if each.reason is not None), None)
+
+    @property
+    def in_fault(self) -> bool:
+        """Whether its equipment is in fault."""
+        return any(each.held for each in self.faults)
 
     @property
     def reason(self) -> str | None:
@@ -69,8 +78,11 @@ class Command:
             return False
         if value == self.default:
             return True
+        for fault in self.faults:
+            if fault.held:  # before any interlock: equipment in fault refuses, and raises nothing
+                return False
         free = True
-        for each in self.inhibitions:
+        for each in self.interlocks:
             if each.reason is not None:
                 if each.interlock.effect == "stop":
                     raise Interlocked(self.path, each.reason)
@@ -93,12 +105,14 @@ class CommandStage:
         self._faults: list[Inhibition] = []
         """The inhibitions by faults of equipment: no condition is asked for these."""
         found = (self._command(item) for item in atoms(root) if isinstance(item, Actuator))
-        self.by_slot = {command.slot: command for command in found if command.inhibitions or command.expires < inf}
+        self.by_slot = {command.slot: command for command in found if command.interlocks or command.expires < inf}
         """The guarded actuators, as declared, and those that were taken by a client or inhibited by a fault since."""
         commands = self.by_slot.values()
         self._expiring = [command for command in commands if command.expires < inf]
         self._inhibiting: list[tuple[Inhibition, str]] = []
         """The interlocks that inhibit actuators, with their reasons, as last evaluated."""
+        self._untold: dict[tuple[int, Inhibition], None] = {}
+        """The slots and interlocks that have begun to inhibit them during a fault of their equipment."""
         self._taken_by_clients: set[int] = set()
         """The actuators that a client has taken."""
         self.noted: set[int] | None = None
@@ -113,9 +127,8 @@ class CommandStage:
 
     def _command(self, item: Actuator) -> Command:
         slot, default = self._image.slot_of[id(item)], item._default_value()
-        interlocks = [each for each in self._inhibitions if slot in each.slots]
-        inhibitions = [*(each for each in self._faults if slot in each.slots), *interlocks]
-        return Command(slot, item.path, default, item.synchronous, item.expires or inf, inhibitions)
+        interlocks, faults = _naming(slot, self._inhibitions), _naming(slot, self._faults)
+        return Command(slot, item.path, default, item.synchronous, item.expires or inf, interlocks, faults)
 
     # From the source -----------------------------------------------------------------------------------
 
@@ -185,7 +198,7 @@ class CommandStage:
         """The inhibitions that `inhibit` and `free` will be given; before the first period."""
         self._faults = list(faults)
         for command in self.by_slot.values():
-            command.inhibitions[:0] = [each for each in faults if command.slot in each.slots]
+            command.faults = _naming(command.slot, faults)
         self._numbers = {reason: number for number, reason in enumerate(self.reasons, 1)}
         self._restrict()
 
@@ -203,10 +216,15 @@ class CommandStage:
         return {slot: failure for slot, failure in found if failure is not None}
 
     def free(self, faults: Sequence[Inhibition]) -> None:
-        """Their actuators may be written again."""
+        """Their actuators may be written again, unless an interlock inhibits them: one that began to do so during the
+        fault is told now."""
         for fault in faults:
             fault.held, fault.reason = False, None
         self._restrict()
+        for slot, each in [key for key in self._untold if not self.by_slot[key[0]].in_fault]:
+            del self._untold[slot, each]
+            if each.reason is not None:
+                self._tell_inhibited(slot, each)
 
     # ---------------------------------------------------------------------------------------------------
 
@@ -218,7 +236,7 @@ class CommandStage:
         """Acknowledge latched interlocks whose conditions are false. True if no actuator is inhibited."""
         commands = [self.by_slot[slot] for slot in slots if slot in self.by_slot]
         for command in commands:
-            for each in command.inhibitions:
+            for each in command.interlocks:
                 each.acknowledge()
         self._restrict()
         return all(command.interlocked is None for command in commands)
@@ -286,12 +304,18 @@ class CommandStage:
                 self._taken_by_clients.difference_update(*(each.slots for each in begun))
                 self._restrict()
         for each in begun:
-            what = "inhibited until acknowledged" if each.interlock.latched else "inhibited"
             for slot in each.slots:
                 self.by_slot[slot].client = ""  # it does not start again by itself
-                if not any(fault.held for fault in self._faults if slot in fault.slots):
-                    self._happened(self.by_slot[slot], f"{what}: {each.reason}", Kind.INTERLOCKED)
+                if self.by_slot[slot].in_fault:
+                    self._untold[slot, each] = None
+                else:
+                    self._tell_inhibited(slot, each)
         return {slot for each in begun for slot in each.slots}
+
+    def _tell_inhibited(self, slot: int, each: Inhibition) -> None:
+        waits = each.interlock.latched and each.held  # its reason says so itself once its condition is false
+        what = "inhibited until acknowledged" if waits else "inhibited"
+        self._happened(self.by_slot[slot], f"{what}: {each.reason}", Kind.INTERLOCKED)
 
     def _expired(self, due: set[int]) -> set[int]:
         """The asynchronous ones to be reset now; the default of the others is sent with `update`."""
@@ -320,3 +344,8 @@ class CommandStage:
         self.events.add(Event(self._image.clock.now, command.path, text))
         self._image.transfer.note(command.slot, kind)
         log.warning("%s %s", command.path, text)
+
+
+def _naming(slot: int, inhibitions: Iterable[Inhibition]) -> list[Inhibition]:
+    """Those that name the actuator of this slot."""
+    return [each for each in inhibitions if slot in each.slots]

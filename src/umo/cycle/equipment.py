@@ -27,6 +27,8 @@ from umo.text import in_a_line, some
 from umo.user_code import is_interrupt
 
 log = logging.getLogger("umo")
+CLEANING_UP = "in its cleaning up: "
+"""Words that begin the event of an error in what a fault has ended."""
 
 
 class EquipmentState(IntEnum):
@@ -135,16 +137,18 @@ class Containment:
         equipment = self.innermost(part)
         if equipment is None or is_interrupt(error):
             return False
+        if self.is_in_fault(equipment.compound):
+            self._tell(equipment, f"{CLEANING_UP}{text_of(error)}")
         self.enter({equipment: text_of(error)})
         return True
 
     def contain_sequence(self, task: Task, error: BaseException) -> bool:
         """A started sequence has failed: whoever awaits it gets the error. If nobody in the same equipment does, it is
         in fault; False if it is the machine itself."""
-        equipment, awaiting = self.innermost(task.part), task.awaited_by
+        equipment, awaiting = self.innermost(task.part), filter(None, task.awaited_by)
         if is_interrupt(error):
             return False
-        if awaiting is not None and (equipment is None or is_within(awaiting.part, equipment.compound)):
+        if any(equipment is None or is_within(each.part, equipment.compound) for each in awaiting):
             task.error = error
             return True
         if not self.contain(task.part, error):

@@ -12,7 +12,7 @@ from umo.cycle.client_commands import Inbox, Lease, Mode
 from umo.cycle.clock import Clock, WallClock
 from umo.cycle.columns import TAKEN_BY_CLIENT
 from umo.cycle.command_stage import CommandStage
-from umo.cycle.equipment import Containment, Equipment
+from umo.cycle.equipment import CLEANING_UP, Containment, Equipment
 from umo.cycle.events import Event, Events
 from umo.cycle.frame import Frame, Observer, Signal, show, signals_of
 from umo.cycle.image import Image
@@ -25,7 +25,7 @@ from umo.errors import DriverError, EquipmentFault, forget_frames, text_of
 from umo.objects import Action, Compound, Node, actions_of, atoms, described, numbers_of, walk
 from umo.objects.stop_order import stop_sequence
 from umo.presentation.run_facts import driven_text, facts_of
-from umo.user_code import is_interrupt, read_numbers, refuse_exit, told
+from umo.user_code import attempt, is_interrupt, read_numbers, refuse_exit, told
 from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE
 
 INJECTED = "injected_faults"
@@ -37,6 +37,10 @@ class Law(NamedTuple):
 
     part: Node
     act: Callable[[], object]
+
+
+def _idle() -> None:
+    """The law of equipment in fault."""
 
 
 class Commanding(Protocol):
@@ -92,6 +96,7 @@ class ConnectedMachine:
         self.stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         self._slots: dict[int, _PartSlots] = {}
         self._acts: dict[int, list[Law]] = {}
+        self._laws: list[Law] = []
         self._after_laws: list[Callable[[], None]] = []
         self._started = 0
         self._unsent = False
@@ -218,13 +223,17 @@ class ConnectedMachine:
 
     def _equipment_changed(self, changed: Sequence[Equipment]) -> None:
         """It is in fault, or was cleared."""
-        for equipment in changed:
-            if equipment.fault is not None:
-                self._end_in(equipment)
         self._choose_laws()
+        faults = [(each.compound, partial(EquipmentFault, each.path, each.fault)) for each in changed if each.fault]
+        for compound, fault in faults:  # the cleaning up of one may clear the others: their reasons were taken before
+            self._end_in(compound, fault)
 
     def _choose_laws(self) -> None:
-        """What is called in each period: the laws but those of equipment in fault, then what waits for them."""
+        """What is called in each period: the laws but those of equipment in fault, also in this period; then what
+        waits for them."""
+        for number, law in enumerate(self._laws):  # perhaps they act at this moment
+            if self.equipment.is_in_fault(law.part):
+                self._laws[number] = Law(law.part, _idle)
         laws = [law for law in self._overrides(self.root) if not self.equipment.is_in_fault(law.part)]
         self._laws = [*laws, Law(self.root, self._laws_have_acted)] if self._after_laws else laws
 
@@ -240,17 +249,15 @@ class ConnectedMachine:
         for call in calls:
             call()
 
-    def _end_in(self, equipment: Equipment) -> None:
+    def _end_in(self, compound: Compound, fault: Callable[[], EquipmentFault]) -> None:
         """Whatever is under way in equipment that is in fault now."""
-        compound = equipment.compound
-        for node in (compound, *walk(compound)):
-            if isinstance(node, Compound):
-                node._enter_fault()
-        errors = self.sequences.end_in(compound, equipment.error)
+        parts = [node for node in (compound, *walk(compound)) if isinstance(node, Compound)]
+        raised = [error for node in parts if (error := attempt(node._enter_fault)[1]) is not None]
+        errors = self.sequences.end_in(compound, fault)
         if self.clients is not None:
-            errors += self.clients.end_in(compound, equipment.error)
-        for error in errors:
-            self.events.add(Event(self.clock.now, equipment.path, f"in its cleaning up: {told(error).text}"))
+            errors += self.clients.end_in(compound, fault)
+        for each in [*raised, *map(told, errors)]:
+            self.events.add(Event(self.clock.now, compound._path, f"{CLEANING_UP}{each.text}"))
 
     def update(self, part: Node) -> bool:
         return self.image.update_some(self._slots_of(part).outputs)
@@ -315,9 +322,9 @@ class ConnectedMachine:
         return driven_text(each, holder)
 
     def start(self, sequence: Coroutine[Any, Any, Any], part: Node) -> Task:
-        if (fault := self.fault_of(part)) is not None:
+        if self.equipment.is_in_fault(part):
             Task(sequence).cancel()  # it never begins
-            raise fault
+            raise cast(EquipmentFault, self.fault_of(part))  # no local name: the frame of an error must not refer to it
         by_client = None if self.clients is None else self.clients.at_work
         return (self.sequences if by_client is None else by_client).start(sequence, part)
 

@@ -158,15 +158,19 @@ class timeout:
 
 
 class Task:
-    """A started sequence. `part`: the object of the machine to which it belongs."""
+    """A started sequence. `part`: the object of the machine to which it belongs. `contain` is told of its failure;
+    whether the machine goes on."""
 
-    def __init__(self, sequence: Sequence, part: Any = None) -> None:
+    def __init__(
+        self, sequence: Sequence, part: Any = None, contain: Callable[[Task, BaseException], bool] | None = None
+    ) -> None:
         if not isinstance(sequence, Coroutine):
             raise TypeError(f"{sequence!r} is not a sequence; call an `async def` function")
         self._sequence = sequence
         self.part = part
-        self.awaited_by: Task | None = None
-        """The started sequence that awaits it."""
+        self._contain = contain
+        self.awaited_by: list[Task | None] = []
+        """The started sequences that await it; None: one that nobody has started."""
         self._begun = False
         self._cancelling = self._cancelled = False
         self.done = False
@@ -184,15 +188,16 @@ class Task:
         other one is cancelled meanwhile, so is this one (as in asyncio)."""
         if self in _ADVANCING:
             raise TaskFailed(f"{self.name} awaited itself")
-        self.awaited_by = _ADVANCING[0] if _ADVANCING else None
+        awaiting = _ADVANCING[0] if _ADVANCING else None
+        self.awaited_by.append(awaiting)
         try:
             while not self.done:
                 yield _PERIOD
-        except Cancelled:
-            self.cancel()
+        except BaseException:
+            self.awaited_by.remove(awaiting)
+            self.cancel()  # nobody awaits what fails in its cleaning up
             raise
-        finally:
-            self.awaited_by = None
+        self.awaited_by.remove(awaiting)
         error, self.error = self.error, None
         if error is not None:
             self._failure = self._failure or text_of(error)
@@ -214,7 +219,7 @@ class Task:
         else:
             self._step_within_limits(tick)
         if self._cancelling:
-            self.cancel()
+            self.end()
         return self.done
 
     def _step_within_limits(self, tick: Clock) -> None:
@@ -258,7 +263,15 @@ class Task:
 
     def cancel(self) -> None:
         """Raise Cancelled inside the sequence. It may clean up but must not continue. A sequence that cancels
-        itself gets Cancelled at its next await."""
+        itself gets Cancelled at its next await. An error of its cleaning up is a failure of it."""
+        try:
+            self.end()
+        except BaseException as error:
+            if self._contain is None or not self._contain(self, error):
+                raise
+
+    def end(self) -> None:
+        """Cancel it. What its cleaning up raises comes out here."""
         if self.done:
             return
         if getattr(self._sequence, "cr_running", False):
@@ -279,7 +292,7 @@ class Task:
     @property
     def is_untold(self) -> bool:
         """Whether it has failed, whoever awaited it was cancelled before he took the error, and nobody else knows."""
-        return self.error is not None and not self._failure and self.awaited_by is None
+        return self.error is not None and not self._failure and not self.awaited_by
 
     def fail(self, error: BaseException) -> None:
         """It has ended with this error, which lets go of its frames."""
@@ -302,7 +315,8 @@ def _dropped(sequence: Any) -> bool:
     sequence that is a part of it is cancelled."""
     if not _is_new(sequence):
         return False
-    if errors := cancel_all(_close(sequence)):
+    errors = [error for task in reversed(_close(sequence)) if (error := _error_of(task.cancel)) is not None]
+    if errors:
         raise with_notes(errors.pop(0), errors)
     return True
 
@@ -330,13 +344,16 @@ def _close(sequence: Any) -> list[Task]:
 
 def cancel_all(tasks: list[Task]) -> list[BaseException]:
     """The last started first; an error in the cleaning up of one does not spare the others."""
-    errors: list[BaseException] = []
-    for task in reversed(tasks):
-        try:
-            task.cancel()
-        except BaseException as error:  # whatever it is, the outputs are still to be reset
-            errors.append(error)
-    return errors
+    return [error for task in reversed(tasks) if (error := _error_of(task.end)) is not None]
+
+
+def _error_of(call: Callable[[], None]) -> BaseException | None:
+    """What it raises, whatever that is: the outputs are still to be reset."""
+    try:
+        call()
+    except BaseException as error:
+        return error
+    return None
 
 
 def with_notes(error: BaseException, others: list[BaseException]) -> BaseException:
@@ -352,7 +369,7 @@ def _is_settled(task: Task) -> bool:
     """Whether nothing is to come of a sequence that has ended. Its error is raised if it is untold."""
     if task.error is not None and task.is_untold:
         raise task.error
-    return task.error is None or task.awaited_by is None
+    return task.error is None or not task.awaited_by
 
 
 class Sequences:
@@ -377,7 +394,7 @@ class Sequences:
         return [task._place for task in self._tasks]
 
     def start(self, sequence: Sequence, part: Any = None) -> Task:
-        task = Task(sequence, part)
+        task = Task(sequence, part, self._contain)
         self._tasks.append(task)
         return task
 
@@ -399,7 +416,7 @@ class Sequences:
                             self._tasks.remove(task)
                         task.error = error  # its text is asked for by who needs it: it may take long
                         raise
-                    over = task.awaited_by is None  # else whoever awaits it may be cancelled before he takes the error
+                    over = not task.awaited_by  # else whoever awaits it may be cancelled before he takes the error
                 if over and task in self._tasks:  # not: it was cancelled with the others meanwhile
                     self._tasks.remove(task)
         finally:
@@ -408,9 +425,13 @@ class Sequences:
     def end_in(self, compound: Node, fault: Callable[[], BaseException]) -> list[BaseException]:
         """Cancel those of one compound, the last started first; whoever awaits one gets the fault. The errors of their
         cleaning up."""
-        ended = [task for task in self._tasks if not task.done and is_within(task.part, compound)]
+        found = [task for task in self._tasks if is_within(task.part, compound)]
+        ended = [task for task in found if not task.done]
         for task in ended:
             task.fail(fault())
+        for task in found:
+            if task.error is not None:  # its failure is told by this fault, whoever was to take it
+                task.fail(task.error)
         return cancel_all(ended)
 
     def cancel(self) -> None:
@@ -420,6 +441,7 @@ class Sequences:
         while self._tasks:  # cleaning up may start more
             tasks, self._tasks = self._tasks, []
             errors += cancel_all(tasks)
-            errors += [task.error for task in tasks if task.error is not None and task.is_untold]
+            untold = [task for task in tasks if task.error is not None and task.is_untold]
+            errors += [task.error for task in untold if task.error and not self._contain(task, task.error)]
         if errors:
             raise with_notes(errors[0], errors[1:])

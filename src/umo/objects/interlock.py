@@ -32,8 +32,8 @@ class Interlock:
     `forbids` names actuators, or compounds for all actuators in them. `latched`: it inhibits until the condition is
     false and `acknowledge()` was called, for one of its actuators or for a compound that contains one. This frees all
     of its actuators. It latches from the first period on; before, it only inhibits. `effect="stop"`: `write` raises
-    Interlocked instead of returning False; unless it is caught, the run ends. Default: latched=False,
-    effect="inhibit". An interlock is not a safety function.
+    Interlocked instead of returning False; unless it is caught, the run ends, or the equipment whose code has written
+    is in fault. Default: latched=False, effect="inhibit". An interlock is not a safety function.
     """
 
     condition: Callable[[], bool]

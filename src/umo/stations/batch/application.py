@@ -45,7 +45,7 @@ async def work(m: BatchPlant, reactor: Reactor, plan: list[Recipe], patience: fl
             try:
                 await until(lambda: reactor.cycle.fault is None, timeout=patience)
             except TimeExpired:
-                left = f"{len(plan) - number} of {len(plan)} batches were not made"
+                left = f"{len(plan) - number} of {len(plan)} batches not made"
                 return f"reactor {reactor.number}: {left}: {reactor.cycle.fault}"
     return ""
 
