@@ -641,6 +641,24 @@ def test_a_motion_of_the_application_that_fails_is_a_fault_although_the_operator
         assert "did not arrive" in (ann.x.cycle.fault or "")
 
 
+class Braked(ServoAxis):
+    """An axis whose brake does not answer."""
+
+    def disable(self) -> None:
+        if self.enabled and self.cycle.running:
+            raise ValueError("the brake did not answer")
+
+
+def test_an_axis_that_cannot_be_disabled_in_a_change_to_manual_mode_is_not_controlled() -> None:
+    with bench(Braked(**SERVO | {"motor": motor(), "encoder": encoder()}), Disabling) as ann:
+        ann.m.cycle.start(forth_and_back(ann.m))
+        ann.run(60)
+        assert ann.mode("manual").state is CommandState.DONE
+        assert any("disabled, as it could not be suspended: ValueError: the brake" in note for note in ann.notes)
+        ann.run(2)
+        assert (ann.x.enabled, ann.x.motor.read()) == (False, ann.x.motor.default)
+
+
 async def jogging(m: Any) -> None:
     m.x.jog(10.0)
     try:

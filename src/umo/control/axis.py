@@ -9,7 +9,7 @@ from dataclasses import replace
 from enum import Enum
 from functools import partial
 from math import copysign, inf, isfinite, isnan, nan
-from typing import Protocol
+from typing import Protocol, cast
 
 from umo.control.axis_suspension import AxisSuspension
 from umo.control.checks import check_numbers
@@ -17,7 +17,7 @@ from umo.control.inputs import HOMING, Accept, value_of
 from umo.control.profile import Profile
 from umo.cycle.parallel import together
 from umo.cycle.sequences import Task, advancing, next_period
-from umo.errors import AxisError, Busy, DeclarationError, HomingError, RangeError
+from umo.errors import AxisError, Busy, DeclarationError, EquipmentFault, HomingError, RangeError
 from umo.objects import Compound, DigitalSensor, Number, Quality, Range, action
 from umo.objects.reaction import declared_reaction
 from umo.presentation.digits import number_text
@@ -224,7 +224,8 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         """Follow the setpoint, from where the axis stands. BadInput if the encoder's quality is not accepted,
         EquipmentFault if the axis is in fault."""
         if not self.enabled:
-            self._check_fault()
+            if self._machine.fault_of(self) is not None:  # no local name: the frame of an error must not refer to it
+                raise cast(EquipmentFault, self._machine.fault_of(self))
             self._stand()
             self._interrupted = self._standing = self._was_disabled = False
             self._replan = self._stand
@@ -417,14 +418,6 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
             self.disable()
         finally:
             Axis.disable(self)
-
-    def _check_fault(self) -> None:
-        fault = self._machine.fault_of(self)
-        try:
-            if fault is not None:
-                raise fault
-        finally:
-            del fault  # an error that its own frame refers to is never freed while the collector is off
 
     def _check_enabled(self) -> None:
         if not self.enabled:
