@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from helpers.machines import actuator, relay, sensor, timer
-from test_equipment import Commanded, Plant, Reactor, Rig, fail_law, fail_sensor, reactor
+from helpers.reactors import Commanded, Plant, Reactor, Rig, fail_law, fail_sensor, reactor
 from umo import Compound, TaskFailed
 from umo.control import ServoAxis, first, next_period, timeout, wait
 from umo.errors import EquipmentFault

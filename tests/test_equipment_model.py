@@ -94,13 +94,15 @@ class Model:
     def stands(self, node: Node) -> bool:
         return any(id(each) in self.in_fault for each in self.above(node))
 
-    def fail(self, node: Node) -> None:
-        equipment = next((each for each in self.above(node) if isinstance(each, Equipped)), None)
-        if self.stands(node):
-            return
-        if equipment is None:
-            self.ended = True
-        else:
+    def fail(self, *failed: Node) -> None:
+        """These fail in one period: of equipment within equipment, the outer alone is in fault."""
+        around = [
+            next((each for each in self.above(node) if isinstance(each, Equipped)), None)
+            for node in failed
+            if not self.stands(node)
+        ]
+        self.ended = self.ended or None in around
+        for equipment in (node for node in self.nodes if node in around and not self.stands(node)):
             self.in_fault.add(id(equipment))
             self.written = {key: raw for key, raw in self.written.items() if not self._is_in(key, equipment)}
 
@@ -192,9 +194,7 @@ class Rig:
             self.periods(amount)
             box.set(node.gauge.path, 0)
         elif kind == "driver":
-            for each in self.nodes:
-                if each.driver == node.driver:
-                    model.fail(each)
+            model.fail(*(each for each in self.nodes if each.driver == node.driver))
             box.broken, self.settled[node.driver] = OSError("unplugged"), False
             self.periods(amount)
             self.check()

@@ -56,6 +56,8 @@ def clear(name: str, paths: Sequence[str], over: bool) -> None:
             for part in parts:
                 answer = station.clear(part)  # it names what was cleared
                 out.print(answer if answer.startswith("cleared") or not part else f"{part}: {answer}", soft_wrap=True)
+        if not parts:
+            out.print(f"{', '.join(paths)}: in no equipment", soft_wrap=True)
 
 
 def _parts(reader: Reader, paths: Sequence[str]) -> list[str]:
