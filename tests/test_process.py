@@ -71,7 +71,7 @@ def calls_of_a_run(folder: Path, process: dict[str, str]) -> int:
 @pytest.mark.parametrize(
     ("action", "step"),
     [
-        *(("raise", 6), ("kill", 4), ("hang", 9)),
+        *(("raise", 9), ("kill", 6), ("hang", 9)),
         *first(0, [("raise", 1), ("kill", 1), ("hang", 1), ("spin", 7), ("stop", 7)]),
     ],
 )

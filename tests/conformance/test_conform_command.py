@@ -193,6 +193,7 @@ def test_the_line_of_a_driver_that_knows_its_port_is_disturbed(umo: Umo, press: 
     assert result.exit_code == 0, said(result)
 
 
+@pytest.mark.full
 def test_a_path_of_the_wiring_is_that_of_the_station(umo: Umo, press: Path, device: Device) -> None:
     own_card(press, MODEL, f"port = {device.port}", 'model = "data/model"')
     (press / "data").mkdir()
@@ -254,6 +255,7 @@ def test_the_tap_on_a_serial_line_has_the_settings_of_the_driver(
     assert made == ([("/dev/umo-none", expected)] if expected else []), said(result)
 
 
+@pytest.mark.full
 def test_a_run_that_was_cut_short_is_status_3_and_says_what_it_will_take(umo: Umo, press: Path) -> None:
     result = umo("conform", "press", "-w", "card", "--yes", "--minutes", "0.05")
     assert result.exit_code == 3, said(result)

@@ -287,7 +287,8 @@ def plain(driver: type[Plain], device: Callable[[bytes], bytes], greatest: int, 
         yield replace(subject, **more)
 
 
-@pytest.mark.parametrize("what", some(lambda what: what == "one sensor", ODD))
+@pytest.mark.full
+@pytest.mark.parametrize("what", ODD)
 def test_a_correct_driver_passes(what: str) -> None:
     with ODD[what]() as subject:
         certificate = conform(subject, cycles=CYCLES)
