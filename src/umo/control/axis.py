@@ -18,7 +18,7 @@ from umo.control.profile import Profile
 from umo.cycle.parallel import together
 from umo.cycle.sequences import Task, advancing, next_period
 from umo.errors import AxisError, Busy, DeclarationError, EquipmentFault, HomingError, RangeError
-from umo.objects import Compound, DigitalSensor, Number, Quality, Range, action
+from umo.objects import Actuator, Compound, DigitalSensor, Number, Quality, Range, action
 from umo.objects.reaction import declared_reaction
 from umo.presentation.digits import number_text
 from umo.presentation.value_text import measure, span
@@ -334,6 +334,11 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     def setpoint(self) -> float:
         """The position that the axis follows; NaN while it is not enabled."""
         return self.profile.setpoint.position if self.enabled else nan
+
+    @property
+    def _outputs(self) -> tuple[Actuator, ...]:
+        """What its law drives while it is enabled, also in periods in which it writes nothing."""
+        return ()
 
     @abstractmethod
     def _stand(self) -> None:

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 from umo.control.inputs import HOMING, Accept
 from umo.control.profile import Profile
 from umo.cycle.sequences import Task
-from umo.objects import DigitalSensor, Quality
+from umo.objects import Actuator, DigitalSensor, Quality
 from umo.objects.link import Cycle
 from umo.presentation.digits import digits_of
 from umo.presentation.value_text import measure
@@ -60,6 +60,8 @@ class SuspendedAxis(Protocol):
 
     @property
     def _path(self) -> str: ...
+    @property
+    def _outputs(self) -> tuple[Actuator, ...]: ...
     @property
     def cycle(self) -> Cycle: ...
     @property
@@ -175,6 +177,10 @@ class AxisSuspension:
         if left is not None and left.number == number:
             enabled = left.enabled and left.motion != "home"
             self._left = left._replace(motion=None, searching=False, enabled=enabled)
+
+    def driven(self) -> tuple[Actuator, ...]:
+        """What its law is in charge of."""
+        return self._axis._outputs if self._axis.enabled else ()
 
     def is_lost(self) -> bool:
         """Whether a sequence of the application still awaits a motion that a fault has ended, and that was cleared."""

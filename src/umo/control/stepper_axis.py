@@ -8,7 +8,7 @@ from umo.control.inputs import value_of
 from umo.control.stepping import STEPS_PER_PERIOD, Stepping
 from umo.cycle.sequences import wait
 from umo.errors import AxisError
-from umo.objects import BinaryActuator
+from umo.objects import Actuator, BinaryActuator
 from umo.presentation.digits import number_text
 from umo.presentation.value_text import measure
 from umo.states import Rotation, UpDown
@@ -84,6 +84,10 @@ class StepperAxis(Axis):
             self._ramp = abs(velocity) / self.profile.acceleration + self.profile.acceleration / self.profile.jerk
             self.profile.hold(position)
             self._replan()
+
+    @property
+    def _outputs(self) -> tuple[Actuator, ...]:
+        return self.step, self.direction
 
     @property
     def _inhibited(self) -> bool:

@@ -17,7 +17,7 @@ class Stepping:
     """Converts a position in steps (a real number) into step edges: a phase accumulator.
 
     UP and DOWN last at least one period each. The direction output is stable for at least one period before UP.
-    CW counts up. Both outputs are written in every period.
+    CW counts up.
     """
 
     step: BinaryActuator[UpDown]
@@ -33,12 +33,17 @@ class Stepping:
         due = position - self.count
         if due - due != 0.0:  # NaN, or infinite
             raise RangeError(f"{self.step.path}: {position} is no position to step to")
-        is_up, stands = self.step.read() is UpDown.UP, self.direction.read()
-        rests = is_up or abs(due) <= 0.5
-        wanted = stands if rests else Rotation.CW if due > 0 else Rotation.CCW
-        turned, steps = self.direction.write(wanted), not rests and wanted is stands
-        taken = self.step.write(UpDown.UP if steps else UpDown.DOWN)
-        if steps and taken:
+        self.refused = False
+        if self.step.read() is UpDown.UP:
+            self.step.write(UpDown.DOWN)
+            return False
+        if abs(due) <= 0.5:
+            return True
+        wanted = Rotation.CW if due > 0 else Rotation.CCW
+        if self.direction.read() is not wanted:
+            self.refused = not self.direction.write(wanted)
+            return False
+        self.refused = not self.step.write(UpDown.UP)
+        if not self.refused:
             self.count += 1 if due > 0 else -1
-        self.refused = not rests and not (taken if steps else turned)
-        return rests and not is_up
+        return False

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine, Iterable, Sequence
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from functools import cached_property, partial
 from time import monotonic_ns
 from types import MethodType
@@ -32,14 +32,7 @@ INJECTED = "injected_faults"
 """The signal of a run with faults: how many are in effect."""
 
 
-class Law(NamedTuple):
-    """The `control` of one object."""
-
-    part: Node
-    act: Callable[[], object]
-
-
-def _idle() -> None:
+def _idle(part: Node) -> None:
     """The law of equipment in fault."""
 
 
@@ -95,8 +88,8 @@ class ConnectedMachine:
         """The last 1,000 actions of guards and clients."""
         self.stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         self._slots: dict[int, _PartSlots] = {}
-        self._acts: dict[int, list[Law]] = {}
-        self._laws: list[Law] = []
+        self._acts: dict[int, list[MethodType]] = {}
+        self._laws: list[MethodType] = []
         self._after_laws: list[Callable[[], None]] = []
         self._started = 0
         self._unsent = False
@@ -182,33 +175,40 @@ class ConnectedMachine:
             if self.clients is not None:
                 self.clients.look()
             self.sequences.advance(self.clock)
-            self._act(self._laws)
-            return
+            laws = iter(self._laws)
+        else:
+            laws = iter(self._overrides(part))
         try:
-            for law in self._overrides(part):
-                law.act()
+            for law in laws:
+                law()
         except BaseException as error:
-            refuse_exit(error, "control")
-            raise
+            equipment = self._containing(law.__self__, error) if part is self.root else None
+            if equipment is None:
+                refuse_exit(error, "control")
+                raise
+            failed = {equipment: text_of(error)}
+            forget_frames(error)
+            self._act_on(laws, failed)
 
-    def _act(self, laws: Iterable[Law]) -> None:
-        """Every law. What equipment contains of their errors does not keep the others from acting."""
-        failed: dict[Equipment, str] = {}
-        still_to_act = iter(laws)
+    def _act_on(self, laws: Iterator[MethodType], failed: dict[Equipment, str]) -> None:
+        """The laws after one that has failed: what equipment contains of their errors keeps no other from acting."""
         while True:
             try:
-                for law in still_to_act:
-                    law.act()
+                for law in laws:
+                    law()
                 break
             except BaseException as error:
-                equipment = self.equipment.innermost(law.part)
-                if equipment is None or is_interrupt(error):
+                equipment = self._containing(law.__self__, error)
+                if equipment is None:
                     refuse_exit(error, "control")
                     raise
                 failed.setdefault(equipment, text_of(error))
                 forget_frames(error)
-        if failed:
-            self.equipment.enter(failed)
+        self.equipment.enter(failed)
+
+    def _containing(self, part: object, error: BaseException) -> Equipment | None:
+        """The equipment whose failure this is; None: that of the machine."""
+        return self.equipment.innermost(part) if isinstance(part, Node) and not is_interrupt(error) else None
 
     # Equipment -----------------------------------------------------------------------------------------
 
@@ -232,10 +232,13 @@ class ConnectedMachine:
         """What is called in each period: the laws but those of equipment in fault, also in this period; then what
         waits for them."""
         for number, law in enumerate(self._laws):  # perhaps they act at this moment
-            if self.equipment.is_in_fault(law.part):
-                self._laws[number] = Law(law.part, _idle)
-        laws = [law for law in self._overrides(self.root) if not self.equipment.is_in_fault(law.part)]
-        self._laws = [*laws, Law(self.root, self._laws_have_acted)] if self._after_laws else laws
+            if self._is_idle(law):
+                self._laws[number] = MethodType(_idle, law.__self__)
+        laws = [law for law in self._overrides(self.root) if not self._is_idle(law)]
+        self._laws = [*laws, MethodType(ConnectedMachine._laws_have_acted, self)] if self._after_laws else laws
+
+    def _is_idle(self, law: MethodType) -> bool:
+        return isinstance(law.__self__, Node) and self.equipment.is_in_fault(law.__self__)
 
     def after_laws(self, call: Callable[[], None]) -> None:
         """Call it once, after the laws of this period."""
@@ -365,13 +368,13 @@ class ConnectedMachine:
             )
         return self._slots[id(part)]
 
-    def _overrides(self, part: Node) -> list[Law]:
+    def _overrides(self, part: Node) -> list[MethodType]:
         """The `control` of every class that has its own, in pre-order; collected once, called flat."""
         if id(part) not in self._acts:
             nodes: list[Node] = [part, *walk(part)]
             own = [(type(node).control, node) for node in nodes if type(node).control is not Node.control]
             # not node.control: that of a connected compound drives the whole part
-            self._acts[id(part)] = [Law(node, MethodType(control, node)) for control, node in own]
+            self._acts[id(part)] = [MethodType(control, node) for control, node in own]
         return self._acts[id(part)]
 
 

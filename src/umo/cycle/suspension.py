@@ -42,6 +42,9 @@ class Suspendable(Protocol):
     def disable(self) -> None:
         """It could not be suspended: it is controlled no longer."""
 
+    def driven(self) -> tuple[Actuator, ...]:
+        """What its law is in charge of, also if it has not written it in this period."""
+
     def why_not_resumed(self) -> str:
         """Why the application cannot go on; "": it can."""
 
@@ -137,9 +140,10 @@ class Suspension:
     def _settle(self) -> None:
         """The laws have acted: what nobody is in charge of goes to its default."""
         image, commands = self._machine.image, self._machine.commands
-        by_laws, by_others, failed = commands.noted, self._by_others - self._failed, self._failed
-        if by_laws is None:  # the application has gone on in the same period
+        noted, by_others, failed = commands.noted, self._by_others - self._failed, self._failed
+        if noted is None:  # the application has gone on in the same period
             return
+        by_laws = noted | {image.slot_of[id(item)] for axis in self._axes.values() for item in axis.driven()}
         self._stop_noting()
         if self._left is not None:
             self._left = {slot: value for slot, value in self._left.items() if slot not in by_laws}
