@@ -30,8 +30,7 @@ from umo import (
     connect,
 )
 from umo.control import next_period, state_of, wait
-from umo.cycle.client_actions import DEAD_MAN_TIME
-from umo.cycle.client_commands import ClientCommand, Mode
+from umo.cycle.client_commands import DEAD_MAN_TIME, ClientCommand, Mode
 from umo.cycle.client_control import COMMANDS_PER_PERIOD, ClientControl
 from umo.cycle.columns import ASKED, FREE, TAKEN_BY_CLIENT
 from umo.cycle.events import EVENT_TEXT_BYTES, CommandState, Event

@@ -20,8 +20,7 @@ import umo
 from helpers.patient import conveyor
 from helpers.publishing import running
 from helpers.waiting import until
-from umo.cycle.client_actions import DEAD_MAN_TIME
-from umo.cycle.client_commands import Mode
+from umo.cycle.client_commands import DEAD_MAN_TIME, Mode
 from umo.cycle.client_control import COMMANDS_PER_PERIOD, ClientControl
 from umo.errors import CommandRefused, FramesError, RangeError
 from umo.frames import Reader

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, cast
 
-from umo.cycle.client_commands import ClientCommand
+from umo.cycle.client_commands import DEAD_MAN_REASON, DEAD_MAN_TIME, ClientCommand
 from umo.cycle.events import EVENT_TEXT_BYTES, CommandState, Event
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.sequences import Sequences, Task
@@ -16,11 +16,6 @@ from umo.objects import Action, Atomic, Compound, find
 from umo.objects.paths import is_within
 from umo.user_code import Raised, as_json, attempt
 
-DEAD_MAN_TIME = 0.5
-"""Time without a sign of life after which a written actuator or a jog ends, s; shorter where the actuator expires
-sooner."""
-DEAD_MAN_REASON = "dead-man timeout"
-"""Reason that is told when it has ended so."""
 MAX_ACTIONS = 32
 """Number of actions of clients that run at once at most."""
 

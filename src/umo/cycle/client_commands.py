@@ -11,6 +11,12 @@ from typing import Any, Protocol
 
 from umo.errors import CommandRefused, LeaseHeld
 
+DEAD_MAN_TIME = 0.5
+"""Time without a sign of life after which a written actuator or a jog ends, s; shorter where the actuator expires
+sooner."""
+DEAD_MAN_REASON = "dead-man timeout"
+"""Reason that is told when it has ended so."""
+
 
 class Mode(IntEnum):
     """The mode of a machine: who operates it; the numbers stand in shared memory."""

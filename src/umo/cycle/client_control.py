@@ -18,8 +18,8 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, cast
 
-from umo.cycle.client_actions import DEAD_MAN_REASON, DEAD_MAN_TIME, ClientActions, object_at, plain
-from umo.cycle.client_commands import ClientCommand, Inbox, Lease, Levels, Mode
+from umo.cycle.client_actions import ClientActions, object_at, plain
+from umo.cycle.client_commands import DEAD_MAN_REASON, DEAD_MAN_TIME, ClientCommand, Inbox, Lease, Levels, Mode
 from umo.cycle.columns import Source
 from umo.cycle.events import CommandState, Event
 from umo.cycle.machine import ConnectedMachine
