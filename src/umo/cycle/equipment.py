@@ -11,6 +11,7 @@ import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 from typing import Any
 
 from umo.cycle.command_stage import CommandStage
@@ -19,7 +20,7 @@ from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition
 from umo.cycle.sequences import Task
 from umo.errors import DriverError, EquipmentFault, Failure, text_of
-from umo.objects import Actuator, Compound, Interlock, Node, Quality, atoms, walk
+from umo.objects import Actuator, Atomic, Compound, Interlock, Node, Quality, atoms, walk
 from umo.objects.keywords import IN_MANUAL
 from umo.objects.paths import is_within
 from umo.objects.sensors import Sensor
@@ -84,7 +85,6 @@ class Containment:
         self._is_manual, self._changed = is_manual, changed
         self.all = [self._equipment(each) for each in equipment_in(root)]
         self._by_id = {id(each.compound): each for each in self.all}
-        self._items = {item.path: item for item in image.items}
         commands.know([each.inhibition for each in self.all if each.inhibition is not None])
 
     def _equipment(self, compound: Compound) -> Equipment:
@@ -98,6 +98,11 @@ class Containment:
             inhibition = Inhibition(interlock, actuators)
         in_manual_only = compound._settings.equipment == IN_MANUAL
         return Equipment(compound, path, [*actuators, *sensors], in_manual_only, inhibition)
+
+    @cached_property
+    def _items(self) -> dict[str, Atomic]:
+        """The objects by path; made at the first failure."""
+        return {item.path: item for item in self._image.items}
 
     # Whose failure it is -------------------------------------------------------------------------------
 
