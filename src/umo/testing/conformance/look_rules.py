@@ -30,7 +30,7 @@ def look(context: RuleContext) -> str | None:
     tried = False
     with context.opened() as probe:
         for away in (*kinds, context.loss):
-            expected = values(context, probe)
+            before = values(context, probe)
             with away():
                 if not _fails(context, probe):
                     continue
@@ -38,6 +38,7 @@ def look(context: RuleContext) -> str | None:
                 _looks_in_vain(context, probe)
                 _decides(context, probe)
             _is_found(context, probe)
+            expected = before if away in kinds else values(context, probe)  # it may have lost its levels
             recovers(context, probe, expected, "it was found by a look")
             context.insist(context.transfers(probe)[-1])
     if not tried:
