@@ -17,6 +17,7 @@ from umo.cycle.clock import Clock, WallClock
 from umo.cycle.equipment import equipment_in
 from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
+from umo.cycle.off_cycle import image_of
 from umo.cycle.stopping import StopFlag
 from umo.cycle.transfer import UNCONTROLLED_TIMEOUT, settling, wait_for
 from umo.drivers.faults.wrapper import bare
@@ -98,7 +99,7 @@ class connect(Generic[C]):
         return."""
         self.on_step = instead
         if hasattr(self, "machine"):
-            self.image.transfer.refuse(instead)
+            self.image.refuse(instead)
 
     def driver(self, name: str) -> Any:
         """The open driver of that name in the wiring, of the class that the wiring names."""
@@ -140,7 +141,7 @@ class connect(Generic[C]):
             if self.wired.timer_wire is not None:
                 # it runs in a signal handler: what it raised would come up in any call of a driver, also in a reset
                 self.stop.end_wait = partial(attempt, bare(self.wired.timer_wire.driver).stop_waiting)
-            image = Image(self.wired, clock, len(equipment_in(self.root)))
+            image = image_of(self.wired, clock, len(equipment_in(self.root)))
             outputs = self.wired.process.outputs
             self.machine = ConnectedMachine(self.root, image, self.stop, self.wired.injection, outputs)
         except BaseException:
@@ -190,6 +191,7 @@ class connect(Generic[C]):
             for name, limit in self.wired.watchdogs.items():
                 transfer.watchdog(name, limit)
         self._contain_absences()
+        self.image.begin(self.machine.events)
         self.machine.sample_all()
         self.machine.contain_failures(True)
         self.started = True
@@ -232,7 +234,7 @@ class connect(Generic[C]):
         self.machine.contain_failures(False)
         try:
             stopping = _error_of(self.machine.cancel_sequences)
-            self.image.transfer.end_absences()
+            self.image.end()
             found, late = self._reset()
             if self.wired.injection is not None and self.wired.injection.end():
                 hindered = found  # this is told; the machine is not left there

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from math import inf
-from typing import Protocol
+from typing import NoReturn, Protocol
 
 import numpy as np
 
 from umo.cycle.columns import Block, Source
 from umo.cycle.conversion import send
+from umo.cycle.events import Events
 from umo.cycle.slots import Slots
 from umo.cycle.transfer import FAILURES, cause_of_failure
 from umo.drivers.contract import Direction, WaitEnded
@@ -59,6 +60,17 @@ class Image(Slots):
         self.commands = commands
         for slot, item in enumerate(self.items):
             item._connect(self, slot)
+
+    def begin(self, events: Events) -> None:
+        """Every object is initialised: from now on values move in periods."""
+
+    def end(self) -> None:
+        """The machine stops: no period follows."""
+        self.transfer.end_absences()
+
+    def refuse(self, instead: Callable[..., NoReturn]) -> None:
+        """Let no call reach a driver any longer: in its place `instead` is called, which does not return."""
+        self.transfer.refuse(instead)
 
     def disconnect(self) -> None:
         for item in self.items:
@@ -275,9 +287,13 @@ class Image(Slots):
     def initialize_again(self, slot: int) -> Failure | None:
         """The device was away: at its default, from where `update` goes on to what is pending. What an asynchronous
         actuator had is sent again if it retries; else its default stays. An incremental sensor is not referenced."""
-        failure, item = self.transfer.initialize(slot), self.items[slot]
-        if failure is not None:
-            return failure
+        if (failure := self.transfer.initialize(slot)) is None:
+            self.was_initialized_again(slot)
+        return failure
+
+    def was_initialized_again(self, slot: int) -> None:
+        """Its driver has initialised it."""
+        item = self.items[slot]
         if isinstance(item, Actuator):
             pending = self.pending[slot]
             self.set_default(slot)
@@ -292,7 +308,6 @@ class Image(Slots):
                 self.commands.rest(slot)
         elif self.base[slot] is not Quality.UNREFERENCED and isinstance(item, DigitalSensor) and item.incremental:
             self.set_referenced(slot, False)
-        return None
 
     def initialize(self, slot: int) -> Failure | None:
         self._at_default(slot)

@@ -77,6 +77,7 @@ class Slots:
         ]
         self.inputs = self._blocks(Direction.INPUT)
         self.outputs = self._blocks(Direction.OUTPUT)
+        self.blocks = [*self.inputs, *self.outputs]
         self.transfer.bind(self.inputs, self.outputs)
         self.sampled_good: bool | None = None
         """Whether all of `sampled` are GOOD; None: a quality has changed since the last check."""
@@ -124,7 +125,7 @@ class Slots:
         item._calibrate(item.calibration._replace(zero_offset=zero_offset))
         self.scales.zero_offset[slot] = zero_offset
         self.values[slot] = to_value(raw, resolution, zero_offset)
-        for block in self.inputs:
+        for block in self.blocks:
             if block.start <= slot < block.stop:
                 self._prepare(block)
 
@@ -172,7 +173,7 @@ class Slots:
         self.quality[slot] = int(quality)
         self.sampled_good = None
         if quality is not self.base[slot]:
-            for block in (*self.inputs, *self.outputs):
+            for block in self.blocks:
                 if block.start <= slot < block.stop:
                     block.unsettled.add(slot)
 

@@ -6,6 +6,7 @@ import dataclasses
 from typing import Any
 
 from umo.drivers.contract import MAX_DEFAULT_TIMEOUT
+from umo.drivers.off_cycle import OffCycle
 from umo.duration import seconds
 from umo.errors import DeclarationError
 from umo.presentation.durations import duration
@@ -83,16 +84,16 @@ def remarks(wired: Wired) -> list[str]:
         f"drivers.{name}.timeout is {duration(driver.timeout)}, more than {most}: if nothing answers, {costs} "
         "(process.hang_timeout)"
         for name, driver in wired.drivers.items()
-        if driver.timeout > MAX_DEFAULT_TIMEOUT
+        if driver.timeout > MAX_DEFAULT_TIMEOUT and not isinstance(driver, OffCycle)
     ]
 
 
 def longest_period(wired: Wired) -> float:
     """The longest duration of a period in s, if every call of a driver times out: a block transfer for each driver and
-    direction, and a call for each asynchronous object."""
+    direction, and a call for each asynchronous object. No period waits for a driver off the cycle."""
     calls = {
         (id(wire.driver), wire.item.path if not wire.item.synchronous else wire.item.direction): wire.driver.timeout
         for wire in wired.wires
-        if wire.item is not wired.timer
+        if wire.item is not wired.timer and not isinstance(wire.driver, OffCycle)
     }
     return (wired.period or 0.0) + sum(calls.values())

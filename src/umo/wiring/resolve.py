@@ -45,6 +45,7 @@ from umo.signature import signature_of
 from umo.system.packages import station_of
 from umo.wiring.fault_binding import inject
 from umo.wiring.linearization_table import from_table
+from umo.wiring.off_cycle_table import check_shared_devices, own_period, take_off_cycle
 from umo.wiring.patterns import collapsed, counted, expand, expand_parameters
 from umo.wiring.process_table import process_of
 from umo.wiring.run_options import FAULT, FAULT_SEED, REALTIME, RESERVED, WIRING_OPTIONS
@@ -113,6 +114,8 @@ class _Resolver:
         for wire in wires:
             self._check_place(wire)
         injection = self._inject(wires, drivers, timer)
+        take_off_cycle(self.source, wires, drivers, timer)
+        check_shared_devices(self.source, drivers, self.hardware)
         paced = bool(self.realtime) and self._pace(wires, timer)
         for path in sorted(self.source.entries.keys() - self.items.keys()):
             self.source.mistake(f'wire."{path}"', f"the machine has no such object{self.source.near(path, self.items)}")
@@ -134,13 +137,14 @@ class _Resolver:
             driver = self.drivers[name] = self._make_driver(name, table) if table else None
             if driver is None:
                 continue
-            driver.period = period or 0.0
+            own = own_period(self.source, name, table) or period
+            driver.period = own or 0.0
             timeout = self.source.duration(f"drivers.{name}.timeout", table.get("timeout"))
-            driver.timeout = timeout or min(10 * (period or 0.1), MAX_DEFAULT_TIMEOUT)
+            driver.timeout = timeout or min(10 * (own or 0.1), MAX_DEFAULT_TIMEOUT)
             watchdog = self.source.duration(f"drivers.{name}.watchdog", table.get("watchdog"))
             if watchdog is not None and type(driver).watchdog is Driver.watchdog:
                 self.source.mistake(f"drivers.{name}.watchdog", f"{table['type']} has no watchdog of its own")
-            elif watchdog is not None and watchdog <= (period or 0.0):
+            elif watchdog is not None and watchdog <= driver.period:
                 text = f"{duration(watchdog)} is not longer than the period, {duration(driver.period)}"
                 self.source.mistake(f"drivers.{name}.watchdog", text)
             elif watchdog is not None:

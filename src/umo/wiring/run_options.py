@@ -15,7 +15,7 @@ from umo.text import did_you_mean
 from umo.wiring.parameters import arguments_for, flag
 from umo.wiring.source import read
 
-RESERVED = ("type", "timeout", "watchdog")
+RESERVED = ("type", "timeout", "watchdog", "off_cycle", "period", "max_age")
 """Keys of a driver's table that are not options of the driver."""
 REALTIME = "realtime"
 """Option of a run that belongs to the wiring and not to a driver: its timer keeps the pace of the wall clock."""

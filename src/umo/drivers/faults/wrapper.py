@@ -14,6 +14,7 @@ import numpy as np
 
 from umo.drivers.contract import UNREAD, Channel, Driver, IntArray
 from umo.drivers.faults.effects import MARK, Effect
+from umo.drivers.off_cycle import OffCycle
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
 from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
@@ -240,8 +241,10 @@ class FaultyDriver(Driver[Any]):
 
 
 def bare(driver: Driver[Any]) -> Driver[Any]:
-    """The driver itself, without injected faults."""
-    return driver.driver if isinstance(driver, FaultyDriver) else driver
+    """The driver itself, without injected faults, wherever it is called."""
+    while isinstance(driver, FaultyDriver | OffCycle):
+        driver = driver.driver
+    return driver
 
 
 @contextmanager

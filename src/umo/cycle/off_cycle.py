@@ -1,0 +1,328 @@
+"""The process image of a machine that has drivers off the cycle (`umo.drivers.off_cycle`).
+
+Their values arrive at times of their own, each with its stamp: the time at which the transfer began that brought it.
+Age alone decides: a value older than the driver's `max_age` is STALE, one older than twice that has failed, as its
+object's `on_error` says. So one failed transfer of a slow device is no failure, and whatever a worker process suffers,
+no old value looks fresh. Outputs are posted in each period; `read` gives what the device has confirmed.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from typing import Any, NoReturn
+
+import numpy as np
+
+from umo.cycle.clock import Clock
+from umo.cycle.columns import Block
+from umo.cycle.events import Event, Events
+from umo.cycle.image import Image
+from umo.cycle.journal import Kind
+from umo.drivers.contract import Direction
+from umo.drivers.off_cycle import NEVER, OffCycle
+from umo.drivers.off_cycle.exchange import Cell, Row
+from umo.drivers.off_cycle.server import LONG_ABSENCE
+from umo.errors import Failure
+from umo.objects import Quality
+from umo.objects.scaling import FloatArray, IntArray
+from umo.presentation.durations import duration
+from umo.text import some
+from umo.wiring.wired import Wired
+
+log = logging.getLogger("umo")
+BAD_AGES = 2
+"""Number of maximum ages after which a value has failed."""
+
+
+class Remote:
+    """One driver off the cycle, as the image meets it. A channel's place is its number in the exchange."""
+
+    def __init__(self, image: Image, name: str, driver: OffCycle) -> None:
+        self.name, self.driver = name, driver
+        self.slots = np.array([slot for slot, wire in enumerate(image.wires) if wire.driver is driver], np.int64)
+        channels = [image.wires[slot].channel for slot in self.slots.tolist()]
+        self.place = dict(zip(self.slots.tolist(), driver.places(channels).tolist(), strict=True))
+        """The place of each slot's channel."""
+        self.places = driver.places(channels)
+        mine = [block for block in image.blocks if block.driver is driver]
+        self.inputs = [block for block in mine if block in image.inputs]
+        self.outputs = [block for block in mine if block in image.outputs]
+        items = image.items
+        self.watched = [s for s in self.slots.tolist() if items[s].synchronous]
+        """The slots whose ages are watched: those that are transferred in each of its periods."""
+        self.watched_slots = np.array(self.watched, np.int64)
+        self.arrived = -1
+        """The count of transfers up to which the image has taken the values."""
+        self.generation = 0
+        self.until = -np.inf
+        """Time in s up to which no value becomes too old."""
+        self.stamps = np.full(len(driver.exchange.channels), NEVER)
+        self.times: FloatArray = np.full(len(self.stamps), np.nan)
+        """Time of each channel's value in s on the cycle's clock, by place."""
+        self.awaited: dict[int, tuple[int, float]] = {}
+        """Asynchronous actuators whose last order is not carried out yet: its number, and the time in s of the first
+        one that was not."""
+        self.told_away = False
+        self.last = 0.0
+        """Time in s of the last arrival."""
+
+
+class OffCycleImage(Image):
+    """The image of a machine with drivers off the cycle."""
+
+    def __init__(self, wired: Wired, clock: Clock, equipment: int = 0) -> None:
+        super().__init__(wired, clock, equipment)
+        drivers = [(name, driver) for name, driver in wired.drivers.items() if isinstance(driver, OffCycle)]
+        self._remotes = [Remote(self, name, driver) for name, driver in drivers]
+        self._remote_of = {slot: remote for remote in self._remotes for slot in remote.place}
+        off = {id(remote.driver) for remote in self._remotes}
+        self.inputs = [block for block in self.inputs if id(block.driver) not in off]
+        self.outputs = [block for block in self.outputs if id(block.driver) not in off]
+        self.transfer.bind(self.inputs, self.outputs)
+        self._failures: list[Failure] = []
+        self._faults = wired.injection
+        for remote in self._remotes:
+            if remote.driver.worker is None:
+                remote.driver.server.ns = self._machine_ns
+            if self._faults is not None:
+                remote.driver.fault_time = self._fault_time
+
+    def _machine_ns(self) -> int:
+        return round(self.clock.now * 1e9)
+
+    def _fault_time(self) -> int:
+        assert self._faults is not None
+        return NEVER if self._faults.clock is None else self._machine_ns()
+
+    def begin(self, events: Events) -> None:
+        """From now on no call of these drivers waits. `events` are told which of them are away."""
+        self._events = events
+        for remote in self._remotes:
+            self.transfer.on_call()
+            remote.driver.begin()
+            remote.generation = remote.driver.generation
+
+    def end(self) -> None:
+        """The machine stops: each call is made, and waits."""
+        super().end()
+        for remote in self._remotes:
+            remote.driver.end()
+
+    def refuse(self, instead: Callable[..., NoReturn]) -> None:
+        super().refuse(instead)
+        for remote in self._remotes:
+            remote.driver.refuse(instead)
+
+    # A whole period ------------------------------------------------------------------------------------
+
+    def sample(self) -> bool:
+        """What has arrived, then the others."""
+        now = self.clock.now
+        for remote in self._remotes:
+            driver = remote.driver
+            if self._faults is not None:
+                driver.exchange.cells[Cell.NOW] = self._fault_time()
+            if driver.worker is None:
+                driver.server.work()
+            if driver.exchange.arrivals.count != remote.arrived:
+                self._take(remote, now)
+            if now > remote.until:
+                self._judge_ages(remote, now)
+            if remote.awaited:
+                self._look_at_orders(remote, now)
+        if self._failures:
+            self.sampled_good = None
+        return super().sample()
+
+    def _end_sample(self, failures: list[Failure]) -> bool:
+        mine, self._failures = self._failures, []
+        return super()._end_sample([*mine, *failures])
+
+    def update(self) -> bool:
+        """What these outputs are to be, then the others."""
+        now = self.clock.now
+        for remote in self._remotes:
+            for block in remote.outputs:
+                self._post(remote, block, now)
+        return super().update()
+
+    def _post(self, remote: Remote, block: Block, now: float) -> None:
+        """A rate counts from what was confirmed."""
+        confirmed = float(self.columns.times[block.slots].max())
+        try:
+            block.give(now, min(now - confirmed, remote.driver.max_age))
+        except Exception:  # of a linearization of the user's
+            self._give_each(range(block.start, block.stop), self._failures)
+        remote.driver.write_many(block.channels, block.buffer)
+
+    # What arrives --------------------------------------------------------------------------------------
+
+    def _take(self, remote: Remote, now: float) -> None:
+        """A transfer of the worker's is complete: its values, with their times."""
+        driver = remote.driver
+        remote.arrived, rows = driver.exchange.arrivals.read()
+        if driver.generation != remote.generation:
+            self._begin_generation(remote)
+        self._date(remote, rows[Row.STAMP], now)
+        for block in remote.inputs:
+            self._convert_arrivals(remote, block, rows, now)
+        for block in remote.outputs:
+            self._confirm(remote, block, rows)
+        remote.until, remote.last = -np.inf, now
+        if remote.told_away and driver.exchange.cells[Cell.AWAY_SINCE] == NEVER:
+            remote.told_away = False
+            self._tell(remote, "is back")
+
+    def _date(self, remote: Remote, stamps: IntArray, now: float) -> None:
+        new = np.flatnonzero(stamps != remote.stamps)
+        if new.size:
+            ages = (remote.driver.server.ns() - stamps[new]) * 1e-9
+            remote.times[new] = np.where(stamps[new] == NEVER, np.nan, now - ages)
+            remote.stamps = stamps
+
+    def _convert_arrivals(self, remote: Remote, block: Block, rows: IntArray, now: float) -> None:
+        places = remote.driver.places(block.channels)
+        block.buffer[:] = raws = rows[Row.RAW, places]
+        before = self.columns.raws[block.slots].copy()
+        try:
+            outside = block.convert(now)
+        except Exception:  # of a linearization of the user's
+            self._accept_each(block, {}, self._failures)
+        else:
+            if outside or block.unsettled:
+                self._settle(block, outside, now, self._failures)
+        times = self.columns.times[block.slots]
+        stamped = remote.times[places]
+        times[:] = np.where(times == now, stamped, times)  # what failed keeps the time of its last value
+        never = np.isnan(stamped)
+        if never.any():
+            self.columns.values[block.slots][never] = np.nan
+            times[never] = np.nan
+        self._note_arrivals(block, raws, before, times, now)
+
+    def _note_arrivals(self, block: Block, raws: IntArray, before: IntArray, times: FloatArray, now: float) -> None:
+        journal = self.transfer.journal
+        if journal is not None:
+            for slot, raw, old in zip(range(block.start, block.stop), raws.tolist(), before.tolist(), strict=True):
+                journal.add(slot, Kind.ARRIVED, raw, old)
+
+    def _confirm(self, remote: Remote, block: Block, rows: IntArray) -> None:
+        """What the device has accepted, as it was given; what is older than that by its raw integer."""
+        columns, slots = self.columns, block.slots
+        places = remote.driver.places(block.channels)
+        raws, times = rows[Row.RAW, places], remote.times[places]
+        same = raws == columns.sent_raws[slots]
+        columns.values[slots] = np.where(same, columns.sent[slots], columns.values[slots])
+        for number in np.flatnonzero(~same & (raws != columns.raws[slots])).tolist():
+            slot = block.start + number
+            self.values[slot] = self.value_of(slot, int(raws[number]))
+        columns.raws[slots] = raws
+        newer = times > columns.times[slots]
+        columns.times[slots] = np.where(newer, times, columns.times[slots])
+        for slot in tuple(block.unsettled):
+            if newer[slot - block.start]:
+                block.unsettled.discard(slot)
+                self._set_quality(slot, Quality.GOOD)
+
+    def _begin_generation(self, remote: Remote) -> None:
+        """The outputs were initialised again, by the worker or by the one that has taken its place."""
+        remote.generation = remote.driver.generation
+        remote.awaited.clear()
+        lost = [path for slot in remote.place if (path := self.stays_at_default(slot))]
+        remote.driver.accept_generation()
+        for slot in remote.place:
+            self.was_initialized_again(slot)
+        if lost:
+            stay = "is at its default" if len(lost) == 1 else "are at their defaults"
+            self._tell(remote, f"was initialised again; {some(lost)} {stay}")
+        else:
+            self._tell(remote, "was initialised again")
+
+    # Age -----------------------------------------------------------------------------------------------
+
+    def _judge_ages(self, remote: Remote, now: float) -> None:
+        max_age = remote.driver.max_age
+        times = self.columns.times[remote.watched_slots]
+        fresh = now - times <= max_age  # not, where it is NaN
+        remote.until = float(times.min(initial=np.inf)) + max_age if fresh.all() else -np.inf
+        for slot in remote.watched_slots[~fresh].tolist():
+            if now - self.times[slot] <= BAD_AGES * max_age:
+                self._set_stale(slot)
+            else:
+                self._too_old(remote, slot)
+        if not fresh.all() and not remote.told_away and now - remote.last > max(LONG_ABSENCE, BAD_AGES * max_age):
+            remote.told_away = True
+            self._tell(remote, f"is away: {remote.driver.cause(-1)}")
+
+    def _set_stale(self, slot: int) -> None:
+        if self.quality[slot] == Quality.GOOD:  # what was not good is no better for being old
+            self._set_quality(slot, Quality.STALE)
+
+    def _too_old(self, remote: Remote, slot: int) -> None:
+        cause = f"{remote.driver.cause(remote.place[slot])} (limit {duration(BAD_AGES * remote.driver.max_age)})"
+        fail = self._fail_input if self.items[slot].direction is Direction.INPUT else self._fail_output
+        fail(slot, cause, self._failures)
+
+    def _look_at_orders(self, remote: Remote, now: float) -> None:
+        """Which writes of asynchronous actuators were carried out."""
+        driver = remote.driver
+        rows: Any = driver.exchange.arrivals.read()[1]
+        for slot, (number, since) in tuple(remote.awaited.items()):
+            place, late = remote.place[slot], now - since
+            if rows[Row.ORDER, place] >= number:
+                del remote.awaited[slot]
+                if rows[Row.STAMP, place] == NEVER:
+                    self._fail_output(slot, driver.cause(place), self._failures)
+                else:
+                    super()._accepted(slot)
+                    self.times[slot] = remote.times[place]
+            elif late > BAD_AGES * driver.max_age:
+                self._too_old(remote, slot)
+                if self.quality[slot] == Quality.BAD:
+                    del remote.awaited[slot]
+            elif late > driver.max_age:
+                self._set_stale(slot)
+
+    def _tell(self, remote: Remote, text: str) -> None:
+        self._events.add(Event(self.clock.now, f"driver {remote.name}", text))
+        log.warning("driver %s %s", remote.name, text)
+
+    # Some objects --------------------------------------------------------------------------------------
+
+    def _accept(self, slot: int, raw: int, failures: list[Failure]) -> None:
+        """A reading that has arrived has its own time."""
+        super()._accept(slot, raw, failures)
+        remote = self._remote_of.get(slot)
+        if remote is None or not remote.driver.running or self.times[slot] != self.clock.now:
+            return
+        place = remote.place[slot]
+        self._date(remote, remote.driver.exchange.arrivals.read()[1][Row.STAMP], self.clock.now)
+        self.times[slot] = remote.times[place]
+        age = self.clock.now - self.times[slot]
+        if age > BAD_AGES * remote.driver.max_age:
+            self._fail_input(slot, remote.driver.cause(place), failures)
+        elif age > remote.driver.max_age:
+            self._set_stale(slot)
+
+    def _accepted(self, slot: int) -> None:
+        """While the machine runs a write is accepted when the device has confirmed it."""
+        remote = self._remote_of.get(slot)
+        if remote is None or not remote.driver.running:
+            super()._accepted(slot)
+        elif not self.items[slot].synchronous:
+            first = remote.awaited.get(slot, (0, self.clock.now))[1]
+            remote.awaited[slot] = remote.driver.order(remote.place[slot]), first
+
+    def try_send(self, slot: int) -> list[Failure]:
+        """What was ordered already is not ordered again before it is carried out."""
+        remote = self._remote_of.get(slot)
+        if remote is not None and slot in remote.awaited and self.sent[slot] == self.pending[slot]:
+            return []
+        return super().try_send(slot)
+
+
+def image_of(wired: Wired, clock: Clock, equipment: int) -> Image:
+    """The image of a machine: without drivers off the cycle the plain one, which knows nothing of them."""
+    off = any(isinstance(driver, OffCycle) for driver in wired.drivers.values())
+    return (OffCycleImage if off else Image)(wired, clock, equipment)

@@ -1,0 +1,247 @@
+"""What stands in the machine in the place of a driver that is off the cycle.
+
+While the machine is connected and brought to its end, each call is a request to the worker process, and waits for the
+answer. While it runs no call waits: what is to be written is posted, what is read is what has arrived. Without a worker
+process the calls are made here: in virtual time, with `connect` in the user's own process, and when the worker is dead
+and the machine is being reset.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from operator import attrgetter
+from time import sleep
+from typing import Any, NoReturn
+
+import numpy as np
+
+from umo.drivers.contract import Channel, Driver, IntArray, PhysicalScale
+from umo.drivers.off_cycle.exchange import NEVER, Call, Cell, Exchange, Row, Wanted
+from umo.drivers.off_cycle.server import Server, error_of
+from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
+
+LOOK_INTERVAL = 0.0005
+"""Time in s between two looks for an answer."""
+MARGIN = 1.0
+"""Time in s, in addition to twice the timeout, for which the worker may give no sign of life during a request."""
+
+
+def _of_driver(name: str) -> Any:
+    """The attribute of this name that the driver itself has."""
+    return property(attrgetter(f"driver.{name}"), lambda proxy, value: setattr(proxy.driver, name, value))
+
+
+class Worker:
+    """The worker process of a driver, as the processes that ask it see it."""
+
+    def is_gone(self) -> bool:
+        """Whether it has ended."""
+        raise NotImplementedError
+
+    def silence(self) -> float:
+        """Time in s since its last sign of life."""
+        raise NotImplementedError
+
+
+class OffCycle(Driver[Any]):
+    """A driver off the cycle, of a machine whose channels for it are known.
+
+    `own_period`: time in s from one of its transfers to the next; `max_age`: age in s from which a value is STALE.
+    `defaults`: the raw integer of each channel that the machine uses, None for an input, by the channel's text.
+    """
+
+    def __init__(self, driver: Driver[Any], own_period: float, max_age: float) -> None:
+        self.driver = driver
+        self.own_period, self.max_age = own_period, max_age
+        self.exchange = Exchange(())
+        self.server = Server(driver, self.exchange, own_period)
+        self.worker: Worker | None = None
+        """None: the calls are made here."""
+        self.running = False
+        """Whether no call waits."""
+        self.pause: Callable[[float], object] = sleep
+        """The function that waits for an answer, in s."""
+        self.fault_time: Callable[[], int] = lambda: NEVER
+        """The machine's time in ns, by which injected faults act; NEVER: there are none."""
+        self._wanted: IntArray
+        self._plans: dict[tuple[Channel, ...], IntArray] = {}
+
+    def meet(self, channels: Sequence[Channel], inputs: Sequence[Channel], outputs: Sequence[Channel]) -> None:
+        """The channels of the machine; those that each transfer reads, and those that it writes."""
+        self.exchange = Exchange(channels)
+        self.server = Server(self.driver, self.exchange, self.own_period)
+        place = self.exchange.place
+        self.server.assign([place[each.text] for each in inputs], [place[each.text] for each in outputs])
+        self._wanted = self.exchange.wanted.read()[1]
+
+    # What is the driver's own --------------------------------------------------------------------------
+
+    timeout = _of_driver("timeout")
+    period = _of_driver("period")
+    realtime = _of_driver("realtime")
+    simulates_time = _of_driver("simulates_time")
+    forms = _of_driver("forms")
+
+    def channel(self, text: str) -> Channel:
+        channel: Channel = self.driver.channel(text)
+        return channel
+
+    def devices(self) -> Iterable[str]:
+        return self.driver.devices()
+
+    def physical_scale(self, channel: Channel) -> PhysicalScale | None:
+        return self.driver.physical_scale(channel)
+
+    def check_watchdog(self, seconds: float) -> None:
+        self.driver.check_watchdog(seconds)
+
+    # Requests ------------------------------------------------------------------------------------------
+
+    def request(self, call: str, **content: Any) -> Any:
+        """A call of the driver; waits for its answer. DeviceTimeout if the worker gives no sign of life."""
+        request = {"call": call, "timeout": self.driver.timeout, "now": self.fault_time(), **content}
+        answer = self.server.perform(request) if self.worker is None else self._ask(self.worker, request)
+        if "error" in answer:
+            raise error_of(answer)
+        return answer["value"]
+
+    def _ask(self, worker: Worker, request: Mapping[str, Any]) -> dict[str, Any]:
+        number = self.exchange.ask(dict(request))
+        limit = MARGIN + 2 * self.driver.timeout
+        while (answer := self.exchange.answered(number)) is None:
+            if worker.is_gone() and (answer := self.exchange.answered(number)) is None:
+                raise DeviceTimeout("its worker process has ended")
+            if worker.silence() > limit:
+                raise DeviceTimeout(f"its worker process gives no sign of life for {limit:g} s")
+            self.pause(LOOK_INTERVAL)
+        return answer
+
+    def open(self) -> None:
+        self.request("open")
+
+    def close(self) -> None:
+        self.request("close")
+
+    def watchdog(self, seconds: float) -> None:
+        self.request("watchdog", seconds=seconds)
+
+    def report(self) -> Mapping[str, Any]:
+        report: Mapping[str, Any] = self.request("report")
+        return report
+
+    def finalize(self, channel: Channel) -> None:
+        self.request("finalize", channel=channel.text)
+
+    def look(self) -> bool | None:
+        found: bool | None = self.request("look")
+        return found
+
+    def initialize(self, channel: Channel, default: int | None) -> None:
+        if self.running:
+            self._order(channel, Call.INITIALIZE, default)
+        else:
+            self.request("initialize", channel=channel.text, raw=default)
+
+    def reset(self, channel: Channel, default: int | None) -> None:
+        if self.running:
+            self._order(channel, Call.RESET, default)
+        else:
+            self.request("reset", channel=channel.text, raw=default)
+
+    def read(self, channel: Channel) -> int:
+        if not self.running:
+            raw: int = self.request("read", channel=channel.text)
+            return raw
+        number = self.exchange.place[channel.text]
+        rows = self.exchange.arrivals.read()[1]
+        if rows[Row.STAMP, number] == NEVER:
+            raise DriverError(self.cause(number))
+        return int(rows[Row.RAW, number])
+
+    def write(self, channel: Channel, raw: int) -> None:
+        channel.check(raw)
+        if self.running:
+            self._order(channel, Call.WRITE, raw)
+        else:
+            self.request("write", channel=channel.text, raw=raw)
+
+    def read_many(self, channels: Sequence[Channel], out: IntArray) -> None:
+        if not self.running:
+            found = self.request("read_many", channels=[channel.text for channel in channels])
+            out[:] = found["raws"]
+            if found["causes"]:
+                raise ChannelsFailed(found["causes"])
+            return
+        places, rows = self.places(channels), self.exchange.arrivals.read()[1]
+        out[:] = rows[Row.RAW, places]
+        never = np.flatnonzero(rows[Row.STAMP, places] == NEVER).tolist()
+        if never:
+            raise ChannelsFailed({channels[i].text: self.cause(int(places[i])) for i in never})
+
+    def write_many(self, channels: Sequence[Channel], raws: IntArray) -> None:
+        if not self.running:
+            self.request("write_many", channels=[channel.text for channel in channels], raws=raws.tolist())
+            return
+        places = self.places(channels)
+        if not np.array_equal(self._wanted[Wanted.RAW, places], raws):
+            self._wanted[Wanted.RAW, places] = raws
+            self.exchange.wanted.post(self._wanted)
+
+    # While the machine runs ------------------------------------------------------------------------------
+
+    def begin(self) -> None:
+        """From now on no call waits. The first transfer has been made, or has failed, when this returns."""
+        self.request("begin")
+        self.running = True
+        self.exchange.cells[Cell.CYCLIC] = 1
+        self.accept_generation()
+
+    def end(self) -> None:
+        """Each call is a request again; the worker makes none by itself."""
+        self.exchange.cells[Cell.CYCLIC] = 0
+        self.running = False
+
+    @property
+    def generation(self) -> int:
+        """How often the outputs have been initialised."""
+        return int(self.exchange.cells[Cell.GENERATION])
+
+    def accept_generation(self) -> None:
+        """What is posted from now on is meant for outputs that were initialised so often; nothing is ordered."""
+        rows = self.exchange.arrivals.read()[1]
+        self._wanted[Wanted.RAW], self._wanted[Wanted.ORDER] = rows[Row.RAW], rows[Row.ORDER]
+        self._wanted[Wanted.GENERATION] = self.generation
+        self.exchange.wanted.post(self._wanted)
+
+    def _order(self, channel: Channel, call: Call, raw: int | None) -> None:
+        """A call for one channel: of several that were not carried out yet only the last is."""
+        number, wanted = self.exchange.place[channel.text], self._wanted
+        if raw is not None:
+            wanted[Wanted.RAW, number] = raw
+        wanted[Wanted.CALL, number] = call
+        wanted[Wanted.ORDER, number] += 1
+        self.exchange.wanted.post(wanted)
+
+    def order(self, number: int) -> int:
+        """The number of the last order for a channel, by the channel's number."""
+        return int(self._wanted[Wanted.ORDER, number])
+
+    def refuse(self, instead: Callable[..., NoReturn]) -> None:
+        """Nothing is posted or requested any more by this process: in place of that `instead` is called."""
+        self.request = self.exchange.wanted.post = instead  # type: ignore[method-assign]
+
+    def places(self, channels: Sequence[Channel]) -> IntArray:
+        """The numbers of channels; a plan is kept for each tuple of them."""
+        key = tuple(channels)
+        if (places := self._plans.get(key)) is None:
+            places = self._plans[key] = np.array([self.exchange.place[each.text] for each in key], np.int64)
+        return places
+
+    def cause(self, number: int) -> str:
+        """Why a channel has no new value."""
+        exchange = self.exchange
+        if self.worker is not None and self.worker.is_gone():
+            return "its worker process has ended"
+        if exchange.cells[Cell.AWAY_SINCE] != NEVER:
+            return f"its device is away: {exchange.cause(-1)}"
+        return exchange.cause(number) or "no value has come in time"

@@ -1,0 +1,363 @@
+"""Serves one driver off the cycle: answers requests while nothing is controlled, then transfers at its own period.
+
+In a worker process this waits for a slow device as long as it takes. Where there is no worker process (virtual time,
+`connect` in the user's own process) the same object is called in the cycle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from time import monotonic_ns
+from typing import Any
+
+import numpy as np
+
+from umo.drivers.contract import UNREAD, Channel, Driver, IntArray, NoWatchdog
+from umo.drivers.off_cycle.exchange import NEVER, Call, Cell, Exchange, Row, Wanted
+from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, forget_frames, text_of
+
+LONG_ABSENCE = 0.5
+"""Time in s of an absence after which a device is initialised again: it may have been switched off."""
+MIN_INTERVAL, MAX_INTERVAL = 0.05, 1.0
+"""Time in s from one look for a device that is away to the next: it doubles each time."""
+FAILURES = (Exception, SystemExit)
+"""What a call of a driver may raise."""
+
+
+class Server:
+    """One driver and its side of the exchange. `period`: of its transfers, s. `ns`: its clock."""
+
+    def __init__(
+        self, driver: Driver[Any], exchange: Exchange, period: float, ns: Callable[[], int] = monotonic_ns
+    ) -> None:
+        self.driver, self.exchange, self.ns = driver, exchange, ns
+        self.on_call: Callable[[], object] = lambda: None
+        """Function that is called before each call of the driver: a sign of life."""
+        self.opened = False
+        self._period = round(period * 1e9)
+        self._cells = exchange.cells
+        self._channels = exchange.channels
+        self._initialized: dict[str, tuple[Channel, int | None]] = {}
+        """The channels that were initialised, with the defaults of outputs, in this order."""
+        self._watchdog: float | None = None
+        self._inputs: tuple[int, ...] = ()
+        self._outputs: tuple[int, ...] = ()
+        self._groups: tuple[tuple[Channel, ...], tuple[Channel, ...]] = (), ()
+        self._followed = -1
+        """The count of what is wanted up to which orders were carried out."""
+        self._due = 0
+        self._interval = MIN_INTERVAL
+
+    def assign(self, inputs: Sequence[int], outputs: Sequence[int]) -> None:
+        """The channels, by number, that each transfer reads and writes; all others are moved by orders alone."""
+        self._inputs, self._outputs = tuple(inputs), tuple(outputs)
+        channels = self._channels
+        self._groups = tuple(channels[i] for i in self._inputs), tuple(channels[i] for i in self._outputs)
+
+    # Requests ------------------------------------------------------------------------------------------------
+
+    def perform(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """One call, and its answer: `value`, or the `error`."""
+        self.driver.timeout = request.get("timeout", self.driver.timeout)
+        try:
+            return {"value": getattr(self, f"_do_{request['call']}")(request)}
+        except FAILURES as error:
+            answer: dict[str, Any] = {"error": _kind(error), "text": text_of(error)}
+            if isinstance(error, ChannelsFailed):
+                answer["causes"] = dict(error.causes)
+            forget_frames(error)
+            return answer
+
+    def _do_open(self, request: Mapping[str, Any]) -> None:
+        """The worker that replaces another has opened it already."""
+        if not self.opened:
+            self.on_call()
+            self.driver.open()
+            self.opened = True
+
+    def _do_close(self, request: Mapping[str, Any]) -> None:
+        self.opened = False
+        self._initialized.clear()
+        self.on_call()
+        self.driver.close()
+
+    def _do_watchdog(self, request: Mapping[str, Any]) -> None:
+        self._watchdog = request["seconds"]
+        self.on_call()
+        self.driver.watchdog(request["seconds"])
+
+    def _do_report(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        self.on_call()
+        return dict(self.driver.report())
+
+    def _do_initialize(self, request: Mapping[str, Any]) -> None:
+        channel, default = self._channel(request["channel"]), request["raw"]
+        self._initialized[channel.text] = channel, default
+        self.on_call()
+        self.driver.initialize(channel, default)
+        self._note(channel, default)
+
+    def _do_reset(self, request: Mapping[str, Any]) -> None:
+        channel = self._channel(request["channel"])
+        self.on_call()
+        self.driver.reset(channel, request["raw"])
+        self._note(channel, request["raw"])
+
+    def _do_finalize(self, request: Mapping[str, Any]) -> None:
+        channel = self._channel(request["channel"])
+        self._initialized.pop(channel.text, None)
+        self.on_call()
+        self.driver.finalize(channel)
+
+    def _do_read(self, request: Mapping[str, Any]) -> Any:
+        self.on_call()
+        return _as_plain(self.driver.read(self._channel(request["channel"])))
+
+    def _do_write(self, request: Mapping[str, Any]) -> None:
+        channel = self._channel(request["channel"])
+        self.on_call()
+        self.driver.write(channel, request["raw"])
+        self._note(channel, request["raw"])
+
+    def _do_read_many(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """The raws, also of a transfer that failed for some channels."""
+        channels = tuple(map(self._channel, request["channels"]))
+        out, causes = np.full(len(channels), UNREAD), {}
+        self.on_call()
+        try:
+            self.driver.read_many(channels, out)
+        except ChannelsFailed as error:
+            causes = dict(error.causes)
+        return {"raws": out.tolist(), "causes": causes}
+
+    def _do_write_many(self, request: Mapping[str, Any]) -> None:
+        channels = tuple(map(self._channel, request["channels"]))
+        self.on_call()
+        self.driver.write_many(channels, np.array(request["raws"], np.int64))
+
+    def _do_look(self, request: Mapping[str, Any]) -> bool | None:
+        self.on_call()
+        found = self.driver.look()
+        return None if found is None else bool(found)
+
+    def _do_begin(self, request: Mapping[str, Any]) -> None:
+        """From now on at its own period, beginning with a transfer now."""
+        self._cells[Cell.AWAY_SINCE] = NEVER
+        if not self._cells[Cell.GENERATION]:
+            self._cells[Cell.GENERATION] = 1
+        self._transfer()
+        self._due = self.ns() + self._period
+
+    def _channel(self, text: str) -> Channel:
+        number = self.exchange.place.get(text)
+        return self.driver.channel(text) if number is None else self._channels[number]
+
+    def _note(self, channel: Channel, raw: int | None) -> None:
+        """An output has accepted this."""
+        number = self.exchange.place.get(channel.text)
+        if number is not None and raw is not None:
+            rows = self.exchange.arrivals.read()[1]
+            rows[Row.RAW, number], rows[Row.STAMP, number] = raw, self.ns()
+            self.exchange.arrivals.post(rows)
+
+    # At its own period -----------------------------------------------------------------------------------------
+
+    def work(self) -> None:
+        """What is due now: orders, the transfer of a period."""
+        if self._cells[Cell.AWAY_SINCE] == NEVER:
+            self._follow_orders()
+        if self.ns() >= self._due:
+            self._transfer()
+            self._due = max(self._due + self._period, self.ns())
+
+    def seconds_left(self) -> float:
+        """The time in s to the next transfer."""
+        return (self._due - self.ns()) * 1e-9
+
+    def _transfer(self) -> None:
+        began, rows = self.ns(), self.exchange.arrivals.read()[1]
+        try:
+            if self._cells[Cell.AWAY_SINCE] != NEVER and not self._found(rows):
+                return
+            self._read(rows, began)
+            self._write(rows)
+        except FAILURES as error:
+            self._failed(began, error)
+        else:
+            self._cells[Cell.AWAY_SINCE] = NEVER
+            self._interval = MIN_INTERVAL
+        self.exchange.arrivals.post(rows)
+
+    def _read(self, rows: IntArray, began: int) -> None:
+        channels = self._groups[0]
+        if not channels:
+            return
+        out, causes = np.full(len(channels), UNREAD), {}
+        self.on_call()
+        try:
+            self.driver.read_many(channels, out)
+        except ChannelsFailed as error:
+            causes = error.causes
+        for number, channel, raw in zip(self._inputs, channels, out.tolist(), strict=True):
+            cause = causes.get(channel.text, "the driver returned no value" if raw == UNREAD else "")
+            self._judge(rows, number, raw, began, cause)
+
+    def _write(self, rows: IntArray) -> None:
+        wanted = self.exchange.wanted.read()[1]
+        current = wanted[Wanted.GENERATION] == self._cells[Cell.GENERATION]
+        numbers = [number for number in self._outputs if current[number]]
+        if not numbers:
+            return
+        complete = len(numbers) == len(self._outputs)
+        channels = self._groups[1] if complete else tuple(self._channels[number] for number in numbers)
+        raws, causes = wanted[Wanted.RAW, numbers], {}
+        began = self.ns()
+        self.on_call()
+        try:
+            self.driver.write_many(channels, raws)
+        except ChannelsFailed as error:
+            causes = error.causes
+        for number, channel, raw in zip(numbers, channels, raws.tolist(), strict=True):
+            self._judge(rows, number, raw, began, causes.get(channel.text, ""))
+
+    def _judge(self, rows: IntArray, number: int, raw: int, began: int, cause: str) -> None:
+        """One channel was transferred, or failed."""
+        if cause:
+            self.exchange.set_cause(number, cause)
+        else:
+            rows[Row.RAW, number], rows[Row.STAMP, number] = raw, began
+
+    def _follow_orders(self) -> None:
+        """Each call that was ordered, once; of several for one channel the last."""
+        posted = self.exchange.wanted.count
+        if posted == self._followed:
+            return
+        self._followed = posted
+        rows, wanted = self.exchange.arrivals.read()[1], self.exchange.wanted.read()[1]
+        new = np.flatnonzero(wanted[Wanted.ORDER] != rows[Row.ORDER]).tolist()
+        for number in new:
+            rows[Row.ORDER, number] = wanted[Wanted.ORDER, number]
+            if wanted[Wanted.GENERATION, number] != self._cells[Cell.GENERATION]:
+                continue  # it was meant for the time before the outputs were initialised again
+            began = self.ns()
+            try:
+                self._call(self._channels[number], *wanted[[Wanted.CALL, Wanted.RAW], number].tolist())
+            except FAILURES as error:
+                self.exchange.set_cause(number, text_of(error))
+                rows[Row.STAMP, number] = NEVER  # it is not known what it has
+                if isinstance(error, TimeoutError):
+                    self._failed(began, error)
+                    break
+            else:
+                rows[Row.RAW, number], rows[Row.STAMP, number] = wanted[Wanted.RAW, number], began
+        if new:
+            self.exchange.arrivals.post(rows)
+
+    def _call(self, channel: Channel, call: int, raw: int) -> None:
+        self.on_call()
+        default = self._initialized[channel.text][1]
+        if call == Call.WRITE:
+            self.driver.write(channel, raw)
+        elif call == Call.RESET:
+            self.driver.reset(channel, default)
+        else:
+            self.driver.initialize(channel, default)
+
+    # A device that is away ---------------------------------------------------------------------------------------
+
+    def _failed(self, began: int, error: BaseException) -> None:
+        """A call of the whole driver has failed, or one timed out: nothing is written until the device is found."""
+        self.exchange.set_cause(-1, text_of(error))
+        forget_frames(error)
+        if self._cells[Cell.AWAY_SINCE] == NEVER:
+            self._cells[Cell.AWAY_SINCE] = began
+        self._wait_longer()
+
+    def _wait_longer(self) -> None:
+        self._due = self.ns() + max(0, round(self._interval * 1e9) - self._period)
+        self._interval = min(2 * self._interval, MAX_INTERVAL)
+
+    def _found(self, rows: IntArray) -> bool:
+        """Whether the device answers again. One that was away for long is initialised first."""
+        if not self.opened:
+            self._do_open({})
+        else:
+            self.on_call()
+            if (found := self.driver.look()) is not True:
+                if found is None:
+                    self._interval = MIN_INTERVAL  # it is not known yet
+                self._wait_longer()
+                return False
+        if self.ns() - self._cells[Cell.AWAY_SINCE] >= LONG_ABSENCE * 1e9:
+            self._initialize_again(rows)
+        return True
+
+    def _initialize_again(self, rows: IntArray) -> None:
+        self._cells[Cell.GENERATION] += 1
+        for channel, default in tuple(self._initialized.values()):
+            began = self.ns()
+            self.on_call()
+            self.driver.initialize(channel, default)
+            number = self.exchange.place.get(channel.text)
+            if default is not None and number is not None:
+                rows[Row.RAW, number], rows[Row.STAMP, number] = default, began
+        if self._watchdog is not None:
+            self.on_call()
+            self.driver.watchdog(self._watchdog)
+
+    # The place of a worker that died, and the end ------------------------------------------------------------------
+
+    def begin_anew(self, defaults: Mapping[str, int | None], watchdog: float | None) -> None:
+        """Open the driver and initialise all of its channels (each with its default, by its text): another worker has
+        died, and nothing is known of the outputs. Until this succeeds the device counts as away."""
+        self._initialized = {text: (self._channel(text), raw) for text, raw in defaults.items()}
+        self._watchdog = watchdog
+        began = self.ns()
+        self._cells[Cell.AWAY_SINCE] = began - round(LONG_ABSENCE * 1e9)
+        self._due = began
+        try:
+            self._do_open({})
+            rows = self.exchange.arrivals.read()[1]
+            self._initialize_again(rows)
+        except FAILURES as error:
+            self._failed(began, error)
+        else:
+            self._cells[Cell.AWAY_SINCE] = NEVER
+            self.exchange.arrivals.post(rows)
+
+    def reset_all(self, order: Sequence[str]) -> dict[str, str]:
+        """Every output to its default, in this order of the channels' texts; the causes of those that failed."""
+        failed: dict[str, str] = {}
+        for text in order:
+            if text in self._initialized:
+                answer = self.perform({"call": "reset", "channel": text, "raw": self._initialized[text][1]})
+                if "error" in answer:
+                    failed[text] = answer["text"]
+        with suppress(*FAILURES):
+            self._do_close({})
+        return failed
+
+
+def _kind(error: BaseException) -> str:
+    """The class of an error, as far as the other side has to tell them apart."""
+    if isinstance(error, ChannelsFailed):
+        return "channels"
+    if isinstance(error, TimeoutError):
+        return "timeout"
+    if isinstance(error, NoWatchdog):
+        return "watchdog"
+    return "driver" if isinstance(error, DriverError) else "other"
+
+
+def error_of(answer: Mapping[str, Any]) -> DriverError:
+    """The error of an answer, as the driver has raised it."""
+    kind, text = answer["error"], answer["text"]
+    if kind == "channels":
+        return ChannelsFailed(answer["causes"])
+    return {"timeout": DeviceTimeout, "watchdog": NoWatchdog}.get(kind, DriverError)(text)
+
+
+def _as_plain(raw: Any) -> Any:
+    """As JSON has it; what is no integer stays what it is, for the caller to find."""
+    return raw if raw is None or isinstance(raw, int | str | float) else int(raw)
