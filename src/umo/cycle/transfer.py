@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from math import inf
 from operator import index
-from time import monotonic
+from time import monotonic, sleep
 from typing import Any, Literal, NoReturn, TypeVar
 
 import numpy as np
@@ -19,6 +19,7 @@ from umo.cycle.columns import Block
 from umo.cycle.journal import ErrorKind, Journal, Kind
 from umo.cycle.stand_ins import NotCalled
 from umo.drivers.contract import UNREAD, Channel, Driver
+from umo.drivers.off_cycle import OffCycle
 from umo.errors import ChannelsFailed, DriverError, Failure, forget_frames, text_of
 from umo.objects.scaling import IntArray
 from umo.text import in_brackets, some
@@ -100,6 +101,14 @@ class Transfer:
         """The drivers that are away, while the machine runs; None: every call is made, and waits."""
         self.watched: Callable[[Block, BlockTransfer], BlockTransfer] = lambda block, call: call
         """Function that puts a watch around a block's transfer."""
+
+        for driver in self.drivers.values():
+            if isinstance(driver, OffCycle):
+                driver.pause = self._wait_for_worker
+
+    def _wait_for_worker(self, seconds: float) -> None:
+        self.on_call()
+        sleep(seconds)
 
     # Whole drivers -------------------------------------------------------------------------------------
 

@@ -31,6 +31,7 @@ from umo.process.reset import DEATH_TIMEOUT, STOP_SIGNALS
 from umo.process.run_end import RunEnd, tell_final_message
 from umo.process.run_state import RunState, Who
 from umo.process.standby import Standby
+from umo.process.workers import Workers, groups_of
 from umo.system import realtime
 from umo.system.device_record import INSPECT, DeviceClaim
 from umo.system.processes import adjust_oom_score, carry_out, flush, name_process
@@ -86,7 +87,8 @@ class Guardian:
         self._place = self._take_core()
         """The core that is taken as long as this process lives."""
         self._process = plan.wired.process
-        self._run_state = RunState()
+        groups = groups_of(plan.wired)
+        self._run_state = RunState(len(groups))
         self._stop_signal: int | None = None
         self._stop_passed_on = False
         self._deaf_looks = 0
@@ -96,7 +98,8 @@ class Guardian:
         self._control: ControlWatch | None = None
         self._traces = tempfile.TemporaryFile()  # noqa: SIM115  (as long as the process)
         self._watcher = FrameWatcher(plan.name)
-        self._end = RunEnd(plan, device_claim, self._run_state, channel, self._watcher)
+        self._workers = Workers(plan.machine, plan.wired, groups, self._run_state, self._say)
+        self._end = RunEnd(plan, device_claim, self._run_state, channel, self._watcher, self._workers)
         limit = guardian_limit(self._process.hang_timeout)
         self._standby = Standby(self._run_state, limit, self._take_over, channel, self._say)
 
@@ -121,6 +124,7 @@ class Guardian:
         self._end.resetter.stand_by()
         if why := self._watcher.make():
             self._say(f"this run cannot be watched or traced: {why}")
+        self._workers.fork()
         guardian = os.getpid()
         pid = self._run_state.fork(Who.CONTROL)
         if pid == 0:
@@ -214,6 +218,7 @@ class Guardian:
         if not self._is_standby:
             self._try(self._standby.look)
             self._try(self._look_at_resetter)
+            self._try(self._workers.look)
 
     def _look_at_resetter(self) -> None:
         if self._end.resetter.look():

@@ -19,6 +19,7 @@ from typing import Literal
 
 from umo.cycle.stopping import SIGNALS, signal_name
 from umo.cycle.transfer import UNCONTROLLED_TIMEOUT, Transfer, settling, wait_for
+from umo.drivers.off_cycle import OffCycle
 from umo.errors import DeviceTimeout, text_of
 from umo.objects import Compound
 from umo.objects.stop_order import stop_sequence
@@ -45,13 +46,21 @@ STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 class Resetter:
     """Resets the actuators of one machine, in its stop order."""
 
-    def __init__(self, machine: Compound, wired: Wired, guard: Callable[[], object] = lambda: None) -> None:
+    def __init__(
+        self,
+        machine: Compound,
+        wired: Wired,
+        guard: Callable[[], object] = lambda: None,
+        give_up: Callable[[Sequence[str]], object] = lambda paths: None,
+    ) -> None:
+        """`guard` is called in the child that resets. `give_up` is told the paths that an attempt has not reached: a
+        worker process that serves one of them is ended, and the next attempt opens its device."""
         by_item = {id(wire.item): wire for wire in wired.wires}
         self._names = {id(driver): name for name, driver in wired.drivers.items()}
         self._wires = [by_item[id(item)] for item in stop_sequence(machine)]
         self._wired = wired
         self._transfer = Transfer(self._wires, wired)
-        self._guard = guard
+        self._guard, self._give_up = guard, give_up
         self._timeouts = {name: driver.timeout for name, driver in wired.drivers.items()}
         self.paths = [wire.item.path for wire in self._wires]
         self._state = ResetState(self.paths)
@@ -120,6 +129,8 @@ class Resetter:
             left = self._left()
             if monotonic() >= until:
                 break
+            if left:
+                self._give_up(list(left))
             if left and not told:
                 told = True
                 said(f"not reached yet, retrying for up to {lasting:g} s: {summary(left)}")
@@ -277,6 +288,9 @@ class Resetter:
         """Open, initialise, reset once the old process is dead, again when what was under way is done; close."""
         state = self._state
         transfer = self._transfer
+        for driver in self._wired.drivers.values():
+            if isinstance(driver, OffCycle):
+                driver.call_here_if_alone()
 
         def call() -> None:
             state.beat()

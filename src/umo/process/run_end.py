@@ -14,6 +14,7 @@ from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
 from umo.process.reset import Resetter, summary
 from umo.process.run_state import RunState, Who
+from umo.process.workers import Workers
 from umo.system import realtime
 from umo.system.device_record import DeviceClaim
 from umo.system.streams import say_without_waiting
@@ -32,7 +33,13 @@ class RunEnd:
     """The work of a guardian when the control process has ended or hangs."""
 
     def __init__(
-        self, plan: Plan, device_claim: DeviceClaim, run_state: RunState, channel: MessageSocket, watcher: FrameWatcher
+        self,
+        plan: Plan,
+        device_claim: DeviceClaim,
+        run_state: RunState,
+        channel: MessageSocket,
+        watcher: FrameWatcher,
+        workers: Workers,
     ) -> None:
         self._plan = plan
         self._device_claim = device_claim
@@ -40,7 +47,8 @@ class RunEnd:
         self._channel = channel
         self._watcher = watcher
         self.title = "guardian"
-        self.resetter = Resetter(plan.machine, plan.wired, self._begin_reset)
+        self._workers = workers
+        self.resetter = Resetter(plan.machine, plan.wired, self._begin_reset, workers.end_those_of)
         self._spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARE_DESCRIPTORS)]
 
     def hand_over(self) -> None:
@@ -88,6 +96,8 @@ class RunEnd:
         """Record and tell how the run ended. The standby guardian does it again if the guardian is killed meanwhile."""
         failure = outcome.failure
         what = failure.message.partition("\n")[0] if failure is not None else "it was stopped"
+        with suppress(Exception):
+            self._workers.dismiss()
         with suppress(Exception):
             if outcome.unsafe:
                 told = self._device_claim.stopped(what, outcome.unreached)

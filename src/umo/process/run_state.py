@@ -37,14 +37,18 @@ class Who(IntEnum):
 
 STAGE, BEAT, ASKED, WATCH, ADMITTED, CONCLUDING, REPORT_LENGTH, OUTCOME_LENGTH, EXCUSED = range(9)
 CELLS = 16
-TABLE = MUTEX_BYTES * len(Who)
 MAX_REPORT_BYTES = 1 << 16
 """Length of a report at most, bytes."""
 HOLD_LIMIT = 1.0
 """Timeout in s for the process's own lock, which others take for microseconds to test it."""
-REPORT_AT = TABLE + 8 * CELLS
+REPORT_AT = 8 * CELLS
 OUTCOME_AT = REPORT_AT + MAX_REPORT_BYTES
-LENGTH = OUTCOME_AT + MAX_REPORT_BYTES
+LOCKS_AT = OUTCOME_AT + MAX_REPORT_BYTES
+
+
+def worker(number: int) -> int:
+    """The holder of the lock of a worker process, by its number from 0."""
+    return len(Who) + number
 
 
 class _Timespec(ctypes.Structure):
@@ -57,13 +61,15 @@ def clock() -> int:
 
 
 class RunState:
-    """Made by the guardian before it forks."""
+    """Made by the guardian before it forks. `workers`: the number of worker processes."""
 
-    def __init__(self) -> None:
+    def __init__(self, workers: int = 0) -> None:
         self._libc = ctypes.CDLL(None, use_errno=True)
-        self._memory = mmap.mmap(-1, LENGTH)  # anonymous and shared
-        self._locks = [ctypes.c_char.from_buffer(self._memory, MUTEX_BYTES * who) for who in Who]
-        self._cells = memoryview(self._memory)[TABLE:REPORT_AT].cast("q")
+        count = len(Who) + workers
+        self._memory = mmap.mmap(-1, LOCKS_AT + MUTEX_BYTES * count)  # anonymous and shared
+        places = range(LOCKS_AT, LOCKS_AT + MUTEX_BYTES * count, MUTEX_BYTES)
+        self._locks = [ctypes.c_char.from_buffer(self._memory, at) for at in places]
+        self._cells = memoryview(self._memory)[:REPORT_AT].cast("q")
         attributes = ctypes.create_string_buffer(64)
         self._libc.pthread_mutexattr_init(attributes)
         self._libc.pthread_mutexattr_setpshared(attributes, PROCESS_SHARED)
@@ -75,7 +81,7 @@ class RunState:
 
     # Every process -------------------------------------------------------------------------------------
 
-    def fork(self, who: Who) -> int:
+    def fork(self, who: int) -> int:
         """Fork a process in a session of its own, that holds its lock when this returns in its parent; 0 in the child.
         OSError where no process or pipe can be had."""
         held, holding = os.pipe()
@@ -96,26 +102,26 @@ class RunState:
         os.close(holding)
         return 0
 
-    def hold(self, who: Who) -> None:
+    def hold(self, who: int) -> None:
         """Take a lock: from now on the others detect the death of this thread. It does not wait for a former holder
         that cannot be killed."""
         self._is_ours(who, self._lock_until(who, HOLD_LIMIT))
 
-    def gone(self, within: float, who: Who = Who.CONTROL) -> bool:
+    def gone(self, within: float, who: int = Who.CONTROL) -> bool:
         """Wait up to `within` s for the holder of a lock to die; whether it did. True too if nobody ever held it."""
         if not self._is_ours(who, self._lock_until(who, within)):
             return False
         self._libc.pthread_mutex_unlock(ctypes.byref(self._locks[who]))
         return True
 
-    def _is_ours(self, who: Who, answer: int) -> bool:
+    def _is_ours(self, who: int, answer: int) -> bool:
         if answer == errno.EOWNERDEAD:
             self._libc.pthread_mutex_consistent(ctypes.byref(self._locks[who]))
         elif answer not in (0, errno.ETIMEDOUT):
-            raise OSError(answer, f"the lock of {who.name} failed")
+            raise OSError(answer, f"the lock of process {who} of the run failed")
         return answer != errno.ETIMEDOUT
 
-    def _lock_until(self, who: Who, within: float) -> int:
+    def _lock_until(self, who: int, within: float) -> int:
         """The answer of a lock, by the monotonic clock (glibc from 2.30 on), else by the wall clock."""
         mutex, lock = ctypes.byref(self._locks[who]), getattr(self._libc, "pthread_mutex_clocklock", None)
         until = (time.time() if lock is None else time.monotonic()) + within

@@ -111,11 +111,11 @@ def die_with_parent(parent: int, number: int) -> None:
         os.kill(os.getpid(), number)
 
 
-def drop_realtime() -> None:
+def drop_realtime(niceness: int = 10) -> None:
     """An ordinary process again, for work of the guardian's children that can wait."""
     with suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-        os.nice(10)
+        os.nice(niceness)
 
 
 def lock_memory() -> Refusal | None:

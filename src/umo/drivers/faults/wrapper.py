@@ -38,6 +38,8 @@ class Injection:
         """`waits`: whether the run is in wall-clock time, so that a call with a delay takes its time."""
         self.clock: HasNow | None = None
         self.drivers: list[FaultyDriver] = []
+        self.tells = True
+        """Whether what begins and ends is logged: by the control process, not by a worker process."""
 
     @property
     def active(self) -> int:
@@ -96,10 +98,10 @@ class FaultyDriver(Driver[Any]):
         for effect in acting:
             if effect not in self._acting:
                 effect.set_in(self.levels.get(_text(effect)) if effect.output else None)
-                _log("begins", effect, now)
+                self._log("begins", effect, now)
         for effect in self._acting:
             if effect not in acting:
-                _log("ends", effect, now)
+                self._log("ends", effect, now)
         self._acting = acting
         return acting
 
@@ -107,8 +109,13 @@ class FaultyDriver(Driver[Any]):
         """None is in effect from now on; those that were."""
         acting, self._acting = self._acting, []
         for effect in acting:
-            _log("ends", effect, self._now)
+            self._log("ends", effect, self._now)
         return acting
+
+    def _log(self, what: str, effect: Effect, now: float) -> None:
+        if self._injection.tells:
+            where = "" if effect.channel is None else f" (channel {effect.channel.text})"
+            log.warning("injected fault %s at %s s: %s%s", what, number_text(now), effect.text, where)
 
     def _concerning(self, channels: Sequence[Channel], output: bool) -> list[Effect]:
         acting = self.active()
@@ -269,8 +276,3 @@ def _partly(transfer: Any) -> Mapping[str, str]:
 
 def _text(effect: Effect) -> str:
     return "" if effect.channel is None else effect.channel.text
-
-
-def _log(what: str, effect: Effect, now: float) -> None:
-    where = "" if effect.channel is None else f" (channel {effect.channel.text})"
-    log.warning("injected fault %s at %s s: %s%s", what, number_text(now), effect.text, where)

@@ -116,6 +116,12 @@ class OffCycle(Driver[Any]):
             self.pause(LOOK_INTERVAL)
         return answer
 
+    def call_here_if_alone(self) -> None:
+        """Make the calls in this process if the worker has ended: nobody else holds the device."""
+        if self.worker is not None and self.worker.is_gone():
+            self.worker = None
+            self.server.opened = False
+
     def open(self) -> None:
         self.request("open")
 

@@ -1,0 +1,123 @@
+"""A worker process: serves drivers off the cycle that belong together, beside the control process.
+
+It answers the requests of whoever connects or resets the machine, and transfers at the drivers' own periods while the
+control process lives and asks for it. It is an ordinary process: it takes no time from the control process but what the
+kernel gives it. If control process and guardians are gone it brings its outputs to their defaults, and ends.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Sequence
+from time import monotonic_ns, sleep
+
+from umo.cycle.stage import Stage
+from umo.drivers.faults.wrapper import Injection
+from umo.drivers.off_cycle import NEVER, OffCycle
+from umo.drivers.off_cycle.exchange import Cell
+from umo.process.reset import STOP_SIGNALS
+from umo.process.run_state import RunState, Who
+from umo.system import realtime
+from umo.system.processes import name_process
+
+REQUEST_INTERVAL = 0.0005
+"""Time in s between two looks for a request while nothing is controlled."""
+ORDER_INTERVAL = 0.005
+"""Time in s, at most, between two looks for an order while the machine runs."""
+
+
+class MachineTime:
+    """The machine's time, by which injected faults act, as the control process gives it."""
+
+    def __init__(self) -> None:
+        self.ns = NEVER
+
+    @property
+    def now(self) -> float:
+        return self.ns * 1e-9
+
+
+class WorkerProcess:
+    """The work of one process. `orders`: the channels' texts of each driver's outputs in the order of stopping."""
+
+    def __init__(
+        self,
+        run_state: RunState,
+        proxies: Sequence[OffCycle],
+        orders: Sequence[Sequence[str]],
+        hang: float,
+        injection: Injection | None,
+    ) -> None:
+        self._run_state = run_state
+        self._proxies = proxies
+        self._orders = orders
+        self._hang = hang
+        self._injection = injection
+        self._time = MachineTime()
+        self._lost = True
+        """Whether the control process is gone."""
+        for proxy in proxies:
+            proxy.server.on_call = self._beat
+
+    def run(self, defaults: Sequence[dict[str, int | None]] = (), watchdogs: Sequence[float | None] = ()) -> int:
+        """Serve until the machine is reset. `defaults` of each driver's channels: it takes the place of a worker that
+        has died, and brings the outputs to their defaults first."""
+        name_process("umo worker")
+        realtime.drop_realtime(niceness=0)
+        for number in STOP_SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+        self._beat()
+        for proxy, each, watchdog in zip(self._proxies, defaults, watchdogs, strict=False):
+            proxy.server.begin_anew(each, watchdog)
+        while not self._is_left_alone():
+            self._beat()
+            for proxy in self._proxies:
+                self._serve(proxy)
+        for proxy, order in zip(self._proxies, self._orders, strict=True):
+            self._set_fault_time(NEVER)
+            proxy.server.reset_all(order)
+        return 0
+
+    def _beat(self) -> None:
+        now = monotonic_ns()
+        for proxy in self._proxies:
+            proxy.exchange.cells[Cell.BEAT] = now
+
+    def _serve(self, proxy: OffCycle) -> None:
+        exchange, server = proxy.exchange, proxy.server
+        if (asked := exchange.asked()) is not None:
+            number, request = asked
+            self._set_fault_time(request["now"])
+            exchange.answer(number, server.perform(request))
+        elif exchange.cells[Cell.CYCLIC] and not self._lost:
+            self._set_fault_time(exchange.cells[Cell.NOW])
+            server.work()
+
+    def _is_left_alone(self) -> bool:
+        """Wait until something may be due. Whether nobody is left who controls the machine or could reset it."""
+        run_state = self._run_state
+        self._lost = run_state.gone(self._slice())
+        if not self._lost and not self._control_hangs:
+            return False
+        if run_state.gone(0.0, Who.GUARDIAN) and run_state.gone(0.0, Who.STANDBY):
+            return True
+        if self._lost:
+            sleep(REQUEST_INTERVAL)
+        return False
+
+    @property
+    def _control_hangs(self) -> bool:
+        return self._run_state.stage is Stage.RUNNING and self._run_state.silence > self._hang
+
+    def _slice(self) -> float:
+        cyclic = [proxy for proxy in self._proxies if proxy.exchange.cells[Cell.CYCLIC]]
+        if len(cyclic) < len(self._proxies):
+            return REQUEST_INTERVAL
+        return max(0.0, min(ORDER_INTERVAL, *(proxy.server.seconds_left() for proxy in cyclic)))
+
+    def _set_fault_time(self, ns: int) -> None:
+        """Faults act in this process; the control process tells of them."""
+        if self._injection is not None:
+            self._time.ns = ns
+            self._injection.clock = None if ns == NEVER else self._time
+            self._injection.tells = False
