@@ -21,8 +21,8 @@ from umo.cycle.image import Image
 from umo.cycle.journal import Kind
 from umo.drivers.contract import Direction
 from umo.drivers.off_cycle import NEVER, OffCycle
-from umo.drivers.off_cycle.exchange import Cell, Row
-from umo.drivers.off_cycle.server import LONG_ABSENCE
+from umo.drivers.off_cycle.device_server import LONG_ABSENCE
+from umo.drivers.off_cycle.shared_memory import Cell, Row
 from umo.errors import Failure
 from umo.objects import Quality
 from umo.objects.scaling import FloatArray, IntArray
@@ -81,6 +81,8 @@ class OffCycleImage(Image):
         self.outputs = [block for block in self.outputs if id(block.driver) not in off]
         self.transfer.bind(self.inputs, self.outputs)
         self._failures: list[Failure] = []
+        self._beginning = False
+        """Whether the worker has just initialised these objects."""
         self._faults = wired.injection
         for remote in self._remotes:
             if remote.driver.worker is None:
@@ -231,8 +233,10 @@ class OffCycleImage(Image):
         remote.awaited.clear()
         lost = [path for slot in remote.place if (path := self.stays_at_default(slot))]
         remote.driver.accept_generation()
+        self._beginning = True
         for slot in remote.place:
             self.was_initialized_again(slot)
+        self._beginning = False
         if lost:
             stay = "is at its default" if len(lost) == 1 else "are at their defaults"
             self._tell(remote, f"was initialised again; {some(lost)} {stay}")
@@ -308,7 +312,7 @@ class OffCycleImage(Image):
     def _accepted(self, slot: int) -> None:
         """While the machine runs a write is accepted when the device has confirmed it."""
         remote = self._remote_of.get(slot)
-        if remote is None or not remote.driver.running:
+        if remote is None or not remote.driver.running or self._beginning:
             super()._accepted(slot)
         elif not self.items[slot].synchronous:
             first = remote.awaited.get(slot, (0, self.clock.now))[1]

@@ -14,7 +14,7 @@ from time import monotonic_ns, sleep
 from umo.cycle.stage import Stage
 from umo.drivers.faults.wrapper import Injection
 from umo.drivers.off_cycle import NEVER, OffCycle
-from umo.drivers.off_cycle.exchange import Cell
+from umo.drivers.off_cycle.shared_memory import Cell
 from umo.process.reset import STOP_SIGNALS
 from umo.process.run_state import RunState, Who
 from umo.system import realtime

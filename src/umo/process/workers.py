@@ -18,8 +18,8 @@ from umo.cycle.stage import Stage
 from umo.cycle.stopping import signal_name
 from umo.cycle.transfer import UNCONTROLLED_TIMEOUT
 from umo.drivers.off_cycle import OffCycle
-from umo.drivers.off_cycle.exchange import Cell
 from umo.drivers.off_cycle.proxy import MARGIN, Worker
+from umo.drivers.off_cycle.shared_memory import Cell
 from umo.objects import Compound
 from umo.objects.stop_order import stop_sequence
 from umo.process.run_state import RunState, worker
@@ -73,11 +73,13 @@ class _Group:
     @property
     def limit(self) -> float:
         """Timeout in s for its signs of life: it gives one before each call of a driver."""
-        return MARGIN + 2 * max([UNCONTROLLED_TIMEOUT, *(proxy.timeout for proxy in self.proxies)])
+        timeouts: list[float] = [proxy.timeout for proxy in self.proxies]
+        return MARGIN + 2 * max(UNCONTROLLED_TIMEOUT, *timeouts)
 
     @property
     def silence(self) -> float:
-        return float(monotonic_ns() - self.proxies[0].exchange.cells[Cell.BEAT]) * 1e-9
+        beat: int = self.proxies[0].exchange.cells[Cell.BEAT]
+        return (monotonic_ns() - beat) * 1e-9
 
     def begin(self) -> None:
         """It has a moment for its first sign of life."""

@@ -1,7 +1,7 @@
 """Drivers off the cycle: a slow device is served by a process of its own, and meets the image in shared memory."""
 
-from umo.drivers.off_cycle.exchange import NEVER, Exchange
+from umo.drivers.off_cycle.device_server import DeviceServer
 from umo.drivers.off_cycle.proxy import OffCycle
-from umo.drivers.off_cycle.server import Server
+from umo.drivers.off_cycle.shared_memory import NEVER, Exchange
 
-__all__ = ["NEVER", "Exchange", "OffCycle", "Server"]
+__all__ = ["NEVER", "DeviceServer", "Exchange", "OffCycle"]

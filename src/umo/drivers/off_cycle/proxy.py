@@ -16,8 +16,8 @@ from typing import Any, NoReturn
 import numpy as np
 
 from umo.drivers.contract import Channel, Driver, IntArray, PhysicalScale
-from umo.drivers.off_cycle.exchange import NEVER, Call, Cell, Exchange, Row, Wanted
-from umo.drivers.off_cycle.server import Server, error_of
+from umo.drivers.off_cycle.device_server import DeviceServer, error_of
+from umo.drivers.off_cycle.shared_memory import NEVER, Cell, Exchange, Order, Row, Wanted
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
 
 LOOK_INTERVAL = 0.0005
@@ -54,7 +54,7 @@ class OffCycle(Driver[Any]):
         self.driver = driver
         self.own_period, self.max_age = own_period, max_age
         self.exchange = Exchange(())
-        self.server = Server(driver, self.exchange, own_period)
+        self.server = DeviceServer(driver, self.exchange, own_period)
         self.worker: Worker | None = None
         """None: the calls are made here."""
         self.running = False
@@ -69,7 +69,7 @@ class OffCycle(Driver[Any]):
     def meet(self, channels: Sequence[Channel], inputs: Sequence[Channel], outputs: Sequence[Channel]) -> None:
         """The channels of the machine; those that each transfer reads, and those that it writes."""
         self.exchange = Exchange(channels)
-        self.server = Server(self.driver, self.exchange, self.own_period)
+        self.server = DeviceServer(self.driver, self.exchange, self.own_period)
         place = self.exchange.place
         self.server.assign([place[each.text] for each in inputs], [place[each.text] for each in outputs])
         self._wanted = self.exchange.wanted.read()[1]
@@ -144,13 +144,13 @@ class OffCycle(Driver[Any]):
 
     def initialize(self, channel: Channel, default: int | None) -> None:
         if self.running:
-            self._order(channel, Call.INITIALIZE, default)
+            self._order(channel, Order.INITIALIZE, default)
         else:
             self.request("initialize", channel=channel.text, raw=default)
 
     def reset(self, channel: Channel, default: int | None) -> None:
         if self.running:
-            self._order(channel, Call.RESET, default)
+            self._order(channel, Order.RESET, default)
         else:
             self.request("reset", channel=channel.text, raw=default)
 
@@ -167,7 +167,7 @@ class OffCycle(Driver[Any]):
     def write(self, channel: Channel, raw: int) -> None:
         channel.check(raw)
         if self.running:
-            self._order(channel, Call.WRITE, raw)
+            self._order(channel, Order.WRITE, raw)
         else:
             self.request("write", channel=channel.text, raw=raw)
 
@@ -219,7 +219,7 @@ class OffCycle(Driver[Any]):
         self._wanted[Wanted.GENERATION] = self.generation
         self.exchange.wanted.post(self._wanted)
 
-    def _order(self, channel: Channel, call: Call, raw: int | None) -> None:
+    def _order(self, channel: Channel, call: Order, raw: int | None) -> None:
         """A call for one channel: of several that were not carried out yet only the last is."""
         number, wanted = self.exchange.place[channel.text], self._wanted
         if raw is not None:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from umo.drivers.contract import UNREAD, Channel, Driver, IntArray, NoWatchdog
-from umo.drivers.off_cycle.exchange import NEVER, Call, Cell, Exchange, Row, Wanted
+from umo.drivers.off_cycle.shared_memory import NEVER, Cell, Exchange, Order, Row, Wanted
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError, forget_frames, text_of
 
 LONG_ABSENCE = 0.5
@@ -25,7 +25,7 @@ FAILURES = (Exception, SystemExit)
 """What a call of a driver may raise."""
 
 
-class Server:
+class DeviceServer:
     """One driver and its side of the exchange. `period`: of its transfers, s. `ns`: its clock."""
 
     def __init__(
@@ -257,9 +257,9 @@ class Server:
     def _call(self, channel: Channel, call: int, raw: int) -> None:
         self.on_call()
         default = self._initialized[channel.text][1]
-        if call == Call.WRITE:
+        if call == Order.WRITE:
             self.driver.write(channel, raw)
-        elif call == Call.RESET:
+        elif call == Order.RESET:
             self.driver.reset(channel, default)
         else:
             self.driver.initialize(channel, default)

@@ -69,12 +69,12 @@ class Wanted(IntEnum):
     ORDER = 1
     """The number of the last order: a call for this channel alone, carried out once."""
     CALL = 2
-    """The call that the order is, a `Call`."""
+    """The call that the order is, an `Order`."""
     GENERATION = 3
     """The generation for which this is meant: after outputs were initialised again, nothing older is sent."""
 
 
-class Call(IntEnum):
+class Order(IntEnum):
     """What an order asks for."""
 
     WRITE = 0

@@ -1,0 +1,552 @@
+"""A driver off the cycle in virtual time: its own period, the age of what it gives, and what the device confirmed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from helpers.machines import Bench, Board, actuator, bench, failed, relay, sensor, switch, wired
+from umo import DigitalSensor, Quality, connect
+from umo.cycle.image import Image
+from umo.cycle.journal import ENTRY, Journal, Kind
+from umo.drivers import DeviceTimeout, Driver, DriverError
+from umo.drivers.off_cycle import NEVER, DeviceServer, Exchange, OffCycle
+from umo.drivers.off_cycle.shared_memory import Cell, Row
+from umo.errors import ChannelsFailed, WiringError
+from umo.states import OnOff, PassFail
+from umo.testing import Scripted
+from umo.wiring.resolve import check
+
+OWN, MAX_AGE = 0.05, 0.15
+"""The driver's period and, by default, the age from which its values are STALE, s."""
+
+
+def slow(machine: Bench, box: Any, **keys: Any) -> dict[str, Any]:
+    """Everything but the timer on a driver of 50 ms."""
+    wiring = wired(machine, Scripted())
+    wiring["drivers"]["box"] = {"type": box, "off_cycle": True, "period": "50 ms"} | keys
+    return wiring
+
+
+@contextmanager
+def running(box: Any, machine: Any = None, **keys: Any) -> Iterator[tuple[Any, connect[Any]]]:
+    machine = machine or bench()
+    connection = connect(machine, slow(machine, box, **keys))
+    connection.pause = lambda seconds: None
+    with connection as m:
+        yield m, connection
+
+
+def period(m: Any, number: int = 1) -> None:
+    for _ in range(number):
+        m.timer.read()
+        m.sample()
+        m.update()
+
+
+def moved(box: Scripted, segment: str) -> int:
+    return sum(call.segment == segment for call in box.calls)
+
+
+class Deaf(Scripted):
+    """A circuit that can lose its device."""
+
+    def silent(self) -> None:
+        self.broken = DeviceTimeout("no answer")
+
+    def back(self) -> None:
+        self.broken = None
+
+
+class OneByOne(Scripted):
+    """A circuit whose channels are read one by one: each fails alone."""
+
+    read_many = Driver.read_many
+
+
+# Values and their age ---------------------------------------------------------------------------------
+
+
+def test_its_transfers_are_made_at_its_own_period() -> None:
+    box = Scripted()
+    with running(box) as (m, _):
+        before = moved(box, "read_many"), moved(box, "write_many")
+        period(m, 500)
+        assert (moved(box, "read_many") - before[0], moved(box, "write_many") - before[1]) == (10, 10)
+
+
+def test_a_value_has_the_time_of_the_transfer_that_brought_it() -> None:
+    box = Scripted({"encoder": range(1, 100)})
+    with running(box) as (m, _):
+        seen = set()
+        for _ in range(300):
+            period(m)
+            seen.add((m.encoder.raw, round(m.encoder.time, 6)))
+            assert 0 <= m.now - m.encoder.time <= OWN
+            assert m.encoder.quality is Quality.GOOD
+    assert sorted(seen) == [(1 + n, round(OWN * n, 6)) for n in range(7)]
+
+
+def test_one_failed_transfer_is_no_failure() -> None:
+    box = Deaf({"encoder": 4})
+    with running(box) as (m, _):
+        period(m, 60)
+        box.silent()
+        period(m, 40)  # the transfer at 0.1 s fails
+        box.back()
+        for _ in range(200):
+            period(m)
+            assert m.encoder.quality is Quality.GOOD
+        assert m.now - m.encoder.time <= OWN
+
+
+def test_an_old_value_is_stale_then_the_reading_has_failed() -> None:
+    box = Deaf({"encoder": 4})
+    with running(box) as (m, _):
+        period(m, 60)
+        box.silent()
+        last = m.encoder.time
+        with pytest.raises(DriverError, match="its device is away: no answer") as caught:
+            for _ in range(1000):
+                period(m)
+                expected = Quality.GOOD if m.now - last <= MAX_AGE + 1e-9 else Quality.STALE
+                assert m.encoder.quality is expected
+        assert m.now - last == pytest.approx(2 * MAX_AGE + 0.001)
+        assert {"encoder", "limit"} <= set(failed(caught.value))
+        box.back()
+
+
+@pytest.mark.parametrize(("on_error", "quality"), [("mark", Quality.BAD), ("hold", Quality.STALE)])
+def test_then_the_sensor_does_as_it_declares(on_error: str, quality: Quality) -> None:
+    keep = {"max_age": "60 s"} if on_error == "hold" else {}
+    machine = bench(
+        encoder=sensor(on_error=on_error, **keep),
+        limit=switch(on_error=on_error, **keep),
+        motor=actuator(on_error="retry", max_age="60 s"),
+        valve=relay(on_error="retry", max_age="60 s"),
+    )
+    box = Deaf({"encoder": 4})
+    with running(box, machine) as (m, _):
+        period(m, 60)
+        box.silent()
+        period(m, 400)
+        assert m.encoder.quality is quality
+        assert m.motor.quality is Quality.STALE
+        box.back()
+        period(m, 1100)
+        assert m.encoder.quality is Quality.GOOD
+        assert m.motor.quality is Quality.GOOD
+
+
+def test_one_failed_channel_ages_alone() -> None:
+    box = OneByOne({"encoder": 4, "limit": [0, 0, OSError("broken wire")]})
+    with running(box, bench(limit=switch(on_error="mark"))) as (m, _):
+        period(m, 1000)
+        assert m.limit.quality is Quality.BAD
+        assert m.encoder.quality is Quality.GOOD
+        assert m.now - m.encoder.time <= OWN
+
+
+def test_a_reading_that_is_invalid_fails_as_on_the_cycle() -> None:
+    with running(Scripted({"limit": [0, 0, 2]})) as (m, _), pytest.raises(DriverError, match="a binary channel reads"):
+        period(m, 1000)
+
+
+def test_an_out_of_range_value_stays_out_of_range_between_arrivals() -> None:
+    with running(Scripted({"encoder": 999})) as (m, _):
+        for _ in range(120):
+            period(m)
+            assert m.encoder.quality is Quality.OUT_OF_RANGE
+            assert m.encoder.read() == 499.5
+
+
+def test_a_value_that_never_came_is_no_value() -> None:
+    machine = bench(encoder=sensor(on_error="mark"))
+    with running(OneByOne({"encoder": OSError("no sensor")}), machine) as (m, _):
+        period(m, 10)
+        assert m.encoder.quality is Quality.BAD
+        assert np.isnan(m.encoder.read())
+
+
+def test_max_age_can_be_given() -> None:
+    box = Deaf({"encoder": 4})
+    with running(box, max_age="400 ms") as (m, _):
+        period(m, 60)
+        box.silent()
+        last = m.encoder.time
+        while m.now - last < 0.4 - 1e-9:
+            period(m)
+            assert m.encoder.quality is Quality.GOOD
+        period(m, 2)
+        assert m.encoder.quality is Quality.STALE
+        box.back()
+
+
+# Outputs ------------------------------------------------------------------------------------------------
+
+
+def test_the_last_value_wins_and_read_gives_what_was_confirmed() -> None:
+    box = Scripted()
+    with running(box) as (m, _):
+        period(m, 10)
+        for value in (1.0, 2.0, 3.0):
+            m.motor.write(value)
+            period(m)
+        assert (m.motor.pending, m.motor.read()) == (3.0, 0.0)
+        period(m, 100)
+        assert m.motor.read() == 3.0
+        assert m.now - m.motor.time <= OWN
+    written = [call.raws[0] for call in box.calls if call.segment == "write_many"]
+    assert 6 in written
+    assert not {2, 4} & set(written)
+
+
+def test_a_rate_is_kept_over_its_transfers() -> None:
+    machine = bench(motor=actuator(resolution=0.001, slew_rate=2.0))
+    with running(Scripted(), machine) as (m, _):
+        period(m, 100)
+        m.motor.write(10.0)
+        began, values = m.now, []
+        for _ in range(1000):
+            period(m)
+            values.append((m.now - began, m.motor.read()))
+        for elapsed, value in values:
+            assert value <= 2.0 * elapsed + 0.001
+        assert values[-1][1] == pytest.approx(2.0, abs=2.0 * 2 * OWN)
+
+
+def test_an_asynchronous_write_is_carried_out_once_and_confirmed() -> None:
+    box = Scripted()
+    with running(box, bench(valve=relay(synchronous=False))) as (m, _):
+        period(m, 10)
+        assert m.valve.write(OnOff.ON)
+        assert m.valve.read() is OnOff.OFF
+        period(m, 2)
+        assert m.valve.read() is OnOff.ON
+        period(m, 200)
+    assert [call.raws for call in box.calls if call.segment == "write"] == [(1,)]
+
+
+def test_of_several_asynchronous_writes_in_a_period_the_last_is_made() -> None:
+    box = Scripted()
+    with running(box, bench(motor=actuator(synchronous=False))) as (m, _):
+        period(m, 10)
+        for value in (1.0, 2.0, 3.0):
+            m.motor.write(value)
+        period(m, 3)
+        assert m.motor.read() == 3.0
+    assert [call.raws for call in box.calls if call.segment == "write"] == [(6,)]
+
+
+def test_a_failed_asynchronous_write_fails() -> None:
+    box = Scripted()
+    with running(box, bench(valve=relay(synchronous=False))) as (m, _):
+        period(m, 10)
+        box.at(len(box.calls), OSError("contact welded"))
+        m.valve.write(OnOff.ON)
+        with pytest.raises(DriverError, match="contact welded") as caught:
+            period(m, 3)
+        assert failed(caught.value) == ["valve"]
+
+
+def test_a_failed_asynchronous_write_is_made_again_where_it_may_be() -> None:
+    box = Scripted()
+    machine = bench(valve=relay(synchronous=False, on_error="retry", max_age="1 s"))
+    with running(box, machine) as (m, _):
+        period(m, 10)
+        box.at(len(box.calls), OSError("busy"))
+        m.valve.write(OnOff.ON)
+        period(m, 10)
+        assert m.valve.read() is OnOff.ON
+        assert m.valve.quality is Quality.GOOD
+    assert [call.raws for call in box.calls if call.segment == "write"] == [(1,), (1,)]
+
+
+def test_an_output_that_is_not_confirmed_fails_after_two_maximum_ages() -> None:
+    box = Deaf()
+    machine = bench(encoder=sensor(on_error="mark"), limit=switch(on_error="mark"))
+    with running(box, machine) as (m, _):
+        period(m, 60)
+        box.silent()
+        with pytest.raises(DriverError) as caught:
+            period(m, 1000)
+        assert set(failed(caught.value)) == {"motor", "valve"}
+        assert 0.3 < m.now < 0.42
+        box.back()
+
+
+def test_a_reset_part_goes_to_its_default_and_no_older_value_follows() -> None:
+    box = Scripted()
+    with running(box) as (m, _):
+        m.motor.write(5.0)
+        period(m, 120)
+        assert m.motor.read() == 5.0
+        before = len(box.calls)
+        m.motor.reset()
+        period(m, 100)
+        assert m.motor.read() == 0.0
+    raws = [
+        call.raws for call in box.calls[before:] if call.segment in ("reset", "write_many") and "motor" in call.channels
+    ]
+    assert raws[0] == (0,)
+    assert all(raw[0] == 0 for raw in raws)
+
+
+# A device that was away -----------------------------------------------------------------------------------
+
+
+def test_a_device_that_was_away_for_long_is_initialised_before_anything_is_written() -> None:
+    box = Deaf({"encoder": 4})
+    keep = {"on_error": "retry", "max_age": "60 s"}
+    machine = bench(
+        encoder=sensor(on_error="hold", max_age="60 s", incremental=True),
+        limit=switch(on_error="mark"),
+        motor=actuator(slew_rate=20.0, **keep),
+        valve=relay(synchronous=False, **keep),
+    )
+    with running(box, machine) as (m, connection):
+        m.encoder.referenced()
+        m.motor.write(5.0)
+        m.valve.write(OnOff.ON)
+        period(m, 200)
+        box.silent()
+        period(m, 800)
+        before = len(box.calls)
+        box.back()
+        period(m, 1500)
+        after = [call for call in box.calls[before:] if call.segment != "read_many"]
+        assert [call.segment for call in after[:4]] == ["initialize"] * 4
+        assert after[4].segment == "write"  # the valve retries
+        first = next(call for call in after if call.segment == "write_many")
+        assert first.raws[first.channels.index("motor")] < 10  # it goes on from its default, at its rate
+        assert m.motor.read() == 5.0
+        assert m.valve.read() is OnOff.ON
+        assert m.encoder.quality is Quality.UNREFERENCED
+        texts = [event.text for event in connection.machine.events if event.path == "driver box"]
+        assert texts[0].startswith("is away")
+        assert any("initialised again" in text for text in texts)
+        assert texts[-1] == "is back"
+
+
+def test_what_was_written_before_the_absence_is_not_written_after_it() -> None:
+    box = Deaf()
+    machine = bench(
+        encoder=sensor(on_error="mark"),
+        limit=switch(on_error="mark"),
+        motor=actuator(on_error="retry", max_age="60 s"),
+        valve=relay(synchronous=False, on_error="raise"),
+    )
+    with running(box, machine, max_age="10 s") as (m, _):
+        period(m, 100)
+        box.silent()
+        period(m, 60)
+        m.valve.write(OnOff.ON)  # cannot be carried out
+        period(m, 1000)
+        box.back()
+        period(m, 1500)
+        assert m.valve.read() is OnOff.OFF
+        assert m.valve.pending is OnOff.OFF
+    assert moved(box, "write") == 0
+
+
+# Stopping, faults, the journal ------------------------------------------------------------------------------
+
+
+def test_every_output_is_reset_in_stop_order_at_the_end() -> None:
+    box = Scripted()
+    with running(box) as (m, _):
+        m.motor.write(5.0)
+        period(m, 100)
+        before = len(box.calls)
+    resets = [call.channels[0] for call in box.calls[before:] if call.segment == "reset"]
+    assert resets == ["motor", "valve"]
+    assert box.calls[-1].segment == "close"
+
+
+def test_injected_faults_act_on_it() -> None:
+    machine = bench(encoder=sensor(on_error="mark"))
+    connection = connect(machine, slow(machine, Scripted({"encoder": 4})), fault="encoder disconnect at 0.2 s for 1 s")
+    with connection as m:
+        period(m, 190)
+        assert m.encoder.quality is Quality.GOOD
+        period(m, 600)
+        assert m.encoder.quality is Quality.BAD
+        period(m, 500)
+        assert m.encoder.quality is Quality.GOOD
+
+
+def test_arrivals_are_entries_of_the_journal() -> None:
+    with running(Scripted({"encoder": range(10, 100)})) as (m, connection):
+        image = connection.image
+        image.transfer.journal = journal = Journal(100)
+        slot = image.slot_of[id(m.encoder)]
+        found = []
+        for number in range(120):
+            period(m)
+            entries = [ENTRY.unpack_from(journal.buffer, i * ENTRY.size) for i in range(journal.count)]
+            found += [
+                (number, raw, before) for at, kind, _, raw, before in entries if (at, kind) == (slot, Kind.ARRIVED)
+            ]
+            journal.clear()
+    assert found == [(49, 11, 10), (99, 12, 11)]
+
+
+def test_a_machine_without_such_drivers_has_the_plain_image() -> None:
+    machine = bench()
+    with connect(machine, wired(machine, Scripted())) as m:
+        period(m)
+        assert type(m.cycle._machine.image if hasattr(m.cycle, "_machine") else m.encoder._image) is Image
+
+
+def test_a_sensor_that_is_read_alone_has_its_own_time_too() -> None:
+    machine = bench(encoder=sensor(synchronous=False))
+    with running(Scripted({"encoder": range(1, 50)}), machine) as (m, _):
+        period(m, 75)
+        assert m.encoder.read() == 1.0
+        assert m.encoder.time == pytest.approx(0.05)
+        assert m.limit.sample()
+        assert m.limit.time == pytest.approx(0.05)
+
+
+# The wiring ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("keys", "where", "text"),
+    [
+        ({"period": None}, "drivers.box.period", "is missing: the time from one transfer to the next"),
+        ({"off_cycle": "yes"}, "drivers.box.off_cycle", "must be true or false"),
+        ({"off_cycle": False}, "drivers.box.period", "is for a driver off the cycle: add off_cycle = true"),
+        ({"max_age": "20 ms"}, "drivers.box.max_age", "20 ms is less than the driver's period, 50 ms"),
+        ({"period": "fast"}, "drivers.box.period", "fast"),
+    ],
+)
+def test_check_names_what_is_wrong(keys: dict[str, Any], where: str, text: str) -> None:
+    machine = bench()
+    wiring = slow(machine, Scripted())
+    wiring["drivers"]["box"] = {k: v for k, v in (wiring["drivers"]["box"] | keys).items() if v is not None}
+    found = {mistake.key: mistake.message for mistake in check(machine, wiring)}
+    assert text in found[where]
+
+
+def test_a_watchdog_is_longer_than_the_drivers_own_period() -> None:
+    class Watched(Scripted):
+        def watchdog(self, seconds: float) -> None: ...
+        def check_watchdog(self, seconds: float) -> None: ...
+
+    machine = bench()
+    found = check(machine, slow(machine, Watched(), watchdog="20 ms"))
+    assert [mistake.message for mistake in found] == ["20 ms is not longer than the period, 50 ms"]
+
+
+def test_the_timer_is_on_the_cycle() -> None:
+    machine = bench()
+    wiring = slow(machine, Scripted())
+    wiring["drivers"]["clock"] = {"type": wiring["drivers"]["clock"], "off_cycle": True, "period": "1 s"}
+    assert "it is the cycle" in str([mistake.message for mistake in check(machine, wiring)])
+
+
+def test_drivers_that_share_a_device_are_off_the_cycle_together() -> None:
+    machine = bench()
+    wiring = slow(machine, Board("bus 1"))
+    wiring["drivers"]["other"] = Board("bus 1")
+    wiring["drivers"]["clock"] = Board()
+    wiring["wire"]["limit"] = {"driver": "other"}
+    with pytest.raises(WiringError, match="other shares bus 1 with it, and must be off the cycle too"):
+        connect(machine, wiring).__enter__()
+
+
+# The shared memory ----------------------------------------------------------------------------------------------
+
+
+def exchange(*texts: str) -> Exchange:
+    box = Scripted()
+    return Exchange([box.channel(text) for text in texts])
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.lists(st.integers(-(2**62), 2**62), min_size=1, max_size=20))
+def test_a_bank_is_read_as_it_was_posted(values: list[int]) -> None:
+    shared = exchange("a", "b")
+    for count, value in enumerate(values, 1):
+        rows = np.full((len(Row), 2), value)
+        shared.arrivals.post(rows)
+        assert shared.arrivals.count == count
+        found = shared.arrivals.read()
+        assert found[0] == count
+        assert (found[1] == value).all()
+
+
+def test_an_answer_belongs_to_its_request() -> None:
+    shared = exchange("a")
+    assert shared.asked() is None
+    number = shared.ask({"call": "open"})
+    assert shared.asked() == (number, {"call": "open"})
+    assert shared.answered(number) is None
+    shared.answer(number, {"value": 3})
+    assert shared.answered(number) == {"value": 3}
+    assert shared.asked() is None
+
+
+def test_a_request_that_is_too_large_is_refused() -> None:
+    with pytest.raises(ValueError, match="do not fit"):
+        exchange("a").ask({"call": "x" * 20_000})
+
+
+def test_errors_come_over_as_what_they_are() -> None:
+    proxy = OffCycle(Scripted(), OWN, MAX_AGE)
+    box: Any = proxy.driver
+    channel = proxy.channel("a")
+    for raised in (DeviceTimeout("late"), OSError("cut"), ChannelsFailed({"a": "wire"}), ValueError("mistake")):
+        box.broken = raised
+        with pytest.raises(type(raised) if isinstance(raised, DriverError) else DriverError, match=str(raised)[:4]):
+            proxy.write_many((channel,), np.array([1]))
+
+
+def test_the_place_of_a_worker_that_died_is_taken_with_the_outputs_at_their_defaults() -> None:
+    box = Scripted()
+    shared = exchange("motor", "encoder")
+    server = DeviceServer(box, shared, OWN)
+    server.assign([1], [0])
+    shared.cells[Cell.GENERATION] = 3
+    server.begin_anew({"motor": 7, "encoder": None}, None)
+    assert [call.segment for call in box.calls] == ["open", "initialize", "initialize"]
+    assert shared.cells[Cell.GENERATION] == 4
+    assert shared.cells[Cell.AWAY_SINCE] == NEVER
+    server.work()
+    assert moved(box, "write_many") == 0  # nothing is wanted of this generation yet
+    assert shared.arrivals.read()[1][Row.RAW, 0] == 7
+
+
+def test_the_place_of_a_worker_is_taken_also_while_the_device_is_away() -> None:
+    box = Deaf()
+    shared, time = exchange("motor"), [0]
+    server = DeviceServer(box, shared, OWN, lambda: time[0])
+    server.assign([], [0])
+    box.silent()
+    server.begin_anew({"motor": 7}, None)
+    assert shared.cells[Cell.AWAY_SINCE] != NEVER
+    for _ in range(100):
+        time[0] += 10**7
+        server.work()
+    box.back()
+    before = len(box.calls)
+    for _ in range(200):
+        time[0] += 10**7
+        server.work()
+    assert [call.segment for call in box.calls[before:]] == ["open", "initialize"]
+    assert shared.cells[Cell.AWAY_SINCE] == NEVER
+
+
+def test_a_binary_sensor_works_as_well(request: pytest.FixtureRequest) -> None:
+    with running(Scripted({"limit": [0, 1]})) as (m, _):
+        assert m.limit.read() is PassFail.PASS
+        period(m, 60)
+        assert m.limit.read() is PassFail.FAIL
+        assert isinstance(m.encoder, DigitalSensor)
