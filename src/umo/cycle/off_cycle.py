@@ -65,7 +65,7 @@ class Remote:
         one that was not."""
         self.told_away = False
         self.last = 0.0
-        """Time in s of the last arrival."""
+        """Time in s at which a value was taken last."""
 
 
 class OffCycleImage(Image):
@@ -171,7 +171,7 @@ class OffCycleImage(Image):
             self._convert_arrivals(remote, block, rows, now)
         for block in remote.outputs:
             self._confirm(remote, block, rows)
-        remote.until, remote.last = -np.inf, now
+        remote.until = -np.inf
         if remote.told_away and driver.exchange.cells[Cell.AWAY_SINCE] == NEVER:
             remote.told_away = False
             self._tell(remote, "is back")
@@ -181,7 +181,7 @@ class OffCycleImage(Image):
         if new.size:
             ages = (remote.driver.server.ns() - stamps[new]) * 1e-9
             remote.times[new] = np.where(stamps[new] == NEVER, np.nan, now - ages)
-            remote.stamps = stamps
+            remote.stamps, remote.last = stamps, now
 
     def _convert_arrivals(self, remote: Remote, block: Block, rows: IntArray, now: float) -> None:
         places = remote.driver.places(block.channels)
