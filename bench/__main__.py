@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from bench import against, dead_device, endurance, figures, live, native, open_page, report, scan, zones
+from bench import against, dead_device, endurance, figures, live, native, open_page, report, scan, slow_devices, zones
 from bench.drivers import kernel
 from bench.drivers import table as drivers
 from bench.drivers.case import IN_KERNEL
@@ -58,6 +58,10 @@ def main() -> int:
         takes = 60.0 * options.dead_device
         report.stream(console, dead_device.TITLE, takes, partial(dead_device.measure, options.dead_device))
         return 0
+    if options.slow_devices:
+        takes = options.slow_devices * len(slow_devices.KINDS) * (slow_devices.BLOCK + 2.0)
+        report.stream(console, slow_devices.TITLE, takes, partial(slow_devices.measure, options.slow_devices))
+        return 0
     return _all(console, rounds, options)
 
 
@@ -80,6 +84,12 @@ def _options() -> argparse.Namespace:
     )
     alone.add_argument(
         "--dead-device", type=float, metavar="MINUTES", help="missed periods of a Modbus device beside a dead one"
+    )
+    alone.add_argument(
+        "--slow-devices",
+        type=int,
+        metavar="PAIRS",
+        help="slow devices beside a loop of 1 ms; 30 for a result",
     )
     parser.add_argument("--pairs", type=int, default=30, help="pairs of blocks of a row of --against; default: 30")
     parser.add_argument("--only", default="", metavar="TEXT", help="--kills and --against: names with this in them")

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from time import monotonic_ns
 from typing import Any, NoReturn
 
 import numpy as np
@@ -83,7 +84,13 @@ class OffCycleImage(Image):
         self._failures: list[Failure] = []
         self._beginning = False
         """Whether the worker has just initialised these objects."""
+        self._updated = False
+        """Whether what the outputs are to be was not posted yet."""
         self._faults = wired.injection
+        workers = any(remote.driver.worker is not None for remote in self._remotes)
+        self._ns: Callable[[], int] = monotonic_ns if workers else self._machine_ns
+        self._now_ns = self._ns()
+        """The time in ns of the last sample, which is `clock.now`."""
         for remote in self._remotes:
             if remote.driver.worker is None:
                 remote.driver.server.ns = self._machine_ns
@@ -104,6 +111,8 @@ class OffCycleImage(Image):
             self.transfer.on_call()
             remote.driver.begin()
             remote.generation = remote.driver.generation
+        self._now_ns = self._ns()
+        self._exchange()
 
     def end(self) -> None:
         """The machine stops: each call is made, and waits."""
@@ -118,17 +127,19 @@ class OffCycleImage(Image):
 
     # A whole period ------------------------------------------------------------------------------------
 
+    def read_now(self, slot: int) -> float:
+        """Before the wait for the next tick there is time for what these drivers exchange: it delays no output."""
+        if slot == self.timer:
+            self._exchange()
+        return super().read_now(slot)
+
     def sample(self) -> bool:
-        """What has arrived, then the others."""
+        """Whether what has arrived is too old, then the others."""
+        if self.timer < 0:
+            self._exchange()
         now = self.clock.now
+        self._now_ns = self._ns()
         for remote in self._remotes:
-            driver = remote.driver
-            if self._faults is not None:
-                driver.exchange.cells[Cell.NOW] = self._fault_time()
-            if driver.worker is None:
-                driver.server.work()
-            if driver.exchange.arrivals.count != remote.arrived:
-                self._take(remote, now)
             if now > remote.until:
                 self._judge_ages(remote, now)
             if remote.awaited:
@@ -142,12 +153,26 @@ class OffCycleImage(Image):
         return super()._end_sample([*mine, *failures])
 
     def update(self) -> bool:
-        """What these outputs are to be, then the others."""
-        now = self.clock.now
-        for remote in self._remotes:
-            for block in remote.outputs:
-                self._post(remote, block, now)
+        """What these outputs are to be is posted before the next tick; the others are sent."""
+        self._updated = True
         return super().update()
+
+    def _exchange(self) -> None:
+        """Post what the outputs are to be, take what has arrived."""
+        now, updated, self._updated = self.clock.now, self._updated, False
+        for remote in self._remotes:
+            driver = remote.driver
+            if not driver.running:
+                continue
+            if updated:
+                for block in remote.outputs:
+                    self._post(remote, block, now)
+            if self._faults is not None:
+                driver.exchange.cells[Cell.NOW] = self._fault_time()
+            if driver.worker is None:
+                driver.server.work()
+            if driver.exchange.arrivals.count != remote.arrived:
+                self._take(remote, now)
 
     def _post(self, remote: Remote, block: Block, now: float) -> None:
         """A rate counts from what was confirmed."""
@@ -179,7 +204,7 @@ class OffCycleImage(Image):
     def _date(self, remote: Remote, stamps: IntArray, now: float) -> None:
         new = np.flatnonzero(stamps != remote.stamps)
         if new.size:
-            ages = (remote.driver.server.ns() - stamps[new]) * 1e-9
+            ages = (self._now_ns - stamps[new]) * 1e-9  # below 0: since the last tick
             remote.times[new] = np.where(stamps[new] == NEVER, np.nan, now - ages)
             remote.stamps, remote.last = stamps, now
 
