@@ -66,7 +66,8 @@ enum { PORT, FAULT, VALUE, UNTIL, REQUESTS, MET, NAME = 12, OUTPUT = 16 };
 #define COILS 10
 #define WORDS 2
 #define BITS 8
-#define INPUTS 4
+#define INPUTS 4   /* and one more: its clock */
+#define CLOCK 8    /* ms for each count of that */
 #define CELLS 64
 #define MOST 64    /* connections at a time */
 #define BACKLOG 5  /* of the one=MS box, too: a small device */
@@ -140,6 +141,7 @@ static int answer_of(const uint8_t *query, int length, modbus_mapping_t *map, in
     if (socketpair(AF_UNIX, SOCK_STREAM, 0, pair) != 0)
         fail("socketpair");
     modbus_set_socket(context, pair[0]);
+    map->tab_input_registers[INPUTS] = (uint16_t)(now() / (CLOCK * 1000000));
     if (exception)
         modbus_reply_exception(context, query, (unsigned)exception);
     else
@@ -424,8 +426,8 @@ int main(int words, char **word)
     cells = mmap(NULL, CELLS * sizeof *cells, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
     if (cells == MAP_FAILED)
         fail(word[1]);
-    own = modbus_mapping_new(COILS, BITS, WORDS, INPUTS);
-    other = modbus_mapping_new(COILS, BITS, WORDS, INPUTS);
+    own = modbus_mapping_new(COILS, BITS, WORDS, INPUTS + 1);
+    other = modbus_mapping_new(COILS, BITS, WORDS, INPUTS + 1);
     port = keep_port();
     context = modbus_new_tcp("127.0.0.1", port);
     if (context == NULL || own == NULL || other == NULL)

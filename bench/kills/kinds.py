@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from bench.kills import limits
 from bench.kills.run import How, Setting, as_nobody
@@ -199,7 +199,23 @@ PROTOCOL += [
         takes=0.5,
     ),
 ]
-KINDS = KILLS + TOGETHER + NEIGHBOURS + STOPS + DEVICE + WANT + PROTOCOL
+OFF_CYCLE = Setting(off_cycle=True)
+WORKERS = [
+    Kind("off the cycle: SIGKILL of the worker, TERM", then_stopped(together("worker")), (-TERM,), 60),
+    Kind("off the cycle: SIGSTOP of the worker, TERM", then_stopped(together("worker", number=STOP)), (-TERM,), 40),
+    Kind("off the cycle: SIGKILL of control", one("control", KILL), LOST, 40),
+    Kind("off the cycle: SIGKILL of the guardian", one("guardian", KILL), LOST, 20),
+    Kind("off the cycle: SIGKILL of worker and control", together("worker", "control"), LOST, 30),
+    Kind("off the cycle: SIGKILL of control, then the worker", together("control", "worker", apart=SHORTLY), LOST, 20),
+    Kind("off the cycle: SIGKILL of guardian and control", together("guardian", "control"), LOST, 30),
+    Kind("off the cycle: SIGKILL of guardian, control, worker", together("guardian", "control", "worker"), LOST, 20),
+    Kind("off the cycle: SIGKILL of all but the worker", together("guardian", "control", "standby"), (1, 3), 20),
+    Kind("off the cycle: box silent", faulty("silent"), (1, -TERM), 20, limit=PATIENT, takes=1.0),
+    Kind("off the cycle: box refusing", faulty("refuse"), (1, -TERM), 10, limit=PATIENT, takes=1.0),
+    Kind("off the cycle: control killed, box stalled", faulty("stall", STALL, then=at_once("control", KILL)), LOST, 20),
+]
+WORKERS = [replace(kind, setting=OFF_CYCLE) for kind in WORKERS]
+KINDS = KILLS + TOGETHER + WORKERS + NEIGHBOURS + STOPS + DEVICE + WANT + PROTOCOL
 
 
 def possible(kind: Kind) -> bool:

@@ -16,7 +16,7 @@ from time import monotonic, sleep
 import umo
 from bench.kills import processes
 from bench.kills.box import Box
-from bench.kills.station.cells import CONTROL, FILE, GUARDIAN, WRONG
+from bench.kills.station.cells import CONTROL, FILE, GUARDIAN, MAX_AGE, WRONG
 
 HERE = Path(__file__).parent
 NOBODY = 65534
@@ -27,7 +27,7 @@ WIRING = """\
 type = "modbus"
 port = {port}
 timeout = "{timeout}"
-
+{more}
 [process]
 hang_timeout = "{hang_timeout}"
 reset_for = "10 s"
@@ -35,6 +35,14 @@ reset_for = "10 s"
 [wire]
 timer = {{ driver = "timerfd", period = "5 ms" }}
 """
+OFF_CYCLE = """\
+off_cycle = true
+period = "20 ms"
+max_age = "200 ms"
+"""
+AGES = {False: 1000, True: 300}
+"""Age in ms that no good reading may have, on the cycle and off it: what the wiring allows, and time in which this
+process did not run."""
 WIRES = {"motors": (2, "holding"), "valves": (10, "coil"), "switches": (8, "discrete"), "counts": (4, "input")}
 
 
@@ -52,6 +60,8 @@ class Setting:
     hang_timeout: str = "1 s"
     timeout: str = "100 ms"
     """Timeout of the driver."""
+    off_cycle: bool = False
+    """Whether a worker process serves the box."""
     nohup: bool = False
     plain: bool = False
     """Whether it runs as a user without privileges."""
@@ -70,6 +80,7 @@ class Run:
         self.how, self.box, self.folder, self.setting = how, box, folder, setting
         self._said = folder / "said.txt"
         station = _write_station(folder, box.port, setting)
+        box.cells[MAX_AGE] = AGES[setting.off_cycle]
         own = {"UMO_STATE": folder / "state", "UMO_FRAMES": folder / "frames", FILE: box.file}
         environment = os.environ | {name: str(path) for name, path in own.items()} | {"PYTHONPATH": _path()}
         if setting.plain:
@@ -106,6 +117,7 @@ class Run:
             "guardian": lambda: self.guardian,
             "control": lambda: self.control or processes.child(self.guardian, "umo control"),
             "standby": lambda: processes.child(self.guardian, "umo standby"),
+            "worker": lambda: processes.child(self.guardian, "umo worker"),
         }
         until = monotonic() + START_LIMIT
         while not (pid := find[which]()) and self.starter.poll() is None and monotonic() < until:
@@ -176,9 +188,11 @@ def _write_station(folder: Path, port: int, setting: Setting) -> Path:
     (station / "wiring").mkdir(parents=True)
     for file in (HERE / "station").glob("*.py"):
         shutil.copy(file, station)
-    text = WIRING.format(port=port, timeout=setting.timeout, hang_timeout=setting.hang_timeout)
+    more = OFF_CYCLE if setting.off_cycle else ""
+    text = WIRING.format(more=more, port=port, timeout=setting.timeout, hang_timeout=setting.hang_timeout)
     for name, (count, table) in WIRES.items():
         text += "".join(f'"{name}.{i}" = {{ driver = "box", channel = "{table}:{i}" }}\n' for i in range(count))
+    text += f'clock = {{ driver = "box", channel = "input:{WIRES["counts"][0]}" }}\n'
     (station / "wiring" / "box.toml").write_text(text)
     return station
 

@@ -7,9 +7,11 @@ import os
 from typing import Any
 
 PORT, FAULT, VALUE, UNTIL, REQUESTS, MET = range(6)
-CONTROL, GUARDIAN, PERIODS, WRONG = range(6, 10)
+CONTROL, GUARDIAN, PERIODS, WRONG, MAX_AGE = range(6, 11)
 """Reports of the machine: the pids of its control process and of that one's parent, the periods in which it wrote its
-outputs, and how many readings were good and yet not the box's."""
+outputs, and how many readings were good and yet not the box's, or older than `MAX_AGE`, in ms."""
+CLOCK = 8_000_000
+"""ns for each count of the box's clock, its last input register."""
 NAME, OUTPUT, CELLS = 12, 16, 64
 FILE = "KILLS_BOX"
 """The environment variable that names the file."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from time import monotonic_ns
 from typing import Any
 
 from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Quality
 from umo.states import OnOff, ZeroOne
 
-from .cells import PERIODS, WRONG
+from .cells import CLOCK, MAX_AGE, PERIODS, WRONG
 
 
 class Machine(Compound):
@@ -17,6 +18,7 @@ class Machine(Compound):
     valves: Sequence[BinaryActuator[OnOff]]
     switches: Sequence[BinarySensor[ZeroOne]]
     counts: Sequence[DigitalSensor]
+    clock: DigitalSensor
 
     cells: Any = None
 
@@ -31,12 +33,14 @@ class Machine(Compound):
             valve.write(OnOff.ON)
 
     def _look(self) -> None:
-        """A reading that is good is what the box has: the inputs never change."""
+        """A reading that is good is what the box has: its inputs never change, but for its clock, which tells the age."""
         for i, switch in enumerate(self.switches):
             wrong = switch.read() is not (ZeroOne.ONE if i % 3 == 0 else ZeroOne.ZERO)
             self.cells[WRONG] += wrong and switch.quality is Quality.GOOD
         for i, count in enumerate(self.counts):
             self.cells[WRONG] += count.read() != 1000 + 111 * i and count.quality is Quality.GOOD
+        age = (monotonic_ns() // CLOCK - int(self.clock.read())) % 65_536 * CLOCK * 1e-9
+        self.cells[WRONG] += self.cells[MAX_AGE] * 1e-3 < age and self.clock.quality is Quality.GOOD
 
 
 def machine() -> Machine:
@@ -48,5 +52,6 @@ def machine() -> Machine:
         ],
         valves=[BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF) for _ in range(10)],
         switches=[BinarySensor(ZeroOne, one=ZeroOne.ONE) for _ in range(8)],
+        clock=DigitalSensor("count", minimum=0.0, maximum=65_535.0, resolution=1.0),
         counts=[DigitalSensor("count", minimum=0.0, maximum=65_535.0, resolution=1.0) for _ in range(4)],
     )
