@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from math import inf
 from typing import Any
 
 from conformance.careful import Careful
 from conformance.device import Device
+from umo.drivers import Driver
+from umo.drivers.off_cycle import OffCycle
 from umo.drivers.simulated import Simulated
 from umo.testing.conformance import Input, Output, Subject, TcpTap
 
@@ -38,6 +41,16 @@ def careful(
             "settle": 0.2,
         }
         yield Subject(**given | changes)
+
+
+def off_cycle(subject: Subject) -> Subject:
+    """The same driver off the cycle: each call of it is a request."""
+
+    def wrapped(make: Callable[[], Driver[Any]]) -> Callable[[], Driver[Any]]:
+        return lambda: OffCycle(make(), own_period=0.05, max_age=0.15)
+
+    direct = None if subject.direct is None else wrapped(subject.direct)
+    return replace(subject, name=f"{subject.name}, off the cycle", make=wrapped(subject.make), direct=direct)
 
 
 def simulated() -> Subject:

@@ -6,13 +6,15 @@ import os
 import select
 import threading
 from collections import defaultdict, deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
 import pytest
 
+from conformance.subjects import off_cycle
 from helpers.peers.modbus_device import Peer, running
 from helpers.peers.modbus_map import coil, holding
+from helpers.tiers import first
 from umo.drivers.modbus import Modbus
 from umo.testing.conformance import Input, Output, PtyTap, Subject, TcpTap, conform
 
@@ -127,9 +129,10 @@ def test_the_driver_conforms_on_tcp(options: dict[str, bool], rules: list[str] |
     assert certificate.passed, certificate
 
 
-def test_the_driver_conforms_on_a_serial_line(rules: list[str] | None) -> None:
+@pytest.mark.parametrize("way", first(1, [lambda subject: subject, off_cycle]), ids=["", "off the cycle"])
+def test_the_driver_conforms_on_a_serial_line(rules: list[str] | None, way: Callable[[Subject], Subject]) -> None:
     with on_a_line() as subject:
-        certificate = conform(subject, cycles=FEW, only=rules)
+        certificate = conform(way(subject), cycles=FEW, only=rules)
     assert certificate.passed, certificate
 
 

@@ -16,7 +16,9 @@ import numpy as np
 import pytest
 
 from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, connect
+from umo.drivers import Driver
 from umo.drivers.i2c import I2c
+from umo.drivers.off_cycle import OffCycle
 from umo.errors import DeviceTimeout, DriverError
 from umo.states import OnOff
 from umo.testing.conformance import Input, Output, Subject
@@ -203,15 +205,20 @@ def test_a_machine_on_two_chips_of_one_bus(bus: str, chip: Any) -> None:
     assert chip.read_word_data(ADC, 0x40) == int.from_bytes((100).to_bytes(2, "big"), "little")
 
 
-@pytest.mark.parametrize("auto_increment", [False, True])
-def test_the_driver_keeps_the_contract(bus: str, auto_increment: bool) -> None:
+@pytest.mark.parametrize(("auto_increment", "off_cycle"), [(False, False), (True, False), (False, True)])
+def test_the_driver_keeps_the_contract(bus: str, auto_increment: bool, off_cycle: bool) -> None:
     """Without a device that vanishes: the kernel keeps i2c-stub while its bus is open (tests/test_i2c.py has one)."""
     outputs = (Output("control", 0x0102, 0, 0xFFFF), Output("0x40:32:little:signed", -5, -(2**31), 2**31 - 1))
     fields = (Output("mode.on", 1, 0, 1), Output("mode.gain", 2, 0, 7))
     mode = {"address": 0x08, "fields": {"on": 0, "gain": "3:1"}}
+
+    def make() -> Driver:
+        driver = I2c(bus=bus, address=ADC, registers={**REGISTERS, "mode": mode}, auto_increment=auto_increment)
+        return OffCycle(driver, own_period=0.05, max_age=0.15) if off_cycle else driver
+
     subject = Subject(
-        name="i2c with auto_increment" if auto_increment else "i2c",
-        make=lambda: I2c(bus=bus, address=ADC, registers={**REGISTERS, "mode": mode}, auto_increment=auto_increment),
+        name="i2c" + " with auto_increment" * auto_increment + ", off the cycle" * off_cycle,
+        make=make,
         sole_writer=True,
         outputs=outputs + fields,
         inputs=(Input("temperature"),),

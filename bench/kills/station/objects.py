@@ -33,7 +33,7 @@ class Machine(Compound):
             valve.write(OnOff.ON)
 
     def _look(self) -> None:
-        """A reading that is good is what the box has: its inputs never change, but for its clock, which tells the age."""
+        """A reading that is good is what the box has: no input changes but its clock, which tells the age."""
         for i, switch in enumerate(self.switches):
             wrong = switch.read() is not (ZeroOne.ONE if i % 3 == 0 else ZeroOne.ZERO)
             self.cells[WRONG] += wrong and switch.quality is Quality.GOOD

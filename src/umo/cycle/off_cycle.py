@@ -41,18 +41,14 @@ class Remote:
 
     def __init__(self, image: Image, name: str, driver: OffCycle) -> None:
         self.name, self.driver = name, driver
-        self.slots = np.array([slot for slot, wire in enumerate(image.wires) if wire.driver is driver], np.int64)
-        channels = [image.wires[slot].channel for slot in self.slots.tolist()]
-        self.place = dict(zip(self.slots.tolist(), driver.places(channels).tolist(), strict=True))
+        slots = [slot for slot, wire in enumerate(image.wires) if wire.driver is driver]
+        self.place = {slot: driver.exchange.place[image.wires[slot].channel.text] for slot in slots}
         """The place of each slot's channel."""
-        self.places = driver.places(channels)
         mine = [block for block in image.blocks if block.driver is driver]
         self.inputs = [block for block in mine if block in image.inputs]
         self.outputs = [block for block in mine if block in image.outputs]
-        items = image.items
-        self.watched = [s for s in self.slots.tolist() if items[s].synchronous]
+        self.watched = np.array([slot for slot in slots if image.items[slot].synchronous], np.int64)
         """The slots whose ages are watched: those that are transferred in each of its periods."""
-        self.watched_slots = np.array(self.watched, np.int64)
         self.arrived = -1
         """The count of transfers up to which the image has taken the values."""
         self.generation = 0
@@ -272,10 +268,10 @@ class OffCycleImage(Image):
 
     def _judge_ages(self, remote: Remote, now: float) -> None:
         max_age = remote.driver.max_age
-        times = self.columns.times[remote.watched_slots]
+        times = self.columns.times[remote.watched]
         fresh = now - times <= max_age  # not, where it is NaN
         remote.until = float(times.min(initial=np.inf)) + max_age if fresh.all() else -np.inf
-        for slot in remote.watched_slots[~fresh].tolist():
+        for slot in remote.watched[~fresh].tolist():
             if now - self.times[slot] <= BAD_AGES * max_age:
                 self._set_stale(slot)
             else:

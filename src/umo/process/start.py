@@ -286,7 +286,7 @@ def vanished(status: int, left: Outcome | None, actuators: Sequence[str], name: 
         return Outcome(Failed("Lost", f"{text}\n{unreached}", status), unsafe=True, unreached=list(actuators))
     text = (
         "guardian, standby guardian and control process have all ended without resetting the actuators; "
-        "only watchdogs of the circuits can have reset them"
+        "only watchdogs of the circuits, and worker processes, can have reset them"
     )
     return Outcome(
         Failed("Vanished", f"{text}\n{unreached}", ExitStatus.UNREACHED), unsafe=True, unreached=list(actuators)

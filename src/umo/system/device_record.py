@@ -89,7 +89,7 @@ class Ended:
             return (
                 f"{name} was started{by} at {when}, and all of its processes ended without a report "
                 "(they were killed, or the computer went down); "
-                "only watchdogs of the circuits can have reset its outputs"
+                "only watchdogs of the circuits, and worker processes, can have reset its outputs"
             )
         if self.state != "stopped":
             return f"how the last run on {self.device}{by} ended is unknown: {self.what}"

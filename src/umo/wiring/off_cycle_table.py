@@ -40,6 +40,9 @@ def take_off_cycle(
 ) -> None:
     """Put what meets the image in shared memory in the place of each driver that is off the cycle."""
     for name, driver in drivers.items():
+        if isinstance(driver, OffCycle):  # it was made in Python
+            _meet(driver, [wire for wire in wires if wire.driver is driver])
+            continue
         table = source.drivers.get(name, {})
         if table.get(OFF_CYCLE) is not True:
             continue
