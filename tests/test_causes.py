@@ -198,6 +198,26 @@ def test_a_driver_that_is_away_and_was_tried_is_named_and_told_only_where_it_was
     assert (verdict.cause, verdict.text) == (Cause.DRIVER, "driver io took 3 ms (it is away, and was tried)")
 
 
+@pytest.mark.parametrize(
+    ("phase", "cause", "text"),
+    [
+        ("control oven", Cause.CONTROL, "control code of oven took 3 ms"),
+        ("sample io for oven", Cause.DRIVER, "driver io for oven took 3 ms (sample)"),
+    ],
+)
+def test_a_part_at_a_rate_of_its_own_is_named(phase: str, cause: Cause, text: str) -> None:
+    layout = Layout((), (*LAYOUT.phases, phase), {})
+    frames = np.zeros(30, layout.dtype)
+    plain = frames_with(20)
+    for name in ("began", "execution", "wake", "missed", "counted"):
+        frames[name] = plain[name]
+    frames["phases"][:, :4] = plain["phases"]
+    frames["phases"][19][4] = 3 * MS
+    frames["execution"][19] += 3 * MS
+    verdict = Evidence(frames, layout).explain(20)
+    assert (verdict.cause, verdict.text) == (cause, text)
+
+
 def test_a_second_miss_from_one_long_period_has_the_cause_of_the_first() -> None:
     layout = Layout((), LAYOUT.phases, {"period": 0.001})
     frames = frames_with(20, sample=3_100_000)

@@ -22,7 +22,7 @@ class Operator:
         self.m, self.number, self.lease = machine, 0, 0
         self.letters = Letters()
         self._held: set[str] = set()
-        self.machine: Any = machine._machine
+        self.machine: Any = getattr(machine._machine, "whole", machine._machine)
         self.clients = self.machine.clients = ClientControl(
             self.machine, self.letters, self.letters, mode, lambda: BOOT + self.machine.clock.now
         )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import groupby
 from pathlib import Path
 
 from rich.text import Text
@@ -13,9 +14,11 @@ from umo.exit_status import ExitStatus
 from umo.objects import Compound, actions_of, numbers_of
 from umo.presentation.durations import duration
 from umo.process.station import Station
+from umo.text import some
 from umo.twin.declared import declared_by
 from umo.wiring import check, resolve
 from umo.wiring.process_table import remarks
+from umo.wiring.wired import Wired
 
 from .console import err, out
 from .station_options import machine_of
@@ -50,9 +53,18 @@ def _check_wiring(machine: Compound, file: Path | None) -> int:
         *(_count(number, what) for number, what in offered if number),
     ]
     out.print(f"ok: {file or 'everything simulated'}: {', '.join(found)}", soft_wrap=True)
+    for line in _rates(wired):
+        out.print(line, soft_wrap=True)
     for remark in remarks(wired):
         out.print(f"note: {remark}", soft_wrap=True)
     return 0
+
+
+def _rates(wired: Wired) -> Iterator[str]:
+    """The parts with rates of their own, a line for each rate: `every 10 periods (10 ms): oven`."""
+    for every, rates in groupby(wired.rates, lambda rate: rate.every):
+        period = f" ({duration(every * wired.period)})" if wired.period else ""
+        yield f"every {_count(every, 'period')}{period}: {some([rate.part._path for rate in rates])}"
 
 
 def _count(number: int, what: str) -> str:

@@ -276,9 +276,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
             if abs(reading - last) > jump + missed * abs(self.profile.setpoint.velocity):
                 self._shift(reading - last)
                 return Met.JUMP
-            distance = (
-                sign * self.profile.setpoint.velocity * self.cycle.period
-            )  # below 0 until a motion before has ended
+            distance = sign * self.profile.setpoint.velocity * tick.period  # below 0 until a motion before has ended
             driven, idle, last = driven + max(distance, 0.0), idle + distance, reading
             if distance <= 0.0 or sign * (reading - best) > STANDSTILL_SHARE * self.stall:
                 best, idle = reading, 0.0
@@ -304,10 +302,9 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
             late, corrections = 0.0, 0
             steady = -inf  # how long it has been in the window; -inf: it is not
             while steady < self.window_time:
-                await next_period()
+                tick = await next_period()
                 self._check_enabled()
-                clock = self._machine.clock
-                period = clock.dt / clock.ticks  # in missed periods nothing was controlled, and nothing seen
+                period = tick.dt / tick.ticks  # in missed periods nothing was controlled, and nothing seen
                 if self._arrived(position):
                     steady = max(steady + period, 0.0)
                     continue

@@ -99,10 +99,12 @@ class Block:
     """Neighbouring slots that one driver moves in one transfer."""
 
     def __init__(
-        self, driver: Driver[Any], channels: tuple[Channel, ...], start: int, raws: IntArray, inputs: bool
+        self, driver: Driver[Any], channels: tuple[Channel, ...], start: int, raws: IntArray, inputs: bool, part: int
     ) -> None:
         self.driver = driver
         self.channels = channels
+        self.part = part
+        """Number of the part with a rate of its own (`Wired.rates`) to which its objects belong; below 0: to none."""
         self.start = start
         self.stop = start + len(channels)
         self.slots = slice(start, self.stop)

@@ -18,6 +18,7 @@ from umo.cycle.equipment import equipment_in
 from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.off_cycle import image_of
+from umo.cycle.rated_machine import machine_of
 from umo.cycle.stopping import StopFlag
 from umo.cycle.transfer import UNCONTROLLED_TIMEOUT, settling, wait_for
 from umo.drivers.faults.wrapper import bare
@@ -143,7 +144,8 @@ class connect(Generic[C]):
                 self.stop.end_wait = partial(attempt, bare(self.wired.timer_wire.driver).stop_waiting)
             image = image_of(self.wired, clock, len(equipment_in(self.root)))
             outputs = self.wired.process.outputs
-            self.machine = ConnectedMachine(self.root, image, self.stop, self.wired.injection, outputs)
+            rates, injection = self.wired.rates, self.wired.injection
+            self.machine = machine_of(self.root, image, rates, self.stop, injection, outputs)
         except BaseException:
             self._give_back()
             if device_claim is not self.device_claim:

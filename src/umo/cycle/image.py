@@ -82,7 +82,7 @@ class Image(Slots):
         """Read every synchronous sensor, one transfer per driver. A failure does not stop the others."""
         failures: list[Failure] = []
         now = self.clock.now
-        for block in self.inputs:
+        for block in self.due_inputs:
             block.view[:] = block.unread
             try:
                 block.transfer(block.channels, block.buffer)
@@ -114,11 +114,14 @@ class Image(Slots):
         self.sampled_good = None if self.unconfirmed else good
         return good
 
-    def update(self) -> bool:
-        """Send every synchronous actuator, written or not since the last period; one transfer per driver."""
+    def update(self, of_part: Sequence[Block] | None = None) -> bool:
+        """Send every synchronous actuator, written or not since the last period; one transfer per driver. `of_part`:
+        only those of a part with a rate of its own."""
         failures: list[Failure] = []
         now, dt = self.clock.now, self.clock.dt
-        for block in self.outputs:
+        if of_part is not None:
+            dt = 0.0  # a slew rate counts from the last step
+        for block in self.due_outputs if of_part is None else of_part:
             unconverted: Set[int] = NO_SLOTS
             try:
                 block.give(now, dt)

@@ -23,6 +23,7 @@ from umo.drivers.contract import Direction
 from umo.drivers.faults.wrapper import Injection
 from umo.errors import DriverError, EquipmentFault, forget_frames, text_of
 from umo.objects import Action, Compound, Node, actions_of, atoms, described, numbers_of, walk
+from umo.objects.link import Machine
 from umo.objects.stop_order import stop_sequence
 from umo.presentation.run_facts import driven_text, facts_of
 from umo.user_code import attempt, is_interrupt, read_numbers, refuse_exit, told
@@ -59,6 +60,9 @@ class Commanding(Protocol):
 
 class ConnectedMachine:
     """Behind the compounds of one machine from `connect` to its end (`umo.objects.link.Machine`)."""
+
+    parts: Sequence[Any] = ()
+    """The parts that have rates of their own (`umo.cycle.rated_machine`)."""
 
     def __init__(
         self,
@@ -104,12 +108,20 @@ class ConnectedMachine:
         self.sample_all = self._guarded_sample if commanded else image.sample
         sample = self._way_to_sample()
         if outputs == AT_NEXT_TICK:
-            root._connect(self, partial(self._send_and_sample, sample), self._update_later)
+            root._connect(self._seen_from(root), partial(self._send_and_sample, sample), self._update_later)
         else:
-            root._connect(self, sample, self._update)
+            root._connect(self._seen_from(root), sample, self._update)
         for compound in self._compounds[1:]:
-            compound._connect(self, partial(self.sample, compound), partial(self.update, compound))
+            compound._connect(self._seen_from(compound), partial(self.sample, compound), partial(self.update, compound))
         self._choose_laws()
+
+    def _seen_from(self, compound: Compound) -> Machine:
+        """The machine as its compound sees it."""
+        return self
+
+    @property
+    def period(self) -> float:
+        return self.clock.period
 
     def contain_failures(self, yes: bool) -> None:
         """Whether equipment contains failures of its objects: between connecting and disconnecting."""
@@ -165,7 +177,7 @@ class ConnectedMachine:
         try:
             good = self.image.sample()
         except DriverError as unread:
-            _go_on(unread, self.commands.evaluate, "could not be read or reset")
+            go_on(unread, self.commands.evaluate, "could not be read or reset")
         self.commands.evaluate()
         return good
 
@@ -231,11 +243,18 @@ class ConnectedMachine:
     def _choose_laws(self) -> None:
         """What is called in each period: the laws but those of equipment in fault, also in this period; then what
         waits for them."""
-        for number, law in enumerate(self._laws):  # perhaps they act at this moment
+        self._let_idle(self._laws)
+        laws = self._acting_laws()
+        self._laws = [*laws, MethodType(type(self)._laws_have_acted, self)] if self._after_laws else laws
+
+    def _let_idle(self, laws: list[MethodType]) -> None:
+        """Perhaps they act at this moment."""
+        for number, law in enumerate(laws):
             if self._is_idle(law):
-                self._laws[number] = MethodType(_idle, law.__self__)
-        laws = [law for law in self._overrides(self.root) if not self._is_idle(law)]
-        self._laws = [*laws, MethodType(ConnectedMachine._laws_have_acted, self)] if self._after_laws else laws
+                laws[number] = MethodType(_idle, law.__self__)
+
+    def _acting_laws(self) -> list[MethodType]:
+        return [law for law in self._overrides(self.root) if not self._is_idle(law)]
 
     def _is_idle(self, law: MethodType) -> bool:
         return isinstance(law.__self__, Node) and self.equipment.is_in_fault(law.__self__)
@@ -296,7 +315,7 @@ class ConnectedMachine:
         try:
             self.image.update()
         except DriverError as unsent:
-            _go_on(unsent, sample, "could not be written or read")
+            go_on(unsent, sample, "could not be written or read")
         return sample()
 
     def reset(self, part: Node) -> None:
@@ -389,7 +408,7 @@ class _PartSlots(NamedTuple):
     """Slots to reset: the actuators in stop order, then the sensors."""
 
 
-def _go_on(failed: DriverError, then: Callable[[], object], what: str) -> NoReturn:
+def go_on(failed: DriverError, then: Callable[[], object], what: str) -> NoReturn:
     """One step of a period has failed: take the next one all the same, and raise what failed of both."""
     try:
         then()

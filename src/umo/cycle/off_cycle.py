@@ -9,7 +9,7 @@ no old value looks fresh. Outputs are posted in each period; `read` gives what t
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from time import monotonic_ns
 from typing import Any, NoReturn
 
@@ -76,6 +76,7 @@ class OffCycleImage(Image):
         off = {id(remote.driver) for remote in self._remotes}
         self.inputs = [block for block in self.inputs if id(block.driver) not in off]
         self.outputs = [block for block in self.outputs if id(block.driver) not in off]
+        self.due_inputs, self.due_outputs = self.inputs, self.outputs
         self.transfer.bind(self.inputs, self.outputs)
         self._failures: list[Failure] = []
         self._beginning = False
@@ -148,10 +149,10 @@ class OffCycleImage(Image):
         mine, self._failures = self._failures, []
         return super()._end_sample([*mine, *failures])
 
-    def update(self) -> bool:
+    def update(self, of_part: Sequence[Block] | None = None) -> bool:
         """What these outputs are to be is posted before the next tick; the others are sent."""
         self._updated = True
-        return super().update()
+        return super().update(of_part)
 
     def _exchange(self) -> None:
         """Post what the outputs are to be, take what has arrived."""

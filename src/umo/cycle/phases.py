@@ -6,19 +6,23 @@ Measuring costs about 0.3 us per transfer, so it is on only while frames are pub
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from time import monotonic_ns
 from typing import Any
 
 from umo.cycle.columns import Block
 from umo.cycle.image import Image
 from umo.cycle.journal import NEVER, Journal, Kind
+from umo.cycle.rated_machine import RatedPart
 from umo.cycle.transfer import BlockTransfer
 from umo.drivers.contract import Channel, Driver
 from umo.errors import ChannelsFailed
 
 UNKNOWN = -1
 """Number in the place of a duration that is not known."""
+CONTROL = "control"
+"""Name of the phase of the control code; that of a part with a rate of its own has its path behind."""
 TRY = "try"
 """Beginning of the name of a phase in which a driver that is away was tried; the driver's name follows."""
 
@@ -26,21 +30,26 @@ TRY = "try"
 class Phases:
     """Watches one connected image; `names` stand in the order of a period, `ns` holds the last period's times."""
 
-    def __init__(self, image: Image, drivers: Mapping[str, Driver[Any]]) -> None:
+    def __init__(self, image: Image, drivers: Mapping[str, Driver[Any]], parts: Sequence[RatedPart] = ()) -> None:
+        """`parts`: those that have rates of their own."""
         names = {id(driver): name for name, driver in drivers.items()}
-        inputs = [f"sample {names[id(block.driver)]}" for block in image.inputs]
-        outputs = [f"update {names[id(block.driver)]}" for block in image.outputs]
+        part_of = {block.start: f" for {part.path}" for part in parts for block in (*part.inputs, *part.outputs)}
+        inputs = [f"sample {names[id(block.driver)]}{part_of.get(block.start, '')}" for block in image.inputs]
+        outputs = [f"update {names[id(block.driver)]}{part_of.get(block.start, '')}" for block in image.outputs]
+        slow = [f"{CONTROL} {part.path}" for part in parts]
         used = {id(wire.driver) for slot, wire in enumerate(image.wires) if slot != image.timer}
         tried = [name for name, driver in drivers.items() if id(driver) in used]
         tries = [f"{TRY} {name}" for name in tried]
-        self.names = ["timer", *tries, *inputs, "control", *outputs]
+        self.names = ["timer", *tries, *inputs, CONTROL, *outputs, *slow]
         self._none = [0] * len(self.names)
         self.ns = list(self._none)
-        """Duration of each phase in ns; "control" is whatever the drivers did not take."""
+        """Duration of each phase in ns; "control" is whatever drivers and parts did not take."""
         first = 1 + len(tries)
         self._tries = {name: number for number, name in enumerate(tried, 1)}
         self._control = first + len(inputs)
-        self._image = image
+        self._image, self._parts = image, parts
+        for number, part in enumerate(parts, len(self.names) - len(slow)):
+            part.took = partial(self.ns.__setitem__, number)
         self._timer = None if image.timer < 0 else image.wires[image.timer].driver
         self._moved: set[int] = set()
         """The blocks that were moved in this period."""
@@ -57,6 +66,8 @@ class Phases:
 
     def remove(self) -> None:
         """The drivers are called without being watched again."""
+        for part in self._parts:
+            part.took = lambda ns: None
         self._image.transfer.watched = lambda block, transfer: transfer
         self._image.transfer.bind(self._image.inputs, self._image.outputs)
         if self._image.transfer.absences is not None:

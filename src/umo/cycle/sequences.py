@@ -180,6 +180,8 @@ class Task:
         freed while the collector is off."""
         self._failure = ""
         """The text of this error."""
+        self.clock: Clock | None = None
+        """The clock of the part by which it takes its steps; None: that of the machine."""
         self.limits: list[timeout] = []
         """The time limits of the blocks that it is in, the outermost first."""
 
@@ -398,9 +400,9 @@ class Sequences:
         self._tasks.append(task)
         return task
 
-    def advance(self, tick: Clock) -> None:
-        """One step of each, in the order started. The first error that is not contained is raised; it cancels nothing
-        else."""
+    def advance(self, tick: Clock, clock: Clock | None = None) -> None:
+        """One step of each that has this clock, in the order started. The first error that is not contained is raised;
+        it cancels nothing else."""
         if not self._tasks or self.paused:
             return
         if self._advancing:
@@ -408,6 +410,8 @@ class Sequences:
         self._advancing = True
         try:
             for task in self._tasks.copy():  # what they start begins with the next period
+                if task.clock is not clock:
+                    continue
                 try:
                     over = task.advance(tick) and _is_settled(task)
                 except BaseException as error:

@@ -7,7 +7,8 @@ fails; what moves the slots is in `image.py`.
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from itertools import groupby
 from math import inf
 from typing import Any, cast
 
@@ -18,10 +19,12 @@ from umo.cycle.columns import Block, Columns, Scales
 from umo.cycle.conversion import convert_inputs, convert_outputs
 from umo.cycle.transfer import Transfer, cause_of_failure
 from umo.drivers.contract import UNREAD, Direction
+from umo.drivers.off_cycle import OffCycle
 from umo.errors import BadInput, DriverError, Failure, RangeError
 from umo.objects import Actuator, Binary, DigitalSensor, Quality, Sensor
 from umo.objects.atomic import Digital
 from umo.objects.scaling import to_raw, to_value
+from umo.wiring.rates import WHOLE, RateMap
 from umo.wiring.wired import Wire, Wired
 
 log = logging.getLogger("umo")
@@ -37,7 +40,8 @@ class Slots:
     def __init__(self, wired: Wired, clock: Clock, equipment: int = 0) -> None:
         """`equipment`: the number of the compounds that are declared equipment."""
         self.clock = clock
-        self.wires = sorted(wired.wires, key=_group_order(wired.wires))
+        parts = _part_numbers(wired)
+        self.wires = sorted(wired.wires, key=_group_order(wired.wires, parts))
         self.items = [wire.item for wire in self.wires]
         self.wire_texts: Sequence[str] = wired.texts_of(self.wires)
         self.slot_of = {id(item): slot for slot, item in enumerate(self.items)}
@@ -75,9 +79,11 @@ class Slots:
             Quality.UNREFERENCED if isinstance(item, DigitalSensor) and item.incremental else Quality.GOOD
             for item in self.items
         ]
-        self.inputs = self._blocks(Direction.INPUT)
-        self.outputs = self._blocks(Direction.OUTPUT)
+        self.inputs = self._blocks(Direction.INPUT, parts)
+        self.outputs = self._blocks(Direction.OUTPUT, parts)
         self.blocks = [*self.inputs, *self.outputs]
+        self.due_inputs, self.due_outputs = self.inputs, self.outputs
+        """The blocks that `sample` reads and `update` sends: all, where no part has a rate of its own."""
         self.transfer.bind(self.inputs, self.outputs)
         self.sampled_good: bool | None = None
         """Whether all of `sampled` are GOOD; None: a quality has changed since the last check."""
@@ -102,15 +108,22 @@ class Slots:
                     hidden.setdefault(raw, []).append(slot - block.start)
         convert_inputs(block, self.columns, self.scales, hidden)
 
-    def _blocks(self, direction: Direction) -> list[Block]:
+    def _blocks(self, direction: Direction, parts: Mapping[int, int]) -> list[Block]:
         inputs = direction is Direction.INPUT
         slots = [s for s, item in enumerate(self.items) if item.synchronous and item.direction is direction]
         blocks = []
-        for driver, group in self.transfer.by_driver(slots):
+        for (part, _), slots_of_one in groupby(
+            slots, lambda slot: (self._part(slot, parts), id(self.wires[slot].driver))
+        ):
+            group = list(slots_of_one)
             start, stop = group[0], group[-1] + 1
             raws = np.zeros(len(group), np.int64) if inputs else self.columns.sent_raws[start:stop]
-            blocks.append(Block(driver, tuple(self.wires[slot].channel for slot in group), start, raws, inputs))
+            channels = tuple(self.wires[slot].channel for slot in group)
+            blocks.append(Block(self.wires[start].driver, channels, start, raws, inputs, part))
         return blocks
+
+    def _part(self, slot: int, parts: Mapping[int, int]) -> int:
+        return parts.get(id(self.items[slot]), WHOLE)
 
     def set_reading(self, slot: int, value: float) -> None:
         """Change the zero offset of a digital sensor so that its last reading is this value."""
@@ -291,13 +304,25 @@ class Slots:
             (self.unsent.add if at_default else self.unsent.discard)(slot)
 
 
-def _group_order(wires: Sequence[Wire]) -> Any:
-    """Sampled inputs, updated outputs, asynchronous; within each by driver, then as declared."""
+def _part_numbers(wired: Wired) -> Mapping[int, int]:
+    """The number of the part to which each object belongs, by the object's id, of those that belong to one. A driver
+    off the cycle has its own times."""
+    if not wired.rates:
+        return {}
+    parts = RateMap(wired.rates)
+    on_cycle = (wire.item for wire in wired.wires if not isinstance(wire.driver, OffCycle))
+    return {id(item): number for item in on_cycle if (number := parts.number(item)) != WHOLE}
+
+
+def _group_order(wires: Sequence[Wire], parts: Mapping[int, int]) -> Any:
+    """Sampled inputs, updated outputs, asynchronous; within each by driver, then by part, then as declared."""
     drivers: dict[int, int] = {}
     for wire in wires:
         drivers.setdefault(id(wire.driver), len(drivers))
 
-    def key(wire: Wire) -> tuple[bool, bool, int]:
-        return not wire.item.synchronous, wire.item.direction is Direction.OUTPUT, drivers[id(wire.driver)]
+    def key(wire: Wire) -> tuple[bool, bool, int, int]:
+        item = wire.item
+        part = parts.get(id(item), WHOLE) if item.synchronous else WHOLE
+        return not item.synchronous, item.direction is Direction.OUTPUT, drivers[id(wire.driver)], part
 
     return key

@@ -59,7 +59,7 @@ def published(
         server = None
         if ends is None:
             ends, server = _own_memory(station, memory)
-        phases = Phases(machine.image, connection.wired.drivers)
+        phases = Phases(machine.image, connection.wired.drivers, machine.parts)
         undo.callback(phases.remove)
         layout = Layout(
             describe_objects(machine.image.items),
@@ -108,7 +108,7 @@ def _own_memory(station: str, memory: ExitStack) -> tuple[RunDescriptors, FrameS
 def _about(connection: connect[Any]) -> dict[str, Any]:
     """The facts about this run that stand in its frames."""
     wired = connection.wired
-    about = {
+    about: dict[str, Any] = {
         "devices": wired.devices,
         "pid": os.getpid(),
         "started": time.time(),
@@ -116,6 +116,8 @@ def _about(connection: connect[Any]) -> dict[str, Any]:
         "period": wired.period or 0.0,
         "realtime": wired.realtime,
     }
+    if wired.rates:
+        about["rates"] = [{"path": each.part._path, "every": each.every, "phase": each.phase} for each in wired.rates]
     return about if wired.injection is None else about | {"injected_faults": list(wired.injection.texts)}
 
 

@@ -14,7 +14,7 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
-from umo.cycle.phases import TRY
+from umo.cycle.phases import CONTROL, TRY
 from umo.frames.layout import USAGE, Layout
 from umo.frames.reader import Frames
 from umo.presentation.durations import duration
@@ -160,17 +160,17 @@ def _judge(part: str, excess: float, took: float, counted: dict[str, int]) -> tu
         return Cause.PREEMPTED, f"preempted for {preempted}: another process used the core"
     if _faulted(counted, excess):
         return Cause.PAGE_FAULTS, _faults(counted)
+    waited = " (it slept or waited)" if counted["voluntary_switches"] > 1 else ""
     kind, _, driver = part.partition(" ")
+    if kind == CONTROL:
+        return Cause.CONTROL, f"control code{' of' * bool(driver)} {driver}".rstrip() + f" took {lasted}{waited}"
     if driver:
         what = "it is away, and was tried" if kind == TRY else kind
         return Cause.DRIVER, f"driver {driver} took {lasted} ({what})"
     if part == WAKE:
         text = f"the timer woke {lasted} late, but no other process used the core: interrupts, or the host of this VM"
         return Cause.WAKE, text
-    if part == AFTER:
-        return Cause.AFTER, f"observers and the frame took {lasted} after update"
-    waited = " (it slept or waited)" if counted["voluntary_switches"] > 1 else ""
-    return Cause.CONTROL, f"control code took {lasted}{waited}"
+    return Cause.AFTER, f"observers and the frame took {lasted} after update"
 
 
 def _faulted(counted: dict[str, int], excess: float) -> bool:

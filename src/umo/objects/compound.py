@@ -85,6 +85,11 @@ class Compound(Node):
         actuators keep their values, axes stop on their profiles and stay under control. "run on": actuators keep their
         values, motions go on to their ends. An actuator that a law (`control`) writes in each period is the law's. The
         nearest declaration counts. Default: actuators "default", axes "hold".
+    every: The rate of a part of the machine: it is sampled, controlled and updated in every n-th period (`every=10`),
+        or at a period of its own, a multiple of the machine's (`every="10 ms"`). What is in it has the same rate,
+        unless its class has `every` too. Its `dt` and `cycle.period` are those of its own periods. A period carries out
+        the parts at its own rate first, their outputs included, then those that are due. On the machine itself it has
+        no effect. Default: that of the object around it, of the machine 1.
 
     A field with a number (or bool, text, Enum) is one that a wiring may set. Unit, range and use are annotated:
 
@@ -105,6 +110,7 @@ class Compound(Node):
         equipment: bool | Literal["manual"] | None = None,
         numbers: ByAttribute | None = None,
         when_suspended: Reaction | None = None,
+        every: int | str | None = None,
         **unknown: Never,
     ) -> None:
         super().__init_subclass__()
@@ -114,6 +120,7 @@ class Compound(Node):
             "equipment": equipment,
             "numbers": numbers,
             "when_suspended": when_suspended,
+            "every": every,
             **unknown,
         }
         cls._settings = settings_of(cls, given)
@@ -219,7 +226,8 @@ class Compound(Node):
 
     @property
     def dt(self) -> float:
-        """Time since the previous period in s: ticks consumed by the timer times the period."""
+        """Time since the previous period in s: ticks consumed by the timer times the period. In a sequence: since its
+        previous step."""
         return self._machine.clock.dt
 
     @property

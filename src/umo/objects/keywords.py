@@ -31,6 +31,7 @@ class ClassSettings(NamedTuple):
     numbers: tuple[ByAttribute, ...] = ()
     """Numbers of the class, then of its bases."""
     when_suspended: Reaction | None = None
+    every: int | str | None = None
 
 
 def settings_of(cls: type, given: Mapping[str, Any]) -> ClassSettings:
@@ -56,6 +57,7 @@ KEYWORDS = {
     "equipment": 'True, False or "manual"',
     "numbers": "a mapping by names of attributes, or a function of the object that returns one",
     "when_suspended": '"default", "hold" or "run on"',
+    "every": 'a number of periods from 1 on, or a duration such as "10 ms"',
 }
 """The class keywords, and what each of them is."""
 FORMER_NAMES = {"stopping": "stop_order", "longest_period": "max_period", "signals": "numbers", "tunable": "numbers"}
@@ -86,6 +88,11 @@ def _is_valid(name: str, value: Any) -> bool:
         with suppress(DeclarationError):
             return not isinstance(value, bool) and seconds(value) > 0
         return False
+    if name == "every":
+        if isinstance(value, str):
+            with suppress(DeclarationError):
+                return seconds(value) > 0
+        return type(value) is int and value >= 1
     if name == "equipment":
         return value in (True, False, IN_MANUAL)
     if name == "when_suspended":

@@ -102,6 +102,8 @@ class Machine(Protocol):
     @property
     def clock(self) -> Clock: ...
     @property
+    def period(self) -> float: ...
+    @property
     def running(self) -> bool: ...
     def sample(self, part: Node) -> bool: ...
     def control(self, part: Node) -> None: ...
@@ -168,8 +170,8 @@ class Cycle:
 
     @property
     def period(self) -> float:
-        """The sampling period in s."""
-        return self._machine.clock.period
+        """The sampling period in s; of a part with a rate of its own (`every`) the period of that."""
+        return self._machine.period
 
 
 class Unconnected:

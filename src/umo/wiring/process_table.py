@@ -10,6 +10,7 @@ from umo.drivers.off_cycle import OffCycle
 from umo.duration import seconds
 from umo.errors import DeclarationError
 from umo.presentation.durations import duration
+from umo.wiring.rates import RateMap
 from umo.wiring.source import WiringSource
 from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE, ProcessSettings, Wired
 
@@ -90,9 +91,14 @@ def remarks(wired: Wired) -> list[str]:
 
 def longest_period(wired: Wired) -> float:
     """The longest duration of a period in s, if every call of a driver times out: a block transfer for each driver and
-    direction, and a call for each asynchronous object. No period waits for a driver off the cycle."""
+    direction, of each part with a rate of its own as well, and a call for each asynchronous object. No period waits for
+    a driver off the cycle."""
+    parts = RateMap(wired.rates)
     calls = {
-        (id(wire.driver), wire.item.path if not wire.item.synchronous else wire.item.direction): wire.driver.timeout
+        (
+            id(wire.driver),
+            (wire.item.direction, parts.number(wire.item)) if wire.item.synchronous else wire.item.path,
+        ): wire.driver.timeout
         for wire in wired.wires
         if wire.item is not wired.timer and not isinstance(wire.driver, OffCycle)
     }

@@ -48,6 +48,7 @@ from umo.wiring.linearization_table import from_table
 from umo.wiring.off_cycle_table import check_shared_devices, own_period, take_off_cycle
 from umo.wiring.patterns import collapsed, counted, expand, expand_parameters
 from umo.wiring.process_table import process_of
+from umo.wiring.rates import RateMap, rates_of
 from umo.wiring.run_options import FAULT, FAULT_SEED, REALTIME, RESERVED, WIRING_OPTIONS
 from umo.wiring.source import SECTIONS, WiringSource, read
 from umo.wiring.wired import INVERTED, LEVEL, Parameter, Wire, Wired, mistake_of_parameters
@@ -104,6 +105,8 @@ class _Resolver:
         origin = expand(self.source, self.items)
         timer = self.items.get("timer")
         period = self._period(timer)
+        rates = rates_of(self.root, period, partial(self.source.mistake, 'wire."timer".period'))
+        self.rates = RateMap(rates)
         watchdogs = self._make_drivers(period)
         drivers = {name: driver for name, driver in self.drivers.items() if driver is not None}
         self.hardware = self._hardware(drivers)
@@ -121,7 +124,7 @@ class _Resolver:
             self.source.mistake(f'wire."{path}"', f"the machine has no such object{self.source.near(path, self.items)}")
         self._check_periods(period)
         parameters = self._parameters() if self.source.parameters else []
-        wired = Wired(drivers, wires, period, timer, parameters, watchdogs, self.hardware)
+        wired = Wired(drivers, wires, period, timer, parameters, watchdogs, self.hardware, rates=rates)
         self._check_time(wired)
         self._check_plants()
         wired = dataclasses.replace(wired, process=process_of(self.source, wired), paced=paced, injection=injection)
@@ -137,7 +140,7 @@ class _Resolver:
             driver = self.drivers[name] = self._make_driver(name, table) if table else None
             if driver is None:
                 continue
-            own = own_period(self.source, name, table) or period
+            own = own_period(self.source, name, table) or self._shortest_period(name, period)
             driver.period = own or 0.0
             timeout = self.source.duration(f"drivers.{name}.timeout", table.get("timeout"))
             driver.timeout = timeout or min(10 * (own or 0.1), MAX_DEFAULT_TIMEOUT)
@@ -154,6 +157,18 @@ class _Resolver:
                 except Exception as error:  # of the driver's code
                     self.source.mistake(f"drivers.{name}.watchdog", text_of(error))
         return watchdogs
+
+    def _shortest_period(self, name: str, period: float | None) -> float | None:
+        """The period in s in which a driver is used: that of the fastest of its outputs, which feed its watchdog, or of
+        all its objects if it has none."""
+        items = [
+            self.items[path]
+            for path, entry in self.source.entries.items()
+            if entry.driver == name and path in self.items
+        ]
+        outputs = [item for item in items if item.direction is Direction.OUTPUT]
+        timed = any(item.path == "timer" for item in items)
+        return period and period * (1 if timed else min(map(self.rates.every, outputs or items), default=1))
 
     def _make_driver(self, name: str, table: dict[str, Any]) -> Driver | None:
         from pydantic import ValidationError
@@ -421,8 +436,10 @@ class _Resolver:
         if period is None:
             return
         for node in [self.root, *walk(self.root)]:
-            if why := _fault_of_period(period, node):
-                self.source.mistake('wire."timer".period', f"{duration(period)} is {why}")
+            every = self.rates.every(node)
+            if why := _fault_of_period(every * period, node):
+                times = f", {every} times the period," if every > 1 else ""
+                self.source.mistake('wire."timer".period', f"{duration(every * period)}{times} is {why}")
 
     def _check_time(self, wired: Wired) -> None:
         """Virtual time runs as fast as possible: it is refused together with hardware."""

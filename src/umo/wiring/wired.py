@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
@@ -18,6 +18,7 @@ from umo.objects.scaling import raw_bounds, to_raw, to_value
 from umo.objects.units import convert
 from umo.presentation.value_text import measure
 from umo.user_code import told_as
+from umo.wiring.rates import Rate
 
 LEVEL, INVERTED = Calibration(0.0, 1.0, 1.0, 0.0), Calibration(0.0, 1.0, -1.0, 1.0)
 """Calibrations of binary objects: the value is the raw integer of the channel or, inverted, 1 - raw."""
@@ -241,6 +242,8 @@ class Wired:
     """Whether the option `realtime` paces a timer that runs in virtual time."""
     injection: Injection | None = None
     """The faults that are injected on purpose; None without any."""
+    rates: Sequence[Rate] = ()
+    """The parts with rates of their own, the fastest first."""
 
     @property
     def devices(self) -> list[str]:

@@ -1,0 +1,255 @@
+"""A machine whose parts have rates of their own (the class keyword `every`).
+
+A period carries out the machine's own rate first, outputs included. Then come the parts that are due, the fastest
+first: a slow one delays the others only by the reading of its sensors. A part whose period has passed with a missed
+tick runs late, once; its grid stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Coroutine, Sequence
+from functools import cached_property
+from heapq import heapify, heappop, heappush
+from time import monotonic_ns
+from types import MethodType
+from typing import Any, cast
+
+from umo.cycle.clock import Clock, WallClock
+from umo.cycle.image import Image
+from umo.cycle.machine import ConnectedMachine, go_on
+from umo.cycle.sequences import Task, advancing
+from umo.errors import DriverError
+from umo.objects import Compound, Node
+from umo.objects.link import Machine
+from umo.wiring.rates import WHOLE, Rate, RateMap
+
+
+class PartClock(Clock):
+    """The clock of a part: its ticks are the part's own periods."""
+
+    __slots__ = ("_base", "_last")
+
+    def __init__(self, base: Clock, every: int) -> None:
+        super().__init__(every * base.period)
+        self._base = base
+        self._last = 0, 0.0
+        self.restart()
+
+    def restart(self) -> None:
+        """The part begins now."""
+        self._last = self._base.number, self._base.now
+
+    def step(self, ticks: int) -> None:
+        """A period of the part begins, `ticks` of its own after the last one. `dt` is the time since that."""
+        base, (number, then) = self._base, self._last
+        self.missed = ticks if ticks > 1 else 0
+        self.missed_in_all += max(ticks - 1, 0)
+        self.ticks = max(ticks, 1)
+        self.number += self.ticks
+        self.now = base.now
+        self.dt = (base.number - number) * base.period if base.period else base.now - then
+        self.restart()
+
+
+class RatedPart:
+    """A part with a rate of its own. `number` is its place in `Wired.rates`."""
+
+    def __init__(self, number: int, rate: Rate, image: Image) -> None:
+        self.path = rate.part._path
+        self.every, self.phase = rate.every, rate.phase
+        self.clock = PartClock(image.clock, rate.every)
+        self.inputs = [block for block in image.inputs if block.part == number]
+        self.outputs = [block for block in image.outputs if block.part == number]
+        self.laws: list[MethodType] = []
+        self.due = 0
+        """Number of the period in which it is due next."""
+        self.took: Callable[[int], object] = lambda ns: None
+        """Function that is told the duration in ns of its control."""
+
+    def schedule(self, number: int) -> int:
+        """It was carried out in this period: it is due again at the next of its own. The number of its own that have
+        begun since."""
+        ticks = max((number - self.due) // self.every + 1, 0)
+        self.due += ticks * self.every
+        return ticks
+
+    def restart(self, number: int) -> None:
+        self.clock.restart()
+        self.due = number + 1 + (self.phase - number - 1) % self.every
+
+
+class PartMachine:
+    """The machine, seen from compounds of one rate (`umo.objects.link.Machine`)."""
+
+    def __init__(self, machine: ConnectedMachine, clock: Clock) -> None:
+        self.whole, self._clock = machine, clock
+        self.period = clock.period
+
+    @property
+    def clock(self) -> Clock:
+        """In a sequence, whoever's it is, the clock by which that takes its steps."""
+        tasks = advancing()
+        return (tasks[0].clock or self.whole.clock) if tasks else self._clock
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.whole, name)
+
+
+class RatedMachine(ConnectedMachine):
+    """A connected machine with parts that have rates of their own."""
+
+    def __init__(self, root: Compound, image: Image, *arguments: Any, rates: Sequence[Rate]) -> None:
+        self._map = RateMap(rates)
+        self._by_number = {n: RatedPart(n, rate, image) for n, rate in enumerate(rates) if rate.every > 1}
+        self.parts = list(self._by_number.values())
+        self._due: list[RatedPart] = []
+        self._queue: list[tuple[int, int]] = []
+        """When each part is due next, and its number: a heap."""
+        self._at = -1
+        """Number of the period that has begun."""
+        self._all_act = False
+        image.due_outputs = [block for block in image.outputs if block.part == WHOLE]
+        self._inputs = [block for block in image.inputs if block.part == WHOLE]
+        super().__init__(root, image, *arguments)
+        self._restart()
+
+    def _restart(self) -> None:
+        """Every part is due at its next phase."""
+        for part in self.parts:
+            part.restart(self.clock.number)
+        self._queue = [(part.due, number) for number, part in self._by_number.items()]
+        heapify(self._queue)
+
+    def _part_of(self, node: Node) -> RatedPart | None:
+        return self._by_number.get(self._map.number(node))
+
+    def _seen_from(self, compound: Compound) -> Machine:
+        part = self._part_of(compound)
+        return self._views[WHOLE if part is None else id(part)]
+
+    @cached_property
+    def _views(self) -> dict[int, Machine]:
+        """The machine as the compounds of each rate see it."""
+        clocks = {WHOLE: self.clock, **{id(part): part.clock for part in self.parts}}
+        return {key: cast(Machine, PartMachine(self, clock)) for key, clock in clocks.items()}
+
+    def skip_ticks(self) -> None:
+        super().skip_ticks()
+        self._restart()
+
+    # A period ------------------------------------------------------------------------------------------
+
+    def _way_to_sample(self) -> Callable[[], bool]:
+        look = self.clock.look if isinstance(self.clock, WallClock) and self.image.timer < 0 else None
+
+        def sample() -> bool:
+            if look is not None:
+                look()
+            if self.clock.number != self._at:
+                self._begin(self.clock.number)
+            return self.sample_all()
+
+        return sample
+
+    def _begin(self, number: int) -> None:
+        """A period begins: which parts are due in it."""
+        self._at, queue = number, self._queue
+        due = []
+        while queue[0][0] <= number:
+            key = heappop(queue)[1]
+            part = self._by_number[key]
+            part.clock.step(part.schedule(number))
+            heappush(queue, (part.due, key))
+            due.append(key)
+        self._due = [self._by_number[key] for key in sorted(due)]  # numbered from the fastest on
+        self.image.due_inputs = self._inputs
+        if due:
+            self.image.due_inputs = [*self._inputs, *(block for part in self._due for block in part.inputs)]
+
+    def _update(self) -> bool:
+        try:
+            return self._then_parts(self.image.update)
+        finally:
+            self._finish()
+
+    def _update_later(self) -> bool:
+        """The outputs of the parts are sent at once all the same."""
+        waiting, self._unsent = self._unsent, True
+        try:
+            return self._then_parts(self.image.update) if waiting else self._carry_out()
+        finally:
+            self._finish()
+
+    def _then_parts(self, send: Callable[[], bool]) -> bool:
+        try:
+            accepted = send()
+        except DriverError as unsent:
+            go_on(unsent, self._carry_out, "could not be written")
+        return self._carry_out() and accepted
+
+    def _carry_out(self) -> bool:
+        """Control and update the parts that are due; one failure does not stop the others."""
+        due, self._due = self._due, []
+        if self._all_act:
+            late = [part for part in self.parts if part not in due]
+            for part in late:
+                part.clock.step(0)
+            due = [*due, *late]
+        failed: DriverError | None = None
+        for part in due:
+            self._control_part(part)
+            try:
+                self.image.update(part.outputs)
+            except DriverError as error:
+                failures = [*(failed.failures if failed else ()), *error.failures]
+                failed = DriverError("could not be written", failures)
+        if self._all_act:
+            self._all_act = False
+            super()._laws_have_acted()
+        if failed is not None:
+            raise failed
+        return True
+
+    def _control_part(self, part: RatedPart) -> None:
+        """Its sequences, then its laws."""
+        began = monotonic_ns()
+        try:
+            self.sequences.advance(part.clock, part.clock)
+            self._act_on(iter(part.laws), {})
+        finally:
+            part.took(monotonic_ns() - began)
+
+    # Laws and sequences --------------------------------------------------------------------------------
+
+    def _choose_laws(self) -> None:
+        for part in self.parts:
+            self._let_idle(part.laws)
+            part.laws = []
+        super()._choose_laws()
+
+    def _acting_laws(self) -> list[MethodType]:
+        """Those at the machine's own rate; the others are the parts'."""
+        own: list[MethodType] = []
+        for law in super()._acting_laws():
+            part = self._part_of(cast(Node, law.__self__))
+            (own if part is None else part.laws).append(law)
+        return own
+
+    def _laws_have_acted(self) -> None:
+        """Those of all parts act in this period, also out of turn, before what waits for them."""
+        self._all_act = True
+
+    def start(self, sequence: Coroutine[Any, Any, Any], part: Node) -> Task:
+        """A sequence of the application takes its steps in the periods of its part."""
+        task = super().start(sequence, part)
+        own = self._part_of(part)
+        if own is not None and (self.clients is None or self.clients.at_work is None):
+            task.clock = own.clock
+        return task
+
+
+def machine_of(root: Compound, image: Image, rates: Sequence[Rate], *arguments: Any) -> ConnectedMachine:
+    """The connected machine: without parts that have rates of their own the plain one, which knows nothing of them."""
+    if any(rate.every > 1 for rate in rates):
+        return RatedMachine(root, image, *arguments, rates=rates)
+    return ConnectedMachine(root, image, *arguments)

@@ -1,0 +1,115 @@
+"""Rates: the parts of a machine that run at a multiple of its period (the class keyword `every`).
+
+Each part is given a phase, the number of the period in which it runs first, so that as few of them as possible ever
+meet in one period.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from math import gcd
+from typing import NamedTuple
+
+from umo.duration import seconds
+from umo.objects import Compound, Node, atoms
+from umo.presentation.durations import duration
+
+WHOLE = -1
+"""Number in the place of a part's for what runs at the machine's own rate."""
+MAX_PHASES = 1000
+"""Number of phases among which one is chosen, at most."""
+TOLERANCE = 1e-6
+"""Deviation of a period from a multiple that is allowed, as a share of it."""
+
+
+class Rate(NamedTuple):
+    """A part of a machine that has a rate of its own."""
+
+    part: Compound
+    every: int
+    """Number of the machine's periods in one of its own. 1: it lies in a part with another rate."""
+    phase: int
+    """Number of the first period in which it is due, from 0 to below `every`."""
+
+
+def rates_of(root: Compound, period: float | None, mistake: Callable[[str], object]) -> list[Rate]:
+    """The parts with rates of their own, the fastest first. `period` in s, None without a timer. `mistake` is told of
+    each `every` that does not fit the period."""
+    found: list[tuple[Compound, int]] = []
+
+    def look_below(node: Node, every: int) -> None:
+        for child in node._children.values() if isinstance(node, Compound) else ():
+            own = every
+            if isinstance(child, Compound):
+                own = _multiple(child, period, mistake) or every
+                if own != every:
+                    found.append((child, own))
+            look_below(child, own)
+
+    look_below(root, 1)
+    return list(_spread(sorted(found, key=lambda each: each[1])))
+
+
+def _multiple(part: Compound, period: float | None, mistake: Callable[[str], object]) -> int | None:
+    """The number of periods; None if its class does not say, or nothing that fits."""
+    given = part._settings.every
+    if not isinstance(given, str):
+        return given
+    name = f"`every` of {part._path}, {given}"
+    if period is None:
+        mistake(f'{name}: the machine has no timer, and so no period; give a number of samplings, "every=10"')
+        return None
+    wanted = seconds(given)
+    multiple = max(round(wanted / period), 1)
+    if abs(multiple * period - wanted) <= TOLERANCE * wanted:
+        return multiple
+    below = max(int(wanted / period), 1)
+    nearest = " and ".join(
+        duration(each * period) for each in dict.fromkeys((below, below + (below < wanted / period)))
+    )
+    mistake(f"{name}, is not a multiple of {duration(period)}; the nearest: {nearest}")
+    return None
+
+
+def _spread(parts: Sequence[tuple[Compound, int]]) -> Iterator[Rate]:
+    """Give each part the first of the phases in which it meets the least: parts of n and m periods meet if their phases
+    are the same modulo the greatest common divisor of n and m."""
+    placed: dict[int, Counter[int]] = {}
+    """The objects in each phase, by the number of periods."""
+    for part, every in parts:
+        met = [(gcd(every, other), phases) for other, phases in placed.items()]
+        loads = [(divisor, _folded(phases, divisor)) for divisor, phases in met]
+        phases = range(min(every, MAX_PHASES))
+        phase = min(phases, key=lambda each: sum(load[each % divisor] for divisor, load in loads))
+        if every > 1:
+            placed.setdefault(every, Counter())[phase] += 1 + len(list(atoms(part)))
+        yield Rate(part, every, phase)
+
+
+def _folded(phases: Counter[int], divisor: int) -> Counter[int]:
+    found: Counter[int] = Counter()
+    for phase, load in phases.items():
+        found[phase % divisor] += load
+    return found
+
+
+class RateMap:
+    """The part with a rate of its own in which an object lies."""
+
+    def __init__(self, rates: Sequence[Rate]) -> None:
+        self._rates = rates
+        self._numbers = {id(rate.part): number for number, rate in enumerate(rates)}
+
+    def number(self, node: Node | None) -> int:
+        """The part's number; `WHOLE` if the object runs at the machine's own rate."""
+        while node is not None:
+            if (number := self._numbers.get(id(node))) is not None:
+                return number if self._rates[number].every > 1 else WHOLE
+            node = node._parent
+        return WHOLE
+
+    def every(self, node: Node | None) -> int:
+        """The number of the machine's periods in one of the object's."""
+        number = self.number(node)
+        return 1 if number == WHOLE else self._rates[number].every
