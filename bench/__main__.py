@@ -16,7 +16,20 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from bench import against, dead_device, endurance, figures, live, native, open_page, report, scan, slow_devices, zones
+from bench import (
+    against,
+    dead_device,
+    endurance,
+    figures,
+    live,
+    native,
+    open_page,
+    report,
+    scan,
+    several_rates,
+    slow_devices,
+    zones,
+)
 from bench.drivers import kernel
 from bench.drivers import table as drivers
 from bench.drivers.case import IN_KERNEL
@@ -62,6 +75,10 @@ def main() -> int:
         takes = options.slow_devices * len(slow_devices.KINDS) * (slow_devices.BLOCK + 2.0)
         report.stream(console, slow_devices.TITLE, takes, partial(slow_devices.measure, options.slow_devices))
         return 0
+    if options.rates:
+        takes = options.rates * len(several_rates.KINDS) * (several_rates.BLOCK + 2.0)
+        report.stream(console, several_rates.TITLE, takes, partial(several_rates.measure, options.rates))
+        return 0
     return _all(console, rounds, options)
 
 
@@ -90,6 +107,9 @@ def _options() -> argparse.Namespace:
         type=int,
         metavar="PAIRS",
         help="slow devices beside a loop of 1 ms; 30 for a result",
+    )
+    alone.add_argument(
+        "--rates", type=int, metavar="PAIRS", help="a part of 1 ms with slower parts beside it; 30 for a result"
     )
     parser.add_argument("--pairs", type=int, default=30, help="pairs of blocks of a row of --against; default: 30")
     parser.add_argument("--only", default="", metavar="TEXT", help="--kills and --against: names with this in them")

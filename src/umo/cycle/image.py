@@ -78,11 +78,12 @@ class Image(Slots):
 
     # A whole period ------------------------------------------------------------------------------------
 
-    def sample(self) -> bool:
-        """Read every synchronous sensor, one transfer per driver. A failure does not stop the others."""
+    def sample(self, of_part: Sequence[Block] | None = None) -> bool:
+        """Read every synchronous sensor, one transfer per driver. A failure does not stop the others. `of_part`: only
+        those of parts with rates of their own."""
         failures: list[Failure] = []
         now = self.clock.now
-        for block in self.due_inputs:
+        for block in self.due_inputs if of_part is None else of_part:
             block.view[:] = block.unread
             try:
                 block.transfer(block.channels, block.buffer)

@@ -130,8 +130,10 @@ class OffCycleImage(Image):
             self._exchange()
         return super().read_now(slot)
 
-    def sample(self) -> bool:
+    def sample(self, of_part: Sequence[Block] | None = None) -> bool:
         """Whether what has arrived is too old, then the others."""
+        if of_part is not None:
+            return super().sample(of_part)
         if self.timer < 0:
             self._exchange()
         now = self.clock.now

@@ -1,8 +1,8 @@
 """A machine whose parts have rates of their own (the class keyword `every`).
 
 A period carries out the machine's own rate first, outputs included. Then come the parts that are due, the fastest
-first: a slow one delays the others only by the reading of its sensors. A part whose period has passed with a missed
-tick runs late, once; its grid stays.
+first: in the time that is left, they delay nothing. A part whose period has passed with a missed tick runs late, once;
+its grid stays.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from types import MethodType
 from typing import Any, cast
 
 from umo.cycle.clock import Clock, WallClock
+from umo.cycle.columns import Block
 from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine, go_on
 from umo.cycle.sequences import Task, advancing
-from umo.errors import DriverError
+from umo.errors import DriverError, Failure
 from umo.objects import Compound, Node
 from umo.objects.link import Machine
 from umo.wiring.rates import WHOLE, Rate, RateMap
@@ -102,11 +103,10 @@ class RatedMachine(ConnectedMachine):
         self._map = RateMap(rates)
         self._by_number = {n: RatedPart(n, rate, image) for n, rate in enumerate(rates) if rate.every > 1}
         self.parts = list(self._by_number.values())
-        self._due: list[RatedPart] = []
         self._queue: list[tuple[int, int]] = []
         """When each part is due next, and its number: a heap."""
-        self._at = -1
-        """Number of the period that has begun."""
+        self._open = False
+        """Whether a period was sampled and not updated yet."""
         self._all_act = False
         image.due_outputs = [block for block in image.outputs if block.part == WHOLE]
         self._inputs = [block for block in image.inputs if block.part == WHOLE]
@@ -145,26 +145,29 @@ class RatedMachine(ConnectedMachine):
         def sample() -> bool:
             if look is not None:
                 look()
-            if self.clock.number != self._at:
-                self._begin(self.clock.number)
+            # where nobody calls `update`, the parts are read all the same
+            self.image.due_inputs = self.image.inputs if self._open else self._inputs
+            self._open = True
             return self.sample_all()
 
         return sample
 
-    def _begin(self, number: int) -> None:
-        """A period begins: which parts are due in it."""
-        self._at, queue = number, self._queue
-        due = []
+    def _take_due(self) -> list[RatedPart]:
+        """The parts that are due in this period: their own begins. The fastest first."""
+        number, queue, due = self.clock.number, self._queue, []
         while queue[0][0] <= number:
             key = heappop(queue)[1]
             part = self._by_number[key]
             part.clock.step(part.schedule(number))
             heappush(queue, (part.due, key))
             due.append(key)
-        self._due = [self._by_number[key] for key in sorted(due)]  # numbered from the fastest on
-        self.image.due_inputs = self._inputs
-        if due:
-            self.image.due_inputs = [*self._inputs, *(block for part in self._due for block in part.inputs)]
+        found = [self._by_number[key] for key in sorted(due)]  # numbered from the fastest on
+        if self._all_act:
+            late = [part for part in self.parts if part not in found]
+            for part in late:
+                part.clock.step(0)
+            found += late
+        return found
 
     def _update(self) -> bool:
         try:
@@ -188,27 +191,37 @@ class RatedMachine(ConnectedMachine):
         return self._carry_out() and accepted
 
     def _carry_out(self) -> bool:
-        """Control and update the parts that are due; one failure does not stop the others."""
-        due, self._due = self._due, []
-        if self._all_act:
-            late = [part for part in self.parts if part not in due]
-            for part in late:
-                part.clock.step(0)
-            due = [*due, *late]
-        failed: DriverError | None = None
+        """The parts that are due: all are sampled, then each is controlled and updated. One that does not accept its
+        outputs does not stop the others."""
+        self._open = False
+        if self._queue[0][0] > self.clock.number and not self._all_act:
+            return True
+        due = self._take_due()
+        self._sample_parts([block for part in due for block in part.inputs])
+        failed: list[Failure] = []
         for part in due:
             self._control_part(part)
             try:
                 self.image.update(part.outputs)
             except DriverError as error:
-                failures = [*(failed.failures if failed else ()), *error.failures]
-                failed = DriverError("could not be written", failures)
+                failed += error.failures
         if self._all_act:
             self._all_act = False
             super()._laws_have_acted()
-        if failed is not None:
-            raise failed
+        if failed:
+            raise DriverError("could not be written", failed)
         return True
+
+    def _sample_parts(self, blocks: Sequence[Block]) -> None:
+        """Guards are evaluated on what was read."""
+        try:
+            self.image.sample(blocks)
+        except DriverError as unread:
+            if self.commands.by_slot:
+                go_on(unread, self.commands.evaluate, "could not be read or reset")
+            raise
+        if self.commands.by_slot:
+            self.commands.evaluate()
 
     def _control_part(self, part: RatedPart) -> None:
         """Its sequences, then its laws."""
