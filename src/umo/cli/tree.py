@@ -133,4 +133,6 @@ def _overrides(entry: Entry) -> str:
             text += f" through a {from_table(entry.linearization)}" if entry.linearization else " linear"
     if entry.invalid_raws:
         text += f" invalid {', '.join(map(str, entry.invalid_raws))}"
+    if entry.rollover:
+        text += " rolls over" + ("" if entry.rollover is True else f" at {entry.rollover} bits")
     return text

@@ -127,5 +127,7 @@ class Block:
         allow in the time of this period, in s (0: since the last step)."""
         self.commit: Callable[[float], None]
         """Outputs: what was given is at the hardware since the time given in s."""
+        self.conditioned: Any = None
+        """Inputs: the conversion by `umo.cycle.conditioning`; None: no sensor of the block is conditioned."""
         self.unsettled: set[int] = set()
         """Slots whose quality differs from the normal one."""

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from umo.cycle.image import Image
 from umo.cycle.stage import Progress
-from umo.objects import Atomic, MachineNumber
+from umo.objects import Atomic, DigitalSensor, MachineNumber
 from umo.user_code import as_json, attempt
 
 log = logging.getLogger("umo")
@@ -30,6 +30,12 @@ def signals_of(numbers: Mapping[str, MachineNumber]) -> tuple[Signal, ...]:
     """The numbers of a machine that are shown."""
     shown = (each for each in numbers.values() if each.declared.shown)
     return tuple(Signal(each.path, each.declared.unit, each.owner, each.name) for each in shown)
+
+
+def velocities(items: Sequence[Atomic]) -> tuple[Signal, ...]:
+    """Those of the sensors that are declared with `velocity`."""
+    moving = (item for item in items if isinstance(item, DigitalSensor) and item._velocity is not None)
+    return tuple(Signal(f"{item.path}.velocity", f"{item.units}/s", item, "velocity") for item in moving)
 
 
 class Frame:

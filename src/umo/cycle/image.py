@@ -310,7 +310,10 @@ class Image(Slots):
                     self._set_quality(slot, Quality.STALE)
             else:
                 self.commands.rest(slot)
-        elif self.base[slot] is not Quality.UNREFERENCED and isinstance(item, DigitalSensor) and item.incremental:
+            return
+        if (conditioner := self.conditioners.get(slot)) is not None:
+            conditioner.begin()
+        if self.base[slot] is not Quality.UNREFERENCED and isinstance(item, DigitalSensor) and item.incremental:
             self.set_referenced(slot, False)
 
     def initialize(self, slot: int) -> Failure | None:

@@ -14,7 +14,7 @@ from umo.cycle.columns import TAKEN_BY_CLIENT
 from umo.cycle.command_stage import CommandStage
 from umo.cycle.equipment import CLEANING_UP, Containment, Equipment
 from umo.cycle.events import Event, Events
-from umo.cycle.frame import Frame, Observer, Signal, show, signals_of
+from umo.cycle.frame import Frame, Observer, Signal, show, signals_of, velocities
 from umo.cycle.image import Image
 from umo.cycle.sequences import Sequences, Task
 from umo.cycle.stage import Stage
@@ -82,7 +82,7 @@ class ConnectedMachine:
         """Called after every period with its frame."""
         faults = () if injection is None else (Signal(INJECTED, "", injection, "active"),)
         numbers = numbers_of(root)
-        self.frame = Frame(image, (*signals_of(numbers), *faults))
+        self.frame = Frame(image, (*signals_of(numbers), *velocities(image.items), *faults))
         self.tunables = {path: each for path, each in numbers.items() if each.declared.tunable}
         """The numbers that may be changed from outside, by path."""
         self.commands = CommandStage(root, image)

@@ -211,6 +211,8 @@ class OffCycleImage(Image):
         places = remote.driver.places(block.channels)
         block.buffer[:] = raws = rows[Row.RAW, places]
         before = self.columns.raws[block.slots].copy()
+        if block.conditioned is not None:
+            block.conditioned.stamps = remote.times[places]
         try:
             outside = block.convert(now)
         except Exception:  # of a linearization of the user's
@@ -317,6 +319,14 @@ class OffCycleImage(Image):
         log.warning("driver %s %s", remote.name, text)
 
     # Some objects --------------------------------------------------------------------------------------
+
+    def _read_at(self, slot: int) -> float:
+        """A reading that has arrived has its own time."""
+        remote = self._remote_of.get(slot)
+        if remote is None or not remote.driver.running:
+            return super()._read_at(slot)
+        self._date(remote, remote.driver.exchange.arrivals.read()[1][Row.STAMP], self.clock.now)
+        return float(remote.times[remote.place[slot]])
 
     def _accept(self, slot: int, raw: int, failures: list[Failure]) -> None:
         """A reading that has arrived has its own time."""

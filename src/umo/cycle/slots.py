@@ -16,6 +16,7 @@ import numpy as np
 
 from umo.cycle.clock import Clock
 from umo.cycle.columns import Block, Columns, Scales
+from umo.cycle.conditioning import ConditionedInputs, conditioner_of
 from umo.cycle.conversion import convert_inputs, convert_outputs
 from umo.cycle.transfer import Transfer, cause_of_failure
 from umo.drivers.contract import UNREAD, Direction
@@ -79,6 +80,9 @@ class Slots:
             Quality.UNREFERENCED if isinstance(item, DigitalSensor) and item.incremental else Quality.GOOD
             for item in self.items
         ]
+        found = ((slot, conditioner_of(wire)) for slot, wire in enumerate(self.wires))
+        self.conditioners = {slot: each for slot, each in found if each is not None}
+        """Of the sensors that are conditioned."""
         self.inputs = self._blocks(Direction.INPUT, parts)
         self.outputs = self._blocks(Direction.OUTPUT, parts)
         self.blocks = [*self.inputs, *self.outputs]
@@ -107,6 +111,10 @@ class Slots:
                 if self._is_inside(slot, self.value_of(slot, raw)):
                     hidden.setdefault(raw, []).append(slot - block.start)
         convert_inputs(block, self.columns, self.scales, hidden)
+        mine = {slot: each for slot, each in self.conditioners.items() if block.start <= slot < block.stop}
+        if mine:
+            block.conditioned = ConditionedInputs(block, self.columns, mine, self._is_refused)
+            block.convert = block.conditioned.convert
 
     def _blocks(self, direction: Direction, parts: Mapping[int, int]) -> list[Block]:
         inputs = direction is Direction.INPUT
@@ -137,7 +145,10 @@ class Slots:
             raise RangeError(f"{item.path}: {value:g} {item.units} is no place that it can have")
         item._calibrate(item.calibration._replace(zero_offset=zero_offset))
         self.scales.zero_offset[slot] = zero_offset
-        self.values[slot] = to_value(raw, resolution, zero_offset)
+        value_now = to_value(raw, resolution, zero_offset)
+        if (conditioner := self.conditioners.get(slot)) is not None:
+            conditioner.shift(value_now - self.values[slot])
+        self.values[slot] = value_now
         for block in self.blocks:
             if block.start <= slot < block.stop:
                 self._prepare(block)
@@ -211,6 +222,20 @@ class Slots:
         unread = (UNREAD,) if self._is_inside(slot, self.value_of(slot, UNREAD)) else ()
         return (*self.wires[slot].invalid_raws, *unread)
 
+    def _read_at(self, slot: int) -> float:
+        """The time in s of the reading that is being accepted."""
+        return self.clock.now
+
+    def velocity(self, slot: int) -> float:
+        """Of a sensor, units per s."""
+        return self.conditioners[slot].velocity
+
+    def _is_refused(self, slot: int, raw: int) -> bool:
+        """Whether a raw integer is no reading."""
+        if isinstance(self.items[slot], Binary):
+            return raw not in (0, 1)
+        return raw in self.invalid_raws.get(slot, ()) or raw == UNREAD
+
     def _refused(self, slot: int) -> str:
         """Why its raw value, which is in `raws`, is not a reading; empty if it is one."""
         raw = self.raws[slot]
@@ -222,8 +247,12 @@ class Slots:
 
     def _accept(self, slot: int, raw: int, failures: list[Failure]) -> None:
         """One sensor was read."""
+        conditioner = self.conditioners.get(slot) if self.conditioners else None
         try:
-            value = self.value_of(slot, raw)
+            if conditioner is not None and not self._is_refused(slot, raw):
+                value = conditioner.value_of(self.value_of(slot, conditioner.count_of(raw)), self._read_at(slot))
+            else:
+                value = self.value_of(slot, raw)
         except Exception as error:  # of a linearization of the user's
             self._fail_input(slot, f"its linearization failed: {cause_of_failure(error)}", failures)
             return

@@ -153,12 +153,16 @@ class Calibration(NamedTuple):
     zero_offset: float
     linearization: Linearization | None = None
     invalid_raws: tuple[int, ...] = ()
+    rollover: bool | int = False
+    """Bits of a counter that rolls over; True: those of its channel; False: it does not."""
 
 
 class Digital(Atomic):
     """A group of bits with a numeric meaning (section 4.4)."""
 
-    __slots__ = ("_invalid_raws", "_linearization", "_maximum", "_minimum", "_resolution", "_units", "_zero_offset")
+    __slots__ = (
+        "_invalid_raws", "_linearization", "_maximum", "_minimum", "_resolution", "_rollover", "_units", "_zero_offset",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -183,6 +187,7 @@ class Digital(Atomic):
             linearization = fitted(linearization, units, self._minimum, self._maximum)
         self._linearization = linearization
         self._invalid_raws = _raws(invalid_raws)
+        self._rollover: bool | int = False
 
     @property
     def units(self) -> str:
@@ -215,11 +220,11 @@ class Digital(Atomic):
     @property
     def calibration(self) -> Calibration:
         scale = self._resolution, self._zero_offset, self._linearization
-        return Calibration(self._minimum, self._maximum, *scale, self._invalid_raws)
+        return Calibration(self._minimum, self._maximum, *scale, self._invalid_raws, self._rollover)
 
     def _calibrate(self, calibration: Calibration) -> None:
         self._minimum, self._maximum, self._resolution, self._zero_offset = calibration[:4]
-        self._linearization, self._invalid_raws = calibration[4:]
+        self._linearization, self._invalid_raws, self._rollover = calibration[4:]
 
     def read_in(self, unit: str) -> float:
         """`read()` in another unit of the same dimension."""

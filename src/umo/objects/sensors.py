@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import inf
 from typing import Literal, TypeAlias, get_args
 
 from umo.drivers.contract import Direction
@@ -12,6 +13,8 @@ from umo.objects.atomic import Atomic, Binary, Digital, S
 from umo.objects.linearization import Linearization
 from umo.objects.quality import Quality
 
+MIN_COUNTER, MAX_COUNTER = 2, 62
+"""Least and greatest number of bits of a counter that rolls over."""
 OnError: TypeAlias = Literal["raise", "hold", "mark"]
 """The effect of a failed reading."""
 
@@ -33,9 +36,12 @@ class Sensor(Atomic):
 
 
 class BinarySensor(Sensor, Binary[S]):
-    """One input bit: a switch, a light barrier. EPICS bi, Modbus discrete input, OPC UA TwoState, BACnet BI."""
+    """One input bit: a switch, a light barrier. EPICS bi, Modbus discrete input, OPC UA TwoState, BACnet BI.
 
-    __slots__ = ("_marks", "_max_age")
+    `debounce`: time in s (or "20 ms") for which the input must differ before the state changes; default: none.
+    """
+
+    __slots__ = ("_debounce", "_marks", "_max_age")
 
     def __init__(
         self,
@@ -45,8 +51,10 @@ class BinarySensor(Sensor, Binary[S]):
         synchronous: bool = True,
         on_error: OnError = "raise",
         max_age: str | float | None = None,
+        debounce: str | float | None = None,
     ) -> None:
         super().__init__(states, one, synchronous)
+        self._debounce = _time("debounce", debounce)
         self._max_age, self._marks = _on_error(on_error, max_age)
 
     def read(self) -> S:
@@ -69,6 +77,12 @@ class DigitalSensor(Sensor, Digital):
     they are the same. `invalid_raws`: raw values with which the circuit reports an invalid reading, such as 0x7FFF for
     an open thermocouple; such a reading has failed.
 
+    `rollover`: the bits of a counter that starts again at 0 after its highest number, such as 16 for a line encoder;
+    True: those of its channel. The value counts on, by the shortest way: between two readings the counter must change
+    by less than half of its numbers. `filter`: time constant in s (or "20 ms") of a low pass of the first order on the
+    value. `velocity`: the same of the change of the unfiltered value per second, `sensor.velocity`, which is shown as
+    `PATH.velocity`; 0: no filter. Default: none of them.
+
     `on_error` is what a failed reading does. "raise" (default): the quality is BAD, DriverError. "hold": the last value
     is kept for `max_age` (s, or a text such as "50 ms") with the quality STALE, which control laws accept; then as
     "raise". "mark": with or without such a `max_age` before it, the quality is BAD, and nothing is raised: control laws
@@ -76,7 +90,7 @@ class DigitalSensor(Sensor, Digital):
     there was none: in conditions, such as those of interlocks, use `value_of` of `umo.control`, which raises.
     """
 
-    __slots__ = ("_incremental", "_marks", "_max_age")
+    __slots__ = ("_filter", "_incremental", "_marks", "_max_age", "_velocity")
 
     def __init__(
         self,
@@ -92,9 +106,14 @@ class DigitalSensor(Sensor, Digital):
         invalid_raws: Sequence[int] = (),
         on_error: OnError = "raise",
         max_age: str | float | None = None,
+        rollover: bool | int = False,
+        filter: str | float | None = None,
+        velocity: str | float | None = None,
     ) -> None:
         super().__init__(units, minimum, maximum, resolution, zero_offset, synchronous, linearization, invalid_raws)
         self._incremental = incremental
+        self._rollover = checked_rollover(rollover)
+        self._filter, self._velocity = _time("filter", filter), _time("velocity", velocity)
         self._max_age, self._marks = _on_error(on_error, max_age)
 
     @property
@@ -107,6 +126,16 @@ class DigitalSensor(Sensor, Digital):
         image = self._image
         value: float = image.values[self._slot] if self._synchronous else image.read_now(self._slot)
         return value
+
+    @property
+    def velocity(self) -> float:
+        """Change of the value in `units` per s, as of the last reading; 0 before the second one. DeclarationError for a
+        sensor that is declared without `velocity`."""
+        if self._velocity is None:
+            raise DeclarationError(
+                f'{self.path} is declared without `velocity`; give it a time constant such as "10 ms"'
+            )
+        return self._image.velocity(self._slot)
 
     def referenced(self, known: bool = True, *, at: float | None = None) -> None:
         """Mark the value as referenced by homing. False: the reference is lost, the quality is UNREFERENCED again.
@@ -124,6 +153,23 @@ class DigitalSensor(Sensor, Digital):
         if at is not None:
             self._image.set_reading(self._slot, self._number(at))
         self._image.set_referenced(self._slot, known)
+
+
+def checked_rollover(bits: bool | int) -> bool | int:
+    """DeclarationError unless it is True, False or a number of bits from 2 to 62."""
+    if isinstance(bits, bool) or (isinstance(bits, int) and MIN_COUNTER <= bits <= MAX_COUNTER):
+        return bits
+    raise DeclarationError(f"rollover={bits!r} is not the number of a counter's bits, {MIN_COUNTER} to {MAX_COUNTER}")
+
+
+def _time(name: str, duration: str | float | None) -> float | None:
+    """A time in s from 0 on."""
+    if duration is None:
+        return None
+    found = seconds(duration)
+    if isinstance(duration, bool) or not 0.0 <= found < inf:
+        raise DeclarationError(f'{name}={duration!r} is not a time from 0 on, such as "20 ms"')
+    return found
 
 
 def _on_error(on_error: str, max_age: str | float | None) -> tuple[float | None, bool]:

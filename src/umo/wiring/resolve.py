@@ -37,6 +37,7 @@ from umo.objects.atomic import Calibration
 from umo.objects.linearization import fitted
 from umo.objects.numbers import MachineNumber, numbers_of
 from umo.objects.scaling import to_raw
+from umo.objects.sensors import MAX_COUNTER, MIN_COUNTER
 from umo.objects.units import check_unit
 from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
@@ -343,7 +344,8 @@ class _Resolver:
         if isinstance(item, DigitalActuator) and operator.gt(*wire.raw_bounds):
             self.source.mistake(key, f"no multiple of the {resolution} lies within the range")
         lowest, highest = channel.lowest, channel.highest
-        if not lowest <= min(ends) <= max(ends) <= highest:
+        self._check_rollover(f"{key}.rollover", item, wire)
+        if not wire.rollover_bits and not lowest <= min(ends) <= max(ends) <= highest:
             self.source.mistake(
                 key,
                 f"the range needs raw values {min(ends)} to {max(ends)}, channel {channel.text!r} "
@@ -356,6 +358,17 @@ class _Resolver:
             if not lowest <= raw <= highest:
                 text = f"{raw} cannot be read: channel {channel.text!r} has {lowest} to {highest}"
                 self.source.mistake(f"{key}.invalid_raws", text)
+
+    def _check_rollover(self, key: str, item: Digital, wire: Wire) -> None:
+        bits, channel = wire.rollover_bits, wire.channel
+        if not bits:
+            return
+        if isinstance(item, DigitalActuator):
+            self.source.mistake(key, "is for sensors; this is an actuator")
+        elif not MIN_COUNTER <= bits <= MAX_COUNTER:
+            self.source.mistake(key, f"{bits} is not the number of a counter's bits, {MIN_COUNTER} to {MAX_COUNTER}")
+        elif bits > channel.bits:
+            self.source.mistake(key, f"{bits} is more than the {channel.bits} bits of channel {channel.text!r}")
 
     def _check_scale(self, key: str, item: Digital, wire: Wire) -> None:
         """Against the scale that the circuit itself gives, if it gives one."""

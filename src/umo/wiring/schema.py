@@ -48,6 +48,8 @@ class Entry(BaseModel):
     """Linearization such as `{ thermocouple = "K" }` (`umo.objects.linearization`); `{}`: this circuit has none."""
     invalid_raws: list[StrictInt] | None = None
     """Digital sensors: raw values with which this circuit reports an invalid reading."""
+    rollover: StrictBool | StrictInt | None = None
+    """Digital sensors: the bits of a counter that rolls over; true: those of its channel; false: it does not."""
     minimum: Numeric | None = None
     maximum: Numeric | None = None
     start: StrictInt | None = None

@@ -15,6 +15,7 @@ from umo.objects.atomic import Atomic, Binary, Calibration, Digital
 from umo.objects.linearization import Linearization
 from umo.objects.numbers import MachineNumber, check_settings, numbers_of
 from umo.objects.scaling import raw_bounds, to_raw, to_value
+from umo.objects.sensors import MAX_COUNTER
 from umo.objects.units import convert
 from umo.presentation.value_text import measure
 from umo.user_code import told_as
@@ -45,6 +46,12 @@ class Wire:
     @property
     def invalid_raws(self) -> tuple[int, ...]:
         return self.calibration.invalid_raws
+
+    @property
+    def rollover_bits(self) -> int:
+        """The width of a counter that rolls over; 0: it does not, or never lives to see it."""
+        rollover, bits = self.calibration.rollover, self.channel.bits
+        return (bits if bits <= MAX_COUNTER else 0) if rollover is True else int(rollover)
 
     @property
     def inverted(self) -> bool:

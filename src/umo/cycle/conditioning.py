@@ -1,0 +1,170 @@
+"""Conditioning of sensors: rollover of a counter, filter, velocity, debounce.
+
+It happens where raw integers become values. Times are those of the readings, so it is right after missed ticks, at any
+rate, and for a driver off the cycle. What was not read changes nothing. The raw integers stay those of the circuit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from math import expm1, isnan
+from typing import Any
+
+from umo.cycle.columns import Block, Columns
+from umo.objects import BinarySensor, DigitalSensor
+from umo.objects.scaling import FloatArray
+from umo.wiring.wired import Wire
+
+A_MOMENT = 1e-9
+"""Time in s that is allowed for the rounding of times."""
+
+
+class Conditioner:
+    """The conditioning of one sensor."""
+
+    velocity = 0.0
+    """Units per s; 0 before the second reading."""
+
+    def begin(self) -> None:
+        """The next reading is the first one: its circuit was initialised."""
+
+    def count_of(self, raw: int) -> int:
+        """The raw integer, of a counter that rolls over its continuous count."""
+        return raw
+
+    def value_of(self, value: float, time: float) -> float:
+        """The value of a reading at this time in s, conditioned. Of the same time twice: the same again."""
+        return value
+
+    def shift(self, distance: float) -> None:
+        """The zero offset has changed by this distance."""
+
+    def leave(self) -> None:
+        """A reading out of the range is shown as it is: the next one begins anew."""
+
+
+class DigitalConditioner(Conditioner):
+    def __init__(self, sensor: DigitalSensor, bits: int) -> None:
+        """`bits`: the width of the counter; 0: it does not roll over."""
+        self._filter, self._velocity_filter = sensor._filter, sensor._velocity
+        self._half = 1 << bits >> 1
+        self._no_readings()
+
+    def _no_readings(self) -> None:
+        self._count: int | None = None
+        self.leave()
+
+    def begin(self) -> None:
+        self._no_readings()
+
+    def leave(self) -> None:
+        self._time: float | None = None
+        self.velocity = self._last = self._value = 0.0
+
+    def count_of(self, raw: int) -> int:
+        if not self._half:
+            return raw
+        if self._count is not None:  # by the shortest way
+            raw = self._count + (raw - self._count + self._half) % (2 * self._half) - self._half
+        self._count = raw
+        return raw
+
+    def value_of(self, value: float, time: float) -> float:
+        if self._time is None:
+            self._time, self._last, self._value = time, value, value
+            return value
+        dt = time - self._time
+        if dt <= 0.0:
+            return self._value
+        if self._velocity_filter is not None:
+            self.velocity += _share(dt, self._velocity_filter) * ((value - self._last) / dt - self.velocity)
+        if self._filter is None:
+            self._value = value
+        else:
+            self._value += _share(dt, self._filter) * (value - self._value)
+        self._time, self._last = time, value
+        return self._value
+
+    def shift(self, distance: float) -> None:
+        self._last += distance
+        self._value += distance
+
+
+class BinaryConditioner(Conditioner):
+    def __init__(self, sensor: BinarySensor[Any]) -> None:
+        self._debounce = sensor._debounce or 0.0
+        self.begin()
+
+    def begin(self) -> None:
+        self._level: float | None = None
+        self._since: float | None = None
+
+    def value_of(self, value: float, time: float) -> float:
+        if self._level is None:
+            self._level = value
+        elif value == self._level:
+            self._since = None
+        elif self._since is None:
+            self._since = time
+        if self._since is not None and time - self._since >= self._debounce - A_MOMENT:
+            self._level, self._since = value, None
+        return self._level
+
+
+def _share(dt: float, time_constant: float) -> float:
+    """The share of a step that a low pass of the first order passes on in this time; 1 without a time constant."""
+    return -expm1(-dt / time_constant) if time_constant else 1.0
+
+
+def conditioner_of(wire: Wire) -> Conditioner | None:
+    """None for an object without conditioning."""
+    item = wire.item
+    if isinstance(item, BinarySensor):
+        return None if item._debounce is None else BinaryConditioner(item)
+    if isinstance(item, DigitalSensor):
+        bits = wire.rollover_bits
+        if bits or item._filter is not None or item._velocity is not None:
+            return DigitalConditioner(item, bits)
+    return None
+
+
+class ConditionedInputs:
+    """The conversion of a block with sensors that are conditioned. `refused` tells whether a raw integer is no
+    reading."""
+
+    def __init__(
+        self,
+        block: Block,
+        columns: Columns,
+        conditioners: Mapping[int, Conditioner],
+        refused: Callable[[int, int], bool],
+    ) -> None:
+        self._block, self._columns, self._convert = block, columns, block.convert
+        self._refused = refused
+        self._each = [(slot - block.start, slot, conditioners[slot]) for slot in conditioners]
+        self.stamps: FloatArray | None = None
+        """The times in s of the readings, NaN for none yet; None: all are of the time of the call."""
+
+    def convert(self, now: float) -> Sequence[tuple[int, float]]:
+        """As `Block.convert`."""
+        view, raws, values = self._block.view, self._columns.raws, self._columns.values
+        read = [
+            (place, slot, each, raw)
+            for place, slot, each in self._each
+            if not self._refused(slot, raw := view[place]) and (self.stamps is None or not isnan(self.stamps[place]))
+        ]
+        for place, _, each, raw in read:
+            view[place] = each.count_of(raw)
+        try:
+            outside = self._convert(now)
+        finally:
+            for place, slot, _, raw in read:
+                view[place] = raws[slot] = raw
+        beyond = {slot for slot, _ in outside}
+        for place, slot, each, _ in read:
+            if slot in beyond:
+                each.leave()
+            else:
+                time = now if self.stamps is None else float(self.stamps[place])
+                values[slot] = each.value_of(float(values[slot]), time)
+        return outside
