@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from enum import Flag
 from functools import cache
 from operator import index
-from typing import Any, Generic, NamedTuple
+from typing import Any, ClassVar, Generic, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -130,6 +130,8 @@ class Driver(ABC, Generic[C]):
     are such failures, and change nothing. Use `Driver[MyChannel]` for a derived channel class.
     """
 
+    only_off_cycle: ClassVar[bool] = False
+    """Whether its calls may take longer than a period as a matter of course: it is refused on the cycle."""
     timeout: float = MAX_DEFAULT_TIMEOUT
     """Timeout of one call in s; set from the wiring before `open`. Default: 10 periods, at most 1 s. It is longer while
     objects are initialised and reset."""
@@ -215,6 +217,18 @@ class Driver(ABC, Generic[C]):
 
     def close(self) -> None:
         """Close the circuit. The last call; also made if `open` failed."""
+
+    @classmethod
+    def table(cls, text: str) -> Mapping[str, Any] | None:
+        """The options that `driver = "TYPE:TEXT"` in a line of `[wire]` stands for, as a table `[drivers.NAME]` has
+        them. Default: None: there is no such form."""
+        return None
+
+    def ages(self, channels: Sequence[C]) -> Sequence[float] | None:
+        """The age in s of each value that the last `read_many` of these channels has given, where the circuit is told
+        values instead of being asked for them. It counts for a driver off the cycle. Default: None: they are as old as
+        the transfer."""
+        return None
 
     def look(self) -> bool | None:
         """Whether the device answers again, found out without waiting. True: it does. None: not known yet, asked again

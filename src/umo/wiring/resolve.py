@@ -10,6 +10,7 @@ import inspect
 import math
 import operator
 from collections.abc import Hashable, Mapping
+from contextlib import suppress
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -46,7 +47,7 @@ from umo.signature import signature_of
 from umo.system.packages import station_of
 from umo.wiring.fault_binding import inject
 from umo.wiring.linearization_table import from_table
-from umo.wiring.off_cycle_table import check_shared_devices, own_period, take_off_cycle
+from umo.wiring.off_cycle_table import OFF_CYCLE, check_shared_devices, own_period, take_off_cycle
 from umo.wiring.patterns import collapsed, counted, expand, expand_parameters
 from umo.wiring.process_table import process_of
 from umo.wiring.rates import RateMap, rates_of
@@ -137,10 +138,13 @@ class _Resolver:
         """One driver for each name that is in use or declared; the watchdogs' times by name."""
         watchdogs = {}
         for name in dict.fromkeys([*self.source.drivers, *(e.driver for e in self.source.entries.values())]):
-            table = self.source.drivers.get(name, {"type": name})
+            table = self.source.drivers[name] if name in self.source.drivers else self._table_of(name)
             driver = self.drivers[name] = self._make_driver(name, table) if table else None
             if driver is None:
                 continue
+            if driver.only_off_cycle and table.get(OFF_CYCLE) is not True:
+                text = f"must be true: {table['type']} is a driver off the cycle; give it a period too"
+                self.source.mistake(f"drivers.{name}.{OFF_CYCLE}", text)
             own = own_period(self.source, name, table) or self._shortest_period(name, period)
             driver.period = own or 0.0
             timeout = self.source.duration(f"drivers.{name}.timeout", table.get("timeout"))
@@ -170,6 +174,17 @@ class _Resolver:
         outputs = [item for item in items if item.direction is Direction.OUTPUT]
         timed = any(item.path == "timer" for item in items)
         return period and period * (1 if timed else min(map(self.rates.every, outputs or items), default=1))
+
+    def _table_of(self, name: str) -> dict[str, Any]:
+        """Of a driver that only lines of `[wire]` name: a type, or `TYPE:TEXT` where the type knows such a form."""
+        kind, _, text = name.partition(":")
+        if text and kind in registry.known():
+            with suppress(WiringError):  # it is told as for any other
+                table = registry.find(kind).table(text)
+                if table is not None:
+                    self.source.drivers[name] = {"type": kind, **table}
+                    return self.source.drivers[name]
+        return {"type": name}
 
     def _make_driver(self, name: str, table: dict[str, Any]) -> Driver | None:
         from pydantic import ValidationError

@@ -165,6 +165,9 @@ class FaultyDriver(Driver[Any]):
         self._begin([each for each in self.active() if each.channel is None])
         self.driver.open()
 
+    def ages(self, channels: Sequence[Channel]) -> Sequence[float] | None:
+        return self.driver.ages(channels)
+
     def look(self) -> bool | None:
         """A fault that makes calls of the driver fail keeps its device from being found."""
         acting = self.active()

@@ -199,9 +199,10 @@ class DeviceServer:
             self.driver.read_many(channels, out)
         except ChannelsFailed as error:
             causes = error.causes
-        for number, channel, raw in zip(self._inputs, channels, out.tolist(), strict=True):
+        ages = self.driver.ages(channels) or [0.0] * len(channels)
+        for number, channel, raw, age in zip(self._inputs, channels, out.tolist(), ages, strict=True):
             cause = causes.get(channel.text, "the driver returned no value" if raw == UNREAD else "")
-            self._judge(rows, number, raw, began, cause)
+            self._judge(rows, number, raw, began - round(age * 1e9), cause)
 
     def _write(self, rows: IntArray) -> None:
         wanted = self.exchange.wanted.read()[1]
