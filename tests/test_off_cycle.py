@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from helpers.machines import Bench, Board, actuator, bench, failed, relay, sensor, switch, wired
-from umo import DigitalSensor, Quality, connect
+from helpers.machines import Bench, Board, actuator, bench, failed, relay, sensor, switch, timer, wired
+from umo import Compound, DigitalActuator, DigitalSensor, Quality, connect
 from umo.cycle.image import Image
 from umo.cycle.journal import ENTRY, Journal, Kind
 from umo.drivers import DeviceTimeout, Driver, DriverError
@@ -20,7 +20,7 @@ from umo.drivers.off_cycle import NEVER, DeviceServer, Exchange, OffCycle
 from umo.drivers.off_cycle.shared_memory import Cell, Row
 from umo.errors import ChannelsFailed, WiringError
 from umo.states import OnOff, PassFail
-from umo.testing import Scripted
+from umo.testing import Scripted, periods
 from umo.wiring.resolve import check
 
 OWN, MAX_AGE = 0.05, 0.15
@@ -487,7 +487,7 @@ def test_an_answer_belongs_to_its_request() -> None:
     shared = exchange("a")
     assert shared.asked() is None
     number = shared.ask({"call": "open"})
-    assert shared.asked() == (number, {"call": "open"})
+    assert shared.asked() == (number, {"call": "open", "number": number})
     assert shared.answered(number) is None
     shared.answer(number, {"value": 3})
     assert shared.answered(number) == {"value": 3}
@@ -550,3 +550,143 @@ def test_a_binary_sensor_works_as_well(request: pytest.FixtureRequest) -> None:
         period(m, 60)
         assert m.limit.read() is PassFail.FAIL
         assert isinstance(m.encoder, DigitalSensor)
+
+
+# Orders -----------------------------------------------------------------------------------------------------------
+
+
+class Level(Scripted):
+    """Outputs, and an input whose value is given."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.value, self.has = 100, {"sync": 0, "a": 0, "b": 0}
+        self.late = False
+
+    def read_many(self, channels: Any, out: Any) -> None:
+        out[:] = self.value
+
+    def write(self, channel: Any, raw: int) -> None:
+        if self.late:
+            self.late = False
+            raise DeviceTimeout("no answer")
+        self.has[channel.text] = raw
+
+    def write_many(self, channels: Any, raws: Any) -> None:
+        self.has |= {channel.text: int(raw) for channel, raw in zip(channels, raws, strict=True)}
+
+    def initialize(self, channel: Any, default: int | None) -> None:
+        if default is not None:
+            self.has[channel.text] = default
+
+    reset = initialize
+
+
+def served(time: list[int]) -> tuple[Level, OffCycle, dict[str, Any]]:
+    """A driver whose server runs by a clock in ns, at 100 ms."""
+    box = Level()
+    proxy = OffCycle(box, 0.1, 0.3)
+    channels = {text: box.channel(text) for text in ("in", "sync", "a", "b")}
+    proxy.meet(list(channels.values()), [channels["in"]], [channels["sync"]])
+    proxy.server.ns = lambda: time[0]
+    proxy.open()
+    for text, channel in channels.items():
+        proxy.initialize(channel, None if text == "in" else 0)
+    proxy.begin()
+    return box, proxy, channels
+
+
+def arrived(proxy: OffCycle, text: str) -> tuple[int, int]:
+    """Raw integer and stamp."""
+    rows = proxy.exchange.arrivals.read()[1]
+    return tuple(rows[[Row.RAW, Row.STAMP], proxy.exchange.place[text]].tolist())
+
+
+def test_a_sensor_that_is_initialised_keeps_its_reading_and_its_time() -> None:
+    time = [0]
+    box, proxy, channels = served(time)
+    box.value, time[0] = 200, 10**8
+    proxy.server.work()
+    time[0] += 10**7
+    proxy.initialize(channels["in"], None)
+    proxy.server.work()
+    assert arrived(proxy, "in") == (200, 10**8)
+
+
+def test_a_reset_confirms_the_default_and_not_what_was_posted_meanwhile() -> None:
+    time = [0]
+    box, proxy, channels = served(time)
+    proxy.write_many((channels["sync"],), np.array([500]))
+    time[0] += 10**8
+    proxy.server.work()
+    assert (box.has["sync"], arrived(proxy, "sync")[0]) == (500, 500)
+    time[0] += 10**7
+    proxy.reset(channels["sync"], 0)
+    proxy.write_many((channels["sync"],), np.array([700]))
+    proxy.server.work()
+    assert (box.has["sync"], arrived(proxy, "sync")[0]) == (0, 0)
+    time[0] += 10**8
+    proxy.server.work()
+    assert (box.has["sync"], arrived(proxy, "sync")[0]) == (700, 700)
+
+
+def test_an_order_after_one_that_timed_out_is_carried_out_when_the_device_is_back() -> None:
+    time = [0]
+    box, proxy, channels = served(time)
+    time[0] += 10**7
+    box.late = True
+    proxy.write(channels["a"], 1)
+    proxy.write(channels["b"], 2)
+    for _ in range(30):
+        time[0] += 10**7
+        proxy.server.work()
+    assert box.has["b"] == 2
+    assert arrived(proxy, "a")[1] == NEVER
+
+
+def test_values_carry_the_generation_that_they_are_of() -> None:
+    time = [0]
+    _, proxy, channels = served(time)
+    before = proxy.exchange.arrivals.read()[1]
+    proxy.exchange.cells[Cell.GENERATION] += 1  # the worker begins to initialise; nothing of it was posted yet
+    proxy.accept_generation(before)
+    proxy.write_many((channels["sync"],), np.array([500]))
+    time[0] += 10**8
+    proxy.server.work()
+    assert arrived(proxy, "sync")[0] == 0
+    assert proxy.generation == 1
+
+
+def test_after_clear_a_sensor_that_fails_again_shows_no_old_reading_as_fresh() -> None:
+    class Part(Compound, equipment=True):
+        motor: DigitalActuator
+        encoder: DigitalSensor
+
+    class Machine(Compound):
+        timer: DigitalSensor
+        part: Part
+
+    class Broken(Scripted):
+        value, broken_wire = 10, False
+
+        def read_many(self, channels: Any, out: Any) -> None:
+            if self.broken_wire:
+                raise ChannelsFailed({channel.text: "sensor broken" for channel in channels})
+            out[:] = self.value
+
+    machine, box = Machine(timer=timer(), part=Part(motor=actuator(), encoder=sensor())), Broken()
+    wiring = wired(machine, box)
+    wiring["drivers"]["box"] = {"type": box, "off_cycle": True, "period": "50 ms"}
+    with connect(machine, wiring) as m:
+        periods(m, 200)
+        box.value = 80
+        periods(m, 200)
+        box.broken_wire = True
+        periods(m, 400)
+        assert m.part.cycle.fault is not None
+        box.broken_wire = False
+        periods(m, 60)
+        box.broken_wire = True
+        m.part.cycle.clear()
+        periods(m, 3)
+        assert m.part.encoder.raw == 80

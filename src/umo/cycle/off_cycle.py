@@ -20,9 +20,11 @@ from umo.cycle.columns import Block
 from umo.cycle.events import Event, Events
 from umo.cycle.image import Image
 from umo.cycle.journal import Kind
+from umo.cycle.transfer import cause_of_failure
 from umo.drivers.contract import Direction
 from umo.drivers.off_cycle import NEVER, OffCycle
 from umo.drivers.off_cycle.device_server import LONG_ABSENCE
+from umo.drivers.off_cycle.proxy import generation_of
 from umo.drivers.off_cycle.shared_memory import Cell, Row
 from umo.errors import Failure
 from umo.objects import Quality
@@ -51,7 +53,8 @@ class Remote:
         """The slots whose ages are watched: those that are transferred in each of its periods."""
         self.arrived = -1
         """The count of transfers up to which the image has taken the values."""
-        self.generation = 0
+        self.rows = driver.exchange.arrivals.read()[1]
+        """What was taken last."""
         self.until = -np.inf
         """Time in s up to which no value becomes too old."""
         self.stamps = np.full(len(driver.exchange.channels), NEVER)
@@ -107,7 +110,6 @@ class OffCycleImage(Image):
         for remote in self._remotes:
             self.transfer.on_call()
             remote.driver.begin()
-            remote.generation = remote.driver.generation
         self._now_ns = self._ns()
         self._exchange()
 
@@ -187,8 +189,9 @@ class OffCycleImage(Image):
     def _take(self, remote: Remote, now: float) -> None:
         """A transfer of the worker's is complete: its values, with their times."""
         driver = remote.driver
-        remote.arrived, rows = driver.exchange.arrivals.read()
-        if driver.generation != remote.generation:
+        remote.arrived, remote.rows = driver.exchange.arrivals.read()
+        rows = driver.read_rows = remote.rows
+        if generation_of(rows) != driver.generation:
             self._begin_generation(remote)
         self._date(remote, rows[Row.STAMP], now)
         for block in remote.inputs:
@@ -244,7 +247,10 @@ class OffCycleImage(Image):
         columns.values[slots] = np.where(same, columns.sent[slots], columns.values[slots])
         for number in np.flatnonzero(~same & (raws != columns.raws[slots])).tolist():
             slot = block.start + number
-            self.values[slot] = self.value_of(slot, int(raws[number]))
+            try:
+                self.values[slot] = self.value_of(slot, int(raws[number]))
+            except Exception as error:  # of a linearization of the user's
+                self._fail_output(slot, f"its linearization failed: {cause_of_failure(error)}", self._failures)
         columns.raws[slots] = raws
         newer = times > columns.times[slots]
         columns.times[slots] = np.where(newer, times, columns.times[slots])
@@ -255,10 +261,9 @@ class OffCycleImage(Image):
 
     def _begin_generation(self, remote: Remote) -> None:
         """The outputs were initialised again, by the worker or by the one that has taken its place."""
-        remote.generation = remote.driver.generation
         remote.awaited.clear()
         lost = [path for slot in remote.place if (path := self.stays_at_default(slot))]
-        remote.driver.accept_generation()
+        remote.driver.accept_generation(remote.rows)
         self._beginning = True
         for slot in remote.place:
             self.was_initialized_again(slot)
@@ -297,7 +302,7 @@ class OffCycleImage(Image):
     def _look_at_orders(self, remote: Remote, now: float) -> None:
         """Which writes of asynchronous actuators were carried out."""
         driver = remote.driver
-        rows: Any = driver.exchange.arrivals.read()[1]
+        rows: Any = remote.rows
         for slot, (number, since) in tuple(remote.awaited.items()):
             place, late = remote.place[slot], now - since
             if rows[Row.ORDER, place] >= number:
@@ -325,7 +330,7 @@ class OffCycleImage(Image):
         remote = self._remote_of.get(slot)
         if remote is None or not remote.driver.running:
             return super()._read_at(slot)
-        self._date(remote, remote.driver.exchange.arrivals.read()[1][Row.STAMP], self.clock.now)
+        self._date(remote, remote.driver.read_rows[Row.STAMP], self.clock.now)
         return float(remote.times[remote.place[slot]])
 
     def _accept(self, slot: int, raw: int, failures: list[Failure]) -> None:
@@ -335,7 +340,7 @@ class OffCycleImage(Image):
         if remote is None or not remote.driver.running or self.times[slot] != self.clock.now:
             return
         place = remote.place[slot]
-        self._date(remote, remote.driver.exchange.arrivals.read()[1][Row.STAMP], self.clock.now)
+        self._date(remote, remote.driver.read_rows[Row.STAMP], self.clock.now)
         self.times[slot] = remote.times[place]
         age = self.clock.now - self.times[slot]
         if age > BAD_AGES * remote.driver.max_age:

@@ -291,6 +291,7 @@ class Resetter:
         for driver in self._wired.drivers.values():
             if isinstance(driver, OffCycle):
                 driver.call_here_if_alone()
+                driver.end()  # its worker sends nothing by itself any more, even if the old process cannot be killed
 
         def call() -> None:
             state.beat()

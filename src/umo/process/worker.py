@@ -88,7 +88,11 @@ class WorkerProcess:
         if (asked := exchange.asked()) is not None:
             number, request = asked
             self._set_fault_time(request["now"])
-            exchange.answer(number, server.perform(request))
+            answer = server.perform(request)
+            try:
+                exchange.answer(number, answer)
+            except (TypeError, ValueError) as error:
+                exchange.answer(number, {"error": "driver", "text": f"its answer cannot be passed on: {error}"})
         elif exchange.cells[Cell.CYCLIC] and not self._lost:
             self._set_fault_time(exchange.cells[Cell.NOW])
             server.work()

@@ -11,7 +11,8 @@ import os
 import signal
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
-from time import monotonic, monotonic_ns
+from math import inf
+from time import monotonic, monotonic_ns, sleep
 from typing import Any
 
 from umo.cycle.stage import Stage
@@ -22,6 +23,7 @@ from umo.drivers.off_cycle.proxy import MARGIN, Worker
 from umo.drivers.off_cycle.shared_memory import Cell
 from umo.objects import Compound
 from umo.objects.stop_order import stop_sequence
+from umo.process.reset import DEATH_TIMEOUT, LOOK_INTERVAL
 from umo.process.run_state import RunState, worker
 from umo.process.worker import WorkerProcess
 from umo.system.processes import ProcessHandle, carry_out
@@ -30,6 +32,18 @@ from umo.wiring import Wired
 
 FIRST_PAUSE, MAX_PAUSE = 0.1, 5.0
 """Time in s from one replacement of a worker to the next: the first one is made at once, then it doubles."""
+
+
+def _reaped(pid: int) -> bool:
+    """Wait for the end of a process that was killed; False if it does not end. The standby guardian is not its
+    parent."""
+    until = monotonic() + DEATH_TIMEOUT
+    with suppress(ChildProcessError):
+        while not os.waitpid(pid, os.WNOHANG)[0]:
+            if monotonic() > until:
+                return False
+            sleep(LOOK_INTERVAL)
+    return True
 
 
 def groups_of(wired: Wired) -> list[list[str]]:
@@ -134,7 +148,9 @@ class Workers:
             why = self._ending(group)
             if why:
                 names = some([f"driver {name}" for name in group.names])
-                self._say(f"the worker process of {names} {why}; its outputs are brought to their defaults")
+                replaced = self._run_state.stage is Stage.RUNNING
+                then = "; its outputs are brought to their defaults" if replaced else ""
+                self._say(f"the worker process of {names} {why}{then}")
             if not group.pid and self._run_state.stage is Stage.RUNNING and monotonic() >= group.next_fork:
                 group.next_fork = monotonic() + group.pause
                 group.pause = min(2 * group.pause, MAX_PAUSE)
@@ -155,7 +171,9 @@ class Workers:
             why = f"was killed ({signal_name(os.WTERMSIG(status))})" if os.WIFSIGNALED(status) else "has ended"
         if not pid or os.WIFSTOPPED(status):
             os.kill(group.pid, signal.SIGKILL)
-            os.waitpid(group.pid, 0)
+            if not _reaped(group.pid):  # nobody else may open its device
+                why += ", and cannot be killed: it is blocked in a call of the kernel"
+                group.next_fork = inf
         group.pid = self._cells[group.number] = 0
         return why
 
@@ -179,7 +197,6 @@ class Workers:
         with suppress(OSError):
             if pid and not self._run_state.gone(0.0, worker(group.number)):
                 ProcessHandle(pid).send(signal.SIGKILL)
-        with suppress(ChildProcessError):  # the standby guardian is not its parent
-            if pid:
-                os.waitpid(pid, 0)
+        if pid:
+            _reaped(pid)
         self._run_state.gone(1.0, worker(group.number))

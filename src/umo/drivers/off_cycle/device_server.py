@@ -159,7 +159,7 @@ class DeviceServer:
         if number is not None and raw is not None:
             rows = self.exchange.arrivals.read()[1]
             rows[Row.RAW, number], rows[Row.STAMP, number] = raw, self.ns()
-            self.exchange.arrivals.post(rows)
+            self._post(rows)
 
     # At its own period -----------------------------------------------------------------------------------------
 
@@ -187,7 +187,7 @@ class DeviceServer:
         else:
             self._cells[Cell.AWAY_SINCE] = NEVER
             self._interval = MIN_INTERVAL
-        self.exchange.arrivals.post(rows)
+        self._post(rows)
 
     def _read(self, rows: IntArray, began: int) -> None:
         channels = self._groups[0]
@@ -242,28 +242,40 @@ class DeviceServer:
             if wanted[Wanted.GENERATION, number] != self._cells[Cell.GENERATION]:
                 continue  # it was meant for the time before the outputs were initialised again
             began = self.ns()
+            channel = self._channels[number]
             try:
-                self._call(self._channels[number], *wanted[[Wanted.CALL, Wanted.RAW], number].tolist())
+                sent = self._call(channel, *wanted[[Wanted.CALL, Wanted.RAW], number].tolist())
             except FAILURES as error:
                 self.exchange.set_cause(number, text_of(error))
-                rows[Row.STAMP, number] = NEVER  # it is not known what it has
+                if self._initialized[channel.text][1] is not None:
+                    rows[Row.STAMP, number] = NEVER  # it is not known what it has
                 if isinstance(error, TimeoutError):
                     self._failed(began, error)
+                    self._followed = -1  # the others are still to be carried out
                     break
             else:
-                rows[Row.RAW, number], rows[Row.STAMP, number] = wanted[Wanted.RAW, number], began
+                if sent is not None:
+                    rows[Row.RAW, number], rows[Row.STAMP, number] = sent, began
         if new:
-            self.exchange.arrivals.post(rows)
+            self._post(rows)
 
-    def _call(self, channel: Channel, call: int, raw: int) -> None:
+    def _post(self, rows: IntArray) -> None:
+        """Values, and the generation that they are of."""
+        rows[Row.GENERATION] = self._cells[Cell.GENERATION]
+        self.exchange.arrivals.post(rows)
+
+    def _call(self, channel: Channel, call: int, raw: int) -> int | None:
+        """The raw integer that an output was sent; None for an input, which was not read."""
         self.on_call()
         default = self._initialized[channel.text][1]
         if call == Order.WRITE:
             self.driver.write(channel, raw)
-        elif call == Order.RESET:
+            return raw
+        if call == Order.RESET:
             self.driver.reset(channel, default)
         else:
             self.driver.initialize(channel, default)
+        return default
 
     # A device that is away ---------------------------------------------------------------------------------------
 
@@ -325,7 +337,7 @@ class DeviceServer:
             self._failed(began, error)
         else:
             self._cells[Cell.AWAY_SINCE] = NEVER
-            self.exchange.arrivals.post(rows)
+            self._post(rows)
 
     def reset_all(self, order: Sequence[str]) -> dict[str, str]:
         """Every output to its default, in this order of the channels' texts; the causes of those that failed."""

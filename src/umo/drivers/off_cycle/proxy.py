@@ -31,6 +31,11 @@ def _of_driver(name: str) -> Any:
     return property(attrgetter(f"driver.{name}"), lambda proxy, value: setattr(proxy.driver, name, value))
 
 
+def generation_of(rows: IntArray) -> int:
+    """How often the outputs had been initialised when these values were posted."""
+    return int(rows[Row.GENERATION].max(initial=0))
+
+
 class Worker:
     """The worker process of a driver, as the processes that ask it see it."""
 
@@ -63,6 +68,10 @@ class OffCycle(Driver[Any]):
         """The function that waits for an answer, in s."""
         self.fault_time: Callable[[], int] = lambda: NEVER
         """The machine's time in ns, by which injected faults act; NEVER: there are none."""
+        self.generation = 0
+        """How often the outputs had been initialised, as far as the machine knows."""
+        self.read_rows: IntArray = self.exchange.arrivals.read()[1]
+        """What was read last: values and their stamps."""
         self._wanted: IntArray
         self._plans: dict[tuple[Channel, ...], IntArray] = {}
 
@@ -159,7 +168,7 @@ class OffCycle(Driver[Any]):
             raw: int = self.request("read", channel=channel.text)
             return raw
         number = self.exchange.place[channel.text]
-        rows = self.exchange.arrivals.read()[1]
+        rows = self.read_rows = self.exchange.arrivals.read()[1]
         if rows[Row.STAMP, number] == NEVER:
             raise DriverError(self.cause(number))
         return int(rows[Row.RAW, number])
@@ -178,7 +187,8 @@ class OffCycle(Driver[Any]):
             if found["causes"]:
                 raise ChannelsFailed(found["causes"])
             return
-        places, rows = self.places(channels), self.exchange.arrivals.read()[1]
+        places = self.places(channels)
+        rows = self.read_rows = self.exchange.arrivals.read()[1]
         out[:] = rows[Row.RAW, places]
         never = np.flatnonzero(rows[Row.STAMP, places] == NEVER).tolist()
         if never:
@@ -200,21 +210,17 @@ class OffCycle(Driver[Any]):
         self.request("begin")
         self.running = True
         self.exchange.cells[Cell.CYCLIC] = 1
-        self.accept_generation()
+        self.accept_generation(self.exchange.arrivals.read()[1])
 
     def end(self) -> None:
         """Each call is a request again; the worker makes none by itself."""
         self.exchange.cells[Cell.CYCLIC] = 0
         self.running = False
 
-    @property
-    def generation(self) -> int:
-        """How often the outputs have been initialised."""
-        return int(self.exchange.cells[Cell.GENERATION])
-
-    def accept_generation(self) -> None:
-        """What is posted from now on is meant for outputs that were initialised so often; nothing is ordered."""
-        rows = self.exchange.arrivals.read()[1]
+    def accept_generation(self, rows: IntArray) -> None:
+        """What is posted from now on is meant for outputs that were initialised as often as those of these values;
+        nothing is ordered."""
+        self.generation = generation_of(rows)
         self._wanted[Wanted.RAW], self._wanted[Wanted.ORDER] = rows[Row.RAW], rows[Row.ORDER]
         self._wanted[Wanted.GENERATION] = self.generation
         self.exchange.wanted.post(self._wanted)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import mmap
 from collections.abc import Sequence
+from contextlib import suppress
 from enum import IntEnum
 from typing import Any
 
@@ -59,6 +60,8 @@ class Row(IntEnum):
     """Time in ns at which the transfer began that brought it; NEVER: none has."""
     ORDER = 2
     """The number of the last order that was carried out."""
+    GENERATION = 3
+    """How often the outputs had been initialised: the same for all channels."""
 
 
 class Wanted(IntEnum):
@@ -83,7 +86,8 @@ class Order(IntEnum):
 
 
 class Banks:
-    """Two banks of rows and the count that names the valid one."""
+    """Two banks of rows and the count that names the valid one. The stores of one process must become visible to the
+    other in their order: so it is on x86, and on ARM where the interpreter's own locks come between them."""
 
     def __init__(self, memory: IntArray, cells: IntArray, count: Cell) -> None:
         """`memory` of the shape (2, rows, channels)."""
@@ -151,14 +155,21 @@ class Exchange:
 
     def ask(self, request: dict[str, Any]) -> int:
         """Put down a request; its number."""
-        self._put(self._request, REQUEST_BYTES, request)
-        self.cells[Cell.REQUESTED] += 1
-        return int(self.cells[Cell.REQUESTED])
+        number = int(self.cells[Cell.REQUESTED]) + 1
+        self._put(self._request, REQUEST_BYTES, {**request, "number": number})
+        self.cells[Cell.REQUESTED] = number
+        return number
 
     def asked(self) -> tuple[int, dict[str, Any]] | None:
-        """The request that is not answered yet, with its number."""
+        """The request that is not answered yet, with its number. None as well while one takes the place of another that
+        nobody waits for any longer."""
         number = int(self.cells[Cell.REQUESTED])
-        return None if number == self.cells[Cell.ANSWERED] else (number, self._get(self._request, REQUEST_BYTES))
+        if number == self.cells[Cell.ANSWERED]:
+            return None
+        with suppress(ValueError):
+            request = self._get(self._request, REQUEST_BYTES)
+            return (number, request) if request["number"] == number else None
+        return None
 
     def answer(self, number: int, answer: dict[str, Any]) -> None:
         self._put(self._answer, ANSWER_BYTES, answer)
