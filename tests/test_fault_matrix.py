@@ -25,6 +25,8 @@ SOME = [  # the quick ones: test-all runs all of them
     ("furnace", "zones.2.temperature disconnect at 5 s", "degraded"),
     ("furnace", "zones.1.heater stuck at 5 s", "stopped"),
     ("furnace", "timer out of range at 70 s", "stopped"),
+    ("furnace off the cycle", "zones.1.temperature disconnect at 5 s", "degraded"),
+    ("furnace off the cycle", "zones.1.heater disconnect at 5 s", "not reached"),
     ("ztheta", "z.encoder stuck at 2 s", "stopped"),
     ("batch", "reactors.0.temperature disconnect at 10 s", "stopped"),
     ("batch", "line.inlets.1 stuck at 10 s", "stopped"),
@@ -50,7 +52,7 @@ def test_a_run_that_forks_when_the_fault_begins_ends_as_one_with_the_fault_from_
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("station", ["ztheta", "furnace", "conveyor", "batch"])
+@pytest.mark.parametrize("station", ["ztheta", "furnace", "furnace off the cycle", "conveyor", "batch"])
 def test_no_fault_on_an_object_of_a_station_ends_in_a_defect(station: str) -> None:
     done = matrix.all_tried(matrix.cells(station), 1)
     assert [f"{cell.fault}: {cell.verdict}: {cell.detail}" for cell in done if cell.verdict not in matrix.WORDS] == []

@@ -21,6 +21,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date
+from fnmatch import fnmatchcase
 from itertools import groupby
 from multiprocessing import get_context
 from typing import Any
@@ -30,10 +31,11 @@ import numpy as np
 from umo import UmoError
 from umo.cycle import connect, drive
 from umo.cycle.stopping import StopFlag
-from umo.drivers.contract import Channel, Direction
+from umo.drivers.contract import Channel, Direction, Driver
 from umo.drivers.faults.effects import Effect
 from umo.drivers.faults.fault_syntax import KINDS_OF_DRIVERS, InjectedFault
 from umo.drivers.faults.wrapper import FaultyDriver
+from umo.drivers.off_cycle import OffCycle
 from umo.errors import StopError, WiringError
 from umo.objects import Binary, atoms
 from umo.process.outcome import message_of, plain
@@ -114,8 +116,14 @@ class Trial:
     """Whether the result says that not all of the work was done."""
     watch: Callable[[Run], None] = lambda run: None
     """Called after each period."""
+    slow: str = ""
+    """Objects, as a pattern, on a driver off the cycle."""
     unseen: dict[str, tuple[tuple[str, ...], str]] = field(default_factory=dict)
     """By object: kinds of faults that the machine cannot notice with the sensors that it has, and why."""
+
+    @property
+    def station(self) -> str:
+        return self.name.partition(" ")[0]
 
     def reason(self, path: str, kind: str) -> str:
         kinds, why = self.unseen.get(generalised(path), ((), ""))
@@ -250,7 +258,48 @@ BATCH = Trial(
         ),
     },
 )
-TRIALS = {trial.name: trial for trial in (ZTHETA, CONVEYOR, FURNACE, BATCH)}
+SLOW_FURNACE = replace(
+    FURNACE,
+    name="furnace off the cycle",
+    slow="zones.*",
+    unseen={each: why for each, why in FURNACE.unseen.items() if each != "timer"},
+)
+TRIALS = {trial.name: trial for trial in (ZTHETA, CONVEYOR, FURNACE, SLOW_FURNACE, BATCH)}
+
+# A slow device -----------------------------------------------------------------------------------------
+
+SLOW_PERIOD, SLOW_MAX_AGE = 0.5, 1.5
+"""Period and maximum age of the driver off the cycle, s."""
+
+
+class SlowDevice(Driver[Any]):
+    """Some channels of a plant, whose own driver opens and closes it."""
+
+    def __init__(self, plant: Driver[Any]) -> None:
+        self.plant = plant
+
+    def channel(self, text: str) -> Channel:
+        return self.plant.channel(text)  # type: ignore[no-any-return]
+
+    def __getattribute__(self, name: str) -> Any:
+        if name in ("initialize", "finalize", "reset", "read", "write", "read_many", "write_many", "look"):
+            return getattr(self.plant, name)
+        return super().__getattribute__(name)
+
+
+def with_slow_device(wired: Wired, pattern: str) -> Wired:
+    """The same machine, with these objects on a driver off the cycle."""
+    proxy = OffCycle(SlowDevice(wired.drivers[DRIVER]), SLOW_PERIOD, SLOW_MAX_AGE)
+    proxy.timeout = wired.drivers[DRIVER].timeout
+    slow = [wire for wire in wired.wires if fnmatchcase(wire.item.path, f"{pattern}.*")]
+    proxy.meet(
+        [wire.channel for wire in slow],
+        [wire.channel for wire in slow if wire.item.direction is Direction.INPUT],
+        [wire.channel for wire in slow if wire.item.direction is Direction.OUTPUT],
+    )
+    wires = [replace(wire, driver=proxy) if wire in slow else wire for wire in wired.wires]
+    return replace(wired, wires=wires, drivers={**wired.drivers, "slow": proxy})
+
 
 # One cell ----------------------------------------------------------------------------------------------
 
@@ -283,10 +332,12 @@ def carried_out(
     trial: Trial, faults: Iterable[str], most: int, then: Callable[[Run, float], None] = lambda run, time: None
 ) -> Run:
     """Run the station, at most so many periods. `then` is called after each period, with its time."""
-    station = find(trial.name)
+    station = find(trial.station)
     machine, file = station.machine(**trial.machine), station.wiring(None)
     shares = distribute_options(trial.options, application=station.main, wiring=file)
     wired = resolve(machine, file, shares.wiring | {"fault": list(faults), "fault_seed": SEED})
+    if trial.slow:
+        wired = with_slow_device(wired, trial.slow)
     connection = connect(machine, wired)
     run = Run(machine, wired, connection.stop)
 
@@ -413,11 +464,15 @@ class Forks(Attempt):
         self.moments = sorted({cell.moment for group in groups for cell in group})
         self.done: list[list[Cell]] = [[] for _ in groups]
         self.effects: list[tuple[FaultyDriver, Sequence[Effect]]] = []
+        self.shared: list[Any] = []
+        """Memory that a copy of the process writes too: it is restored after each."""
 
     def then(self, run: Run, now: float) -> None:
         """After each period of the run."""
         if not self.effects:
             self._remove_the_faults(run)
+            drivers = run.wired.drivers.values()
+            self.shared = [each.exchange._memory for each in drivers if isinstance(each, OffCycle)]
         if self.cell is not None or not self.moments or run.wired.period is None:
             return
         if now < self.moments[0] - AHEAD * run.wired.period:
@@ -443,6 +498,7 @@ class Forks(Attempt):
     def _forked(self, cell: Cell) -> Cell | None:
         """The cell, as a copy of this process ended it; None in the copy."""
         reader, self.writer = os.pipe()
+        before = [bytes(memory) for memory in self.shared]
         if (copy := os.fork()) == 0:
             os.close(reader)
             text = str(InjectedFault.parse(cell.fault))
@@ -454,6 +510,8 @@ class Forks(Attempt):
         with open(reader, "rb") as answer:
             told = answer.read()
         os.waitpid(copy, 0)
+        for memory, content in zip(self.shared, before, strict=True):
+            memory[:] = content
         return pickle.loads(told) if told else replace(cell, verdict="TRACEBACK", detail="its process died")
 
     def tried(self, most: int) -> list[Cell]:
@@ -475,7 +533,7 @@ class Forks(Attempt):
 def cells(station: str, *paths: str) -> Iterator[Cell]:
     """All cells of a station, or those of some objects."""
     trial = TRIALS[station]
-    machine = find(station).machine(**trial.machine)
+    machine = find(trial.station).machine(**trial.machine)
     items = {item.path: item for item in atoms(machine)}
     for path in paths or [*items, DRIVER]:
         item = items.get(path)
@@ -491,7 +549,7 @@ def cells(station: str, *paths: str) -> Iterator[Cell]:
 
 def _refused(trial: Trial, fault: str) -> bool:
     """Whether the channel has no such level."""
-    station = find(trial.name)
+    station = find(trial.station)
     try:
         resolve(station.machine(**trial.machine), station.wiring(None), {"fault": fault})
     except WiringError:

@@ -76,6 +76,7 @@ class FaultyDriver(Driver[Any]):
     period = _of_driver("period")
     realtime = _of_driver("realtime")
     simulates_time = _of_driver("simulates_time")
+    only_off_cycle = _of_driver("only_off_cycle")
     forms = _of_driver("forms")
     channel = _of_driver("channel")
     devices = _of_driver("devices")
