@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -19,6 +19,7 @@ from umo.drivers import DeviceTimeout, Driver, DriverError
 from umo.drivers.off_cycle import NEVER, DeviceServer, Exchange, OffCycle
 from umo.drivers.off_cycle.shared_memory import Cell, Row
 from umo.errors import ChannelsFailed, WiringError
+from umo.objects import Atomic
 from umo.states import OnOff, PassFail
 from umo.testing import Scripted, periods
 from umo.wiring.resolve import check
@@ -381,20 +382,35 @@ def test_injected_faults_act_on_it() -> None:
         assert m.encoder.quality is Quality.GOOD
 
 
-def test_arrivals_are_entries_of_the_journal() -> None:
+def noted(connection: connect[Any], item: Atomic, kind: Kind, step: Callable[[], object]) -> list[tuple[Any, ...]]:
+    """The entries of one object in the journal of a step: raw, before, time."""
+    image = connection.image
+    image.transfer.journal = journal = Journal(100)
+    step()
+    entries = [ENTRY.unpack_from(journal.buffer, i * ENTRY.size) for i in range(journal.count)]
+    return [(raw, before, time) for at, what, _, raw, before, time in entries if (at, what) == (item._slot, kind)]
+
+
+def test_arrivals_are_entries_of_the_journal_with_the_times_of_their_readings() -> None:
     with running(Scripted({"encoder": range(10, 100)})) as (m, connection):
-        image = connection.image
-        image.transfer.journal = journal = Journal(100)
-        slot = image.slot_of[id(m.encoder)]
-        found = []
-        for number in range(120):
-            period(m)
-            entries = [ENTRY.unpack_from(journal.buffer, i * ENTRY.size) for i in range(journal.count)]
-            found += [
-                (number, raw, before) for at, kind, _, raw, before in entries if (at, kind) == (slot, Kind.ARRIVED)
-            ]
-            journal.clear()
-    assert found == [(50, 11, 10), (100, 12, 11)]
+        found = {n: noted(connection, m.encoder, Kind.ARRIVED, lambda: period(m)) for n in range(120)}
+        assert {n: each for n, each in found.items() if each} == {
+            50: [(11, 10, pytest.approx(0.050, abs=0.0011))],
+            100: [(12, 11, pytest.approx(0.100, abs=0.0011))],
+        }
+        assert found[100][0][2] == m.encoder.time
+
+
+def test_what_the_device_has_confirmed_is_an_entry_of_the_journal_with_its_time() -> None:
+    with running(Scripted()) as (m, connection):
+        before = m.motor.raw
+        m.motor.write(5.0)
+        found = [each for _ in range(120) for each in noted(connection, m.motor, Kind.CONFIRMED, lambda: period(m))]
+        times = [time for _, _, time in found]
+        assert found[0][:2] == (m.motor.raw, before)
+        assert m.motor.raw != before
+        assert times == sorted(times)
+        assert times[-1] == m.motor.time
 
 
 def test_a_machine_without_such_drivers_has_the_plain_image() -> None:

@@ -33,6 +33,12 @@ def write(ring: Ring, frame: Any, number: int, entries: int) -> None:
     ring(frame)
 
 
+def without_times(entries: Any) -> list[tuple[int, ...]]:
+    """Entries of a journal: slot, kind, error, raw, before."""
+    found: list[tuple[int, ...]] = entries[["slot", "kind", "error", "raw", "before"]].tolist()
+    return found
+
+
 WRITER = """
 import sys
 from array import array

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import struct
 from enum import IntEnum
+from math import nan
 
-ENTRY = struct.Struct("<IHHqq")
-"""An entry: slot, kind, error, raw, before; 24 bytes."""
+ENTRY = struct.Struct("<IHHqqd")
+"""An entry: slot, kind, error, raw, before, time; 32 bytes."""
 CAPACITY = 4096
 """Number of entries of one period that are kept, beside one for each object: all may fail in a period."""
 NEVER = -1
@@ -31,7 +32,9 @@ class Kind(IntEnum):
     INTERLOCKED = 7
     INITIALIZE = 8
     ARRIVED = 9
-    """A worker process has brought a reading of its driver."""
+    """A worker process has brought a reading of its driver; `time` is that of the reading."""
+    CONFIRMED = 10
+    """A worker process has brought what its device has accepted of an actuator; `time` is that of the transfer."""
 
 
 class ErrorKind(IntEnum):
@@ -69,13 +72,16 @@ class Journal:
         self.updated = NEVER
         """Number of entries before the update of the whole machine; NEVER before it took place."""
 
-    def add(self, slot: int, kind: Kind, raw: int, before: int, error: ErrorKind = ErrorKind.NONE) -> None:
+    def add(
+        self, slot: int, kind: Kind, raw: int, before: int, error: ErrorKind = ErrorKind.NONE, time: float = nan
+    ) -> None:
         """An object has this raw integer now, and had another one before (the same where nothing moved). What failed:
-        `raw` is what was to be written, the last one of a sensor."""
+        `raw` is what was to be written, the last one of a sensor. `time` of what a worker process has brought, in s on
+        the cycle's clock; NaN: it has brought nothing yet."""
         if self.count == self.capacity:
             self.lost += 1
             return
-        ENTRY.pack_into(self.buffer, self.count * ENTRY.size, slot, kind, error, raw, before)
+        ENTRY.pack_into(self.buffer, self.count * ENTRY.size, slot, kind, error, raw, before, time)
         self.count += 1
 
     def clear(self) -> None:

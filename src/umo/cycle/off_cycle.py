@@ -230,13 +230,15 @@ class OffCycleImage(Image):
         if never.any():
             self.columns.values[block.slots][never] = np.nan
             times[never] = np.nan
-        self._note_arrivals(block, raws, before, times, now)
+        self._note(Kind.ARRIVED, block, raws, before, stamped)
 
-    def _note_arrivals(self, block: Block, raws: IntArray, before: IntArray, times: FloatArray, now: float) -> None:
+    def _note(self, kind: Kind, block: Block, raws: IntArray, before: IntArray, times: FloatArray) -> None:
+        """What has arrived is in the journal with its time: with these a recording can be replayed."""
         journal = self.transfer.journal
         if journal is not None:
-            for slot, raw, old in zip(range(block.start, block.stop), raws.tolist(), before.tolist(), strict=True):
-                journal.add(slot, Kind.ARRIVED, raw, old)
+            columns = (raws.tolist(), before.tolist(), times.tolist())
+            for slot, raw, old, time in zip(range(block.start, block.stop), *columns, strict=True):
+                journal.add(slot, kind, raw, old, time=time)
 
     def _confirm(self, remote: Remote, block: Block, rows: IntArray) -> None:
         """What the device has accepted, as it was given; what is older than that by its raw integer."""
@@ -251,6 +253,7 @@ class OffCycleImage(Image):
                 self.values[slot] = self.value_of(slot, int(raws[number]))
             except Exception as error:  # of a linearization of the user's
                 self._fail_output(slot, f"its linearization failed: {cause_of_failure(error)}", self._failures)
+        self._note(Kind.CONFIRMED, block, raws, columns.raws[slots], times)
         columns.raws[slots] = raws
         newer = times > columns.times[slots]
         columns.times[slots] = np.where(newer, times, columns.times[slots])
@@ -311,7 +314,8 @@ class OffCycleImage(Image):
                     self._fail_output(slot, driver.cause(place), self._failures)
                 else:
                     super()._accepted(slot)
-                    self.times[slot] = remote.times[place]
+                    self.times[slot] = time = float(remote.times[place])
+                    self.transfer.note(slot, Kind.CONFIRMED, time=time)
             elif late > BAD_AGES * driver.max_age:
                 self._too_old(remote, slot)
                 if self.quality[slot] == Quality.BAD:
@@ -341,8 +345,9 @@ class OffCycleImage(Image):
             return
         place = remote.place[slot]
         self._date(remote, remote.driver.read_rows[Row.STAMP], self.clock.now)
-        self.times[slot] = remote.times[place]
-        age = self.clock.now - self.times[slot]
+        self.times[slot] = time = float(remote.times[place])
+        self.transfer.note(slot, Kind.ARRIVED, time=time)
+        age = self.clock.now - time
         if age > BAD_AGES * remote.driver.max_age:
             self._fail_input(slot, remote.driver.cause(place), failures)
         elif age > remote.driver.max_age:

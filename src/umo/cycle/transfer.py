@@ -7,7 +7,7 @@ that do not answer.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from math import inf
+from math import inf, nan
 from operator import index
 from time import monotonic, sleep
 from typing import Any, Literal, NoReturn, TypeVar
@@ -355,12 +355,14 @@ class Transfer:
             self.journal.add(slot, kind, raw, self.raws[slot])
         self.raws[slot] = raw
 
-    def note(self, slot: int, kind: Kind, error: ErrorKind = ErrorKind.NONE, raw: int | None = None) -> None:
+    def note(
+        self, slot: int, kind: Kind, error: ErrorKind = ErrorKind.NONE, raw: int | None = None, time: float = nan
+    ) -> None:
         """Into the journal, if one is kept: something happened to this object and its level did not change. `raw` is
-        what was to be written."""
+        what was to be written, `time` that of what a worker process has brought."""
         if self.journal is not None and slot != self.timer:
             before = self.raws[slot]
-            self.journal.add(slot, kind, before if raw is None else raw, before, error)
+            self.journal.add(slot, kind, before if raw is None else raw, before, error, time)
 
     def by_driver(self, slots: Iterable[int]) -> list[tuple[Driver[Any], list[int]]]:
         groups: dict[int, tuple[Driver[Any], list[int]]] = {}

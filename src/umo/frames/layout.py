@@ -32,7 +32,7 @@ from umo.objects import Atomic, Quality
 from umo.objects.description import described
 
 MAGIC = b"umoframe"
-VERSION = 7
+VERSION = 8
 HEADER = struct.Struct("<8sIIQQQQQQ")
 """Magic, version, flags, offset of the first slot, bytes of a slot, slots, offset of the journal, its entries, bytes of
 the description."""
@@ -67,7 +67,9 @@ NAME = 64
 EVENTS = 512
 """Number of events that are kept, the last ones."""
 
-ENTRY = np.dtype([("slot", "<u4"), ("kind", "<u2"), ("error", "<u2"), ("raw", "<i8"), ("before", "<i8")])
+ENTRY = np.dtype(
+    [("slot", "<u4"), ("kind", "<u2"), ("error", "<u2"), ("raw", "<i8"), ("before", "<i8"), ("time", "<f8")]
+)
 """An entry of the journal (`umo.cycle.journal`)."""
 
 EVENT_ROW = np.dtype(
