@@ -70,6 +70,19 @@ def test_the_driver_is_opened_by_the_worker_and_reset_by_it_at_the_end(tmp_path:
     until_dead(serving)
 
 
+def test_a_worker_does_not_run_on_the_core_of_the_control_process(tmp_path: Path, cells: Cells) -> None:
+    cores = os.sched_getaffinity(0)
+    if len(cores) < 2:
+        pytest.skip("this needs two cores")
+    text = wiring(tmp_path) | {"process": {"cpu": max(cores)}}
+    run = Run(text, "forever").until_running()
+    until_driven(cells)
+    assert os.sched_getaffinity(run.control) == {max(cores)}
+    assert os.sched_getaffinity(worker_of(run)) == cores - {max(cores)}
+    run.channel.send("stop")
+    assert run.outcome().unreached == []
+
+
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_another_worker_takes_the_place_of_one_that_was_killed_or_stopped(
     tmp_path: Path, cells: Cells, number: signal.Signals

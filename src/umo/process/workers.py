@@ -26,6 +26,7 @@ from umo.objects.stop_order import stop_sequence
 from umo.process.reset import DEATH_TIMEOUT, LOOK_INTERVAL
 from umo.process.run_state import RunState, worker
 from umo.process.worker import WorkerProcess
+from umo.system import realtime
 from umo.system.processes import ProcessHandle, carry_out
 from umo.text import some
 from umo.wiring import Wired
@@ -134,6 +135,7 @@ class Workers:
         group.pid = self._cells[group.number] = pid
 
     def _work(self, group: _Group, replaces: bool) -> int:
+        realtime.leave_core(self._wired.process.cpu)  # that of the control process
         orders, defaults = [], []
         for proxy in group.proxies:
             orders.append([wire.channel.text for wire in self._stop_order if wire.driver is proxy])

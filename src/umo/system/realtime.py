@@ -97,8 +97,12 @@ def prepare_guardian(priority: int, cpu: int | None = None) -> None:
     permitted."""
     if not sys.platform.startswith("linux"):
         return
-    allowed = os.sched_getaffinity(0)
-    core = choose_core(cpu, use_fifo(priority + 1) is None)
+    leave_core(choose_core(cpu, use_fifo(priority + 1) is None))
+
+
+def leave_core(core: int | None) -> None:
+    """Run on the other cores only, as far as there are some and it is permitted. None: nothing changes."""
+    allowed = os.sched_getaffinity(0) if sys.platform.startswith("linux") else set()
     if core in allowed and len(allowed) > 1:
         with suppress(OSError):
             os.sched_setaffinity(0, allowed - {core})
