@@ -54,7 +54,7 @@ from umo.wiring.patterns import chosen
 Frames = npt.NDArray[Any]
 """Copies of frames, oldest first: a structured array with the fields of `Layout.columns`."""
 Entries = npt.NDArray[Any]
-"""Copies of entries of the journal, in order: slot, `Kind`, `ErrorKind` (`umo.cycle.journal`), raw, raw before, time."""
+"""Copies of entries of the journal (`umo.cycle.journal`): slot, `Kind`, `ErrorKind`, raw, raw before, time."""
 
 
 LEASE_TRIES = 100
