@@ -84,11 +84,11 @@ def is_interrupt(error: BaseException) -> bool:
     )
 
 
-def read_numbers(numbers: Iterable[tuple[str, Any, Any, str]]) -> list[float]:
-    """The values of signals now: each ends with its owner and the name of the attribute. NaN for one that has no value,
+def read_numbers(numbers: Iterable[tuple[str, Any, Any, str, Any]]) -> list[float]:
+    """The values of signals now: third and fourth are the owner and the name of the attribute. NaN for one that has no value,
     or of which reading fails."""
     values = []
-    for _, _, owner, name in numbers:  # not by `attempt`: a call for each in every period is too dear
+    for _, _, owner, name, _ in numbers:  # not by `attempt`: a call for each in every period is too dear
         try:
             values.append(float(getattr(owner, name)))
         except BaseException as error:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from umo.cycle.fault_log import FaultLog
@@ -40,13 +40,18 @@ class RingFrame:
         known = {item.path: item for item in atoms(self._machine)}
         self.items: list[Atomic] = [known[path] for path in reader.paths]
         entries = reader.layout.signals
-        self.signals = [Signal(each["path"], each["unit"], None, each["path"].rpartition(".")[2]) for each in entries]
+        self.signals = [_signal(each) for each in entries]
 
     def show(self, row: Any) -> None:
         self.number, self.missed = int(row["number"]), int(row["missed"])
         self.time, self.execution = float(row["time"]), float(row["execution"]) * 1e-9
         self.values, self.quality, self.signal_values = row["values"], row["quality"], row["signals"]
         self.progress = progress_of(row)
+
+
+def _signal(about: Mapping[str, Any]) -> Signal:
+    states = {int(number): name for number, name in about.get("states", {}).items()}
+    return Signal(about["path"], about["unit"], None, about["path"].rpartition(".")[2], states)
 
 
 def follow(

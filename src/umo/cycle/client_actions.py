@@ -112,8 +112,12 @@ class ClientActions:
         self._held[command.path] = _Held(command, lasts, signed, release, slot)
 
     def _new(self, command: ClientCommand) -> _Action:
-        part = object_at(self._machine.root, command.path.rpartition(".")[0])
-        return _Action(command, part, Sequences(self._machine.equipment.contain_sequence))
+        return _Action(command, self._part_of(command.path), Sequences(self._machine.equipment.contain_sequence))
+
+    def _part_of(self, path: str) -> Atomic | Compound:
+        """The object whose action this is, or that has this actuator."""
+        action = self._machine.actions.get(path)
+        return object_at(self._machine.root, path.rpartition(".")[0]) if action is None else action.part
 
     def _call(self, action: _Action, call: Callable[[], Any]) -> Any:
         """Its result; the sequence that this is, and those that it starts, belong to the action. EquipmentFault if a
@@ -211,7 +215,7 @@ class ClientActions:
             else:
                 errors += each.started.end_in(compound, fault)
         for path, held in list(self._held.items()):
-            if held.slot < 0 and is_within(object_at(self._machine.root, path.rpartition(".")[0]), compound):
+            if held.slot < 0 and is_within(self._part_of(path), compound):
                 self.release(path, "" if path in running else str(fault()))
         return errors
 

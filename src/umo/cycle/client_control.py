@@ -217,7 +217,7 @@ class ClientControl:
         action = _known(self._machine.actions, command.path, "action")
         if not action.harmless:
             self._need_manual(f"{action.path} can be called")
-            if (fault := self._machine.fault_of(self._object(action.path.rpartition(".")[0]))) is not None:
+            if (fault := self._machine.fault_of(action.part)) is not None:
                 raise fault
         arguments = action.converted(command.arguments)
         signed = 0.0 if action.release is None else self._last_sign(action.path, DEAD_MAN_TIME)

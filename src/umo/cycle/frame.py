@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from umo.cycle.image import Image
 from umo.cycle.stage import Progress
 from umo.objects import Atomic, DigitalSensor, MachineNumber
+from umo.objects.numbers import number_in
 from umo.user_code import as_json, attempt
 
 log = logging.getLogger("umo")
@@ -24,12 +26,31 @@ class Signal(NamedTuple):
     unit: str
     owner: Any
     name: str
+    states: Mapping[int, str] = MappingProxyType({})
+    """Names of its values by number, where it is a named value; empty: it is a plain number."""
+
+
+class _Numbered:
+    """A named value, read as the number of its state."""
+
+    def __init__(self, number: MachineNumber) -> None:
+        self._of = number
+
+    @property
+    def number(self) -> int:
+        kind: Any = self._of.kind
+        return number_in(kind, getattr(self._of.owner, self._of.name))
 
 
 def signals_of(numbers: Mapping[str, MachineNumber]) -> tuple[Signal, ...]:
     """The numbers of a machine that are shown."""
     shown = (each for each in numbers.values() if each.declared.shown)
-    return tuple(Signal(each.path, each.declared.unit, each.owner, each.name) for each in shown)
+    return tuple(_signal(each) for each in shown)
+
+
+def _signal(each: MachineNumber) -> Signal:
+    owner, name = (_Numbered(each), "number") if each.states else (each.owner, each.name)
+    return Signal(each.path, each.declared.unit, owner, name, each.states)
 
 
 def velocities(items: Sequence[Atomic]) -> tuple[Signal, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine, Iterator, Sequence
+from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
 from functools import cached_property, partial
 from time import monotonic_ns
 from types import MethodType
@@ -23,6 +23,7 @@ from umo.drivers.contract import Direction
 from umo.drivers.faults.wrapper import Injection
 from umo.errors import DriverError, EquipmentFault, forget_frames, text_of
 from umo.objects import Action, Compound, Node, actions_of, atoms, described, numbers_of, walk
+from umo.objects.laws import laws_in
 from umo.objects.link import Machine
 from umo.objects.stop_order import stop_sequence
 from umo.presentation.run_facts import driven_text, facts_of
@@ -58,6 +59,19 @@ class Commanding(Protocol):
         """The machine stops."""
 
 
+class Supervisor(Protocol):
+    """A law that looks after the sequences of its part, such as a state machine (`umo.operation`)."""
+
+    def begin(self, path: str) -> None:
+        """The machine is being connected; the law has this place in it. DeclarationError where it cannot be."""
+
+    def supervise(self) -> None:
+        """Called once per period, before the sequences; also in manual mode, and while its part is in fault."""
+
+    def describe(self) -> Mapping[str, Any]:
+        """Its path, its states and its commands, as plain data."""
+
+
 class ConnectedMachine:
     """Behind the compounds of one machine from `connect` to its end (`umo.objects.link.Machine`)."""
 
@@ -86,8 +100,14 @@ class ConnectedMachine:
         self.tunables = {path: each for path, each in numbers.items() if each.declared.tunable}
         """The numbers that may be changed from outside, by path."""
         self.commands = CommandStage(root, image)
-        self.equipment = Containment(root, image, self.commands, self._is_manual, self._equipment_changed)
+        self.equipment = Containment(root, image, self.commands, lambda: self.is_manual, self._equipment_changed)
         self.sequences = Sequences(self.equipment.contain_sequence)
+        self.supervisors: list[Supervisor] = []
+        """The laws that look after the sequences of their parts."""
+        for _, path, law in laws_in(root):
+            if callable(getattr(law.__class__, "supervise", None)):
+                law.begin(path)
+                self.supervisors.append(law)
         self.events: Events = self.commands.events
         """The last 1,000 actions of guards and clients."""
         self.stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]
@@ -130,7 +150,8 @@ class ConnectedMachine:
         else:
             vars(self.image).pop("fail", None)
 
-    def _is_manual(self) -> bool:
+    @property
+    def is_manual(self) -> bool:
         return self.clients is not None and self.clients.mode is Mode.MANUAL
 
     def cancel_sequences(self) -> None:
@@ -186,6 +207,8 @@ class ConnectedMachine:
         if part is self.root:
             if self.clients is not None:
                 self.clients.look()
+            for each in self.supervisors:
+                each.supervise()
             self.sequences.advance(self.clock)
             laws = iter(self._laws)
         else:
@@ -326,6 +349,9 @@ class ConnectedMachine:
 
     def progress(self, text: str, done: int | None, total: int | None) -> None:
         self.frame.progress = self.frame.progress.then(text, done, total)
+
+    def tell(self, path: str, text: str) -> None:
+        self.events.add(Event(self.clock.now, path, text))
 
     def facts(self) -> dict[str, str]:
         """The state of the machine in words."""

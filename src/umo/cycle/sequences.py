@@ -184,6 +184,8 @@ class Task:
         """The clock of the part by which it takes its steps; None: that of the machine."""
         self.limits: list[timeout] = []
         """The time limits of the blocks that it is in, the outermost first."""
+        self.paused = False
+        """Whether it takes no steps: no time passes for it."""
 
     def __await__(self) -> Generator[object, Clock, Any]:
         """Wait for its end in another sequence. Returns its result; TaskFailed if it failed or was cancelled. If the
@@ -410,7 +412,7 @@ class Sequences:
         self._advancing = True
         try:
             for task in self._tasks.copy():  # what they start begins with the next period
-                if task.clock is not clock:
+                if task.clock is not clock or task.paused:
                     continue
                 try:
                     over = task.advance(tick) and _is_settled(task)

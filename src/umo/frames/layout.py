@@ -142,7 +142,7 @@ class Layout:
     about: dict[str, Any]
     """Whose frames these are: station, wiring, pid, when it started, the period in s."""
     signals: tuple[dict[str, Any], ...] = ()
-    """Path and unit of each."""
+    """Path and unit of each, of named values the names of their states."""
     interlocks: tuple[str, ...] = ()
     """Their reasons."""
     actions: tuple[dict[str, Any], ...] = ()
@@ -152,6 +152,8 @@ class Layout:
     equipment: tuple[dict[str, Any], ...] = ()
     axes: tuple[dict[str, Any], ...] = ()
     alarms: tuple[dict[str, Any], ...] = ()
+    units: tuple[dict[str, Any], ...] = ()
+    """Path, states and commands of each state machine (`umo.operation`); its state is the signal `PATH.state`."""
     """Of these three: path of each, and the names of its states by their numbers; axes and alarms are empty in this
     version."""
 
@@ -243,7 +245,7 @@ def arrange(layout: Layout, slots: int, entries: int, flags: int = 0) -> tuple[b
 
 _SCALARS = {column[0] for column in FIXED}
 _DESCRIBED = tuple(field.name for field in fields(Layout))
-_WITH_PATHS = ("objects", "signals", "actions", "tunables", "equipment", "axes", "alarms")
+_WITH_PATHS = ("objects", "signals", "actions", "tunables", "equipment", "axes", "alarms", "units")
 
 
 def _describe_journal() -> dict[str, Any]:
@@ -264,5 +266,8 @@ def describe_objects(items: Sequence[Atomic]) -> tuple[dict[str, Any], ...]:
 
 
 def describe_signals(signals: Sequence[Signal]) -> tuple[dict[str, Any], ...]:
-    """Path and unit of each signal, in the order of the frame's."""
-    return tuple({"path": signal.path, "unit": signal.unit} for signal in signals)
+    """Path, unit and, of a named value, names of the states of each signal, in the order of the frame's."""
+    return tuple(
+        {"path": each.path, "unit": each.unit} | ({"states": {str(n): s for n, s in each.states.items()}} if each.states else {})
+        for each in signals
+    )

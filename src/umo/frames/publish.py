@@ -70,6 +70,7 @@ def published(
             tuple(each.describe() for each in machine.actions.values()),
             tuple(each.describe() for each in machine.tunables.values()),
             tuple(each.describe() for each in machine.equipment.all),
+            units=tuple(dict(each.describe()) for each in machine.supervisors),
         )
         ring = Ring(machine, phases, layout, ends, tunables=list(machine.tunables.values()))
         undo.callback(ring.close)

@@ -7,12 +7,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
-from itertools import starmap
+from itertools import chain, starmap
 from math import inf
 from typing import Any, Literal, TypeVar, cast, get_args, get_origin, overload
 
 from umo.errors import DeclarationError, RangeError, StateError
 from umo.objects.compound import Compound
+from umo.objects.laws import laws_in
 from umo.objects.paths import walk
 from umo.objects.range import Range
 from umo.signature import signature_of
@@ -49,8 +50,8 @@ def action(
     release: str | None = None,
     **ranges: Declared,
 ) -> Any:
-    """Mark a method, or an `async def` sequence, of a compound as an action: it may be called from outside while the
-    machine runs, by `umo call` or `umo.attach`.
+    """Mark a method, or an `async def` sequence, of a compound or of a law as an action: it may be called from outside
+    while the machine runs, by `umo call` or `umo.attach`.
 
         class Press(Compound):
             @action(force=Range("kN", 0.0, 80.0))
@@ -124,10 +125,12 @@ class Argument:
 
 @dataclass(frozen=True)
 class Action:
-    """An action of one compound of a machine."""
+    """An action of one compound of a machine, or of a law of it."""
 
     path: str
     """Path of the action, such as `z.move_to`."""
+    part: Compound
+    """The object whose action it is."""
     call: Callable[..., Any]
     arguments: tuple[Argument, ...]
     harmless: bool
@@ -159,43 +162,48 @@ class Action:
 
 
 def actions_of(root: Compound) -> dict[str, Action]:
-    """Every action of a machine by its path; DeclarationError for an argument without a type or a range."""
-    compounds = (node for node in (root, *walk(root)) if isinstance(node, Compound))
-    marked = ((node, name, mark) for node in compounds for name, mark in _marks(type(node)).items())  # type: ignore[arg-type]
+    """Every action of a machine by its path, of its compounds and of their laws; DeclarationError for an argument
+    without a type or a range."""
+    compounds = ((node, node._path, node) for node in (root, *walk(root)) if isinstance(node, Compound))
+    owners = chain(compounds, laws_in(root))
+    marked = ((part, path, owner, *each) for part, path, owner in owners for each in _marks(owner.__class__).items())
     return {each.path: each for each in starmap(_action, marked)}
 
 
 @cache
-def _marks(kind: type[Compound]) -> dict[str, _Mark]:
-    """The arguments of the decorator, by the names of the methods."""
-    found = ((name, getattr(inspect.getattr_static(kind, name, None), MARK, None)) for name in dir(kind))
+def _marks(kind: Any) -> dict[str, _Mark]:
+    """The arguments of the decorator, by the names of the methods, in the order in which they are declared: those of
+    bases first."""
+    names = dict.fromkeys(name for each in reversed(kind.__mro__) for name in vars(each))
+    found = ((name, getattr(inspect.getattr_static(kind, name, None), MARK, None)) for name in names)
     return {name: mark for name, mark in found if isinstance(mark, _Mark)}
 
 
 @cache
-def _declared(kind: type[Compound], name: str) -> tuple[Mapping[str, inspect.Parameter], str]:
+def _declared(kind: Any, name: str) -> tuple[Mapping[str, inspect.Parameter], str]:
     """The parameters of an action without `self`, and what its docstring says first."""
     method = getattr(object.__new__(kind), name)
     about = (inspect.getdoc(method) or "").partition("\n\n")[0].replace("\n", " ")
     return signature_of(method), about
 
 
-def _action(node: Compound, name: str, mark: _Mark) -> Action:
-    path = f"{node._path}.{name}".lstrip(".")
-    parameters, about = _declared(type(node), name)  # type: ignore[arg-type]
+def _action(part: Compound, place: str, owner: Any, name: str, mark: _Mark) -> Action:
+    path = f"{place}.{name}".lstrip(".")
+    parameters, about = _declared(owner.__class__, name)
     for given in mark.ranges:
         if given not in parameters:
             raise DeclarationError(f"action {path} has no argument {given!r}{did_you_mean(given, parameters)}")
-    arguments = tuple(_argument(node, path, each, mark.ranges) for each in parameters.values())
-    return Action(path, getattr(node, name), arguments, mark.harmless, _release(node, path, mark.release), about)
+    arguments = tuple(_argument(owner, path, each, mark.ranges) for each in parameters.values())
+    release = _release(owner, path, mark.release)
+    return Action(path, part, getattr(owner, name), arguments, mark.harmless, release, about)
 
 
-def _release(node: Compound, path: str, name: str | None) -> Callable[[], Any] | None:
+def _release(owner: Any, path: str, name: str | None) -> Callable[[], Any] | None:
     if name is None:
         return None
-    method = getattr(node, name, None) if isinstance(name, str) else None
+    method = getattr(owner, name, None) if isinstance(name, str) else None
     if not callable(method):
-        known = [each for each in dir(node) if not each.startswith("_") and callable(getattr(type(node), each, None))]
+        known = [each for each in dir(owner) if not each.startswith("_") and callable(getattr(type(owner), each, None))]
         raise DeclarationError(f"action {path}: release={name!r} is no method{did_you_mean(str(name), known)}")
     with told_as(DeclarationError, f"action {path}: release={name!r} cannot be called without arguments"):
         inspect.signature(method).bind()
@@ -204,7 +212,7 @@ def _release(node: Compound, path: str, name: str | None) -> Callable[[], Any] |
     return cast("Callable[[], Any]", method)
 
 
-def _argument(node: Compound, path: str, each: inspect.Parameter, declared: Mapping[str, Declared]) -> Argument:
+def _argument(owner: Any, path: str, each: inspect.Parameter, declared: Mapping[str, Declared]) -> Argument:
     where = f"action {path}: argument {each.name}"
     if each.kind in (each.VAR_POSITIONAL, each.VAR_KEYWORD, each.POSITIONAL_ONLY):
         raise DeclarationError(f"{where} cannot be given by its name")
@@ -215,7 +223,7 @@ def _argument(node: Compound, path: str, each: inspect.Parameter, declared: Mapp
         raise DeclarationError(f"{where} must be annotated as float, int, bool, str, an Enum or a Literal")
     given = declared.get(each.name)
     with told_as(DeclarationError, f"{where}: its range failed"):
-        limits = given(node) if callable(given) else given
+        limits = given(owner) if callable(given) else given
     if (kind in ("number", "integer")) != (limits is not None):
         need = "needs a range" if limits is None else "is not a number and has no range"
         raise DeclarationError(f"{where} {need}: @action({each.name}=Range(...))")

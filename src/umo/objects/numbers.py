@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from enum import Enum, EnumMeta
 from functools import cache, partial
 from math import isfinite, nan
@@ -16,17 +16,13 @@ from typing import Annotated, Any, NamedTuple, get_args, get_origin
 
 from umo.errors import DeclarationError, RangeError, UmoError
 from umo.objects.compound import Compound
-from umo.objects.node import Node
+from umo.objects.laws import PLAIN, laws_of
 from umo.objects.paths import walk
 from umo.objects.range import Number, Range
 from umo.signature import evaluated, hints_of
 from umo.text import did_you_mean
 from umo.user_code import attempt, told_as
 
-PLAIN = (bool, int, float, str, Enum)
-"""The types of what a wiring can set."""
-NO_LAW = (*PLAIN, Node)
-"""The types of attributes that are no laws."""
 _MISSING = object()
 
 
@@ -99,9 +95,27 @@ class MachineNumber(NamedTuple):
         self.assign(number)
         check_settings(self.owner)
 
+    @property
+    def states(self) -> Mapping[int, str]:
+        """The names of the values of an Enum by their numbers; empty for any other number."""
+        return states_of(self.kind) if isinstance(self.kind, EnumMeta) else {}
+
     def describe(self) -> dict[str, Any]:
         """As plain data."""
         return {"path": self.path, **self.declared.describe()}
+
+
+@cache
+def states_of(kind: EnumMeta) -> Mapping[int, str]:
+    """The names of an Enum's members by number: their values where all are whole numbers, else their places from 0."""
+    members = list(kind.__members__.values())
+    whole = all(type(each.value) is int for each in members)
+    return {each.value if whole else place: each.name.lower().replace("_", " ") for place, each in enumerate(members)}
+
+
+def number_in(kind: EnumMeta, member: Any) -> int:
+    """The number of a member, as in `states_of`."""
+    return int(member.value) if type(member.value) is int else list(kind.__members__.values()).index(member)
 
 
 def numbers_of(root: Compound) -> dict[str, MachineNumber]:
@@ -131,25 +145,12 @@ def _of(node: Compound) -> Iterator[MachineNumber]:
         yield from _declared(node, place, partial(declared, node) if callable(declared) else declared)
     yield from _fields(node, place)
     known: set[int] = set()  # a law that is in a list as well has its numbers once
-    for name, law in _laws(node):
+    for name, law in laws_of(node):
         if id(law) not in known:
             known.add(id(law))
             path = f"{place}.{name}".lstrip(".")
             yield from _declared(law, path, partial(getattr, law, "numbers", None))
             yield from _fields(law, path)
-
-
-def _laws(node: Compound) -> Iterator[tuple[str, Any]]:
-    """What else a compound has: its public attributes, of lists, tuples and dicts what is in them."""
-    for name, value in vars(node).items():
-        if name.startswith("_") or isinstance(value, NO_LAW):
-            continue
-        found: Iterable[tuple[str, Any]] = [(name, value)]
-        if isinstance(value, list | tuple):
-            found = ((f"{name}.{number}", each) for number, each in enumerate(value))
-        elif isinstance(value, dict):
-            found = ((f"{name}.{key}", each) for key, each in value.items())
-        yield from (each for each in found if not isinstance(each[1], NO_LAW))
 
 
 def _fields(owner: Any, path: str) -> Iterator[MachineNumber]:
@@ -225,7 +226,8 @@ def _at(path: str, declared: Number, owner: Any, way: str, name: str) -> Machine
     only_shown = declared.shown and not declared.tunable and name not in fields
     value = None if only_shown and static is not _MISSING else _attribute(owner, name, path)  # it may need the machine
     if only_shown:
-        return MachineNumber(path, declared, owner, name, None, False, False)
+        named = _annotated(hints_of(cls).get(name))[0] or _returned(static) or _kind_of(value)
+        return MachineNumber(path, declared, owner, name, named if isinstance(named, EnumMeta) else None, False, False)
     if not isinstance(value, PLAIN):
         raise DeclarationError(f"number {path}: {value!r} is not a number")
     if isinstance(static, property) and static.fset is None:
@@ -238,9 +240,10 @@ def _checked(number: MachineNumber) -> MachineNumber:
     """DeclarationError for a use that its type does not allow, and for a value that is not in its range. A value that
     is not finite stands for none."""
     tunable, shown = number.declared.tunable, number.declared.shown
-    if (tunable or shown) and number.kind not in (None, int, float) and (tunable or number.kind is not bool):
-        use = "tuned" if tunable else "shown"
-        raise DeclarationError(f"number {number.path}: {number.value!r} is not a number; only numbers are {use}")
+    if tunable and number.kind not in (None, int, float):
+        raise DeclarationError(f"number {number.path}: {number.value!r} is not a number; only numbers are tuned")
+    if shown and number.kind is str:
+        raise DeclarationError(f"number {number.path}: {number.value!r} is a text; only numbers and Enums are shown")
     value = number.value if number.settable else nan
     if not isinstance(value, float) or isfinite(value):
         try:

@@ -80,8 +80,14 @@ def state_text(about: About, value: float) -> str:
     return str(about["one"] if value > 0.5 else about["zero"])
 
 
+def named_state(about: About, value: float) -> str:
+    """The name of a named value; the number where it has none."""
+    return str(about["states"].get(str(int(value)), number_text(value)))
+
+
 def value_text(about: About, *values: float) -> str:
-    """The value with its unit, or the state; of a family the least to the greatest, or how many are in each state."""
+    """The value with its unit, or the state; of a family the least to the greatest, or how many are in each state.
+    Of named values the name of each."""
     known = [value for value in values if isfinite(value)]
     if not known:
         return NO_VALUE
@@ -90,6 +96,9 @@ def value_text(about: About, *values: float) -> str:
         if ones in (0, len(known)):
             return state_text(about, ones)
         return f"{ones} {about['one']}, {len(known) - ones} {about['zero']}"
+    if "states" in about:
+        names = dict.fromkeys(named_state(about, value) for value in known)
+        return ", ".join(names)
     digits = digits_in(about)
     least, most = number_text(min(known), digits), number_text(max(known), digits)
     text = least if least == most else f"{least} to {most}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from inspect import Parameter, Signature
-from math import isnan
+from math import isfinite, isnan
 from typing import Any
 
 from umo.cycle.client_commands import DEAD_MAN_TIME
@@ -14,7 +14,7 @@ from umo.frames import Reader
 from umo.objects import Quality
 from umo.objects.units import convert
 from umo.presentation.html_table import never_raises
-from umo.presentation.value_text import quality_text, state_text, value_text
+from umo.presentation.value_text import named_state, quality_text, state_text, value_text
 from umo.remote.commander import Commander
 from umo.text import did_you_mean
 
@@ -76,7 +76,9 @@ class RemotePart:
             return RemotePart(self._station, tree, path)
         if path in tree.signals:
             frame = self._station.reader.latest()
-            return float("nan") if frame is None else float(frame["signals"][tree.signals[path]])
+            number = float("nan") if frame is None else float(frame["signals"][tree.signals[path]])
+            about = self._station.reader.layout.signals[tree.signals[path]]
+            return named_state(about, number) if "states" in about and isfinite(number) else number
         raise NoMember(
             f"{self._path or 'the station'} has no {name!r}{did_you_mean(str(name), tree.below(self._path))}"
         )

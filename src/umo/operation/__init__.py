@@ -1,0 +1,7 @@
+"""What operates a machine: the states and commands of its parts, after PackML and ISA-88."""
+
+from umo.operation.packml import PackML, PackMLState
+from umo.operation.procedure import Procedure, ProcedureState
+from umo.operation.states import UnitMode
+
+__all__ = ["PackML", "PackMLState", "Procedure", "ProcedureState", "UnitMode"]

@@ -1,0 +1,53 @@
+"""A state machine as data: its states, and where commands and finished sequences lead."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+CLEAR, ABORT, STOP = "clear", "abort", "stop"
+"""Commands that every model has."""
+
+
+@dataclass(frozen=True)
+class StateModel:
+    """The states of one standard. States are members of one IntEnum."""
+
+    name: str
+    first: IntEnum
+    """The state when the machine is connected."""
+    execute: IntEnum
+    """The state in which the part does its work."""
+    acting: Mapping[IntEnum, IntEnum]
+    """Acting states (transient ones of ISA-88), and the state that follows when the sequence of each has ended."""
+    commands: Mapping[str, Mapping[IntEnum, IntEnum]]
+    """Where each command leads, by the states in which it is possible."""
+    waiting: Collection[IntEnum]
+    """The states in which the sequence of `execute` waits to be resumed."""
+    stopped: IntEnum
+    aborting: IntEnum
+    aborted: IntEnum
+    """The state of equipment in fault."""
+
+    def possible(self, state: IntEnum) -> list[str]:
+        """The commands that are possible in a state."""
+        return [name for name, targets in self.commands.items() if state in targets]
+
+    def describe(self) -> dict[str, Any]:
+        """As plain data: states by their numbers."""
+        return {
+            "model": self.name,
+            "states": {str(int(each)): title(each) for each in type(self.first)},
+            "acting": {str(int(state)): int(then) for state, then in self.acting.items()},
+            "commands": {
+                name: {str(int(state)): int(then) for state, then in targets.items()}
+                for name, targets in self.commands.items()
+            },
+        }
+
+
+def title(state: IntEnum) -> str:
+    """The name of a state as it is shown: `unholding`."""
+    return state.name.lower().replace("_", " ")

@@ -1,0 +1,161 @@
+"""The states of PackML (ISA-TR88.00.02-2015; OPC 30050, whose NodeSet2 the tests compare with)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import IntEnum
+from typing import ClassVar, cast
+
+from umo.objects import action
+from umo.operation.model import ABORT, CLEAR, STOP, StateModel
+from umo.operation.states import States
+
+
+class PackMLState(IntEnum):
+    """The states; the numbers are those of PackTags."""
+
+    CLEARING = 1
+    STOPPED = 2
+    STARTING = 3
+    IDLE = 4
+    SUSPENDED = 5
+    EXECUTE = 6
+    STOPPING = 7
+    ABORTING = 8
+    ABORTED = 9
+    HOLDING = 10
+    HELD = 11
+    UNHOLDING = 12
+    SUSPENDING = 13
+    UNSUSPENDING = 14
+    RESETTING = 15
+    COMPLETING = 16
+    COMPLETE = 17
+
+
+_S = PackMLState
+_ENDED = (_S.ABORTING, _S.ABORTED)
+_STOPPED = (*_ENDED, _S.CLEARING, _S.STOPPING, _S.STOPPED)
+_HELD_FROM = (_S.STARTING, _S.EXECUTE, _S.UNHOLDING, _S.SUSPENDING, _S.SUSPENDED, _S.UNSUSPENDING)
+
+PACKML = StateModel(
+    name="PackML",
+    first=_S.STOPPED,
+    execute=_S.EXECUTE,
+    acting={
+        _S.RESETTING: _S.IDLE,
+        _S.STARTING: _S.EXECUTE,
+        _S.EXECUTE: _S.COMPLETING,
+        _S.COMPLETING: _S.COMPLETE,
+        _S.HOLDING: _S.HELD,
+        _S.UNHOLDING: _S.EXECUTE,
+        _S.SUSPENDING: _S.SUSPENDED,
+        _S.UNSUSPENDING: _S.EXECUTE,
+        _S.STOPPING: _S.STOPPED,
+        _S.ABORTING: _S.ABORTED,
+        _S.CLEARING: _S.STOPPED,
+    },
+    commands={
+        "reset": {_S.STOPPED: _S.RESETTING, _S.COMPLETE: _S.RESETTING},
+        "start": {_S.IDLE: _S.STARTING},
+        "hold": dict.fromkeys(_HELD_FROM, _S.HOLDING),
+        "unhold": {_S.HELD: _S.UNHOLDING},
+        "suspend": {_S.EXECUTE: _S.SUSPENDING},
+        "unsuspend": {_S.SUSPENDED: _S.UNSUSPENDING},
+        "complete": {_S.EXECUTE: _S.COMPLETING},
+        STOP: {state: _S.STOPPING for state in _S if state not in _STOPPED},
+        ABORT: {state: _S.ABORTING for state in _S if state not in _ENDED},
+        CLEAR: {_S.ABORTED: _S.CLEARING},
+    },
+    waiting=(_S.HOLDING, _S.HELD, _S.UNHOLDING, _S.SUSPENDING, _S.SUSPENDED, _S.UNSUSPENDING),
+    stopped=_S.STOPPED,
+    aborting=_S.ABORTING,
+    aborted=_S.ABORTED,
+)
+
+
+class PackML(States):
+    """A part with the states of PackML.
+
+        class FillerStates(PackML):
+            part: Filler
+
+            async def starting(self) -> None:
+                await self.part.lift()
+
+            async def execute(self) -> None:
+                while True:
+                    await self.part.fill_one()
+                    self.produced += 1
+
+            def refusal(self, command: str) -> str | None:
+                return "the guard is open" if command == "start" and self.part.is_open() else None
+
+        class Filler(Compound, equipment=True):
+            ...
+            def setup(self) -> None:
+                self.unit = FillerStates(self)
+
+    A sequence for each acting state, as far as there is something to do: `resetting`, `starting`, `execute`,
+    `completing`, `holding`, `unholding`, `suspending`, `unsuspending`, `stopping`, `aborting`, `clearing`. When it ends,
+    the next state follows. While the part is held or suspended, the sequence of `execute` waits, and goes on
+    afterwards from where it was; a motion that is under way goes on to its end unless `holding` stops it.
+    """
+
+    model: ClassVar[StateModel] = PACKML
+    changes_mode: ClassVar[Sequence[IntEnum]] = (_S.STOPPED, _S.IDLE, _S.ABORTED)
+
+    @property
+    def state(self) -> PackMLState:
+        """The state now. A part in fault is ABORTED."""
+        return cast(PackMLState, super().state)
+
+    @action(harmless=True)
+    def reset(self) -> str:
+        """From Stopped or Complete to Idle."""
+        return self.command("reset")
+
+    @action(harmless=True)
+    def start(self) -> str:
+        """From Idle to Execute."""
+        return self.command("start")
+
+    @action(harmless=True)
+    def hold(self) -> str:
+        """To Held, for a cause in the machine itself; Execute goes on from there after `unhold`."""
+        return self.command("hold")
+
+    @action(harmless=True)
+    def unhold(self) -> str:
+        """From Held to Execute."""
+        return self.command("unhold")
+
+    @action(harmless=True)
+    def suspend(self) -> str:
+        """To Suspended, for a cause outside of the machine, such as missing material."""
+        return self.command("suspend")
+
+    @action(harmless=True)
+    def unsuspend(self) -> str:
+        """From Suspended to Execute."""
+        return self.command("unsuspend")
+
+    @action(harmless=True)
+    def complete(self) -> str:
+        """End Execute, and go to Complete."""
+        return self.command("complete")
+
+    @action(harmless=True)
+    def stop(self) -> str:
+        """To Stopped."""
+        return self.command(STOP)
+
+    @action(harmless=True)
+    def abort(self) -> str:
+        """To Aborted: outputs go to their defaults, the part is in fault until it is cleared."""
+        return self.command(ABORT)
+
+    @action(harmless=True)
+    def clear(self) -> str:
+        """From Aborted to Stopped: end the fault."""
+        return self.command(CLEAR)

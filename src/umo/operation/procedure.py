@@ -1,0 +1,123 @@
+"""The states of procedural elements of batch control (ANSI/ISA-88.00.01-2010, section 6.3; IEC 61512-1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import IntEnum
+from typing import ClassVar, cast
+
+from umo.objects import action
+from umo.operation.model import ABORT, CLEAR, STOP, StateModel
+from umo.operation.states import States
+
+
+class ProcedureState(IntEnum):
+    """The states. The standard gives no numbers; these are umo's own."""
+
+    IDLE = 1
+    RUNNING = 2
+    COMPLETE = 3
+    PAUSING = 4
+    PAUSED = 5
+    HOLDING = 6
+    HELD = 7
+    RESTARTING = 8
+    STOPPING = 9
+    STOPPED = 10
+    ABORTING = 11
+    ABORTED = 12
+
+
+_S = ProcedureState
+_AT_WORK = (_S.RUNNING, _S.PAUSING, _S.PAUSED, _S.HOLDING, _S.HELD, _S.RESTARTING)
+
+PROCEDURE = StateModel(
+    name="ISA-88",
+    first=_S.IDLE,
+    execute=_S.RUNNING,
+    acting={
+        _S.RUNNING: _S.COMPLETE,
+        _S.PAUSING: _S.PAUSED,
+        _S.HOLDING: _S.HELD,
+        _S.RESTARTING: _S.RUNNING,
+        _S.STOPPING: _S.STOPPED,
+        _S.ABORTING: _S.ABORTED,
+    },
+    commands={
+        "start": {_S.IDLE: _S.RUNNING},
+        "pause": {_S.RUNNING: _S.PAUSING},
+        "resume": {_S.PAUSED: _S.RUNNING},
+        "hold": dict.fromkeys((_S.RUNNING, _S.PAUSING, _S.PAUSED, _S.RESTARTING), _S.HOLDING),
+        "restart": {_S.HELD: _S.RESTARTING},
+        STOP: dict.fromkeys(_AT_WORK, _S.STOPPING),
+        ABORT: {state: _S.ABORTING for state in _S if state not in (_S.ABORTING, _S.ABORTED)},
+        CLEAR: {_S.ABORTED: _S.STOPPED},
+        "reset": {_S.COMPLETE: _S.IDLE, _S.STOPPED: _S.IDLE},
+    },
+    waiting=(_S.PAUSING, _S.PAUSED, _S.HOLDING, _S.HELD, _S.RESTARTING),
+    stopped=_S.STOPPED,
+    aborting=_S.ABORTING,
+    aborted=_S.ABORTED,
+)
+
+
+class Procedure(States):
+    """A part that makes batches, with the states of ISA-88: `execute` is the state Running.
+
+    Sequences for acting states, as far as there is something to do: `execute`, `pausing`, `holding`, `restarting`,
+    `stopping`, `aborting`. When one ends, the next state follows. While the part is paused or held, `execute` waits,
+    and goes on afterwards from where it was. `clear`, of PackML, ends a fault: from Aborted to Stopped.
+    """
+
+    model: ClassVar[StateModel] = PROCEDURE
+    changes_mode: ClassVar[Sequence[IntEnum]] = (_S.IDLE, _S.COMPLETE, _S.STOPPED, _S.ABORTED)
+
+    @property
+    def state(self) -> ProcedureState:
+        """The state now. A part in fault is ABORTED."""
+        return cast(ProcedureState, super().state)
+
+    @action(harmless=True)
+    def start(self) -> str:
+        """From Idle to Running."""
+        return self.command("start")
+
+    @action(harmless=True)
+    def pause(self) -> str:
+        """To Paused, at a safe place in the procedure."""
+        return self.command("pause")
+
+    @action(harmless=True)
+    def resume(self) -> str:
+        """From Paused to Running."""
+        return self.command("resume")
+
+    @action(harmless=True)
+    def hold(self) -> str:
+        """To Held: a known state, from which `restart` goes on."""
+        return self.command("hold")
+
+    @action(harmless=True)
+    def restart(self) -> str:
+        """From Held to Running."""
+        return self.command("restart")
+
+    @action(harmless=True)
+    def stop(self) -> str:
+        """To Stopped: an orderly end."""
+        return self.command(STOP)
+
+    @action(harmless=True)
+    def abort(self) -> str:
+        """To Aborted: outputs go to their defaults, the part is in fault until it is cleared."""
+        return self.command(ABORT)
+
+    @action(harmless=True)
+    def clear(self) -> str:
+        """From Aborted to Stopped: end the fault."""
+        return self.command(CLEAR)
+
+    @action(harmless=True)
+    def reset(self) -> str:
+        """From Complete or Stopped to Idle."""
+        return self.command("reset")

@@ -1,0 +1,227 @@
+"""The states of one part of a machine, its commands, and the sequences that carry them out."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping, Sequence
+from enum import IntEnum
+from typing import Any, ClassVar
+
+from umo.control import next_period
+from umo.errors import CommandRefused, DeclarationError, TaskFailed
+from umo.objects import Compound, Number, action
+from umo.objects.link import Task
+from umo.operation.model import ABORT, CLEAR, STOP, StateModel, title
+from umo.text import did_you_mean
+
+
+class UnitMode(IntEnum):
+    """The modes of a unit (ISA-TR88.00.02); the numbers are those of PackTags."""
+
+    PRODUCTION = 1
+    MAINTENANCE = 2
+    MANUAL = 3
+
+
+EXECUTE = "execute"
+"""Name of the sequence of the state in which a part does its work."""
+IN_MANUAL = (STOP, ABORT, CLEAR)
+"""The commands that are possible while the machine is in manual mode."""
+
+
+class States:
+    """Base of `PackML` and `Procedure`: the states of a part that is equipment.
+
+    A part makes it in its `setup`. A subclass overrides what is to be done in the acting states, as sequences of the
+    part. Each sequence belongs to the part: if it fails, the part is in fault, which is the state `aborted`.
+
+    `part` is the compound. DeclarationError on connect if it is not declared with `equipment=True`, or is the machine
+    itself, whose fault ends the run.
+    """
+
+    model: ClassVar[StateModel]
+    excluded: ClassVar[Mapping[UnitMode, Sequence[IntEnum]]] = {}
+    """The states that a mode does not have: no command leads there, and of acting states the next one follows."""
+    changes_mode: ClassVar[Sequence[IntEnum]] = ()
+    """The states in which the mode may be changed."""
+    numbers: ClassVar[Mapping[str, Number]] = {
+        "state": Number(shown=True),
+        "mode": Number(shown=True),
+        "produced": Number(shown=True, kept=True),
+        "rejected": Number(shown=True, kept=True),
+    }
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if hasattr(cls, "model"):
+            _check_sequences(cls, cls.model)
+
+    def __init__(self, part: Compound) -> None:
+        self.part = part
+        self.path = ""
+        """The place in the machine, such as `filler.unit`; known when the machine is connected."""
+        self._state = self.model.first
+        self._mode = UnitMode.PRODUCTION
+        self.produced = self.rejected = 0
+        """Counts of good and of bad products: the program counts them."""
+        self._task: Task | None = None
+        """The sequence of an acting state."""
+        self._work: Task | None = None
+        """The sequence of `execute`; it waits in the states in `model.waiting`."""
+
+    # States --------------------------------------------------------------------------------------------
+
+    @property
+    def state(self) -> IntEnum:
+        """The state now. A part in fault is aborted; when the run is being stopped, others are stopped."""
+        if self._in_fault:
+            return self.model.aborted
+        ended = self.part.cycle.connected and not self.part.cycle.running
+        return self.model.stopped if ended else self._state
+
+    @property
+    def mode(self) -> UnitMode:
+        return self._mode
+
+    @property
+    def possible(self) -> list[str]:
+        """The commands that are possible now."""
+        return [name for name in self.model.possible(self.state) if self._refusal(name) is None]
+
+    @property
+    def _in_fault(self) -> bool:
+        return self.part.cycle.connected and self.part._machine.fault_of(self.part) is not None
+
+    def refusal(self, command: str) -> str | None:
+        """Why a command must not be carried out now; None: it may be. Override it for interlocks on transitions."""
+        return None
+
+    async def execute(self) -> None:
+        """The work. Its end leads to the next state; by default it does not end."""
+        while True:
+            await next_period()
+
+    # Commands ------------------------------------------------------------------------------------------
+
+    def command(self, name: str) -> str:
+        """Carry out a command; the state to which it has led. CommandRefused if it is not possible now: nothing was
+        changed. EquipmentFault or DriverError if a fault cannot be cleared."""
+        if (why := self._refusal(name)) is not None:
+            raise CommandRefused(f"{self.path or type(self).__name__}: {why}")
+        target = self.model.commands[name][self.state]
+        if name == CLEAR:
+            self.part.cycle.clear()
+        if name == ABORT and self.part.cycle.manual:  # no sequence runs
+            self._fail()
+        else:
+            self._enter(target)
+        return title(self.state)
+
+    def _refusal(self, name: str) -> str | None:
+        state, targets = self.state, self.model.commands[name]
+        if state not in targets:
+            known = ", ".join(self.model.possible(state))
+            return f"{name} is not possible in the state {title(state)}; possible: {known}"
+        if targets[state] in self.excluded.get(self.mode, ()):
+            return f"{name} is not possible in the mode {title(self.mode)}"
+        if self.part.cycle.manual and name not in IN_MANUAL:
+            return f"{name} is not possible in manual mode: the application waits (`umo mode` changes it)"
+        return self.refusal(name)
+
+    @action(harmless=True)
+    def change_mode(self, mode: UnitMode) -> None:
+        """Change the unit's mode."""
+        if mode is not self._mode and self.state not in self.changes_mode:
+            states = ", ".join(map(title, self.changes_mode))
+            raise CommandRefused(f"{self.path}: the mode can be changed in the states {states}")
+        self._mode = mode
+
+    @action(harmless=True)
+    def reset_counters(self) -> None:
+        """Set the counts of products to 0."""
+        self.produced = self.rejected = 0
+
+    # Each period ---------------------------------------------------------------------------------------
+
+    def begin(self, path: str) -> None:
+        """The machine is being connected; the states have this place in it."""
+        part = self.part
+        if part._settings.equipment is not True or part._parent is None:
+            need = f"class {type(part).__name__}(Compound, equipment=True)"
+            what = "is the machine itself" if part._parent is None else "is not declared so"
+            raise DeclarationError(f"{path}: states belong to a part that is equipment ({need}); {part!r} {what}")
+        self.path, self._state, self._task, self._work = path, self.model.first, None, None
+
+    def supervise(self) -> None:
+        """Follow what has happened: a fault, the end of a fault, the end of a sequence."""
+        if self._in_fault:
+            if self._state is not self.model.aborted:
+                self._enter(self.model.aborted)
+            return
+        if self._state is self.model.aborted:
+            self._enter(self.model.commands[CLEAR][self.model.aborted])
+        while self._has_ended():
+            then = self.model.acting[self._state]
+            if then is self.model.aborted:
+                self._fail()
+                return
+            self._enter(then)
+
+    def _has_ended(self) -> bool:
+        """Whether the work of an acting state is done; it is begun here."""
+        state = self._state
+        if state not in self.model.acting:
+            return False
+        if state is self.model.execute:
+            if self._work is None:
+                self._work = self.part.cycle.start(self.execute())
+            return self._work.done
+        if self._task is None and self._is_overridden(state) and state not in self.excluded.get(self.mode, ()):
+            self._task = self.part.cycle.start(getattr(self, sequence_name(self.model, state))())
+        return self._task is None or self._task.done
+
+    def _is_overridden(self, state: IntEnum) -> bool:
+        return hasattr(type(self), sequence_name(self.model, state))
+
+    def _enter(self, state: IntEnum) -> None:
+        self._state = state
+        self.part._machine.tell(self.path, f"state: {title(state)}")
+        task, self._task = self._task, None
+        if task is not None:
+            task.cancel()
+        if self._work is None:
+            return
+        self._work.paused = state in self.model.waiting
+        if state is not self.model.execute and not self._work.paused:
+            work, self._work = self._work, None
+            work.cancel()
+
+    def _fail(self) -> None:
+        """Abort: the part is in fault, its outputs are at their defaults."""
+        self.part._machine.fail(self.part, TaskFailed("aborted by a command"))
+        self._enter(self.model.aborted)
+
+    def describe(self) -> dict[str, Any]:
+        """As plain data."""
+        modes = {str(int(each)): title(each) for each in UnitMode}
+        return {"path": self.path, "part": self.part._path, "modes": modes, **self.model.describe()}
+
+
+def sequence_name(model: StateModel, state: IntEnum) -> str:
+    """The name of the method that is the sequence of an acting state."""
+    return EXECUTE if state is model.execute else state.name.lower()
+
+
+def _check_sequences(cls: type, model: StateModel) -> None:
+    """DeclarationError for a sequence of an acting state that is none, and for one whose name is misspelt: it would
+    never be called."""
+    known = [sequence_name(model, state) for state in model.acting]
+    for name, value in vars(cls).items():
+        if name in known and not inspect.iscoroutinefunction(value):
+            raise DeclarationError(f"{cls.__name__}.{name} must be a sequence: `async def {name}(self)`")
+        if name in known or not inspect.iscoroutinefunction(value) or name.startswith("_"):
+            continue
+        meant = EXECUTE if name == title(model.execute) else did_you_mean(name, known)
+        if meant:
+            hint = meant if meant.startswith(" ") else f" (did you mean {meant!r}?)"
+            raise DeclarationError(f"{cls.__name__}.{name} is not a state of {model.name} with a sequence{hint}")
