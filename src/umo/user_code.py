@@ -85,8 +85,8 @@ def is_interrupt(error: BaseException) -> bool:
 
 
 def read_numbers(numbers: Iterable[tuple[str, Any, Any, str, Any]]) -> list[float]:
-    """The values of signals now: third and fourth are the owner and the name of the attribute. NaN for one that has no value,
-    or of which reading fails."""
+    """The values of signals now: third and fourth are the owner and the name of the attribute. NaN for one that has no
+    value, or of which reading fails."""
     values = []
     for _, _, owner, name, _ in numbers:  # not by `attempt`: a call for each in every period is too dear
         try:

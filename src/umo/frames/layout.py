@@ -268,6 +268,7 @@ def describe_objects(items: Sequence[Atomic]) -> tuple[dict[str, Any], ...]:
 def describe_signals(signals: Sequence[Signal]) -> tuple[dict[str, Any], ...]:
     """Path, unit and, of a named value, names of the states of each signal, in the order of the frame's."""
     return tuple(
-        {"path": each.path, "unit": each.unit} | ({"states": {str(n): s for n, s in each.states.items()}} if each.states else {})
+        {"path": each.path, "unit": each.unit}
+        | ({"states": {str(n): s for n, s in each.states.items()}} if each.states else {})
         for each in signals
     )

@@ -12,7 +12,7 @@ from umo.objects.paths import walk
 
 PLAIN = (bool, int, float, str, Enum)
 """The types of what a wiring can set."""
-NO_LAW = (*PLAIN, Node)
+NO_LAW = (*PLAIN, Node, type)
 """The types of attributes that are no laws."""
 
 

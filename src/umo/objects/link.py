@@ -71,6 +71,9 @@ class Image(Protocol):
 class Task(Protocol):
     """A started sequence. Another sequence may await it: the result; TaskFailed if it failed or was cancelled."""
 
+    paused: bool
+    """Whether it takes no steps, so that no time passes for it; default: False. A program may set it."""
+
     @property
     def done(self) -> bool:
         """Whether it has ended, in whatever way."""

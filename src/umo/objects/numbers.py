@@ -108,7 +108,7 @@ class MachineNumber(NamedTuple):
 @cache
 def states_of(kind: EnumMeta) -> Mapping[int, str]:
     """The names of an Enum's members by number: their values where all are whole numbers, else their places from 0."""
-    members = list(kind.__members__.values())
+    members: list[Any] = list(kind.__members__.values())
     whole = all(type(each.value) is int for each in members)
     return {each.value if whole else place: each.name.lower().replace("_", " ") for place, each in enumerate(members)}
 

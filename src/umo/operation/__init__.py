@@ -2,6 +2,6 @@
 
 from umo.operation.packml import PackML, PackMLState
 from umo.operation.procedure import Procedure, ProcedureState
-from umo.operation.states import UnitMode
+from umo.operation.unit_states import UnitMode
 
 __all__ = ["PackML", "PackMLState", "Procedure", "ProcedureState", "UnitMode"]

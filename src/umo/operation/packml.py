@@ -8,7 +8,7 @@ from typing import ClassVar, cast
 
 from umo.objects import action
 from umo.operation.model import ABORT, CLEAR, STOP, StateModel
-from umo.operation.states import States
+from umo.operation.unit_states import UnitStates
 
 
 class PackMLState(IntEnum):
@@ -74,7 +74,7 @@ PACKML = StateModel(
 )
 
 
-class PackML(States):
+class PackML(UnitStates):
     """A part with the states of PackML.
 
         class FillerStates(PackML):
@@ -97,8 +97,8 @@ class PackML(States):
                 self.unit = FillerStates(self)
 
     A sequence for each acting state, as far as there is something to do: `resetting`, `starting`, `execute`,
-    `completing`, `holding`, `unholding`, `suspending`, `unsuspending`, `stopping`, `aborting`, `clearing`. When it ends,
-    the next state follows. While the part is held or suspended, the sequence of `execute` waits, and goes on
+    `completing`, `holding`, `unholding`, `suspending`, `unsuspending`, `stopping`, `aborting`, `clearing`. When it
+    ends, the next state follows. While the part is held or suspended, the sequence of `execute` waits, and goes on
     afterwards from where it was; a motion that is under way goes on to its end unless `holding` stops it.
     """
 

@@ -8,7 +8,7 @@ from typing import ClassVar, cast
 
 from umo.objects import action
 from umo.operation.model import ABORT, CLEAR, STOP, StateModel
-from umo.operation.states import States
+from umo.operation.unit_states import UnitStates
 
 
 class ProcedureState(IntEnum):
@@ -61,7 +61,7 @@ PROCEDURE = StateModel(
 )
 
 
-class Procedure(States):
+class Procedure(UnitStates):
     """A part that makes batches, with the states of ISA-88: `execute` is the state Running.
 
     Sequences for acting states, as far as there is something to do: `execute`, `pausing`, `holding`, `restarting`,

@@ -29,7 +29,7 @@ IN_MANUAL = (STOP, ABORT, CLEAR)
 """The commands that are possible while the machine is in manual mode."""
 
 
-class States:
+class UnitStates:
     """Base of `PackML` and `Procedure`: the states of a part that is equipment.
 
     A part makes it in its `setup`. A subclass overrides what is to be done in the acting states, as sequences of the
@@ -111,10 +111,7 @@ class States:
         target = self.model.commands[name][self.state]
         if name == CLEAR:
             self.part.cycle.clear()
-        if name == ABORT and self.part.cycle.manual:  # no sequence runs
-            self._fail()
-        else:
-            self._enter(target)
+        self._enter(target)
         return title(self.state)
 
     def _refusal(self, name: str) -> str | None:
@@ -160,6 +157,8 @@ class States:
             return
         if self._state is self.model.aborted:
             self._enter(self.model.commands[CLEAR][self.model.aborted])
+        if self._state is self.model.aborting and self.part.cycle.manual:  # no sequence runs
+            self._fail()
         while self._has_ended():
             then = self.model.acting[self._state]
             if then is self.model.aborted:
