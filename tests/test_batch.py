@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import pytest
@@ -18,6 +19,7 @@ from helpers.tiers import first
 from umo.control import until, wait
 from umo.drivers import Direction
 from umo.errors import ChannelError, DriverError, EquipmentFault
+from umo.operation import ProcedureState
 from umo.process.station import find
 from umo.states import OpenClosed
 from umo.stations.batch.application import main
@@ -194,6 +196,86 @@ def test_what_a_run_that_was_stopped_has_left_is_dumped_by_the_next_one() -> Non
         result = umo.drive(m, main, batches=1)
     assert result == {"batches_made": 2, "made": "glue 1, soap 1", "batches_dumped": 2}
     assert len(plant.good) == 3  # the first one had been made, and nobody claims it
+
+
+# Operated ---------------------------------------------------------------------------------------------
+
+
+PHASES = ["weighing", "charging", "heating", "holding", "draining"]
+
+
+def held(phase: str, command: str, back: str, seconds: float, after: float = 1.0) -> Callable[[BatchPlant], Any]:
+    """An operator who holds the first reactor in a phase, for so long."""
+
+    async def operate(m: BatchPlant) -> None:
+        reactor = m.reactors[0]
+        await until(lambda: reactor.phase == phase)
+        await wait(after)
+        reactor.unit.command(command)
+        await wait(2.0)
+        assert reactor.activity == ("held" if command == "hold" else "paused")
+        valves = [reactor.feed, reactor.drain]
+        level = reactor.level.read()
+        await wait(seconds)
+        assert [valve.read() for valve in valves] == [CLOSED] * 2
+        assert reactor.level.read() == pytest.approx(level, abs=1.0)
+        reactor.unit.command(back)
+
+    return operate
+
+
+@pytest.mark.parametrize("phase", PHASES)
+@pytest.mark.parametrize(("command", "back"), [("hold", "restart"), ("pause", "resume")])
+def test_a_batch_that_is_held_in_any_phase_goes_on_and_is_good(phase: str, command: str, back: str) -> None:
+    run = Run(batches=1, disturb=held(phase, command, back, 90.0))
+    run.assert_made("glue 1, soap 1")
+    assert run.report["wasted_kg"] == 0.0
+    assert not run.faults
+
+
+@pytest.mark.parametrize("seed", first(0, range(40)))
+def test_a_batch_that_is_held_at_any_moment_goes_on_and_is_good(seed: int) -> None:
+    chance = Random(seed)
+
+    async def operate(m: BatchPlant) -> None:
+        while True:
+            await wait(chance.uniform(1.0, 80.0))
+            unit = chance.choice(m.reactors).unit
+            for command in ("hold", "restart"):
+                if command in unit.possible:
+                    unit.command(command)
+                    await wait(chance.uniform(0.1, 60.0))
+
+    Run(batches=2, seed=seed, patience=1e6, disturb=operate).assert_made("glue 2, soap 2")
+
+
+def test_the_other_reactor_goes_on_while_one_is_held() -> None:
+    run = Run(batches=1, disturb=held("heating", "hold", "restart", 2000.0))
+    run.assert_made("glue 1, soap 1")
+    assert run.phases[1][-1][0] < 800.0 < run.phases[0][-1][0]
+
+
+def test_a_batch_that_an_operator_stops_is_dumped_and_made_again_once_the_reactor_is_reset() -> None:
+    async def operate(m: BatchPlant) -> None:
+        reactor = m.reactors[0]
+        await until(lambda: reactor.phase == "heating")
+        reactor.unit.stop()
+        await wait(60.0)
+        assert reactor.unit.state is ProcedureState.STOPPED
+        assert reactor.heater.read() == 0.0
+        reactor.unit.reset()
+
+    Run(batches=1, disturb=operate).assert_made("glue 1, soap 1", dumped=1)
+
+
+def test_a_batch_that_an_operator_aborts_is_made_again_once_the_fault_is_cleared() -> None:
+    async def operate(m: BatchPlant) -> None:
+        await until(lambda: m.reactors[0].phase == "heating")
+        m.reactors[0].unit.abort()
+
+    run = Run(batches=1, repair_time=30.0, disturb=operate)
+    run.assert_made("glue 1, soap 1", dumped=1)
+    assert run.faults == [("reactors.0", "aborted by a command")]
 
 
 # Interlocks ------------------------------------------------------------------------------------------

@@ -5,11 +5,16 @@ from collections.abc import Sequence
 from typing import Any
 
 from umo.control import together, until
-from umo.errors import TaskFailed, TimeExpired
+from umo.errors import TimeExpired
+from umo.operation import ProcedureState
 
 from .control import BatchPlant, Reactor
 from .errors import BatchesLost
+from .making import Making
 from .recipes import BOOK, Name, Recipe, in_words
+
+ENDED = (ProcedureState.COMPLETE, ProcedureState.STOPPED, ProcedureState.ABORTED)
+"""The states in which a reactor makes no batch until it is reset."""
 
 
 async def main(
@@ -22,7 +27,8 @@ async def main(
         batches: how many each reactor makes.
         patience: time in which a fault must be cleared, s; then the batches of this reactor are not made.
 
-    A batch that was broken off by a fault is dumped and made again when the fault is cleared. BatchesLost at the end if
+    A batch that was broken off by a fault is dumped and made again when the fault is cleared; one that an operator has
+    stopped, when the operator resets the reactor. BatchesLost at the end if
     a fault was not.
     """
     book = [BOOK[name] for name in recipe]
@@ -34,26 +40,39 @@ async def main(
     if reasons := list(filter(None, lost)):
         raise BatchesLost("; ".join(reasons))
     made = Counter(recipe.name for plan in plans for recipe in plan)
-    dumped = sum(reactor.dumped for reactor in m.reactors)
+    dumped = sum(reactor.unit.rejected for reactor in m.reactors)
     return {"batches_made": made.total(), "made": in_words(made), "batches_dumped": dumped}
 
 
 async def work(m: BatchPlant, reactor: Reactor, plan: list[Recipe], patience: float) -> str:
     """Make the batches of one reactor. Returns why some were not made; empty if all were."""
     for number, recipe in enumerate(plan):
-        while not await made(m, reactor, recipe):
+        while not await made(reactor.unit, recipe):
             try:
-                await until(lambda: reactor.cycle.fault is None, timeout=patience)
+                await ready(reactor.unit, patience)
             except TimeExpired:
                 left = f"{len(plan) - number} of {len(plan)} batches not made"
-                return f"reactor {reactor.number}: {left}: {reactor.cycle.fault}"
+                return f"reactor {reactor.number}: {left}: {reactor.cycle.fault or reactor.activity}"
     return ""
 
 
-async def made(m: BatchPlant, reactor: Reactor, recipe: Recipe) -> bool:
-    """Make one batch; False if the reactor failed."""
-    try:
-        await reactor.cycle.start(reactor.produce(recipe, m.line))
-    except TaskFailed:  # it is in fault, and says why
+async def made(unit: Making, recipe: Recipe) -> bool:
+    """Make one batch; False if the reactor failed, or was stopped."""
+    unit.recipe = recipe
+    if unit.state is ProcedureState.IDLE:  # or an operator was quicker
+        unit.start()
+    await until(lambda: unit.state in ENDED)
+    if unit.state is not ProcedureState.COMPLETE:
         return False
+    unit.reset()
     return True
+
+
+async def ready(unit: Making, patience: float) -> None:
+    """Wait until the reactor can be started again. After a fault that is when the fault is cleared; after a stop by an
+    operator, when the operator resets it. TimeExpired after `patience`."""
+    failed = unit.state is ProcedureState.ABORTED
+    await until(lambda: unit.state is not ProcedureState.ABORTED, timeout=patience)
+    if failed and unit.state is ProcedureState.STOPPED:
+        unit.reset()
+    await until(lambda: unit.state not in ENDED, timeout=patience)

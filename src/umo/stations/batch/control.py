@@ -11,11 +11,13 @@ from math import nan
 from typing import Annotated
 
 from umo import Compound, DigitalActuator, DigitalSensor, Interlock, Number
-from umo.control import Servo, first, unless, until, value_of, wait
+from umo.control import Servo, Task, first, unless, until, value_of, wait
 from umo.errors import TimeExpired
+from umo.operation import ProcedureState
 
-from .charging import OPEN, ChargingLine, Valve, held_open
+from .charging import CLOSED, OPEN, ChargingLine, Valve, held_open
 from .errors import ChargingError, DrainingError, TemperatureError
+from .making import Making
 from .recipes import STIRRING_TOLERANCE, Recipe
 
 __all__ = ["BatchPlant", "ChargingLine", "Reactor"]
@@ -26,8 +28,6 @@ class Reactor(
     equipment=True,
     stop_order=("heater", "stirrer", "feed", "drain"),
     numbers={
-        "made": Number(shown=True),
-        "dumped": Number(shown=True),
         "heating.gain": Number("percent/K", 0.0, 50.0, tunable=True),
         "heating.integral_time": Number("s", 20.0, 2000.0, tunable=True),
     },
@@ -71,11 +71,13 @@ class Reactor(
         self.number = 0  # among the reactors, and of its outlet of the charging line
         self.setpoint = nan  # degC; NaN: it is neither heated nor stirred
         self.stirring = 0.0  # rpm
+        self.unit = Making(self)
+        self.in_line: Task | None = None  # what the charging line does for this reactor now
         self.begin()
 
     def begin(self) -> None:
         """A run begins: what is in it belongs to no batch."""
-        self.made = self.dumped = 0  # batches
+        self.unit.reset_counters()
         self.phase = "idle"
         self._ready = False  # what is in it is a batch that is made, and only to be drained
 
@@ -93,12 +95,21 @@ class Reactor(
             self.heating.control(self.setpoint, dt=self.dt)
             self.stirrer.write(self.stirring)
 
+    @property
+    def activity(self) -> str:
+        """What it does, in a word: its phase, or the state in which it does not go on."""
+        if self.cycle.fault:
+            return "fault"
+        state = self.unit.state
+        stands = (*self.unit.model.waiting, ProcedureState.STOPPED)
+        return state.name.lower() if state in stands else self.phase
+
     async def produce(self, recipe: Recipe, line: ChargingLine) -> None:
         """Make one batch. What is left of one that was broken off is drained first; one that was broken off while it
         was drained is made when that is done."""
         try:
             if value_of(self.level) > self.empty and not self._ready:
-                self.dumped += 1
+                self.unit.rejected += 1
                 await self._empty("dumping")
             if not self._ready:
                 await self._charge(recipe, line)
@@ -107,7 +118,6 @@ class Reactor(
             self._ready = True
             await self._empty("draining")
             self._ready = False
-            self.made += 1
             self.phase = "idle"
         finally:
             self.rest()
@@ -118,14 +128,29 @@ class Reactor(
         self.heater.write(0.0)
         self.stirrer.write(0.0)
 
+    def close_valves(self, line: ChargingLine) -> None:
+        """Nothing flows, as the batch is held: also in the charging line, if that works for this reactor."""
+        in_line = () if self.in_line is None else (*line.inlets, *line.outlets, line.waste)
+        for valve in (self.feed, self.drain, *in_line):
+            valve.write(CLOSED)
+
     async def _charge(self, recipe: Recipe, line: ChargingLine) -> None:
         self.phase = "waiting for the scale"
         async with line.lock:
             await self._cleared(line)
             self.phase = "weighing"
-            await line.cycle.start(line.weigh(recipe.amounts))
+            await self._carried_out(line.cycle.start(line.weigh(recipe.amounts)))
             self.phase = "charging"
-            await first(line.cycle.start(line.discharge(self.number)), held_open(self.feed))
+            discharged = line.cycle.start(line.discharge(self.number))
+            await first(self._carried_out(discharged), held_open(self.feed))
+
+    async def _carried_out(self, in_line: Task) -> None:
+        """Wait for what the charging line does for this reactor."""
+        self.in_line = in_line
+        try:
+            await in_line
+        finally:
+            self.in_line = None
 
     async def _cleared(self, line: ChargingLine) -> None:
         """Wait until the line is in fault no longer: it was not in this batch that it failed."""
@@ -192,12 +217,12 @@ class BatchPlant(Compound, stop_order=("reactors", "line"), max_period="200 ms")
     def setup(self) -> None:
         for number, reactor in enumerate(self.reactors):
             reactor.number = number
+            reactor.unit.line = self.line
         self._told = ""
 
     def control(self) -> None:
         """Report what the reactors do."""
-        phases = (f"{reactor.number} {'fault' if reactor.cycle.fault else reactor.phase}" for reactor in self.reactors)
-        told = ", ".join(phases)
+        told = ", ".join(f"{reactor.number} {reactor.activity}" for reactor in self.reactors)
         if told != self._told:
             self._told = told
-            self.cycle.progress(told, done=sum(reactor.made for reactor in self.reactors))
+            self.cycle.progress(told, done=sum(reactor.unit.produced for reactor in self.reactors))
