@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from enum import Enum, IntEnum
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from umo.cycle.trace import Trace
 from umo.errors import DeclarationError
 from umo.frames import Reader
 from umo.objects import numbers_of
+from umo.presentation.value_text import value_text
 from umo.testing import Scripted, periods, put
 
 pytestmark = pytest.mark.usefixtures("each_way")
@@ -128,3 +130,53 @@ def test_a_signal_that_is_not_there_is_refused_on_connect() -> None:
     message = "number axes.0.weight: Odd has no attribute 'weight'"
     with pytest.raises(DeclarationError, match=message), connect(m, wired(m, Scripted())):
         pass
+
+
+# Named values -------------------------------------------------------------------------------------------
+
+
+class Phase(Enum):
+    WAITING = "waits"
+    TOP_DOWN = "goes down"
+
+
+class Level(IntEnum):
+    LOW = 10
+    HIGH = 20
+
+
+class Mill(Compound, numbers={"phase": Number(shown=True), "level": Number(shown=True)}):
+    timer: DigitalSensor
+
+    def setup(self) -> None:
+        self.phase = Phase.WAITING
+
+    @property
+    def level(self) -> Level:
+        return Level.HIGH if self.phase is Phase.TOP_DOWN else Level.LOW
+
+
+def test_a_shown_enum_is_a_named_value_in_frames_and_in_words() -> None:
+    machine = Mill(timer=timer())
+    connection = connect(machine, wired(machine, Scripted()))
+    with connection as m, published(connection, "mill") as ring, Reader(ring.path) as reader:
+        periods(m)
+        m.phase = Phase.TOP_DOWN
+        periods(m)
+        about = {each["path"]: each for each in reader.layout.signals}
+        assert about["phase"]["states"] == {"0": "waiting", "1": "top down"}
+        assert about["level"]["states"] == {"10": "low", "20": "high"}
+        assert [frame["signals"].tolist() for frame in reader.read()] == [[0.0, 10.0], [1.0, 20.0]]
+        assert value_text(about["phase"], 1.0) == "top down"
+        assert value_text(about["phase"], 0.0, 1.0, 1.0) == "waiting, top down"
+        assert value_text(about["level"], 15.0) == "15"
+        assert "top down" in reader.html(["phase"])
+
+
+def test_an_enum_whose_value_is_another_thing_has_no_value() -> None:
+    machine = Mill(timer=timer())
+    connection = connect(machine, wired(machine, Scripted()))
+    with connection as m, published(connection, "mill") as ring, Reader(ring.path) as reader:
+        m.phase = "somewhere"
+        periods(m)
+        assert math.isnan(reader.latest()["signals"][0])

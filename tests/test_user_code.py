@@ -24,6 +24,7 @@ from umo import (
 )
 from umo.control import next_period
 from umo.cycle.columns import Source
+from umo.cycle.frame import Signal
 from umo.errors import DeclarationError, DriverError, RangeError
 from umo.frames import Reader, Stage
 from umo.objects import numbers_of
@@ -429,9 +430,9 @@ def test_a_result_is_cut_to_any_length(longest: int) -> None:
 def test_a_number_that_cannot_be_read_is_nan(error: BaseException) -> None:
     m = shown()
     m.mood = error
-    assert read_numbers([("steady", "", m, "steady")]) == [1.0]
+    assert read_numbers([Signal("steady", "", m, "steady")]) == [1.0]
     with connect(m):
-        assert math.isnan(read_numbers([("moody", "", m, "moody")])[0])
+        assert math.isnan(read_numbers([Signal("moody", "", m, "moody")])[0])
 
 
 @pytest.mark.parametrize("error", RAISED)

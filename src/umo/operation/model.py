@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
+from types import MappingProxyType
 from typing import Any
 
 CLEAR, ABORT, STOP = "clear", "abort", "stop"
@@ -31,6 +32,9 @@ class StateModel:
     aborted: IntEnum
     """The state of equipment in fault."""
 
+    places: Mapping[IntEnum, tuple[int, int]] = MappingProxyType({})
+    """Column and row of each state in a diagram."""
+
     def possible(self, state: IntEnum) -> list[str]:
         """The commands that are possible in a state."""
         return [name for name, targets in self.commands.items() if state in targets]
@@ -40,6 +44,7 @@ class StateModel:
         return {
             "model": self.name,
             "states": {str(int(each)): title(each) for each in type(self.first)},
+            "places": {str(int(state)): list(place) for state, place in self.places.items()},
             "acting": {str(int(state)): int(then) for state, then in self.acting.items()},
             "commands": {
                 name: {str(int(state)): int(then) for state, then in targets.items()}

@@ -71,6 +71,25 @@ PACKML = StateModel(
     stopped=_S.STOPPED,
     aborting=_S.ABORTING,
     aborted=_S.ABORTED,
+    places={
+        _S.UNHOLDING: (1, 0),
+        _S.HELD: (2, 0),
+        _S.HOLDING: (3, 0),
+        _S.IDLE: (0, 1),
+        _S.STARTING: (1, 1),
+        _S.EXECUTE: (2, 1),
+        _S.COMPLETING: (3, 1),
+        _S.COMPLETE: (4, 1),
+        _S.UNSUSPENDING: (1, 2),
+        _S.SUSPENDED: (2, 2),
+        _S.SUSPENDING: (3, 2),
+        _S.RESETTING: (0, 2),
+        _S.STOPPED: (0, 3),
+        _S.STOPPING: (1, 3),
+        _S.CLEARING: (2, 3),
+        _S.ABORTED: (3, 3),
+        _S.ABORTING: (4, 3),
+    },  # fmt: skip
 )
 
 

@@ -58,6 +58,20 @@ PROCEDURE = StateModel(
     stopped=_S.STOPPED,
     aborting=_S.ABORTING,
     aborted=_S.ABORTED,
+    places={
+        _S.PAUSED: (1, 0),
+        _S.PAUSING: (2, 0),
+        _S.IDLE: (0, 1),
+        _S.RUNNING: (1, 1),
+        _S.COMPLETE: (2, 1),
+        _S.RESTARTING: (0, 2),
+        _S.HELD: (1, 2),
+        _S.HOLDING: (2, 2),
+        _S.STOPPED: (0, 3),
+        _S.STOPPING: (1, 3),
+        _S.ABORTED: (2, 3),
+        _S.ABORTING: (3, 3),
+    },  # fmt: skip
 )
 
 

@@ -112,7 +112,11 @@ class Watched:
         told["objects"] = [as_shown(each) | {"declared": declared_of([TableRow(each)])} for each in layout.objects]
         told |= {"signals": list(map(as_shown, layout.signals)), "tunables": list(map(as_shown, layout.tunables))}
         told["actions"] = [each | {"arguments": list(map(as_shown, each["arguments"]))} for each in layout.actions]
-        return told | {"twin": self.twin} | {"qualities": list(zip(SIGNS, WORDS, strict=True))}
+        return (
+            told
+            | {"twin": self.twin, "units": list(layout.units)}
+            | {"qualities": list(zip(SIGNS, WORDS, strict=True))}
+        )
 
     def _take_state(self) -> None:
         """Make the state of this number: what has changed since the one that was made before."""

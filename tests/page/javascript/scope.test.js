@@ -160,5 +160,7 @@ test("numbers, durations and states in words", () => {
   assert.deepEqual([5, 300, 7500].map(lasting), ["5 s", "5 min", "2 h 05 min"]);
   assert.equal(valueText({ path: "v", one: "ON", zero: "OFF" }, 1), "ON");
   assert.equal(valueText({ path: "v", one: "ON", zero: "OFF" }, null), "-");
+  assert.equal(valueText({ path: "s", states: { 4: "idle", 6: "execute" } }, 6), "execute");
+  assert.equal(valueText({ path: "s", states: { 4: "idle", 6: "execute" } }, 6, 4, 4, null, 7), "execute, idle, 7");
   assert.equal(valueText({ path: "m", unit: "mm/s**2", look: "mm/s²", digits: 2 }, 1.5), "1.50 mm/s²");
 });

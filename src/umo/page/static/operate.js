@@ -4,6 +4,7 @@ import { ActionControl, ActuatorControl, JogControl, SensorControl, TunableContr
 import { address, el, setText, store } from "./dom.js";
 import { words } from "./client.js";
 import { filtered, groupsOf, isActuator, partsOf } from "./parts.js";
+import { StatesPanel } from "./states.js";
 import { clearing, forbidden } from "./status.js";
 
 /**
@@ -31,6 +32,7 @@ export class View {
     this._answered = "";
     this._why = el("span", { className: "hint" });
     this._parts = el("div", { className: "parts" });
+    this._states = (feed.description?.units ?? []).map((unit) => new StatesPanel(unit, feed, client));
     this._holder = el("span", { className: "holder" });
     this._name = el("input", { type: "text", placeholder: "Your name", maxLength: 40, "aria-label": "Your name", value: store.get("name"), onchange: () => store.set("name", this._name.value) });
     this._take = el("button", { onclick: () => this._taken() });
@@ -39,7 +41,7 @@ export class View {
     element.append(
       el("div", { className: "bar lease" }, this._holder, this._name, this._take, this._give,
         el("span", { className: "modes", role: "group", "aria-label": "Mode" }, ...this._mode), this._filter, this._why),
-      this._answers, this._parts);
+      this._answers, el("div", { className: "parts" }, ...this._states.map((each) => each.element)), this._parts);
     this._off = client.on(() => this._refresh());  // after each state too
     this._filtered();
     this._refresh();
@@ -84,6 +86,7 @@ export class View {
     }
     setText(this._why, ended ? "" : why(feed, client));
     this._show();
+    for (const each of this._states) each.refresh(feed);
     for (const part of this._shownParts) part.refresh();
   }
 

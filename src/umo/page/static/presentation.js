@@ -56,7 +56,7 @@ export const isBinary = (entry) => Boolean(entry && "one" in entry);
 /** @param {Page.Entry} entry @param {number} value */
 const stateText = (entry, value) => (value > 0.5 ? entry.one : entry.zero) ?? NO_VALUE;
 
-/** A value with its unit, or a state; of a family from the least to the greatest, or how many are in each state. @param {Page.Entry} entry @param {(number | null | undefined)[]} values */
+/** A value with its unit, or a state; of a family from the least to the greatest, how many are in each state, or the names. @param {Page.Entry} entry @param {(number | null | undefined)[]} values */
 export function valueText(entry, ...values) {
   const known = /** @type {number[]} */ (values.filter((value) => Number.isFinite(value)));
   if (!known.length) return NO_VALUE;
@@ -65,6 +65,7 @@ export function valueText(entry, ...values) {
     const mixed = ones > 0 && ones < known.length;
     return mixed ? `${ones} ${entry.one}, ${known.length - ones} ${entry.zero}` : stateText(entry, known[0]);
   }
+  if (entry.states) return [...new Set(known.map((value) => entry.states?.[String(value)] ?? numberText(value)))].join(", ");
   const [least, most] = [known.reduce((a, b) => Math.min(a, b)), known.reduce((a, b) => Math.max(a, b))].map((value) => numberText(value, entry.digits));
   return `${least === most ? least : `${least} to ${most}`} ${unitOf(entry)}`.trimEnd();
 }

@@ -12,6 +12,8 @@ declare namespace Page {
     digits?: number | null;
     one?: string;
     zero?: string;
+    /** Of a named value: the names by number. */
+    states?: Record<string, string>;
     minimum?: number;
     maximum?: number;
     /** Both in words, without the unit. */
@@ -40,6 +42,19 @@ declare namespace Page {
 
   interface Action { path: string; help: string; arguments: Argument[]; harmless: boolean; dead_man: boolean }
 
+  /** A state machine (umo/operation): states, and where commands lead, by the numbers of states. */
+  interface Unit {
+    path: string;
+    /** Path of the part that has it. */
+    part: string;
+    model: string;
+    states: Record<string, string>;
+    /** Column and row of each in the diagram. */
+    places: Record<string, [number, number]>;
+    acting: Record<string, number>;
+    commands: Record<string, Record<string, number>>;
+  }
+
   interface Tunable { path: string; name: string; unit?: string; look?: string; minimum?: number; maximum?: number; range?: string }
 
   interface Description {
@@ -54,6 +69,7 @@ declare namespace Page {
     signals: Entry[];
     actions: Action[];
     tunables: Tunable[];
+    units: Unit[];
     twin: boolean;
     qualities: [string, string][];
   }

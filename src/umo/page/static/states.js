@@ -1,0 +1,122 @@
+/** The states of a part: its state in large letters, its commands, the diagram, and the counts of products. */
+
+import { ActionControl } from "./controls.js";
+import { el, setText } from "./dom.js";
+import { numberText } from "./presentation.js";
+
+/**
+ * @typedef {import("./feed.js").Feed} Feed
+ * @typedef {import("./client.js").Client} Client
+ */
+
+const SVG = "http://www.w3.org/2000/svg";
+const COLUMN = 112;  // px from one state of the diagram to the next
+const ROW = 58;
+const WIDTH = 96;
+const HEIGHT = 34;
+const IN_MANUAL = ["stop", "abort", "clear"];  // possible in manual mode too
+const APART = ["stop", "abort"];  // set apart from the others
+const COUNTERS = ["produced", "rejected"];
+
+/** @param {string} tag @param {Record<string, string | number>} attributes @param {(Node | string)[]} children @returns {SVGElement} */
+function svg(tag, attributes, ...children) {
+  const element = document.createElementNS(SVG, tag);
+  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, String(value));
+  element.append(...children);
+  return element;
+}
+
+/** @param {[number, number]} place */
+const middle = ([column, row]) => [column * COLUMN + WIDTH / 2 + 4, row * ROW + HEIGHT / 2 + 4];
+
+/** The diagram of a state machine; the present state is marked. */
+class Diagram {
+  /** @param {Page.Unit} unit */
+  constructor(unit) {
+    /** @type {Map<string, SVGElement>} */
+    this._boxes = new Map();
+    const places = Object.values(unit.places);
+    const [columns, rows] = [0, 1].map((axis) => Math.max(...places.map((place) => place[axis])) + 1);
+    const [width, height] = [columns * COLUMN - COLUMN + WIDTH + 8, rows * ROW - ROW + HEIGHT + 8];
+    const named = Object.entries(unit.commands).filter(([name]) => !APART.includes(name)).flatMap(([, targets]) => Object.entries(targets));
+    const ways = [...Object.entries(unit.acting), ...named].map(([from, to]) => this._way(unit.places[from], unit.places[String(to)]));
+    const boxes = Object.entries(unit.places).map(([number, place]) => this._box(unit, number, place));
+    this.element = svg("svg", { class: "diagram", viewBox: `0 0 ${width} ${height}`, role: "img" }, ...ways, ...boxes);
+  }
+
+  /** @param {[number, number]} from @param {[number, number]} to */
+  _way(from, to) {
+    const [[x1, y1], [x2, y2]] = [middle(from), middle(to)];
+    return svg("line", { x1, y1, x2, y2, class: "way" });
+  }
+
+  /** @param {Page.Unit} unit @param {string} number @param {[number, number]} place */
+  _box(unit, number, place) {
+    const [x, y] = middle(place);
+    const kind = number in unit.acting ? "acting" : "waiting";
+    const box = svg("g", { class: `state ${kind}` },
+      svg("rect", { x: x - WIDTH / 2, y: y - HEIGHT / 2, width: WIDTH, height: HEIGHT, rx: kind === "acting" ? 4 : HEIGHT / 2 }),
+      svg("text", { x, y: y + 4.5, "text-anchor": "middle" }, unit.states[number]));
+    this._boxes.set(number, box);
+    return box;
+  }
+
+  /** @param {string} number @param {string} name */
+  show(number, name) {
+    for (const [each, box] of this._boxes) box.classList.toggle("now", each === number);
+    this.element.setAttribute("aria-label", `state ${name}`);
+  }
+}
+
+/** One state machine: what an operator needs of it. */
+export class StatesPanel {
+  /** @param {Page.Unit} unit @param {Feed} feed @param {Client} client */
+  constructor(unit, feed, client) {
+    this._unit = unit;
+    this._client = client;
+    const actions = (feed.description?.actions ?? []).filter(({ path }) => path.startsWith(`${unit.path}.`));
+    const named = new Map(actions.map((action) => [action.path.slice(unit.path.length + 1), action]));
+    this._buttons = Object.keys(unit.commands).map((name) => this._button(name, named.get(name)));
+    this._others = actions.filter(({ path }) => !(path.slice(unit.path.length + 1) in unit.commands)).map((action) => new ActionControl(client, action));
+    this._state = el("output", { className: "state-name" });
+    this._counts = el("span", { className: "counts" });
+    this._reason = el("p", { className: "reasons" });
+    this._diagram = new Diagram(unit);
+    const apart = this._buttons.filter(({ dataset }) => APART.includes(dataset.command ?? ""));
+    const usual = this._buttons.filter((button) => !apart.includes(button));
+    this.element = el("section", { className: "part states", "data-states": unit.path, "aria-label": unit.path },
+      el("h3", { textContent: unit.part || unit.path }),
+      el("div", { className: "state-head" }, this._state, this._counts),
+      this._reason,
+      el("div", { className: "commands", role: "group", "aria-label": `Commands of ${unit.path}` }, ...usual, el("span", { className: "apart" }, ...apart)),
+      this._diagram.element,
+      el("details", {}, el("summary", { textContent: "Mode and counters" }), ...this._others.map(({ element }) => element)));
+  }
+
+  /** @param {string} name @param {Page.Action | undefined} action */
+  _button(name, action) {
+    const path = `${this._unit.path}.${name}`;
+    return el("button", { textContent: name, title: action?.help ?? "", "data-command": name, type: "button", onclick: () => this._client.ask({ do: "call", path, arguments: {} }, path) });
+  }
+
+  /** @param {Feed} feed */
+  refresh(feed) {
+    const { path, part, states, commands } = this._unit;
+    const value = feed.latest(`${path}.state`)?.value ?? null;
+    const number = value === null ? "" : String(value);
+    const name = states[number] ?? "unknown";
+    setText(this._state, feed.ended ? `${name} (last value)` : name);
+    this._state.dataset.state = name;
+    const fault = feed.state?.faults?.[part] ?? "";
+    setText(this._reason, fault && `✖ in fault: ${fault}`);
+    this._reason.title = fault;
+    setText(this._counts, COUNTERS.map((each) => `${numberText(feed.latest(`${path}.${each}`)?.value)} ${each}`).join(", "));
+    this._diagram.show(number, name);
+    for (const button of this._buttons) {
+      const command = button.dataset.command ?? "";
+      const manual = this._client.manual && !IN_MANUAL.includes(command);
+      button.disabled = !this._client.leased || manual || !(number in commands[command]);
+    }
+    for (const each of this._others) each.refresh();
+  }
+}
