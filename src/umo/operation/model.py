@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from types import MappingProxyType
 from typing import Any
 
 CLEAR, ABORT, STOP = "clear", "abort", "stop"
@@ -32,7 +31,7 @@ class StateModel:
     aborted: IntEnum
     """The state of equipment in fault."""
 
-    places: Mapping[IntEnum, tuple[int, int]] = MappingProxyType({})
+    places: Mapping[IntEnum, tuple[int, int]]
     """Column and row of each state in a diagram."""
 
     def possible(self, state: IntEnum) -> list[str]:

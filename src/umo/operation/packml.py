@@ -89,7 +89,7 @@ PACKML = StateModel(
         _S.CLEARING: (2, 3),
         _S.ABORTED: (3, 3),
         _S.ABORTING: (4, 3),
-    },  # fmt: skip
+    },
 )
 
 

@@ -71,7 +71,7 @@ PROCEDURE = StateModel(
         _S.STOPPING: (1, 3),
         _S.ABORTED: (2, 3),
         _S.ABORTING: (3, 3),
-    },  # fmt: skip
+    },
 )
 
 
