@@ -90,8 +90,10 @@ class Slots:
         slow = [block for block in self.blocks if block.part != WHOLE]
         self.slow = frozenset(slot for block in slow for slot in range(block.start, block.stop))
         """The slots of parts that have rates of their own."""
+        outputs = (slot for block in self.outputs for slot in range(block.start, block.stop))
+        self._sent_by_period = frozenset(outputs if slow else ())
         self.urgent: set[int] = set()
-        """Of these, the actuators whose pending value does not wait for the part's next period."""
+        """The actuators whose pending value is sent in this period in any case, in a machine with such parts."""
         """The blocks that `sample` reads and `update` sends: all, where no part has a rate of its own."""
         self.transfer.bind(self.inputs, self.outputs)
         self.sampled_good: bool | None = None
@@ -193,7 +195,7 @@ class Slots:
 
     def hasten(self, slot: int) -> None:
         """What is pending is sent in this period, also if the actuator's part is not due."""
-        if slot in self.slow:
+        if slot in self._sent_by_period:
             self.urgent.add(slot)
 
     def _give_default(self, slot: int) -> None:
