@@ -521,3 +521,173 @@ def test_the_frames_of_a_run_say_which_parts_have_rates() -> None:
             {"path": "middle", "every": 10, "phase": 0},
             {"path": "slow", "every": 1000, "phase": 1},
         ]
+
+
+# What does not wait for a slow part -----------------------------------------------------------------------
+
+
+class Still(Compound):
+    level: DigitalSensor
+    valve: DigitalActuator
+
+
+class SlowStill(Still, every="1 s"):
+    pass
+
+
+class Works(Compound):
+    timer: DigitalSensor
+    fast: Still
+    slow: SlowStill
+    trips: bool = False
+
+    def interlocks(self) -> Any:
+        yield Interlock(lambda: self.trips, [self.slow.valve], "tripped")
+
+
+def works(**changes: Any) -> Any:
+    fast = Still(level=sensor(), valve=actuator())
+    return Works(timer=timer(), fast=fast, slow=SlowStill(level=sensor(), valve=actuator(**changes)))
+
+
+def driven(m: Any, box: Scripted) -> None:
+    m.fast.valve.write(5.0)
+    m.slow.valve.write(5.0)
+    periods(m, 1001)
+    assert (box.get("fast.valve"), box.get("slow.valve")) == (10, 10)
+
+
+@pytest.mark.parametrize("outputs", ["at once", "at next tick"])
+def test_in_manual_mode_a_slow_output_with_nobody_in_charge_goes_to_its_default_at_once(outputs: str) -> None:
+    machine, box = works(), Scripted()
+    wiring = wired(machine, box) | {"process": {"outputs": outputs}}
+    with connect(machine, wiring) as m:
+        ann = Operator(m)
+        ann.do("lease", seconds=60.0)
+        driven_by = [m.fast.valve.write(5.0), m.slow.valve.write(5.0)]
+        assert driven_by == [True, True]
+        ann.run(1001)
+        assert box.get("slow.valve") == 10
+        ann.mode("manual")
+        ann.run(1)
+        assert (box.get("fast.valve"), box.get("slow.valve")) == (0, 0)
+
+
+def test_what_a_client_lets_go_of_goes_to_its_default_at_once_also_in_a_slow_part() -> None:
+    machine, box = works(), Scripted()
+    with connect(machine, wired(machine, box)) as m:
+        ann = Operator(m)
+        ann.do("lease", seconds=60.0)
+        ann.mode("manual")
+        ann.do("write", "slow.valve", 5.0)
+        ann.run(1000)
+        assert box.get("slow.valve") == 10
+        ann.alive = False
+        ann.run(501)  # the dead-man time
+        assert box.get("slow.valve") == 0
+
+
+def test_an_expired_command_of_a_slow_part_is_replaced_when_it_expires() -> None:
+    machine, box = works(expires="1.5 s"), Scripted()
+    with connect(machine, wired(machine, box)) as m:
+        driven(m, box)
+        periods(m, 498)
+        assert box.get("slow.valve") == 10
+        periods(m, 2)
+        assert box.get("slow.valve") == 0
+
+
+def test_a_reset_that_a_slow_part_has_lost_is_tried_again_in_the_next_period() -> None:
+    class Flaky(Scripted):
+        fails = False
+
+        def reset(self, channel: Any, default: Any) -> None:
+            if self.fails and channel.text == "slow.valve":
+                self.fails = False
+                raise DriverError("lost")
+            super().reset(channel, default)
+
+    machine, box = works(on_error="retry", max_age="2 s"), Flaky()
+    with connect(machine, wired(machine, box)) as m:
+        driven(m, box)
+        m.trips = box.fails = True
+        periods(m, 2)
+        assert box.get("slow.valve") == 0
+
+
+def test_what_the_application_had_is_back_before_it_goes_on_also_in_a_slow_part() -> None:
+    machine, box = works(), Scripted()
+    seen: list[float] = []
+
+    async def application() -> None:
+        m.slow.valve.write(5.0)
+        while True:
+            await next_period()
+            seen.append(m.slow.valve.read())
+
+    with connect(machine, wired(machine, box)) as m:
+        m.cycle.start(application())
+        ann = Operator(m)
+        ann.do("lease", seconds=60.0)
+        ann.run(1500)
+        ann.mode("manual")
+        ann.run(300)
+        assert m.slow.valve.read() == 0.0
+        before = len(seen)
+        ann.mode("automatic")
+        ann.run(5)
+    assert set(seen[before:]) == {5.0}
+
+
+def test_the_time_of_a_slow_part_does_not_stand_still_between_its_periods() -> None:
+    machine = works()
+    with connect(machine, wired(machine, Scripted())) as m:
+        for _ in range(1500):
+            periods(m)
+            assert m.slow.now == m.now
+
+
+def test_a_law_out_of_turn_is_no_step_of_its_parts_sequences() -> None:
+    class Waits(Slow):
+        async def work(self) -> None:
+            await wait("3 s")
+            self.done = self.now
+
+    machine = Plant(timer=timer(), fast=unit(), middle=unit(Middle), slow=unit(Waits))
+    with connect(machine, wired(machine, Scripted())) as m:
+        m.slow.cycle.start(m.slow.work())
+        ann = Operator(m)
+        ann.do("lease", seconds=60.0)
+        ann.run(1200)
+        begun = m.slow.acted[0]
+        ann.mode("manual")
+        ann.run(1)
+        ann.mode("automatic")
+        ann.run(4000)
+        assert m.slow.done == pytest.approx(begun + 3.0, abs=0.002)
+
+
+def test_a_slow_part_does_not_lengthen_the_timeout_of_a_driver() -> None:
+    machine = works()
+    wiring = wired(machine, Scripted())
+    with connect(machine, wiring) as m:
+        timeouts = {wire.driver.timeout for wire in m._machine.whole.image.wires if wire.item is not m.timer}
+    assert max(timeouts) <= 0.01
+
+
+def test_equipment_of_a_slow_part_is_cleared_when_its_sensors_can_be_read_again_and_not_a_period_later() -> None:
+    class Vessel(Still, every="1 s", equipment=True):
+        pass
+
+    class Site(Compound):
+        timer: DigitalSensor
+        vessel: Vessel
+
+    machine, box = Site(timer=timer(), vessel=Vessel(level=sensor(), valve=actuator())), Scripted()
+    with connect(machine, wired(machine, box)) as m:
+        periods(m, 1000)
+        box.broken = OSError("gone")
+        periods(m, 1000)
+        assert m.vessel.cycle.fault is not None
+        box.broken = None
+        assert m.vessel.cycle.clear() == ["vessel"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from itertools import accumulate
 from math import exp
@@ -12,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from helpers.machines import actuator, bench, sensor, switch, timer, wired
-from umo import Compound, DigitalActuator, DigitalSensor, connect, published
+from umo import Compound, DigitalActuator, DigitalSensor, Quality, connect, published
 from umo.cycle.image import Image
 from umo.drivers import Channel
-from umo.errors import DeclarationError, DriverError
+from umo.errors import BadInput, ChannelsFailed, DeclarationError, DriverError
 from umo.frames import Reader
 from umo.states import PassFail
 from umo.testing import Scripted, VirtualTimer, periods
@@ -266,3 +267,117 @@ def test_a_machine_without_conditioning_has_the_plain_conversion() -> None:
         image: Image = connection.image
         assert not image.conditioners
         assert all(block.conditioned is None for block in image.inputs)
+
+
+# The same by every way of reading ------------------------------------------------------------------------
+
+
+class Partly(Scripted):
+    """One channel of its block cannot be read."""
+
+    def read_many(self, channels: Any, out: Any) -> None:
+        super().read_many(channels, out)
+        raise ChannelsFailed({"limit": "broken"})
+
+
+@pytest.mark.parametrize("way", ["block", "alone", "beside one that failed"])
+def test_a_value_out_of_range_is_not_hidden_by_the_filter_however_it_is_read(way: str) -> None:
+    encoder = sensor(minimum=0.0, maximum=100.0, filter="1 s", synchronous=way != "alone")
+    machine = bench(encoder=encoder, limit=switch(on_error="mark"))
+    box = Partly() if way.startswith("beside") else Scripted()
+    with connect(machine, wired(machine, box)) as m:
+        periods(m, 3)
+        box.set("encoder", 1000)
+        periods(m)
+        assert m.encoder.read() == 500.0
+        assert m.encoder.quality is Quality.OUT_OF_RANGE
+        box.set("encoder", 100)
+        periods(m)
+        assert (m.encoder.read(), m.encoder.quality) == (50.0, Quality.GOOD)  # the filter begins anew
+
+
+def test_a_counter_without_a_filter_is_never_older_than_its_reading() -> None:
+    machine, box = bench(encoder=counter(synchronous=False)), Scripted()
+    with connect(machine, wired(machine, box)) as m:
+        periods(m)
+        found = []
+        for raw in (10, 20, 30):
+            box.set("encoder", raw)
+            found.append((m.encoder.read(), m.encoder.raw))
+    assert found == [(5.0, 10), (10.0, 20), (15.0, 30)]
+
+
+def test_without_a_timer_an_asynchronous_sensor_is_conditioned_by_the_time_that_passes() -> None:
+    class Hand(Compound):
+        encoder: DigitalSensor
+
+    machine, box = Hand(encoder=sensor(filter="1 s", synchronous=False)), Scripted()
+    times = iter(range(100))
+    connection = connect(machine, wired(machine, box))
+    with connection as m:
+        connection.machine.clock._source = lambda: float(next(times))  # type: ignore[attr-defined]
+        m.encoder.read()
+        box.set("encoder", 100)
+        found = [m.encoder.read() for _ in range(5)]
+    assert found == sorted(found)
+    assert found[0] < found[-1]
+
+
+def test_a_reference_at_speed_does_not_take_the_lag_of_the_filter_for_the_place() -> None:
+    encoder = DigitalSensor("mm", minimum=-1e6, maximum=1e6, resolution=0.01, filter="20 ms", incremental=True)
+    machine, box = bench(encoder=encoder), Scripted()
+    with connect(machine, wired(machine, box)) as m:
+        for raw in range(0, 10_001, 10):  # 0.1 mm in 1 ms
+            box.set("encoder", raw)
+            periods(m)
+        m.encoder.referenced(at=0.0)
+        periods(m, 400)  # it stands where it was referenced
+        assert m.encoder.read() == pytest.approx(0.0, abs=0.01)
+
+
+def test_a_reference_at_standstill_gives_no_velocity() -> None:
+    encoder = DigitalSensor("mm", minimum=-1e6, maximum=1e6, resolution=0.66, velocity="0 s", incremental=True)
+    machine, box = bench(encoder=encoder), Scripted()
+    box.set("encoder", 1000)
+    with connect(machine, wired(machine, box)) as m:
+        periods(m, 5)
+        m.encoder.referenced(at=0.33)
+        periods(m)
+        assert m.encoder.velocity == pytest.approx(0.0, abs=1e-6)
+
+
+def test_equipment_that_is_cleared_counts_anew() -> None:
+    class Line(Compound, equipment=True):
+        encoder: DigitalSensor
+
+    class Site(Compound):
+        timer: DigitalSensor
+        line: Line
+
+    machine, box = Site(timer=timer(), line=Line(encoder=counter())), Scripted()
+    box.set("line.encoder", 65_000)
+    with connect(machine, wired(machine, box)) as m:
+        periods(m, 2)
+        box.broken = OSError("gone")
+        periods(m, 2)
+        box.broken = None
+        box.set("line.encoder", 0)
+        periods(m)
+        m.line.cycle.clear()
+        periods(m)
+        assert m.line.encoder.read() == 0.0
+
+
+def test_a_velocity_does_not_outlive_its_sensor() -> None:
+    machine, box = bench(encoder=counter(velocity="0 s", on_error="mark")), Scripted()
+    with connect(machine, wired(machine, box)) as m:
+        for raw in (0, 10, 20):
+            box.set("encoder", raw)
+            periods(m)
+        assert m.encoder.velocity == pytest.approx(5000.0)
+        box.broken = OSError("gone")
+        with suppress(DriverError):
+            periods(m)
+        with pytest.raises(BadInput):
+            _ = m.encoder.velocity
+        box.broken = None

@@ -10,22 +10,23 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
 import pytest
 
 import umo
-from umo import BinarySensor, Compound, DigitalActuator, DigitalSensor, Quality, RunFailed, connect
+from helpers.machines import timer, wired
+from umo import BinarySensor, Compound, DigitalActuator, DigitalSensor, Quality, RunFailed, connect, published
 from umo.control import next_period
 from umo.drivers import registry
 from umo.errors import ChannelError, ChannelsFailed, DriverError
 from umo.frames import Reader
 from umo.remote.station_driver import Published, StationDriver
 from umo.states import OnOff
-from umo.testing import VirtualTimer, periods
+from umo.testing import Scripted, VirtualTimer, periods
 from umo.wiring import check
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
@@ -33,7 +34,7 @@ PERIOD = 0.002
 
 
 class Press(Compound):
-    """The other station: a level, a lamp, a load that its law computes, a part at a slower rate."""
+    """The other station: a level, a lamp, a force."""
 
     timer: DigitalSensor
     level: DigitalSensor
@@ -217,8 +218,10 @@ async def waiting(m: Line) -> None:
 
 def test_two_stations_run_side_by_side_in_real_time_and_one_reads_the_other() -> None:
     with started() as run:
-        wiring = reading(running(run))
-        wiring["drivers"] = {}
+        pid = running(run)
+        wiring = reading(pid)
+        quick = {"type": "station", "station": pid, "off_cycle": True, "period": "5 ms", "max_age": "15 ms"}
+        wiring["drivers"] = {f"station:{pid}": quick}
         wiring["wire"]["timer"] = {"driver": "timerfd", "period": "5 ms"}
         with umo.start(line, wiring, waiting, acknowledge=True) as second:
             while second.frames is None and second.outcome is None:
@@ -237,3 +240,96 @@ def test_two_stations_run_side_by_side_in_real_time_and_one_reads_the_other() ->
             os.kill(int(run.frames.about["pid"]), signal.SIGCONT)
             second.stop()
         run.stop()
+
+
+# What is not taken --------------------------------------------------------------------------------------
+
+
+class Ram(Compound, equipment=True, numbers={"load": umo.Number("N", shown=True)}):
+    force: DigitalSensor
+    lamp: BinarySensor[OnOff]
+    late: DigitalSensor
+    load: float = 2.0
+
+
+class SlowRam(Ram, every=100):
+    pass
+
+
+class Forge(Compound):
+    timer: DigitalSensor
+    ram: Ram
+    slow: SlowRam
+
+
+def ram(kind: type[Ram]) -> Ram:
+    whole: Any = {"minimum": 0.0, "maximum": 1000.0, "resolution": 1.0}
+    return kind(
+        force=DigitalSensor("N", incremental=kind is Ram, **whole),
+        lamp=BinarySensor(OnOff, one=OnOff.ON),
+        late=DigitalSensor("N", synchronous=False, **whole),
+    )
+
+
+@contextmanager
+def forge() -> Iterator[tuple[Any, Scripted, StationDriver]]:
+    """A station in this process, and the driver that reads it."""
+    machine, box = Forge(timer=timer(), ram=ram(Ram), slow=ram(SlowRam)), Scripted()
+    connection = connect(machine, wired(machine, box))
+    with connection as m, published(connection, f"forge{os.getpid()}"):
+        periods(m, 101)
+        yield m, box, StationDriver(station=f"forge{os.getpid()}")
+
+
+def raw_of(driver: StationDriver, text: str) -> int:
+    return driver.read(driver.channel(text))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("ram.forc:1", r"has no ram\.forc \(did you mean 'ram\.force'\?\)"),
+        ("ram.force:1", "is UNREFERENCED"),
+        ("ram.late:1", "is asynchronous"),
+        ("ram.lamp:1", "has two states: its channel is PATH"),
+        ("ram.load", "is a number: its channel is PATH:SCALE"),
+        ("ram.load:1e-320", "is 2"),
+    ],
+)
+def test_what_has_no_meaning_here_is_not_taken_and_the_reason_is_told(text: str, said: str) -> None:
+    with forge() as (_, _, driver), pytest.raises(DriverError, match=said):
+        raw_of(driver, text)
+
+
+def test_one_value_that_cannot_be_read_does_not_cost_the_others() -> None:
+    with forge() as (_, _, driver):
+        channels = [driver.channel(text) for text in ("ram.load:1e-320", "ram.load:0.5")]
+        raws: Any = np.zeros(2, np.int64)
+        with pytest.raises(ChannelsFailed) as caught:
+            driver.read_many(channels, raws)
+    assert list(caught.value.causes) == ["ram.load:1e-320"]
+    assert raws[1] == 4
+
+
+def test_the_signals_of_equipment_in_fault_are_not_taken() -> None:
+    with forge() as (m, box, driver):
+        assert raw_of(driver, "ram.load:1") == 2
+        box.broken = OSError("cut")
+        periods(m, 2)
+        box.broken = None
+        with pytest.raises(DriverError, match="belongs to equipment in fault"):
+            raw_of(driver, "ram.load:1")
+
+
+def test_a_value_of_a_slow_part_is_as_old_as_the_last_period_of_the_part() -> None:
+    with forge() as (m, _, driver):
+        channel = driver.channel("slow.force:1")
+        quick = driver.channel("ram.load:1")
+        held = []
+        for _ in range(200):
+            periods(m)
+            raws: Any = np.zeros(2, np.int64)
+            driver.read_many([channel, quick], raws)
+            slow, fast = driver.ages([channel, quick])
+            held.append(round((slow - fast) * 1e3))
+    assert sorted(set(held)) == list(range(100))

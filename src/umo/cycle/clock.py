@@ -27,6 +27,10 @@ class Clock:
         self.on_tick: Callable[[], None] = lambda: None
         """Function that is called when the timer has returned, while the clock still shows the period before."""
 
+    def read(self) -> float:
+        """The time in s of a reading that is made now."""
+        return self.now
+
     def advance(self, missed: int) -> None:
         """The timer was read: 0 after it blocked for one tick, else the ticks that had already passed."""
         self.on_tick()
@@ -48,6 +52,9 @@ class WallClock(Clock):
         super().__init__(0.0)
         self._source = source
         self._start = source()
+
+    def read(self) -> float:
+        return self._source() - self._start
 
     def look(self) -> None:
         """A period begins: `dt` is the time since the one before."""

@@ -32,8 +32,20 @@ class Conditioner:
         """The raw integer, of a counter that rolls over its continuous count."""
         return raw
 
+    @property
+    def reading(self) -> float | None:
+        """The value of the last reading, as it was read; None before the first one."""
+        return None
+
+    def conditioned(self, value: float, time: float, inside: bool) -> float:
+        """The value of a reading at this time in s, conditioned. One that is not inside the range is shown as it is."""
+        if inside:
+            return self.value_of(value, time)
+        self.leave()
+        return value
+
     def value_of(self, value: float, time: float) -> float:
-        """The value of a reading at this time in s, conditioned. Of the same time twice: the same again."""
+        """The value of a reading within the range. A filter passes nothing on of a second one of the same time."""
         return value
 
     def shift(self, distance: float) -> None:
@@ -59,6 +71,7 @@ class DigitalConditioner(Conditioner):
 
     def leave(self) -> None:
         self._time: float | None = None
+        self._reading: float | None = None
         self.velocity = self._last = self._value = 0.0
 
     def count_of(self, raw: int) -> int:
@@ -69,12 +82,19 @@ class DigitalConditioner(Conditioner):
         self._count = raw
         return raw
 
+    @property
+    def reading(self) -> float | None:
+        return self._reading
+
     def value_of(self, value: float, time: float) -> float:
+        self._reading = value
         if self._time is None:
             self._time, self._last, self._value = time, value, value
             return value
         dt = time - self._time
         if dt <= 0.0:
+            if self._filter is None:
+                self._value = value
             return self._value
         if self._velocity_filter is not None:
             self.velocity += _share(dt, self._velocity_filter) * ((value - self._last) / dt - self.velocity)
@@ -88,9 +108,14 @@ class DigitalConditioner(Conditioner):
     def shift(self, distance: float) -> None:
         self._last += distance
         self._value += distance
+        if self._reading is not None:
+            self._reading += distance
 
 
 class BinaryConditioner(Conditioner):
+    """A change counts when it has lasted from one reading to another one that is at least `debounce` later; what the
+    level was between two readings is not known."""
+
     def __init__(self, sensor: BinarySensor[Any]) -> None:
         self._debounce = sensor._debounce or 0.0
         self.begin()
@@ -162,9 +187,8 @@ class ConditionedInputs:
                 view[place] = raws[slot] = raw
         beyond = {slot for slot, _ in outside}
         for place, slot, each, _ in read:
-            if slot in beyond:
-                each.leave()
-            else:
-                time = now if self.stamps is None else float(self.stamps[place])
-                values[slot] = each.value_of(float(values[slot]), time)
+            time = now if self.stamps is None else float(self.stamps[place])
+            value = each.conditioned(float(values[slot]), time, slot not in beyond)
+            if slot not in beyond:
+                values[slot] = value
         return outside

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
@@ -189,6 +190,7 @@ class Containment:
         is cleared, if one of their sensors cannot be read; DriverError if an object cannot be initialised: then its
         equipment, and what is in that, stays in fault."""
         found = [each for each in self.all if each.fault is not None and _concern(each.compound, part)]
+        self._read_slow([slot for equipment in found for slot in equipment.slots])
         for equipment in found:
             if unread := [self._image.items[slot].path for slot in equipment.slots if self._is_unread(slot)]:
                 why = f"it cannot be cleared while {some(unread)} cannot be read{self._absent(equipment)}"
@@ -207,6 +209,12 @@ class Containment:
         if failures:
             raise DriverError("could not be initialised", list(failures.values()))
         return [each.path for each in cleared]
+
+    def _read_slow(self, slots: Sequence[int]) -> None:
+        """The sensors of parts that have rates of their own may not have been read since they could not be."""
+        if slow := [slot for slot in slots if slot in self._image.slow and self._is_unread(slot)]:
+            with suppress(DriverError):
+                self._image.sample_some(slow)
 
     def _initialize(self, equipment: Equipment) -> Failure | None:
         """Its actuators, and the sensors that had failed; what failed."""

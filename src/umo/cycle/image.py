@@ -278,6 +278,7 @@ class Image(Slots):
         if self.items[slot].direction is not Direction.OUTPUT or not self._is_sent_again(slot):
             return False
         self.unsent.discard(slot)  # it is sent again as what is pending
+        self.hasten(slot)
         self._set_quality(slot, Quality.STALE)
         return True
 
@@ -320,6 +321,8 @@ class Image(Slots):
         self._at_default(slot)
         failure = self.transfer.initialize(slot)
         self._was_reset(slot, failure)
+        if (conditioner := self.conditioners.get(slot)) is not None:
+            conditioner.begin()
         return failure
 
     def _at_default(self, slot: int) -> None:
@@ -338,9 +341,10 @@ class Image(Slots):
             self._accepted(slot)
 
     def _convert(self, slots: Sequence[int]) -> None:
-        """Set what is sent next of some actuators; whatever a linearization of the user's raises."""
+        """Set what is sent next of some actuators, with rates from their last steps; whatever a linearization of the
+        user's raises."""
         linearizations = Linearizations([self.scales.linearizations[slot] for slot in slots])
-        send(self.columns, self.scales, np.array(slots, np.int64), linearizations, self.clock.now, self.clock.dt)
+        send(self.columns, self.scales, np.array(slots, np.int64), linearizations, self.clock.now, 0.0)
 
     def _give_each(self, slots: Iterable[int], failures: list[Failure]) -> set[int]:
         """The same one by one. The slots of those that failed: they keep what was sent last."""

@@ -29,12 +29,25 @@ class PartClock(Clock):
     """The clock of a part: its ticks are the part's own periods."""
 
     __slots__ = ("_base", "_last")
+    _base: Clock
 
     def __init__(self, base: Clock, every: int) -> None:
-        super().__init__(every * base.period)
         self._base = base
         self._last = 0, 0.0
+        super().__init__(every * base.period)
         self.restart()
+
+    @property
+    def now(self) -> float:
+        """The machine's time, also between the part's periods."""
+        return self._base.now
+
+    @now.setter
+    def now(self, value: float) -> None:
+        """`Clock` sets it; it is the machine's."""
+
+    def read(self) -> float:
+        return self._base.read()
 
     def restart(self) -> None:
         """The part begins now."""
@@ -42,12 +55,15 @@ class PartClock(Clock):
 
     def step(self, ticks: int) -> None:
         """A period of the part begins, `ticks` of its own after the last one. `dt` is the time since that."""
-        base, (number, then) = self._base, self._last
         self.missed = ticks if ticks > 1 else 0
         self.missed_in_all += max(ticks - 1, 0)
         self.ticks = max(ticks, 1)
         self.number += self.ticks
-        self.now = base.now
+        self.measure()
+
+    def measure(self) -> None:
+        """`dt` is the time since the laws have acted last."""
+        base, (number, then) = self._base, self._last
         self.dt = (base.number - number) * base.period if base.period else base.now - then
         self.restart()
 
@@ -108,6 +124,8 @@ class RatedMachine(ConnectedMachine):
         self._open = False
         """Whether a period was sampled and not updated yet."""
         self._all_act = False
+        self._late: list[RatedPart] = []
+        """The parts whose laws act out of turn in this period."""
         image.due_outputs = [block for block in image.outputs if block.part == WHOLE]
         self._inputs = [block for block in image.inputs if block.part == WHOLE]
         super().__init__(root, image, *arguments)
@@ -155,6 +173,7 @@ class RatedMachine(ConnectedMachine):
     def _take_due(self) -> list[RatedPart]:
         """The parts that are due in this period: their own begins. The fastest first."""
         number, queue, due = self.clock.number, self._queue, []
+        self._late = []
         while queue[0][0] <= number:
             key = heappop(queue)[1]
             part = self._by_number[key]
@@ -163,10 +182,10 @@ class RatedMachine(ConnectedMachine):
             due.append(key)
         found = [self._by_number[key] for key in sorted(due)]  # numbered from the fastest on
         if self._all_act:
-            late = [part for part in self.parts if part not in found]
-            for part in late:
-                part.clock.step(0)
-            found += late
+            self._late = [part for part in self.parts if part not in found]
+            for part in self._late:
+                part.clock.measure()
+            found += self._late
         return found
 
     def _update(self) -> bool:
@@ -187,7 +206,7 @@ class RatedMachine(ConnectedMachine):
         try:
             accepted = send()
         except DriverError as unsent:
-            go_on(unsent, self._carry_out, "could not be written")
+            go_on(unsent, self._carry_out, "could not be written or read")
         return self._carry_out() and accepted
 
     def _carry_out(self) -> bool:
@@ -195,12 +214,12 @@ class RatedMachine(ConnectedMachine):
         outputs does not stop the others."""
         self._open = False
         if self._queue[0][0] > self.clock.number and not self._all_act:
-            return True
+            return self._send_urgent()
         due = self._take_due()
         self._sample_parts([block for part in due for block in part.inputs])
         failed: list[Failure] = []
         for part in due:
-            self._control_part(part)
+            self._control_part(part, in_turn=part not in self._late)
             try:
                 self.image.update(part.outputs)
             except DriverError as error:
@@ -210,7 +229,15 @@ class RatedMachine(ConnectedMachine):
             super()._laws_have_acted()
         if failed:
             raise DriverError("could not be written", failed)
-        return True
+        return self._send_urgent()
+
+    def _send_urgent(self) -> bool:
+        """What does not wait for its part's period: defaults, and what an application had before it was suspended."""
+        image = self.image
+        if not image.urgent:
+            return True
+        image.urgent = {slot for slot in image.urgent if image.values[slot] != image.pending[slot]}
+        return not image.urgent or image.update_some([slot for slot in self.stop_order if slot in image.urgent])
 
     def _sample_parts(self, blocks: Sequence[Block]) -> None:
         """Guards are evaluated on what was read."""
@@ -223,11 +250,12 @@ class RatedMachine(ConnectedMachine):
         if self.commands.by_slot:
             self.commands.evaluate()
 
-    def _control_part(self, part: RatedPart) -> None:
-        """Its sequences, then its laws."""
+    def _control_part(self, part: RatedPart, in_turn: bool) -> None:
+        """Its sequences, in its own periods only, then its laws."""
         began = monotonic_ns()
         try:
-            self.sequences.advance(part.clock, part.clock)
+            if in_turn:
+                self.sequences.advance(part.clock, part.clock)
             self._act_on(iter(part.laws), {})
         finally:
             part.took(monotonic_ns() - began)

@@ -87,6 +87,13 @@ class Slots:
         self.outputs = self._blocks(Direction.OUTPUT, parts)
         self.blocks = [*self.inputs, *self.outputs]
         self.due_inputs, self.due_outputs = self.inputs, self.outputs
+        slow = [block for block in self.blocks if block.part != WHOLE]
+        self.slow = frozenset(slot for block in slow for slot in range(block.start, block.stop))
+        """The slots of parts that have rates of their own."""
+        outputs = (slot for block in self.outputs for slot in range(block.start, block.stop))
+        self._sent_by_period = frozenset(outputs if slow else ())
+        self.urgent: set[int] = set()
+        """The actuators whose pending value is sent in this period in any case, in a machine with such parts."""
         """The blocks that `sample` reads and `update` sends: all, where no part has a rate of its own."""
         self.transfer.bind(self.inputs, self.outputs)
         self.sampled_good: bool | None = None
@@ -139,16 +146,22 @@ class Slots:
         if self.quality[slot] == Quality.BAD:
             raise BadInput(item.path, Quality.BAD)
         resolution = float(self.scales.resolution[slot])
-        raw = self.nearest(slot, self.values[slot])  # `raws` may be of a reading that failed
+        conditioner = self.conditioners.get(slot)
+        reading = None if conditioner is None else conditioner.reading
+        if reading is None:
+            reading = self.values[slot]  # `raws` may be of a reading that failed
+        raw = self.nearest(slot, reading)
         zero_offset = value - raw * resolution
         if not abs(zero_offset / resolution) < MAX_OFFSET_RAW:
             raise RangeError(f"{item.path}: {value:g} {item.units} is no place that it can have")
         item._calibrate(item.calibration._replace(zero_offset=zero_offset))
+        distance = zero_offset - float(self.scales.zero_offset[slot])
         self.scales.zero_offset[slot] = zero_offset
-        value_now = to_value(raw, resolution, zero_offset)
-        if (conditioner := self.conditioners.get(slot)) is not None:
-            conditioner.shift(value_now - self.values[slot])
-        self.values[slot] = value_now
+        if conditioner is None:
+            self.values[slot] = to_value(raw, resolution, zero_offset)
+        else:  # a filtered value keeps its lag
+            conditioner.shift(distance)
+            self.values[slot] += distance
         for block in self.blocks:
             if block.start <= slot < block.stop:
                 self._prepare(block)
@@ -178,6 +191,12 @@ class Slots:
     def set_default(self, slot: int) -> None:
         """Its default is pending."""
         self.pending[slot] = self._defaults[slot]
+        self.hasten(slot)
+
+    def hasten(self, slot: int) -> None:
+        """What is pending is sent in this period, also if the actuator's part is not due."""
+        if slot in self._sent_by_period:
+            self.urgent.add(slot)
 
     def _give_default(self, slot: int) -> None:
         """Its default is what is sent next."""
@@ -224,10 +243,12 @@ class Slots:
 
     def _read_at(self, slot: int) -> float:
         """The time in s of the reading that is being accepted."""
-        return self.clock.now
+        return self.clock.read()
 
     def velocity(self, slot: int) -> float:
-        """Of a sensor, units per s."""
+        """Of a sensor, units per s; BadInput while it is BAD."""
+        if self.quality[slot] == Quality.BAD:
+            raise BadInput(self.items[slot].path, Quality.BAD)
         return self.conditioners[slot].velocity
 
     def _is_refused(self, slot: int, raw: int) -> bool:
@@ -248,11 +269,9 @@ class Slots:
     def _accept(self, slot: int, raw: int, failures: list[Failure]) -> None:
         """One sensor was read."""
         conditioner = self.conditioners.get(slot) if self.conditioners else None
+        is_reading = conditioner is not None and not self._is_refused(slot, raw)
         try:
-            if conditioner is not None and not self._is_refused(slot, raw):
-                value = conditioner.value_of(self.value_of(slot, conditioner.count_of(raw)), self._read_at(slot))
-            else:
-                value = self.value_of(slot, raw)
+            value = self.value_of(slot, conditioner.count_of(raw) if conditioner and is_reading else raw)
         except Exception as error:  # of a linearization of the user's
             self._fail_input(slot, f"its linearization failed: {cause_of_failure(error)}", failures)
             return
@@ -260,6 +279,8 @@ class Slots:
         if (slot in self.invalid_raws or not inside) and (cause := self._refused(slot)):
             self._fail_input(slot, cause, failures)
             return
+        if conditioner is not None:
+            value = conditioner.conditioned(value, self._read_at(slot), inside)
         self.values[slot] = value
         self.times[slot] = self.clock.now
         if not inside or self.quality[slot] != self.base[slot]:

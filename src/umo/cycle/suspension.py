@@ -225,6 +225,7 @@ class Suspension:
         changed = self._changed()
         for slot, value in changed.items():
             self._machine.image.command(slot, value)
+            self._machine.image.hasten(slot)
         for axis in self._axes.values():
             axis.restore()
         self.resuming = Sequences(self._machine.equipment.contain_sequence)

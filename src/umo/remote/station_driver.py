@@ -4,8 +4,9 @@
     force = { driver = "station:press", channel = "ram.force:0.1" }
 
 A part that computes for longer than a fast period allows is a station of its own; this way its values come back. It is
-off the cycle: a worker process looks at the frames, and no period waits. Every value has the age that it has there, so
-one that the other station no longer renews grows old, whatever has happened to it.
+off the cycle: a worker process looks at the frames, and no period waits. Every value has the age of its period there,
+so one that the other station no longer renews grows old, whatever has happened to it. (What that station itself reads
+off the cycle may be older by the `max_age` that it allows.)
 """
 
 from __future__ import annotations
@@ -14,22 +15,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from time import monotonic, monotonic_ns
-from typing import Any
+from typing import Any, NamedTuple
 
 from umo.drivers.contract import Channel, Direction, Driver, IntArray, PhysicalScale
 from umo.errors import ChannelError, ChannelsFailed, DriverError, FramesError, text_of
 from umo.frames import Reader
 from umo.objects import Quality
 from umo.remote.search import find_running
+from umo.text import did_you_mean
 
 NUMBER_BITS = 48
 """Bits of the raw integer of a number, with its sign: times its scale and divided by it, each comes back."""
 SEARCH_INTERVAL = 0.2
 """Time in s from one search for the station to the next."""
-DEFAULT_PERIOD = "5 ms"
-"""Time from one look at the frames to the next, where the wiring does not say."""
-READABLE = (Quality.GOOD, Quality.OUT_OF_RANGE, Quality.UNREFERENCED)
-"""Qualities of a value that was read in its period. Any other is older than its frame."""
+DEFAULT_PERIOD, DEFAULT_MAX_AGE = "5 ms", "500 ms"
+"""Time from one look at the frames to the next, and the age that a value may have, of the short form."""
+READABLE = (Quality.GOOD, Quality.OUT_OF_RANGE)
+"""Qualities of a value that is taken. Any other is older than its frame, or has no meaning yet."""
 
 
 @dataclass(frozen=True)
@@ -51,14 +53,14 @@ class StationDriver(Driver[Published]):
         self._reader: Reader | None = None
         self._search_at = 0.0
         self._cause = ""
-        self._places: dict[str, tuple[str, int, float]] = {}
-        """Column, place in it, and age in s that a value may have in a frame, by path."""
+        self._places: dict[str, _Place] = {}
+        """The place of each value in a frame, by path."""
         self._ages: list[float] = []
 
     @classmethod
     def table(cls, text: str) -> Mapping[str, Any]:
         """`driver = "station:press"`."""
-        return {"station": text, "off_cycle": True, "period": DEFAULT_PERIOD}
+        return {"station": text, "off_cycle": True, "period": DEFAULT_PERIOD, "max_age": DEFAULT_MAX_AGE}
 
     def channel(self, text: str) -> Published:
         path, colon, number = text.rpartition(":")
@@ -79,6 +81,8 @@ class StationDriver(Driver[Published]):
             return None
         known = [*reader.layout.objects, *reader.layout.signals]
         units = next((each.get("unit") for each in known if each["path"] == channel.path), None)
+        self._let_go()  # until it is opened, perhaps in another process
+        self._search_at = 0.0
         return None if units is None else PhysicalScale(channel.scale, 0.0, units)
 
     def open(self) -> None:
@@ -121,8 +125,8 @@ class StationDriver(Driver[Published]):
             self._let_go()
             self._search_at = now + SEARCH_INTERVAL
             try:
-                self._reader = find_running(self._station)
-                self._places = _places(self._reader)
+                reader = find_running(self._station)
+                self._reader, self._places = reader, _places(reader)
             except FramesError as error:
                 self._cause = text_of(error)
         return self._reader
@@ -143,32 +147,63 @@ class StationDriver(Driver[Published]):
 
     def _raw(self, channel: Published, frame: Any) -> tuple[int, float]:
         """The raw integer of a value, and its age in s."""
-        if channel.path not in self._places:
-            raise DriverError(f"{self._station} has no {channel.path}")
-        column, place, held = self._places[channel.path]
-        value = float(frame[column][place])
-        if column == "values" and (quality := Quality(int(frame["quality"][place]))) not in READABLE:
-            raise DriverError(f"{channel.path} of {self._station} is {quality.name}")
-        if not isfinite(value):
-            raise DriverError(f"{channel.path} of {self._station} has no value")
-        raw = round(value / (channel.scale or 1.0))
+        name = f"{channel.path} of {self._station}"
+        place = self._places.get(channel.path)
+        if place is None:
+            raise DriverError(f"{self._station} has no {channel.path}{did_you_mean(channel.path, self._places)}")
+        if place.why:
+            raise DriverError(f"{name} {place.why}")
+        if place.binary is not (channel.scale is None):
+            form = "PATH" if place.binary else "PATH:SCALE"
+            raise DriverError(f"{name} {'has two states' if place.binary else 'is a number'}: its channel is {form}")
+        value = float(frame[place.column][place.number])
+        if place.column == "values" and (quality := Quality(int(frame["quality"][place.number]))) not in READABLE:
+            raise DriverError(f"{name} is {quality.name}")
+        if any(frame["equipment"][each] for each in place.equipment):
+            raise DriverError(f"{name} belongs to equipment in fault")
+        scaled = value / (channel.scale or 1.0)
+        if not isfinite(scaled):
+            raise DriverError(f"{name} has no value" if not isfinite(value) else f"{name} is {value:g}")
+        raw = round(scaled)
         if not channel.lowest <= raw <= channel.highest:
-            raise DriverError(
-                f"{channel.path} of {self._station} is {value:g}, which channel {channel.text} cannot hold"
-            )
-        return raw, (monotonic_ns() - int(frame["began"])) * 1e-9 + held
+            raise DriverError(f"{name} is {value:g}, which channel {channel.text} cannot hold")
+        return raw, (monotonic_ns() - int(frame["began"])) * 1e-9 + place.held(int(frame["number"]))
 
 
-def _places(reader: Reader) -> dict[str, tuple[str, int, float]]:
-    """Where each path stands in a frame. In a part with a rate of its own a value may be a period of that old."""
-    period = float(reader.about["period"])
-    rates = {each["path"]: (each["every"] - 1) * period for each in reader.about.get("rates", ())}
+class _Place(NamedTuple):
+    """Where the value of a path stands in a frame."""
 
-    def held(path: str) -> float:
+    column: str
+    number: int
+    binary: bool
+    equipment: Sequence[int]
+    """Places of the equipment around a signal: in fault, its laws do not act. An object has its own quality."""
+    rate: tuple[int, int, float]
+    """Periods and phase of the part, and the period in s: in between its values are as old as they are."""
+    why: str = ""
+    """Why it is not taken; empty: it is."""
+
+    def held(self, number: int) -> float:
+        """Age in s of the value in the frame of this number."""
+        every, phase, period = self.rate
+        return (number - phase) % every * period
+
+
+def _places(reader: Reader) -> dict[str, _Place]:
+    layout, period = reader.layout, float(reader.about["period"])
+    rates = {each["path"]: (int(each["every"]), int(each["phase"]), period) for each in reader.about.get("rates", ())}
+    equipment = {each["path"]: number for number, each in enumerate(layout.equipment)}
+
+    def around(path: str) -> list[str]:
         names = path.split(".")
-        around = (".".join(names[:count]) for count in range(len(names), 0, -1))
-        return next((rates[each] for each in around if each in rates), 0.0)
+        return [".".join(names[:count]) for count in range(len(names), 0, -1)]
 
-    layout = reader.layout
-    found = {each["path"]: ("signals", n, held(each["path"])) for n, each in enumerate(layout.signals)}
-    return found | {each["path"]: ("values", n, held(each["path"])) for n, each in enumerate(layout.objects)}
+    def place(column: str, number: int, each: Mapping[str, Any]) -> _Place:
+        paths = around(each["path"])
+        rate = next((rates[path] for path in paths if path in rates), (1, 0, period))
+        in_fault = [equipment[path] for path in paths if path in equipment] if column == "signals" else ()
+        late = "" if each.get("synchronous", True) else "is asynchronous: nobody knows when it was read"
+        return _Place(column, number, "one" in each, in_fault, rate, late)
+
+    columns = {"signals": layout.signals, "values": layout.objects}
+    return {each["path"]: place(column, n, each) for column, all_ in columns.items() for n, each in enumerate(all_)}

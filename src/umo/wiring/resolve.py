@@ -145,10 +145,11 @@ class _Resolver:
             if driver.only_off_cycle and table.get(OFF_CYCLE) is not True:
                 text = f"must be true: {table['type']} is a driver off the cycle; give it a period too"
                 self.source.mistake(f"drivers.{name}.{OFF_CYCLE}", text)
-            own = own_period(self.source, name, table) or self._shortest_period(name, period)
-            driver.period = own or 0.0
+            own = own_period(self.source, name, table)
+            driver.period = own or self._shortest_period(name, period) or 0.0
             timeout = self.source.duration(f"drivers.{name}.timeout", table.get("timeout"))
-            driver.timeout = timeout or min(10 * (own or 0.1), MAX_DEFAULT_TIMEOUT)
+            shortest = own or period or 0.1  # the machine's: no fast part waits for the device of a slow one
+            driver.timeout = timeout or min(10 * shortest, MAX_DEFAULT_TIMEOUT)
             watchdog = self.source.duration(f"drivers.{name}.watchdog", table.get("watchdog"))
             if watchdog is not None and type(driver).watchdog is Driver.watchdog:
                 self.source.mistake(f"drivers.{name}.watchdog", f"{table['type']} has no watchdog of its own")
