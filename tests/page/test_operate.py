@@ -489,6 +489,27 @@ def test_equipment_in_fault_is_told_with_its_reason_and_cleared_under_the_lease(
         assert station.faults == {}
 
 
+def test_a_part_with_states_is_held_and_restarted_on_the_page(page: Any, tmp_path: Path) -> None:
+    with started(tmp_path, "batch") as station, serving() as served:
+        take_lease(page, served.url)
+        page.get_by_role("button", name="automatic").click()
+        unit = page.locator("[data-states='reactors.0.unit']")
+        state, buttons = unit.locator(".state-name"), unit.get_by_role("group")
+        unit.locator("[data-state='running']").wait_for()
+        assert buttons.get_by_role("button", name="restart").is_disabled()
+        buttons.get_by_role("button", name="hold").click()
+        unit.locator("[data-state='held']").wait_for()
+        assert (state.inner_text().lower(), station.reactors[0].unit.state) == ("held", "held")
+        assert unit.get_by_role("img", name="state held").is_visible()
+        buttons.get_by_role("button", name="restart").click()
+        unit.locator("[data-state='running']").wait_for()
+        buttons.get_by_role("button", name="abort").click()
+        unit.get_by_text("in fault: aborted by a command").wait_for()
+        buttons.get_by_role("button", name="clear").click()
+        unit.locator("[data-state='running']").wait_for()  # the application makes its batch again
+        assert unit.locator("text=0 produced").is_visible()
+
+
 def test_in_automatic_mode_numbers_can_be_tuned_and_actuators_cannot_be_written(page: Any, tmp_path: Path) -> None:
     with started(tmp_path) as station, serving() as served:
         take_lease(page, served.url)

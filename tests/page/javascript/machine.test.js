@@ -33,6 +33,7 @@ const description = {
   objects: [actuator("conveyor.motor"), ...zones(1000).map((path) => (path.endsWith("heater") ? actuator(path) : { path, unit: "degC" }))],
   actions: [{ path: "soak", help: "", arguments: [], harmless: true, dead_man: false }],
   tunables: [{ path: "zones.3.controller.gain" }, { path: "limit" }],
+  units: [],
 };
 
 test("a part is a compound with what can be done there; like parts of a list are one group", () => {
@@ -43,6 +44,13 @@ test("a part is a compound with what can be done there; like parts of a list are
   assert.deepEqual(third.tunables.map(({ name }) => name), ["controller.gain"]);  // a law's number stands with the part that has the law
   const groups = groupsOf(parts);
   assert.deepEqual(groups.map(({ title, family, parts: own }) => [title, family, own.length]), [["furnace", "", 1], ["conveyor", "", 1], ["zones[0..999]", "zones.*", 1000]]);
+});
+
+test("the commands of a state machine stand with its states, not in a part of their own", () => {
+  const start = { path: "zones.3.unit.start", help: "", arguments: [], harmless: true, dead_man: false };
+  const actions = [...description.actions, start];
+  assert.ok(partsOf({ ...description, actions }).some(({ path }) => path === "zones.3.unit"));
+  assert.ok(!partsOf({ ...description, actions, units: [{ path: "zones.3.unit" }] }).some(({ path }) => path === "zones.3.unit"));
 });
 
 test("a filter leaves the parts that it names", () => {

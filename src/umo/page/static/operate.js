@@ -110,7 +110,7 @@ function why(feed, client) {
   if (!feed.server?.operate) return "This page is read-only. `umo view --operate` lets it operate.";
   if (!feed.state?.mode) return `${feed.station} takes no commands.`;
   if (!client.leased) return "The controls need the lease.";
-  return client.manual ? "" : "Automatic mode: numbers can be tuned, and actions called that are harmless beside the application.";
+  return client.manual ? "" : "Automatic mode: numbers can be tuned, and commands and actions given that are allowed beside the application.";
 }
 
 /** Like parts of a list: their panels are made when the group is unfolded. */

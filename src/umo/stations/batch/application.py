@@ -8,9 +8,8 @@ from umo.control import together, until
 from umo.errors import TimeExpired
 from umo.operation import ProcedureState
 
-from .control import BatchPlant, Reactor
+from .control import BatchPlant, Making, Reactor
 from .errors import BatchesLost
-from .making import Making
 from .recipes import BOOK, Name, Recipe, in_words
 
 ENDED = (ProcedureState.COMPLETE, ProcedureState.STOPPED, ProcedureState.ABORTED)

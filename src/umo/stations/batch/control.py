@@ -13,14 +13,40 @@ from typing import Annotated
 from umo import Compound, DigitalActuator, DigitalSensor, Interlock, Number
 from umo.control import Servo, Task, first, unless, until, value_of, wait
 from umo.errors import TimeExpired
-from umo.operation import ProcedureState
+from umo.operation import Procedure, ProcedureState
 
 from .charging import CLOSED, OPEN, ChargingLine, Valve, held_open
 from .errors import ChargingError, DrainingError, TemperatureError
-from .making import Making
-from .recipes import STIRRING_TOLERANCE, Recipe
+from .recipes import BOOK, STIRRING_TOLERANCE, Recipe
 
-__all__ = ["BatchPlant", "ChargingLine", "Reactor"]
+__all__ = ["BatchPlant", "ChargingLine", "Making", "Reactor"]
+
+
+class Making(Procedure):
+    """It makes a batch of its recipe at each start. While it is paused or held, the reactor keeps its temperature, the
+    valves are closed, and the charging line waits if it works for this reactor."""
+
+    part: Reactor
+    line: ChargingLine
+
+    def __init__(self, part: Reactor) -> None:
+        super().__init__(part)
+        self.recipe: Recipe = next(iter(BOOK.values()))
+
+    async def execute(self) -> None:
+        await self.part.produce(self.recipe, self.line)
+        self.produced += 1
+
+    async def pausing(self) -> None:
+        self.part.close_valves(self.line)
+
+    async def holding(self) -> None:
+        self.part.close_valves(self.line)
+
+    def supervise(self) -> None:
+        super().supervise()
+        if self.part.in_line is not None:
+            self.part.in_line.paused = self.state in self.model.waiting
 
 
 class Reactor(
