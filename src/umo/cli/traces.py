@@ -62,9 +62,9 @@ def spark(traced: tuple[Floats, Floats], about: About) -> str:
 
 
 def traced_span(traced: tuple[Floats, Floats], about: About) -> str:
-    """`2 to 3.5`; empty for a binary object."""
+    """`2 to 3.5`; empty for a binary object and a named value."""
     low, high = traced
-    if "one" in about or not len(low):
+    if "one" in about or "states" in about or not len(low):
         return ""
     digits = digits_in(about)
     return f"{number_text(low.min(), digits)} to {number_text(high.max(), digits)}"
