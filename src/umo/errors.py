@@ -83,6 +83,14 @@ class WiringError(UmoError, ValueError):
         self.mistakes = tuple(mistakes)
 
 
+class RecipeError(UmoError, ValueError):
+    """A recipe is refused; `mistakes` lists all that is wrong, with file and line where they are known."""
+
+    def __init__(self, message: str, mistakes: Sequence[Mistake] = ()) -> None:
+        super().__init__("\n".join([message, *map(str, mistakes)]) if mistakes else message)
+        self.mistakes = tuple(mistakes)
+
+
 _PLACEHOLDER = re.compile(r"(?<![^\W_])(?:N|TYPE)(?![^\W_])|[{\[]")
 """The part of a form such as "coil:N" that makes it no text of a channel."""
 

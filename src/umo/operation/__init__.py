@@ -1,0 +1,1 @@
+"""Operating a machine: recipes (`umo.operation.recipes`, `umo.operation.recipe_book`)."""
