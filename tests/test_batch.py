@@ -497,7 +497,10 @@ def test_umo_run_takes_the_recipes_and_shows_the_results(umo: Callable[..., Resu
     result = umo("run", "batch", "--recipe", "paint", "--batches", "1", "--seed", "4", "--summary", "summary.json")
     assert result.exit_code == 0, result.output
     summary = json.loads((tmp_path / "summary.json").read_text())
+    used = summary["result"].pop("recipes")
     assert summary["result"] == {"batches_made": 2, "made": "paint 2", "batches_dumped": 0}
+    paint = BOOK["paint"]
+    assert used == {f"paint {paint.hash}": {"batches": 2, "values": paint.values}}
     assert summary["reports"]["plant"]["good"] == "paint 2"
     assert summary["progress"]["done"] == summary["progress"]["total"] == 2
 

@@ -63,7 +63,9 @@ def _items(kind: Any, origin: Any, limits: Range | None, given: Any) -> Any:
         kinds = (kinds[0],) * len(given)
     if len(kinds) != len(given):
         raise StateError(f"must be a list of {len(kinds)}, not of {len(given)}")
-    values = [value_for(Annotated[each, limits] if limits else each, one) for each, one in zip(kinds, given, strict=True)]
+    values = [
+        value_for(Annotated[each, limits] if limits else each, one) for each, one in zip(kinds, given, strict=True)
+    ]
     return values if origin is list else tuple(values)
 
 
@@ -89,7 +91,7 @@ def _converted(text: str, unit: str) -> float:
     """The number of a text such as "1.5 min", in this unit."""
     match = _MEASURE.fullmatch(text[:200])
     if match is None or not unit:
-        what = f"a number in {unit}, or a text such as \"1.5 {unit}\"" if unit else "a number"
+        what = f'a number in {unit}, or a text such as "1.5 {unit}"' if unit else "a number"
         raise RangeError(f"{text!r} is not {what}")
     from umo.objects.units import convert, same_unit
 

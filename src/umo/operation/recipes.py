@@ -8,9 +8,8 @@ import json
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
-from enum import Enum
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeVar
 
 from typing_extensions import dataclass_transform
 
@@ -42,8 +41,6 @@ class Recipe:
 
     name: str
     """Name: the stem of its file, or the name of its table."""
-
-    _dataclass: ClassVar[bool] = True
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)
@@ -166,12 +163,3 @@ def _lines(text: str) -> dict[tuple[str, str], int]:
 
 def _fields(kind: type[Recipe]) -> Iterator[dataclasses.Field[Any]]:
     return (each for each in dataclasses.fields(kind) if each.name != "name")
-
-
-def named(value: Any) -> str:
-    """A value of a recipe in words, without its unit."""
-    if isinstance(value, tuple | list):
-        return ", ".join(map(named, value))
-    if isinstance(value, Enum):
-        return value.name.lower()
-    return f"{value:g}" if isinstance(value, float) else str(value)

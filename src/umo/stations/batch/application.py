@@ -9,7 +9,7 @@ from umo.errors import TaskFailed, TimeExpired
 
 from .control import BatchPlant, Reactor
 from .errors import BatchesLost
-from .recipes import BOOK, Name, Recipe, in_words
+from .recipes import Name, Recipe, in_words
 
 
 async def main(
@@ -25,28 +25,32 @@ async def main(
     A batch that was broken off by a fault is dumped and made again when the fault is cleared. BatchesLost at the end if
     a fault was not.
     """
-    book = [BOOK[name] for name in recipe]
+    m.book.begin()
     for reactor in m.reactors:
         reactor.begin()
     m.cycle.progress("", done=0, total=batches * len(m.reactors))
-    plans = [[book[(first + number) % len(book)] for number in range(batches)] for first in range(len(m.reactors))]
-    lost = await together(*(work(m, reactor, plan, patience) for reactor, plan in zip(m.reactors, plans, strict=True)))
+    plans = [[recipe[(first + number) % len(recipe)] for number in range(batches)] for first in range(len(m.reactors))]
+    made: Counter[str] = Counter()
+    lost = await together(
+        *(work(m, reactor, plan, patience, made) for reactor, plan in zip(m.reactors, plans, strict=True))
+    )
     if reasons := list(filter(None, lost)):
         raise BatchesLost("; ".join(reasons))
-    made = Counter(recipe.name for plan in plans for recipe in plan)
     dumped = sum(reactor.dumped for reactor in m.reactors)
-    return {"batches_made": made.total(), "made": in_words(made), "batches_dumped": dumped}
+    return {"batches_made": made.total(), "made": in_words(made), "batches_dumped": dumped, "recipes": m.book.record}
 
 
-async def work(m: BatchPlant, reactor: Reactor, plan: list[Recipe], patience: float) -> str:
-    """Make the batches of one reactor. Returns why some were not made; empty if all were."""
-    for number, recipe in enumerate(plan):
+async def work(m: BatchPlant, reactor: Reactor, plan: list[Name], patience: float, done: Counter[str]) -> str:
+    """Make the batches of one reactor, by the plan or by what a client has chosen; they are counted. Returns why some were not made; empty if all were."""
+    for number, planned in enumerate(plan):
+        recipe = m.book.next(planned)
         while not await made(m, reactor, recipe):
             try:
                 await until(lambda: reactor.cycle.fault is None, timeout=patience)
             except TimeExpired:
                 left = f"{len(plan) - number} of {len(plan)} batches not made"
                 return f"reactor {reactor.number}: {left}: {reactor.cycle.fault}"
+        done[recipe.name] += 1
     return ""
 
 

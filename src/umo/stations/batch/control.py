@@ -10,13 +10,14 @@ from collections.abc import Iterator, Sequence
 from math import nan
 from typing import Annotated
 
-from umo import Compound, DigitalActuator, DigitalSensor, Interlock, Number
+from umo import Compound, DigitalActuator, DigitalSensor, Interlock, Number, action
 from umo.control import Servo, first, unless, until, value_of, wait
 from umo.errors import TimeExpired
+from umo.operation.recipe_book import RecipeBook
 
 from .charging import OPEN, ChargingLine, Valve, held_open
 from .errors import ChargingError, DrainingError, TemperatureError
-from .recipes import STIRRING_TOLERANCE, Recipe
+from .recipes import FOLDER, STIRRING_TOLERANCE, Recipe
 
 __all__ = ["BatchPlant", "ChargingLine", "Reactor"]
 
@@ -192,7 +193,13 @@ class BatchPlant(Compound, stop_order=("reactors", "line"), max_period="200 ms")
     def setup(self) -> None:
         for number, reactor in enumerate(self.reactors):
             reactor.number = number
+        self.book = RecipeBook(Recipe, FOLDER)
         self._told = ""
+
+    @action(harmless=True)
+    def choose_recipe(self, name: str, content: str = "") -> str:
+        """Choose the recipe of the batches that begin from now on."""
+        return self.book.choose(name, content)
 
     def control(self) -> None:
         """Report what the reactors do."""

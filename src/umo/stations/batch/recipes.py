@@ -1,40 +1,36 @@
-"""The recipes of the batch plant."""
+"""The recipes of the batch plant: recipes/*.toml."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal
+from pathlib import Path
+from typing import Annotated, Literal
+
+from umo import Number
+from umo.operation import recipes
+from umo.operation.recipes import read_recipes
 
 Name = Literal["glue", "paint", "soap"]
+FOLDER = Path(__file__).parent / "recipes"
 
 
-@dataclass(frozen=True)
-class Recipe:
+class Recipe(recipes.Recipe):
     """What a batch is made of, and how."""
 
-    name: Name
-    amounts: tuple[float, float]
+    amounts: Annotated[tuple[float, float], Number("kg", 5.0, 60.0)]
     """Of the raw materials A and B, kg."""
-    temperature: float
+    temperature: Annotated[float, Number("degC", 20.0, 95.0)]
     """degC."""
-    hold: float
+    hold: Annotated[float, Number("s", 0.0, 3600.0)]
     """Time for which it is kept at its temperature, s."""
-    stirring: float
+    stirring: Annotated[float, Number("rpm", 0.0, 150.0)]
     """Speed of the stirrer, rpm."""
 
 
-BOOK: dict[Name, Recipe] = {
-    recipe.name: recipe
-    for recipe in (
-        Recipe("glue", (40.0, 20.0), temperature=60.0, hold=60.0, stirring=90.0),
-        Recipe("paint", (50.0, 10.0), temperature=50.0, hold=90.0, stirring=60.0),
-        Recipe("soap", (30.0, 30.0), temperature=75.0, hold=45.0, stirring=120.0),
-    )
-}
-"""All recipes, by name."""
+BOOK = read_recipes(Recipe, FOLDER)
+"""All recipes, by name: those by which the plant judges a batch."""
 AMOUNT_TOLERANCE, TEMPERATURE_TOLERANCE, STIRRING_TOLERANCE = 0.5, 2.0, 5.0
 """Deviations that a good batch may have: of each amount in kg, while it is held in K and rpm."""
 
 
-def in_words(counts: Mapping[Name, int]) -> str:
+def in_words(counts: Mapping[str, int]) -> str:
     """How many batches of which recipe: "glue 2, soap 1"."""
     return ", ".join(f"{name} {count}" for name, count in sorted(counts.items()))
