@@ -93,10 +93,10 @@ def _converted(text: str, unit: str) -> float:
     if match is None or not unit:
         what = f'a number in {unit}, or a text such as "1.5 {unit}"' if unit else "a number"
         raise RangeError(f"{text!r} is not {what}")
-    from umo.objects.units import convert, same_unit
+    from umo.objects.units import check_unit, convert, same_unit
 
     number = float(match[1])
-    if match[2] == unit or same_unit(match[2], unit):
+    if match[2] == unit or same_unit(check_unit(match[2]), unit):
         return number
     converted = convert(number, match[2], unit)
     return float(f"{converted:.12g}")  # 80 degF: no digits that only the conversion has made

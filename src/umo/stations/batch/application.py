@@ -41,7 +41,9 @@ async def main(
 
 
 async def work(m: BatchPlant, reactor: Reactor, plan: list[Name], patience: float, done: Counter[str]) -> str:
-    """Make the batches of one reactor, by the plan or by what a client has chosen; they are counted. Returns why some were not made; empty if all were."""
+    """Make the batches of one reactor, by the plan or by what a client has chosen; they are counted.
+
+    Returns why some were not made; empty if all were."""
     for number, planned in enumerate(plan):
         recipe = m.book.next(planned)
         while not await made(m, reactor, recipe):
