@@ -13,9 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import umo
+from helpers import brewing
+from helpers.waiting import until
 from umo import Number
 from umo.cycle.events import CommandState
-from umo.errors import CommandRefused, RecipeError
+from umo.errors import RecipeError, UmoError
 from umo.operation.recipe_book import MAX_RECORDED, RecipeBook
 from umo.operation.recipes import Recipe, read_recipes, recipe_from_content, recipe_of
 
@@ -192,13 +194,22 @@ def test_what_was_used_is_recorded_and_bounded(book: RecipeBook[Batch]) -> None:
 # A running station -----------------------------------------------------------------------------------
 
 
-def test_a_client_changes_the_recipe_of_a_running_station_between_batches(tmp_path: Path) -> None:
-    with umo.start("batch", batch(tmp_path), realtime=True, batches=2) as started:
+def test_a_client_changes_the_recipe_of_a_running_station_between_batches(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    with umo.start(brewing.machine, brewing.WIRING, brewing.main) as started:
+        until(lambda: started.poll(0) or started.values.get("heater") == 20.0)
         with umo.attach(started.pid) as station:
-            changed = BOOK["paint"].values | {"hold": 12.0}
-            answer = station.choose_recipe("quick", json.dumps(changed))
-            assert answer.startswith("quick ")
-            with pytest.raises(CommandRefused, match="hold"):
-                station.choose_recipe("wrong", json.dumps(changed | {"hold": -1.0}))
+            answer = station.choose_recipe("strong")
+            until(lambda: started.poll(0) or started.values["heater"] == 70.0)
+            with pytest.raises(UmoError, match="heat: 101 % is outside 0 to 100"):
+                station.choose_recipe("hot", '{"heat": 101}')
+            station.choose_recipe("edited", '{"heat": 55.5}')
+            until(lambda: started.poll(0) or started.values["heater"] == 55.5)
             done = [each for each in station.events if each.state is CommandState.DONE]
-            assert any("choose_recipe" in each.asked and each.who and answer in each.text for each in done)
+            assert any("strong" in each.asked and each.who and answer in each.text for each in done)
+            station.choose_recipe("end", '{"heat": 0}')
+        outcome = started.wait(30)
+    assert outcome.status == 0
+    used = {key.split()[0]: entry for key, entry in outcome.result["recipes"].items()}
+    assert list(used) == ["mild", "strong", "edited", "end"]
+    assert used["edited"]["values"] == {"heat": 55.5}

@@ -58,7 +58,7 @@ def recipes(
     """
     from umo.process.station import find
 
-    from .recipes import choose_recipe, show_recipes
+    from .recipe_list import choose_recipe, show_recipes
 
     found = find(station)
     return show_recipes(found) if name is None else choose_recipe(found, str(station), name)

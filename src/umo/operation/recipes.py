@@ -70,7 +70,8 @@ def recipe_of(kind: type[R], name: str, given: Mapping[str, Any], file: str = "r
     """The recipe with these values; RecipeError with all mistakes, with lines where `text` is that of the file."""
     mistakes: list[Mistake] = []
     values: dict[str, Any] = {}
-    hints, fields = hints_of(kind), {each.name: each for each in _fields(kind)}
+    hints = hints_of(kind)  # type: ignore[arg-type]
+    fields = {each.name: each for each in _fields(kind)}
     lines = _lines(text)
 
     def mistake(key: str, message: str) -> None:

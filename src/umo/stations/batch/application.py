@@ -7,9 +7,9 @@ from typing import Any
 from umo.control import together, until
 from umo.errors import TaskFailed, TimeExpired
 
+from .batch_recipes import BatchRecipe, Name, in_words
 from .control import BatchPlant, Reactor
 from .errors import BatchesLost
-from .recipes import Name, Recipe, in_words
 
 
 async def main(
@@ -56,7 +56,7 @@ async def work(m: BatchPlant, reactor: Reactor, plan: list[Name], patience: floa
     return ""
 
 
-async def made(m: BatchPlant, reactor: Reactor, recipe: Recipe) -> bool:
+async def made(m: BatchPlant, reactor: Reactor, recipe: BatchRecipe) -> bool:
     """Make one batch; False if the reactor failed."""
     try:
         await reactor.cycle.start(reactor.produce(recipe, m.line))

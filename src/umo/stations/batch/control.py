@@ -15,9 +15,9 @@ from umo.control import Servo, first, unless, until, value_of, wait
 from umo.errors import TimeExpired
 from umo.operation.recipe_book import RecipeBook
 
+from .batch_recipes import FOLDER, STIRRING_TOLERANCE, BatchRecipe
 from .charging import OPEN, ChargingLine, Valve, held_open
 from .errors import ChargingError, DrainingError, TemperatureError
-from .recipes import FOLDER, STIRRING_TOLERANCE, Recipe
 
 __all__ = ["BatchPlant", "ChargingLine", "Reactor"]
 
@@ -94,7 +94,7 @@ class Reactor(
             self.heating.control(self.setpoint, dt=self.dt)
             self.stirrer.write(self.stirring)
 
-    async def produce(self, recipe: Recipe, line: ChargingLine) -> None:
+    async def produce(self, recipe: BatchRecipe, line: ChargingLine) -> None:
         """Make one batch. What is left of one that was broken off is drained first; one that was broken off while it
         was drained is made when that is done."""
         try:
@@ -119,7 +119,7 @@ class Reactor(
         self.heater.write(0.0)
         self.stirrer.write(0.0)
 
-    async def _charge(self, recipe: Recipe, line: ChargingLine) -> None:
+    async def _charge(self, recipe: BatchRecipe, line: ChargingLine) -> None:
         self.phase = "waiting for the scale"
         async with line.lock:
             await self._cleared(line)
@@ -135,7 +135,7 @@ class Reactor(
         except TimeExpired:
             raise ChargingError(f"the charging line was in fault for {self.line_time:g} s") from None
 
-    async def _heat(self, recipe: Recipe) -> None:
+    async def _heat(self, recipe: BatchRecipe) -> None:
         self.phase = "heating"
         self.stirring = recipe.stirring
         self.heating.reset()
@@ -167,7 +167,7 @@ class Reactor(
         slow = abs(self.stirrer.read() - self.stirring) > STIRRING_TOLERANCE
         return slow or abs(value_of(self.temperature) - self.setpoint) > self.tolerance
 
-    async def _hold(self, recipe: Recipe) -> None:
+    async def _hold(self, recipe: BatchRecipe) -> None:
         """Keep the temperature for the time of the recipe, without interruption."""
         self.phase = "holding"
         while not await unless(self._is_off, wait(recipe.hold)):
@@ -193,7 +193,7 @@ class BatchPlant(Compound, stop_order=("reactors", "line"), max_period="200 ms")
     def setup(self) -> None:
         for number, reactor in enumerate(self.reactors):
             reactor.number = number
-        self.book = RecipeBook(Recipe, FOLDER)
+        self.book = RecipeBook(BatchRecipe, FOLDER)
         self._told = ""
 
     @action(harmless=True)

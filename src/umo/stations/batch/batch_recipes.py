@@ -5,14 +5,13 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from umo import Number
-from umo.operation import recipes
-from umo.operation.recipes import read_recipes
+from umo.operation.recipes import Recipe, read_recipes
 
 Name = Literal["glue", "paint", "soap"]
 FOLDER = Path(__file__).parent / "recipes"
 
 
-class Recipe(recipes.Recipe):
+class BatchRecipe(Recipe):
     """What a batch is made of, and how."""
 
     amounts: Annotated[tuple[float, float], Number("kg", 5.0, 60.0)]
@@ -25,7 +24,7 @@ class Recipe(recipes.Recipe):
     """Speed of the stirrer, rpm."""
 
 
-BOOK = read_recipes(Recipe, FOLDER)
+BOOK = read_recipes(BatchRecipe, FOLDER)
 """All recipes, by name: those by which the plant judges a batch."""
 AMOUNT_TOLERANCE, TEMPERATURE_TOLERANCE, STIRRING_TOLERANCE = 0.5, 2.0, 5.0
 """Deviations that a good batch may have: of each amount in kg, while it is held in K and rpm."""

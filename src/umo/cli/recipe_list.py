@@ -61,4 +61,5 @@ def _of(book: RecipeBook[Any], name: str) -> Recipe:
 def _text(recipe: Recipe, key: str, value: Any) -> str:
     """A value with its unit."""
     shown = ", ".join(map(str, value)) if isinstance(value, list) else str(value)
-    return f"{shown} {unit_of(hints_of(type(recipe))[key])}".rstrip()
+    hints = hints_of(type(recipe))  # type: ignore[arg-type]
+    return f"{shown} {unit_of(hints[key])}".rstrip()

@@ -1,0 +1,51 @@
+"""A machine that makes one batch after another, for the tests of recipes. A batch takes half a second."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from umo import Compound, DigitalActuator, DigitalSensor, Number, action
+from umo.control import wait
+from umo.operation.recipe_book import RecipeBook
+from umo.operation.recipes import Recipe
+
+FOLDER = Path(__file__).parent / "brewing_recipes"
+WIRING: dict[str, Any] = {
+    "drivers": {"clock": {"type": "timerfd"}},
+    "wire": {"timer": {"driver": "clock", "period": "10 ms"}},
+    "process": {"hang_timeout": "5 s"},
+}
+
+
+class Brew(Recipe):
+    heat: Annotated[float, Number("percent", 0.0, 100.0)]
+
+
+class Brewer(Compound):
+    timer: DigitalSensor
+    heater: DigitalActuator
+
+    def setup(self) -> None:
+        self.book = RecipeBook(Brew, FOLDER)
+
+    @action(harmless=True)
+    def choose_recipe(self, name: str, content: str = "") -> str:
+        return self.book.choose(name, content)
+
+
+def machine() -> Brewer:
+    return Brewer(
+        timer=DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False),
+        heater=DigitalActuator("percent", default=0.0, minimum=0.0, maximum=100.0, resolution=0.1),
+    )
+
+
+async def main(m: Brewer) -> dict[str, Any]:
+    """Batches until one was made by the recipe "end"."""
+    m.book.begin()
+    while (recipe := m.book.next("mild")).name != "end":
+        m.heater.write(recipe.heat)
+        await wait(0.5)
+        assert m.book.current is recipe
+    return {"recipes": m.book.record}
