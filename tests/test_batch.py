@@ -21,11 +21,11 @@ from umo.errors import ChannelError, DriverError, EquipmentFault
 from umo.process.station import find
 from umo.states import OpenClosed
 from umo.stations.batch.application import main
+from umo.stations.batch.batch_recipes import BOOK
 from umo.stations.batch.control import BatchPlant, Reactor
 from umo.stations.batch.errors import BatchesLost
 from umo.stations.batch.objects import machine
 from umo.stations.batch.plant import CHANNELS, Plant
-from umo.stations.batch.batch_recipes import BOOK
 from umo.stations.batch.vessel import Vessel
 from umo.testing import periods, put
 
