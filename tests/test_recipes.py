@@ -197,14 +197,14 @@ def test_what_was_used_is_recorded_and_bounded(book: RecipeBook[Batch]) -> None:
 def test_a_client_changes_the_recipe_of_a_running_station_between_batches(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
     with umo.start(brewing.machine, brewing.WIRING, brewing.main) as started:
-        until(lambda: started.poll(0) or started.values.get("heater") == 20.0)
+        until(lambda: started.poll() or started.values.get("heater") == 20.0)
         with umo.attach(started.pid) as station:
             answer = station.choose_recipe("strong")
-            until(lambda: started.poll(0) or started.values["heater"] == 70.0)
+            until(lambda: started.poll() or started.values["heater"] == 70.0)
             with pytest.raises(UmoError, match="heat: 101 % is outside 0 to 100"):
                 station.choose_recipe("hot", '{"heat": 101}')
             station.choose_recipe("edited", '{"heat": 55.5}')
-            until(lambda: started.poll(0) or started.values["heater"] == 55.5)
+            until(lambda: started.poll() or started.values["heater"] == 55.5)
             done = [each for each in station.events if each.state is CommandState.DONE]
             assert any("strong" in each.asked and each.who and answer in each.text for each in done)
             station.choose_recipe("end", '{"heat": 0}')

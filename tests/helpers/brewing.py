@@ -12,8 +12,8 @@ from umo.operation.recipes import Recipe
 
 FOLDER = Path(__file__).parent / "brewing_recipes"
 WIRING: dict[str, Any] = {
-    "drivers": {"clock": {"type": "timerfd"}},
-    "wire": {"timer": {"driver": "clock", "period": "10 ms"}},
+    "drivers": {"clock": {"type": "timerfd"}, "circuit": {"type": "simulated"}},
+    "wire": {"timer": {"driver": "clock", "period": "10 ms"}, "heater": {"driver": "circuit"}},
     "process": {"hang_timeout": "5 s"},
 }
 
