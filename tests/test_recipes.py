@@ -198,7 +198,7 @@ def test_a_client_changes_the_recipe_of_a_running_station_between_batches(monkey
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
     with umo.start(brewing.machine, brewing.WIRING, brewing.main) as started:
         until(lambda: started.poll() or started.values.get("heater") == 20.0)
-        with umo.attach(started.pid) as station:
+        with umo.attach(started.pid) as station, station.lease("a test"):
             answer = station.choose_recipe("strong")
             until(lambda: started.poll() or started.values["heater"] == 70.0)
             with pytest.raises(UmoError, match="heat: 101 % is outside 0 to 100"):

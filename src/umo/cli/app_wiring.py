@@ -50,6 +50,7 @@ def recipes(
     name: Annotated[
         str | None, typer.Argument(metavar="[NAME]", help="The recipe that the running station takes next.")
     ] = None,
+    take: Take = False,
 ) -> int:
     """List the recipes of a station with their values, or choose one for the next batch of the running station.
 
@@ -61,7 +62,7 @@ def recipes(
     from .recipe_list import choose_recipe, show_recipes
 
     found = find(station)
-    return show_recipes(found) if name is None else choose_recipe(found, str(station), name)
+    return show_recipes(found) if name is None else choose_recipe(found, str(station), name, take)
 
 
 @command(

@@ -14,7 +14,7 @@ from umo.remote.remote_objects import call_action
 from umo.signature import hints_of
 from umo.text import did_you_mean
 
-from .commanding import station_of
+from .commanding import leased, station_of
 from .console import out
 
 ACTION = "choose_recipe"
@@ -33,7 +33,7 @@ def show_recipes(station: Station) -> int:
     return 0
 
 
-def choose_recipe(station: Station, running: str, name: str) -> int:
+def choose_recipe(station: Station, running: str, name: str, over: bool) -> int:
     """Choose a recipe for the next batch of a running station; its file is read now, in this process."""
     machine = station.machine()
     known = actions_of(machine)
@@ -43,7 +43,7 @@ def choose_recipe(station: Station, running: str, name: str) -> int:
             raise OptionError(f"{station.name}: its recipe cannot be chosen: it has no action {path}")
         recipe = _of(book, name)
         action = known[path].describe()
-        with station_of(running) as remote:
+        with station_of(running) as remote, leased(remote, over):
             chosen = call_action(remote, action, {"name": name, "content": recipe.content})
         out.print(f"chosen for the next batch: {chosen}", soft_wrap=True, markup=False)
         return 0
