@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from enum import Enum
 from math import inf, nan
 from pathlib import Path
+from shutil import copytree
 from typing import Annotated, Any
 
 import pytest
+from click.testing import Result
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,6 +23,7 @@ from umo.cycle.events import CommandState
 from umo.errors import RecipeError, UmoError
 from umo.operation.recipe_book import MAX_RECORDED, RecipeBook
 from umo.operation.recipes import Recipe, read_recipes, recipe_from_content, recipe_of
+from umo.process.station import find
 
 
 class Colour(Enum):
@@ -213,3 +217,30 @@ def test_a_client_changes_the_recipe_of_a_running_station_between_batches(monkey
     used = {key.split()[0]: entry for key, entry in outcome.result["recipes"].items()}
     assert list(used) == ["mild", "strong", "edited", "end"]
     assert used["edited"]["values"] == {"heat": 55.5}
+
+
+# The command -----------------------------------------------------------------------------------------
+
+
+def test_umo_recipes_lists_values_with_their_units(umo: Callable[..., Result]) -> None:
+    result = umo("recipes", "batch")
+    assert result.exit_code == 0
+    assert "amounts = 40.0, 20.0 kg" in result.output and "hold = 90.0 s" in result.output
+
+
+def test_umo_check_refuses_a_wrong_recipe_with_its_line(umo: Callable[..., Result], tmp_path: Path) -> None:
+    assert "3 recipes" in umo("check", "batch").output
+    copied = copytree(find("batch").path, tmp_path / "own")
+    (copied / "recipes" / "glue.toml").write_text("amounts = [40.0, 200.0]\ntemprature = 60\n")
+    result = umo("check", str(copied))
+    assert result.exit_code == 2
+    assert "glue.toml:1: amounts: 200 kg is outside 5 to 60" in result.output + result.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "message"), [(["batch", "pant"], "did you mean 'paint'"), (["furnace"], "no recipes")]
+)
+def test_what_umo_recipes_cannot_do_is_told(umo: Callable[..., Result], words: list[str], message: str) -> None:
+    result = umo("recipes", *words)
+    assert result.exit_code == 2
+    assert message in result.output + result.stderr
