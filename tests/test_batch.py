@@ -192,6 +192,8 @@ def test_what_a_run_that_was_stopped_has_left_is_dumped_by_the_next_one() -> Non
         umo.drive(m, stopped)
     with umo.connect(m, wired):
         result = umo.drive(m, main, batches=1)
+    used = {key.split()[0]: entry["batches"] for key, entry in result.pop("recipes").items()}
+    assert used == {"glue": 1, "soap": 1}
     assert result == {"batches_made": 2, "made": "glue 1, soap 1", "batches_dumped": 2}
     assert len(plant.good) == 3  # the first one had been made, and nobody claims it
 
