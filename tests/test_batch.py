@@ -23,11 +23,11 @@ from umo.operation import ProcedureState
 from umo.process.station import find
 from umo.states import OpenClosed
 from umo.stations.batch.application import main
+from umo.stations.batch.batch_recipes import BOOK
 from umo.stations.batch.control import BatchPlant, Reactor
 from umo.stations.batch.errors import BatchesLost
 from umo.stations.batch.objects import machine
 from umo.stations.batch.plant import CHANNELS, Plant
-from umo.stations.batch.recipes import BOOK
 from umo.stations.batch.vessel import Vessel
 from umo.testing import periods, put
 
@@ -194,6 +194,8 @@ def test_what_a_run_that_was_stopped_has_left_is_dumped_by_the_next_one() -> Non
         umo.drive(m, stopped)
     with umo.connect(m, wired):
         result = umo.drive(m, main, batches=1)
+    used = {key.split()[0]: entry["batches"] for key, entry in result.pop("recipes").items()}
+    assert used == {"glue": 1, "soap": 1}
     assert result == {"batches_made": 2, "made": "glue 1, soap 1", "batches_dumped": 2}
     assert len(plant.good) == 3  # the first one had been made, and nobody claims it
 
@@ -579,7 +581,10 @@ def test_umo_run_takes_the_recipes_and_shows_the_results(umo: Callable[..., Resu
     result = umo("run", "batch", "--recipe", "paint", "--batches", "1", "--seed", "4", "--summary", "summary.json")
     assert result.exit_code == 0, result.output
     summary = json.loads((tmp_path / "summary.json").read_text())
+    used = summary["result"].pop("recipes")
     assert summary["result"] == {"batches_made": 2, "made": "paint 2", "batches_dumped": 0}
+    paint = BOOK["paint"]
+    assert used == {f"paint {paint.hash}": {"batches": 2, "values": paint.values}}
     assert summary["reports"]["plant"]["good"] == "paint 2"
     assert summary["progress"]["done"] == summary["progress"]["total"] == 2
 

@@ -5,6 +5,7 @@ UmoError
 |-- WiringError (ValueError)         the wiring: every mistake, with its file and key
 |   `-- ChannelError                 a channel's text, with the forms its driver knows
 |-- RangeError (ValueError)          a value beyond its object's range, NaN or infinite
+|-- RecipeError (ValueError)         a recipe is refused: every mistake, with its file and line
 |-- StateError (TypeError)           a state of another two-state type
 |-- OptionError (TypeError)          an option of a run: nobody takes it, it is missing, its value has a wrong type
 |-- PathError (LookupError)          a path that names no object of the machine
@@ -77,6 +78,14 @@ class Mistake:
 
 class WiringError(UmoError, ValueError):
     """The wiring does not fit the machine; `mistakes` lists all of them."""
+
+    def __init__(self, message: str, mistakes: Sequence[Mistake] = ()) -> None:
+        super().__init__("\n".join([message, *map(str, mistakes)]) if mistakes else message)
+        self.mistakes = tuple(mistakes)
+
+
+class RecipeError(UmoError, ValueError):
+    """A recipe is refused; `mistakes` lists all that is wrong, with file and line where they are known."""
 
     def __init__(self, message: str, mistakes: Sequence[Mistake] = ()) -> None:
         super().__init__("\n".join([message, *map(str, mistakes)]) if mistakes else message)

@@ -42,6 +42,30 @@ def check(
 
 
 @command(
+    epilog="Examples: umo recipes batch  |  umo recipes batch paint",
+    status="0 done; 2 a mistake, told on stderr",
+)
+def recipes(
+    station: StationName,
+    name: Annotated[
+        str | None, typer.Argument(metavar="[NAME]", help="The recipe that the running station takes next.")
+    ] = None,
+    take: Take = False,
+) -> int:
+    """List the recipes of a station with their values, or choose one for the next batch of the running station.
+
+    A recipe that is chosen is read and checked now. The machine checks its values again, and takes it with the next
+    batch.
+    """
+    from umo.process.station import find
+
+    from .recipe_list import choose_recipe, show_recipes
+
+    found = find(station)
+    return show_recipes(found) if name is None else choose_recipe(found, str(station), name, take)
+
+
+@command(
     epilog="Examples: umo tree ztheta  |  umo tree ztheta z -w second_generation  |  umo tree furnace --zones 3 --all",
     context_settings={"ignore_unknown_options": True},
 )

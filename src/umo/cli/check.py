@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -33,11 +34,22 @@ def check_station(station: Station, wiring: str | None, every: bool = False, arg
     interlocks_of(machine)
     if (twin := declared_by(station, machine)) is not None:
         twin.describe(machine)
+    check_recipes(machine)
     files = list(station.wirings.values()) if every and station.wirings else [station.wiring(wiring)]
     statuses = [_check_wiring(machine, file) for file in files]
     if others := [name for name, file in station.wirings.items() if file not in files]:
         out.print(f"not looked at: {', '.join(others)} (-w NAME, or --all)", soft_wrap=True)
     return max(statuses)
+
+
+def check_recipes(machine: Compound) -> None:
+    """Tell how many recipes the machine has. Wrong ones were refused when the machine was declared."""
+    if "umo.operation.recipe_book" not in sys.modules:
+        return
+    from umo.operation.recipe_book import books_of
+
+    for book in books_of(machine).values():
+        out.print(f"ok: {book.place}: {_count(len(book.recipes), 'recipe')}", soft_wrap=True)
 
 
 def _check_wiring(machine: Compound, file: Path | None) -> int:

@@ -1,4 +1,7 @@
-"""What operates a machine: the states and commands of its parts, after PackML and ISA-88."""
+"""What operates a machine: the states and commands of its parts, after PackML and ISA-88.
+
+Recipes are in `umo.operation.recipes` and `umo.operation.recipe_book`.
+"""
 
 from umo.operation.packml import PackML, PackMLState
 from umo.operation.procedure import Procedure, ProcedureState

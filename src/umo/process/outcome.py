@@ -17,6 +17,7 @@ from umo.user_code import as_json
 
 USER_ERRORS = (
     errors.WiringError,
+    errors.RecipeError,
     errors.DeclarationError,
     errors.OptionError,
     errors.PathError,

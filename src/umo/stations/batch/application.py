@@ -8,9 +8,9 @@ from umo.control import together, until
 from umo.errors import TimeExpired
 from umo.operation import ProcedureState
 
+from .batch_recipes import BatchRecipe, Name, in_words
 from .control import BatchPlant, Making, Reactor
 from .errors import BatchesLost
-from .recipes import BOOK, Name, Recipe, in_words
 
 ENDED = (ProcedureState.COMPLETE, ProcedureState.STOPPED, ProcedureState.ABORTED)
 """The states in which a reactor makes no batch until it is reset."""
@@ -30,32 +30,38 @@ async def main(
     stopped, when the operator resets the reactor. BatchesLost at the end if
     a fault was not.
     """
-    book = [BOOK[name] for name in recipe]
+    m.book.begin()
     for reactor in m.reactors:
         reactor.begin()
     m.cycle.progress("", done=0, total=batches * len(m.reactors))
-    plans = [[book[(first + number) % len(book)] for number in range(batches)] for first in range(len(m.reactors))]
-    lost = await together(*(work(m, reactor, plan, patience) for reactor, plan in zip(m.reactors, plans, strict=True)))
+    plans = [[recipe[(first + number) % len(recipe)] for number in range(batches)] for first in range(len(m.reactors))]
+    made: Counter[str] = Counter()
+    lost = await together(
+        *(work(m, reactor, plan, patience, made) for reactor, plan in zip(m.reactors, plans, strict=True))
+    )
     if reasons := list(filter(None, lost)):
         raise BatchesLost("; ".join(reasons))
-    made = Counter(recipe.name for plan in plans for recipe in plan)
     dumped = sum(reactor.unit.rejected for reactor in m.reactors)
-    return {"batches_made": made.total(), "made": in_words(made), "batches_dumped": dumped}
+    return {"batches_made": made.total(), "made": in_words(made), "batches_dumped": dumped, "recipes": m.book.record}
 
 
-async def work(m: BatchPlant, reactor: Reactor, plan: list[Recipe], patience: float) -> str:
-    """Make the batches of one reactor. Returns why some were not made; empty if all were."""
-    for number, recipe in enumerate(plan):
+async def work(m: BatchPlant, reactor: Reactor, plan: list[Name], patience: float, done: Counter[str]) -> str:
+    """Make the batches of one reactor, by the plan or by what a client has chosen; they are counted.
+
+    Returns why some were not made; empty if all were."""
+    for number, planned in enumerate(plan):
+        recipe = m.book.next(planned)
         while not await made(reactor.unit, recipe):
             try:
                 await ready(reactor.unit, patience)
             except TimeExpired:
                 left = f"{len(plan) - number} of {len(plan)} batches not made"
                 return f"reactor {reactor.number}: {left}: {reactor.cycle.fault or reactor.activity}"
+        done[recipe.name] += 1
     return ""
 
 
-async def made(unit: Making, recipe: Recipe) -> bool:
+async def made(unit: Making, recipe: BatchRecipe) -> bool:
     """Make one batch; False if the reactor failed, or was stopped."""
     unit.recipe = recipe
     if unit.state is ProcedureState.IDLE:  # or an operator was quicker

@@ -14,10 +14,11 @@ from umo import Compound, DigitalActuator, DigitalSensor, Interlock, Number
 from umo.control import Servo, Task, first, unless, until, value_of, wait
 from umo.errors import TimeExpired
 from umo.operation import Procedure, ProcedureState
+from umo.operation.recipe_book import RecipeBook
 
+from .batch_recipes import FOLDER, STIRRING_TOLERANCE, BatchRecipe
 from .charging import CLOSED, OPEN, ChargingLine, Valve, held_open
 from .errors import ChargingError, DrainingError, TemperatureError
-from .recipes import BOOK, STIRRING_TOLERANCE, Recipe
 
 __all__ = ["BatchPlant", "ChargingLine", "Making", "Reactor"]
 
@@ -28,10 +29,7 @@ class Making(Procedure):
 
     part: Reactor
     line: ChargingLine
-
-    def __init__(self, part: Reactor) -> None:
-        super().__init__(part)
-        self.recipe: Recipe = next(iter(BOOK.values()))
+    recipe: BatchRecipe
 
     async def execute(self) -> None:
         await self.part.produce(self.recipe, self.line)
@@ -130,7 +128,7 @@ class Reactor(
         stands = (*self.unit.model.waiting, ProcedureState.STOPPED)
         return state.name.lower() if state in stands else self.phase
 
-    async def produce(self, recipe: Recipe, line: ChargingLine) -> None:
+    async def produce(self, recipe: BatchRecipe, line: ChargingLine) -> None:
         """Make one batch. What is left of one that was broken off is drained first; one that was broken off while it
         was drained is made when that is done."""
         try:
@@ -160,7 +158,7 @@ class Reactor(
         for valve in (self.feed, self.drain, *in_line):
             valve.write(CLOSED)
 
-    async def _charge(self, recipe: Recipe, line: ChargingLine) -> None:
+    async def _charge(self, recipe: BatchRecipe, line: ChargingLine) -> None:
         self.phase = "waiting for the scale"
         async with line.lock:
             await self._cleared(line)
@@ -185,7 +183,7 @@ class Reactor(
         except TimeExpired:
             raise ChargingError(f"the charging line was in fault for {self.line_time:g} s") from None
 
-    async def _heat(self, recipe: Recipe) -> None:
+    async def _heat(self, recipe: BatchRecipe) -> None:
         self.phase = "heating"
         self.stirring = recipe.stirring
         self.heating.reset()
@@ -217,7 +215,7 @@ class Reactor(
         slow = abs(self.stirrer.read() - self.stirring) > STIRRING_TOLERANCE
         return slow or abs(value_of(self.temperature) - self.setpoint) > self.tolerance
 
-    async def _hold(self, recipe: Recipe) -> None:
+    async def _hold(self, recipe: BatchRecipe) -> None:
         """Keep the temperature for the time of the recipe, without interruption."""
         self.phase = "holding"
         while not await unless(self._is_off, wait(recipe.hold)):
@@ -244,6 +242,9 @@ class BatchPlant(Compound, stop_order=("reactors", "line"), max_period="200 ms")
         for number, reactor in enumerate(self.reactors):
             reactor.number = number
             reactor.unit.line = self.line
+        self.book = RecipeBook(BatchRecipe, FOLDER)
+        for reactor in self.reactors:
+            reactor.unit.recipe = next(iter(self.book.recipes.values()))
         self._told = ""
 
     def control(self) -> None:

@@ -27,7 +27,7 @@ from typing import Any
 
 from umo.drivers import Channel, ChannelError, Direction, Driver
 
-from .recipes import Recipe, in_words
+from .batch_recipes import BatchRecipe, in_words
 from .vessel import MATERIALS, POWER, VALVE_LAG, Vessel, let_out
 
 IN, OUT = Direction.INPUT, Direction.OUTPUT
@@ -65,7 +65,7 @@ class Plant(Driver):
         self._inflows = [flow * random.uniform(0.95, 1.05) for flow in INFLOWS]
         self._inlets, self._outlets, self._waste = [0.0] * MATERIALS, [0.0] * REACTORS, 0.0
         self._load = 0.0  # as the scale follows it
-        self.good: list[tuple[int, Recipe]] = []
+        self.good: list[tuple[int, BatchRecipe]] = []
         """The good batches that were drained: reactor and recipe."""
         self.wrong = 0
         """How many others were drained."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import exp
 
-from .recipes import AMOUNT_TOLERANCE, BOOK, STIRRING_TOLERANCE, TEMPERATURE_TOLERANCE, Recipe
+from .batch_recipes import AMOUNT_TOLERANCE, BOOK, STIRRING_TOLERANCE, TEMPERATURE_TOLERANCE, BatchRecipe
 
 MATERIALS = 2
 POWER, LOSS, HEAT, WALL, AMBIENCE = 120.0, 0.2, 4.0, 20.0, 20.0
@@ -85,14 +85,14 @@ class Vessel:
         let_out(self.amounts, DRAIN * self.drain, dt)
         return had >= TRACE > self.content
 
-    def made(self) -> Recipe | None:
+    def made(self) -> BatchRecipe | None:
         """The recipe of which its content is a good batch."""
         for recipe in BOOK.values():
             if self.deviation(recipe) <= AMOUNT_TOLERANCE and self.held[recipe.name] >= recipe.hold:
                 return recipe
         return None
 
-    def deviation(self, recipe: Recipe) -> float:
+    def deviation(self, recipe: BatchRecipe) -> float:
         """Largest deviation of an amount from the recipe, kg."""
         return max(abs(had - wanted) for had, wanted in zip(self.charged, recipe.amounts, strict=True))
 

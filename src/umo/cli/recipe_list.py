@@ -1,0 +1,60 @@
+"""`umo recipes`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from umo.errors import OptionError, RecipeError
+from umo.objects import actions_of
+from umo.operation.recipe_book import RecipeBook, books_of
+from umo.operation.recipe_values import unit_of
+from umo.operation.recipes import Recipe
+from umo.process.station import Station
+from umo.remote.remote_objects import call_action
+from umo.signature import hints_of
+from umo.text import did_you_mean
+
+from .commanding import leased, station_of
+from .console import out
+
+
+def show_recipes(station: Station) -> int:
+    """Print every recipe with its values and units."""
+    found = books_of(station.machine())
+    if not found:
+        raise OptionError(f"{station.name} has no recipes")
+    for book in found.values():
+        for recipe in book.recipes.values():
+            out.print(f"{recipe.name}  {recipe.hash}", soft_wrap=True, markup=False)
+            for key, value in recipe.values.items():
+                out.print(f"  {key} = {_text(recipe, key, value)}", soft_wrap=True, markup=False)
+    return 0
+
+
+def choose_recipe(station: Station, running: str, name: str, over: bool) -> int:
+    """Choose a recipe for the next batch of a running station; its file is read now, in this process."""
+    machine = station.machine()
+    known = actions_of(machine)
+    for path, book in books_of(machine).items():
+        recipe = _of(book, name)
+        action = known[f"{path}.choose"].describe()
+        with station_of(running) as remote, leased(remote, over):
+            chosen = call_action(remote, action, {"name": name, "content": recipe.content})
+        out.print(f"chosen for the next batch: {chosen}", soft_wrap=True, markup=False)
+        return 0
+    raise OptionError(f"{station.name} has no recipes")
+
+
+def _of(book: RecipeBook[Any], name: str) -> Recipe:
+    if name not in book.recipes:
+        known = ", ".join(book.recipes)
+        raise RecipeError(f"no recipe {name!r}{did_you_mean(name, book.recipes)}; known: {known}")
+    recipe: Recipe = book.recipes[name]
+    return recipe
+
+
+def _text(recipe: Recipe, key: str, value: Any) -> str:
+    """A value with its unit."""
+    shown = ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+    hints = hints_of(type(recipe))  # type: ignore[arg-type]
+    return f"{shown} {unit_of(hints[key])}".rstrip()

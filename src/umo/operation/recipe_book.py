@@ -1,0 +1,86 @@
+"""The recipes of a running station: which one is used now, and which one comes next."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from umo.errors import RecipeError
+from umo.objects import Compound, action
+from umo.objects.laws import laws_in
+from umo.operation.recipes import Recipe, read_recipes, recipe_from_content
+from umo.text import did_you_mean
+
+R = TypeVar("R", bound=Recipe)
+MAX_RECORDED = 100
+"""Number of different recipes that a run records; of the others only the number of their batches is counted."""
+
+
+class RecipeBook(Generic[R]):
+    """The recipes of a compound, made in its `setup`: `self.book = RecipeBook(Batch, FOLDER)`.
+
+    Recipes are read when it is made; after that no file is read. RecipeError if one of them is wrong. A client chooses
+    another one by the action `choose`; the program takes it with its next `next()`, never within a batch.
+    """
+
+    def __init__(self, kind: type[R], place: Path) -> None:
+        self.kind = kind
+        self.place = place
+        """Folder, or file."""
+        self.recipes: dict[str, R] = read_recipes(kind, place)
+        self.current: R | None = None
+        """The recipe that `next` returned last."""
+        self.chosen: R | None = None
+        """The recipe that a client has chosen; None: the program's own."""
+        self._record: dict[str, dict[str, Any]] = {}
+        self._others = 0
+
+    def begin(self) -> None:
+        """A run begins: nothing is recorded and nothing has been used. What was chosen stays."""
+        self.current = None
+        self._record, self._others = {}, 0
+
+    @action(harmless=True)
+    def choose(self, name: str, content: str = "") -> str:
+        """Choose the recipe of the batches that begin from now on; its name and hash.
+
+        RecipeError if it is refused: then the earlier choice stays. `content`: its values as JSON; without it those
+        that were read at the start.
+        """
+        found = recipe_from_content(self.kind, name, content) if content else self._known(name)
+        self.chosen = found
+        return f"{found.name} {found.hash}"
+
+    def next(self, planned: str = "") -> R:
+        """The recipe for the next batch: the chosen one, else the planned one, else the one used last, else the first.
+        RecipeError if the planned one is not known."""
+        found = self.chosen or (self._known(planned) if planned else self.current)
+        self.current = found or next(iter(self.recipes.values()))
+        self._note(self.current)
+        return self.current
+
+    @property
+    def record(self) -> dict[str, dict[str, Any]]:
+        """What was used, for the result of a run: name and hash, with the number of batches and the values."""
+        others = {"others": {"batches": self._others}} if self._others else {}
+        return {key: {**entry} for key, entry in self._record.items()} | others
+
+    def _note(self, recipe: R) -> None:
+        key = f"{recipe.name} {recipe.hash}"
+        if key in self._record:
+            self._record[key]["batches"] += 1
+        elif len(self._record) < MAX_RECORDED:
+            self._record[key] = {"batches": 1, "values": recipe.values}
+        else:
+            self._others += 1
+
+    def _known(self, name: str) -> R:
+        if name not in self.recipes:
+            near = did_you_mean(name, self.recipes)
+            raise RecipeError(f"no recipe {name[:60]!r}{near}; known: {', '.join(self.recipes)}")
+        return self.recipes[name]
+
+
+def books_of(root: Compound) -> dict[str, RecipeBook[Any]]:
+    """Every book of a machine by its path."""
+    return {path: each for _, path, each in laws_in(root) if isinstance(each, RecipeBook)}

@@ -1,0 +1,102 @@
+"""One value of a recipe: what a file or a client gives, as the type that the recipe declares."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from enum import Enum
+from math import inf
+from typing import Annotated, Any, get_args, get_origin
+
+from umo.errors import DeclarationError, RangeError, StateError
+from umo.objects.range import Range
+from umo.text import did_you_mean
+
+_MEASURE = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)\s*")
+ANY = Range("", -inf, inf)
+SEQUENCES = (list, tuple, Sequence)
+
+
+def value_for(hint: Any, given: Any) -> Any:
+    """The value as this type; RangeError, StateError or DeclarationError if it is not one."""
+    kind, limits = parts_of(hint)
+    if (origin := get_origin(kind)) in SEQUENCES:
+        return _items(kind, origin, limits, given)
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        return _member(kind, given)
+    if kind in (float, int):
+        return _number(kind, limits or ANY, given)
+    if kind in (bool, str):
+        if type(given) is not kind:
+            raise StateError(f"must be {'true or false' if kind is bool else 'a text'}, not {given!r}")
+        return given
+    raise DeclarationError(f"a recipe cannot have values of the type {kind!r}")
+
+
+def parts_of(hint: Any) -> tuple[Any, Range | None]:
+    """Type and range of an annotation."""
+    if get_origin(hint) is not Annotated:
+        return hint, None
+    return get_args(hint)[0], next((each for each in get_args(hint)[1:] if isinstance(each, Range)), None)
+
+
+def unit_of(hint: Any) -> str:
+    """Unit of a value, or of the values of a sequence; "" for what has none."""
+    kind, limits = parts_of(hint)
+    if limits is None and get_origin(kind) in SEQUENCES:
+        return unit_of(get_args(kind)[0])
+    return limits.unit if limits else ""
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON has it: an Enum as the name of its member, a tuple as a list."""
+    if isinstance(value, Enum):
+        return value.name
+    return [plain(each) for each in value] if isinstance(value, tuple | list) else value
+
+
+def _items(kind: Any, origin: Any, limits: Range | None, given: Any) -> Any:
+    if not isinstance(given, list | tuple):
+        raise StateError(f"must be a list, not {given!r}")
+    kinds = get_args(kind)
+    if origin is not tuple or kinds[-1] is Ellipsis:
+        kinds = (kinds[0],) * len(given)
+    if len(kinds) != len(given):
+        raise StateError(f"must be a list of {len(kinds)}, not of {len(given)}")
+    values = [
+        value_for(Annotated[each, limits] if limits else each, one) for each, one in zip(kinds, given, strict=True)
+    ]
+    return values if origin is list else tuple(values)
+
+
+def _member(kind: type[Enum], given: Any) -> Enum:
+    """The member of that name, or with that text as its value."""
+    for each in kind:
+        if isinstance(given, str) and given in (each.name, each.name.lower(), each.value):
+            return each
+    known = [each.name for each in kind]
+    near = did_you_mean(given, known) if isinstance(given, str) else ""
+    raise StateError(f"{given!r} is not one of {', '.join(known)}{near}")
+
+
+def _number(kind: type, limits: Range, given: Any) -> float | int:
+    number = _converted(given, limits.unit) if isinstance(given, str) else given
+    try:
+        return limits.check_whole("", number) if kind is int else limits.check("", number)
+    except RangeError as error:
+        raise RangeError(str(error).removeprefix(": ")) from None
+
+
+def _converted(text: str, unit: str) -> float:
+    """The number of a text such as "1.5 min", in this unit."""
+    match = _MEASURE.fullmatch(text[:200])
+    if match is None or not unit:
+        what = f'a number in {unit}, or a text such as "1.5 {unit}"' if unit else "a number"
+        raise RangeError(f"{text!r} is not {what}")
+    from umo.objects.units import check_unit, convert, same_unit
+
+    number = float(match[1])
+    if match[2] == unit or same_unit(check_unit(match[2]), unit):
+        return number
+    converted = convert(number, match[2], unit)
+    return float(f"{converted:.12g}")  # 80 degF: no digits that only the conversion has made

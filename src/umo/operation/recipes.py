@@ -1,0 +1,166 @@
+"""Recipes: typed sets of values with units and ranges, from TOML files or plain data; each is checked as a whole."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from typing_extensions import dataclass_transform
+
+from umo.errors import Mistake, RecipeError, UmoError
+from umo.operation.recipe_values import plain, value_for
+from umo.signature import hints_of
+from umo.text import did_you_mean
+
+_KEY = re.compile(r"""\s*(?:"([^"]*)"|'([^']*)'|([\w-]+))\s*=""")
+_TABLE = re.compile(r"""\s*\[\s*(?:"([^"]*)"|'([^']*)'|([\w-]+))\s*\]""")
+MAX_FILE = 1_000_000
+"""Size of a file of recipes at most, bytes."""
+NAME_FORM = re.compile(r"\w[\w .-]{0,59}")
+"""Form of a recipe's name."""
+
+
+@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(dataclasses.field,))
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Recipe:
+    """The base of a station's type of recipes. A subclass is a frozen dataclass, without a decorator.
+
+        class Batch(Recipe):
+            temperature: Annotated[float, Number("degC", 20.0, 95.0)]
+            hold: Annotated[float, Number("s", 0.0, 3600.0)] = 60.0
+
+    Types of fields: float, int, bool, str, an Enum, and tuples or lists of one of these. The range of a tuple is that
+    of each of its numbers. A field with a default may be left out of a file.
+    """
+
+    name: str
+    """Name: the stem of its file, or the name of its table."""
+
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        super().__init_subclass__(**keywords)
+        dataclasses.dataclass(frozen=True, kw_only=True)(cls)
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """Its values without the name, as plain data."""
+        return {each.name: plain(getattr(self, each.name)) for each in _fields(type(self))}
+
+    @property
+    def content(self) -> str:
+        """Its values as JSON: what a client sends."""
+        return json.dumps(self.values, separators=(",", ":"), ensure_ascii=False)
+
+    @property
+    def hash(self) -> str:
+        """The first 12 digits of the SHA-256 of its values, whatever their order and the units of its file."""
+        text = json.dumps(self.values, separators=(",", ":"), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+R = TypeVar("R", bound=Recipe)
+
+
+def recipe_of(kind: type[R], name: str, given: Mapping[str, Any], file: str = "recipe", text: str = "") -> R:
+    """The recipe with these values; RecipeError with all mistakes, with lines where `text` is that of the file."""
+    mistakes: list[Mistake] = []
+    values: dict[str, Any] = {}
+    hints = hints_of(kind)  # type: ignore[arg-type]
+    fields = {each.name: each for each in _fields(kind)}
+    lines = _lines(text)
+
+    def mistake(key: str, message: str) -> None:
+        line = lines.get((name, key)) or lines.get(("", key))
+        mistakes.append(Mistake(f"{file}:{line}" if line else file, key, message))
+
+    if not NAME_FORM.fullmatch(name):
+        mistake("", f"{name[:60]!r} is no name of a recipe")
+    for key in given:
+        if key not in fields:
+            mistake(key, f"unknown key{did_you_mean(key, fields)}; known: {', '.join(fields)}")
+    for key, field in fields.items():
+        if key in given:
+            try:
+                values[key] = value_for(hints[key], given[key])
+            except UmoError as error:
+                mistake(key, str(error))
+        elif field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
+            mistake(key, "is missing")
+    if mistakes:
+        raise RecipeError(f"recipe {name} is refused", mistakes)
+    return kind(name=name, **values)
+
+
+def recipe_from_content(kind: type[R], name: str, content: str) -> R:
+    """The recipe with the values in a text of JSON; RecipeError."""
+    try:
+        given = json.loads(content)
+    except (ValueError, RecursionError) as error:
+        raise RecipeError(f"recipe {name} is refused: its content cannot be read: {error}") from None
+    if not isinstance(given, dict):
+        raise RecipeError(f"recipe {name} is refused: its content is not a table")
+    return recipe_of(kind, name, given)
+
+
+def read_recipes(kind: type[R], place: Path) -> dict[str, R]:
+    """The recipes in a folder (`*.toml`, each one recipe) or in one file (a table each), by name; RecipeError with the
+    mistakes of all."""
+    recipes: dict[str, R] = {}
+    mistakes: list[Mistake] = []
+    for file in sorted(place.glob("*.toml")) if place.is_dir() else [place]:
+        try:
+            text, data = _load(file)
+            tables = {file.stem: data} if place.is_dir() else data
+        except RecipeError as error:
+            mistakes += error.mistakes
+            continue
+        for name, table in tables.items():
+            try:
+                if not isinstance(table, dict):
+                    raise RecipeError("", [Mistake(str(file), name, f"must be a table, not {table!r}")])
+                recipes[name] = recipe_of(kind, name, table, str(file), text)
+            except RecipeError as error:
+                mistakes += error.mistakes
+    if not recipes and not mistakes:
+        mistakes.append(Mistake(str(place), "", "has no recipes"))
+    if mistakes:
+        raise RecipeError("the recipes are refused", mistakes)
+    return recipes
+
+
+def _load(file: Path) -> tuple[str, dict[str, Any]]:
+    try:
+        with file.open("rb") as stream:
+            raw = stream.read(MAX_FILE + 1)
+        if len(raw) > MAX_FILE:
+            raise ValueError(f"it has more than {MAX_FILE} bytes")
+        text = raw.decode()
+        return text, tomllib.loads(text)
+    except FileNotFoundError:
+        message = "no such file"
+    except (OSError, ValueError) as error:  # TOML and UTF-8 errors are ValueErrors
+        message = f"cannot be read: {error}"
+    except RecursionError:
+        message = "cannot be read: it is nested too deeply"
+    raise RecipeError("the recipes are refused", [Mistake(str(file), "", message)])
+
+
+def _lines(text: str) -> dict[tuple[str, str], int]:
+    """The line of each key, by table and key; "" for what stands before the first table."""
+    found: dict[tuple[str, str], int] = {}
+    table = ""
+    for number, line in enumerate(text.splitlines(), 1):
+        if match := _TABLE.match(line):
+            table = next(filter(None, match.groups()), "")
+        elif match := _KEY.match(line):
+            found.setdefault((table, next(filter(None, match.groups()), "")), number)
+    return found
+
+
+def _fields(kind: type[Recipe]) -> Iterator[dataclasses.Field[Any]]:
+    return (each for each in dataclasses.fields(kind) if each.name != "name")

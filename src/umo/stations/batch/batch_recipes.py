@@ -1,0 +1,35 @@
+"""The recipes of the batch plant: recipes/*.toml."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal
+
+from umo import Number
+from umo.operation.recipes import Recipe, read_recipes
+
+Name = Literal["glue", "paint", "soap"]
+FOLDER = Path(__file__).parent / "recipes"
+
+
+class BatchRecipe(Recipe):
+    """What a batch is made of, and how."""
+
+    amounts: Annotated[tuple[float, float], Number("kg", 5.0, 60.0)]
+    """Of the raw materials A and B, kg."""
+    temperature: Annotated[float, Number("degC", 20.0, 95.0)]
+    """degC."""
+    hold: Annotated[float, Number("s", 0.0, 3600.0)]
+    """Time for which it is kept at its temperature, s."""
+    stirring: Annotated[float, Number("rpm", 0.0, 150.0)]
+    """Speed of the stirrer, rpm."""
+
+
+BOOK = read_recipes(BatchRecipe, FOLDER)
+"""All recipes, by name: those by which the plant judges a batch."""
+AMOUNT_TOLERANCE, TEMPERATURE_TOLERANCE, STIRRING_TOLERANCE = 0.5, 2.0, 5.0
+"""Deviations that a good batch may have: of each amount in kg, while it is held in K and rpm."""
+
+
+def in_words(counts: Mapping[str, int]) -> str:
+    """How many batches of which recipe: "glue 2, soap 1"."""
+    return ", ".join(f"{name} {count}" for name, count in sorted(counts.items()))

@@ -1,0 +1,246 @@
+"""Recipes: typed values from files and from clients, refused as a whole; chosen between batches."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from enum import Enum
+from math import inf, nan
+from pathlib import Path
+from shutil import copytree
+from typing import Annotated, Any
+
+import pytest
+from click.testing import Result
+from hypothesis import given
+from hypothesis import strategies as st
+
+import umo
+from helpers import brewing
+from helpers.waiting import until
+from umo import Number
+from umo.cycle.events import CommandState
+from umo.errors import RecipeError, UmoError
+from umo.operation.recipe_book import MAX_RECORDED, RecipeBook
+from umo.operation.recipes import Recipe, read_recipes, recipe_from_content, recipe_of
+from umo.process.station import find
+
+
+class Colour(Enum):
+    RED = "red"
+    BLUE = "blue"
+
+
+class Batch(Recipe):
+    temperature: Annotated[float, Number("degC", 20.0, 95.0)]
+    hold: Annotated[float, Number("s", 0.0, 3600.0)] = 60.0
+    amounts: Annotated[tuple[float, float], Number("kg", 0.0, 50.0)] = (1.0, 2.0)
+    cycles: Annotated[int, Number("", 1, 10)] = 1
+    rinse: bool = False
+    note: str = ""
+    colour: Colour = Colour.RED
+    steps: Annotated[tuple[float, ...], Number("mm", 0.0, 9.0)] = ()
+
+
+def recipe(**values: Any) -> Batch:
+    return recipe_of(Batch, "one", {"temperature": 30.0, **values})
+
+
+def refused(**values: Any) -> str:
+    with pytest.raises(RecipeError) as caught:
+        recipe(**values)
+    return str(caught.value)
+
+
+VALUES = st.fixed_dictionaries(
+    {
+        "temperature": st.floats(20.0, 95.0),
+        "hold": st.floats(0.0, 3600.0),
+        "amounts": st.lists(st.floats(0.0, 50.0), min_size=2, max_size=2),
+        "cycles": st.integers(1, 10),
+        "rinse": st.booleans(),
+        "note": st.text(st.characters(exclude_categories=["Cs"]), max_size=20),
+        "colour": st.sampled_from(["RED", "BLUE"]),
+        "steps": st.lists(st.floats(0.0, 9.0), max_size=4),
+    }
+)
+
+
+@given(VALUES)
+def test_what_a_client_sends_is_the_same_recipe_in_the_machine(values: dict[str, Any]) -> None:
+    sent = recipe_of(Batch, "one", values)
+    received = recipe_from_content(Batch, "one", sent.content)
+    assert (received, received.hash, received.values) == (sent, sent.hash, values)
+
+
+JUNK = st.none() | st.booleans() | st.floats() | st.integers() | st.text() | st.lists(st.floats()) | st.just({})
+
+
+@given(st.dictionaries(st.sampled_from(["temperature", "hold", "amounts", "cycles", "rinse", "colour", "x"]), JUNK))
+def test_any_values_give_a_recipe_within_its_ranges_or_a_refusal(values: dict[str, Any]) -> None:
+    try:
+        found = recipe_of(Batch, "one", values)
+    except RecipeError as error:
+        assert error.mistakes
+    else:
+        assert 20.0 <= found.temperature <= 95.0 and 0.0 <= found.hold <= 3600.0
+        assert all(0.0 <= each <= 50.0 for each in found.amounts) and len(found.amounts) == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [("1.5 min", 90.0), ("90 s", 90.0), ("0.5h", 1800.0), ("2e3 ms", 2.0)],
+)
+def test_a_text_with_a_unit_is_converted(text: str, expected: float) -> None:
+    assert recipe(hold=text).hold == expected
+
+
+def test_a_temperature_is_converted_with_its_offset() -> None:
+    assert recipe(temperature="122 degF").temperature == pytest.approx(50.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"temperature": nan}, "nan is not a number in degC"),
+        ({"temperature": inf}, "inf is not a number in degC"),
+        ({"temperature": 96.0}, "outside"),
+        ({"temperature": True}, "True is not a number"),
+        ({"temperature": "warm"}, "'warm' is not a number in degC"),
+        ({"hold": "3 kg"}, "cannot be converted"),
+        ({"hold": "3 parsnips"}, "not a unit that pint knows"),
+        ({"hold": "2 h"}, "outside"),
+        ({"cycles": 1.5}, "not a whole number"),
+        ({"rinse": 1}, "must be true or false, not 1"),
+        ({"note": 3}, "must be a text, not 3"),
+        ({"colour": "BLEU"}, "did you mean 'BLUE'?"),
+        ({"amounts": [1.0]}, "must be a list of 2, not of 1"),
+        ({"amounts": [1.0, 51.0]}, "outside"),
+        ({"amounts": 3.0}, "must be a list, not 3.0"),
+        ({"temperatur": 3.0}, "unknown key (did you mean 'temperature'?)"),
+    ],
+)
+def test_a_wrong_value_is_told(values: dict[str, Any], message: str) -> None:
+    assert message in refused(**values)
+
+
+def test_all_mistakes_of_all_files_are_told_with_their_lines(tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_text("# first\ntemperature = 300\n\nhodl = 3\n")
+    (tmp_path / "b.toml").write_text("hold = 3\n")
+    (tmp_path / "c.toml").write_text("hold = \n")
+    with pytest.raises(RecipeError) as caught:
+        read_recipes(Batch, tmp_path)
+    first, second, third, fourth = sorted(map(str, caught.value.mistakes))
+    assert first.startswith(f"{tmp_path}/a.toml:2: temperature: 300 °C is outside")
+    assert second.startswith(f"{tmp_path}/a.toml:4: hodl: unknown key (did you mean 'hold'?)")
+    assert third == f"{tmp_path}/b.toml: temperature: is missing"
+    assert "c.toml: cannot be read" in fourth and "line 1" in fourth
+
+
+def test_one_file_may_have_a_table_for_each_recipe(tmp_path: Path) -> None:
+    file = tmp_path / "all.toml"
+    file.write_text("[one]\ntemperature = 30\n[two]\ntemperature = 40\n")
+    assert [each.temperature for each in read_recipes(Batch, file).values()] == [30.0, 40.0]
+    file.write_text("[one]\ntemperature = 30\n[two]\ntemperature = 400\n")
+    with pytest.raises(RecipeError, match=r"all\.toml:4: temperature"):
+        read_recipes(Batch, file)
+
+
+@pytest.mark.parametrize("raw", [b"\xff\xfe", b"x" * 1_000_001, b"a = " + b"[" * 5000])
+def test_a_file_that_cannot_be_read_is_a_mistake(tmp_path: Path, raw: bytes) -> None:
+    (tmp_path / "a.toml").write_bytes(raw)
+    with pytest.raises(RecipeError, match="cannot be read"):
+        read_recipes(Batch, tmp_path)
+
+
+def test_no_recipes_are_a_mistake(tmp_path: Path) -> None:
+    for place in (tmp_path, tmp_path / "none.toml"):
+        with pytest.raises(RecipeError, match=r"has no recipes|no such file"):
+            read_recipes(Batch, place)
+
+
+# The book --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def book(tmp_path: Path) -> RecipeBook[Batch]:
+    (tmp_path / "a.toml").write_text("temperature = 30\n")
+    (tmp_path / "b.toml").write_text("temperature = 40\n")
+    return RecipeBook(Batch, tmp_path)
+
+
+def test_a_choice_counts_with_the_next_batch_and_stays(book: RecipeBook[Batch]) -> None:
+    current = book.next("a")
+    book.choose("b")
+    assert book.current is current
+    assert [book.next("a").name, book.next("a").name] == ["b", "b"]
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{", '{"temperature": NaN}', '{"temperature": 96}', "[" * 100_000])
+def test_a_refused_choice_leaves_the_earlier_one(book: RecipeBook[Batch], content: str) -> None:
+    book.choose("b")
+    before = book.chosen
+    with pytest.raises(RecipeError):
+        book.choose("other", content)
+    assert book.chosen is before
+
+
+def test_what_was_used_is_recorded_and_bounded(book: RecipeBook[Batch]) -> None:
+    for number in range(MAX_RECORDED + 5):
+        book.choose("b", json.dumps({"temperature": 30.0 + number / 10}))
+        book.next()
+    assert len(book.record) == MAX_RECORDED + 1
+    assert book.record["others"] == {"batches": 5}
+    first = next(iter(book.record.values()))
+    assert (first["batches"], first["values"]["temperature"]) == (1, 30.0)
+
+
+# A running station -----------------------------------------------------------------------------------
+
+
+def test_a_client_changes_the_recipe_of_a_running_station_between_batches(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    with umo.start(brewing.machine, brewing.WIRING, brewing.main) as started:
+        until(lambda: started.poll() or started.values.get("heater") == 20.0)
+        with umo.attach(started.pid) as station, station.lease("a test"):
+            answer = station.book.choose("strong")
+            until(lambda: started.poll() or started.values["heater"] == 70.0)
+            with pytest.raises(UmoError, match="heat: 101 % is outside 0 to 100"):
+                station.book.choose("hot", '{"heat": 101}')
+            station.book.choose("edited", '{"heat": 55.5}')
+            until(lambda: started.poll() or started.values["heater"] == 55.5)
+            done = [each for each in station.events if each.state is CommandState.DONE]
+            assert any("strong" in each.asked and each.who and answer in each.text for each in done)
+            station.book.choose("end", '{"heat": 0}')
+        outcome = started.wait(30)
+    assert outcome.status == 0
+    used = {key.split()[0]: entry for key, entry in outcome.result["recipes"].items()}
+    assert list(used) == ["mild", "strong", "edited", "end"]
+    assert used["edited"]["values"] == {"heat": 55.5}
+
+
+# The command -----------------------------------------------------------------------------------------
+
+
+def test_umo_recipes_lists_values_with_their_units(umo: Callable[..., Result]) -> None:
+    result = umo("recipes", "batch")
+    assert result.exit_code == 0
+    assert "amounts = 40.0, 20.0 kg" in result.output and "hold = 90.0 s" in result.output
+
+
+def test_umo_check_refuses_a_wrong_recipe_with_its_line(umo: Callable[..., Result], tmp_path: Path) -> None:
+    assert "3 recipes" in umo("check", "batch").output
+    copied = copytree(find("batch").path, tmp_path / "own")
+    (copied / "recipes" / "glue.toml").write_text("amounts = [40.0, 200.0]\ntemprature = 60\n")
+    result = umo("check", str(copied))
+    assert result.exit_code == 2
+    assert "glue.toml:1: amounts: 200 kg is outside 5 to 60" in result.output + result.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "message"), [(["batch", "pant"], "did you mean 'paint'"), (["furnace"], "no recipes")]
+)
+def test_what_umo_recipes_cannot_do_is_told(umo: Callable[..., Result], words: list[str], message: str) -> None:
+    result = umo("recipes", *words)
+    assert result.exit_code == 2
+    assert message in result.output + result.stderr
