@@ -168,9 +168,8 @@ class Cells:
     """64-bit numbers in a file, shared by every process that maps it."""
 
     def __init__(self, file: Path) -> None:
-        if not file.exists():
-            file.write_bytes(bytes(512))
-        with file.open("r+b") as opened:
+        with file.open("a+b") as opened:
+            opened.truncate(512)  # of one that is there already nothing changes, whoever was killed meanwhile
             self._map = mmap.mmap(opened.fileno(), 512)
         self.numbers = memoryview(self._map).cast("q")
 
