@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
+from enum import EnumMeta
 from typing import Any, NamedTuple
 
 from umo.cycle.image import Image
@@ -26,10 +27,28 @@ class Signal(NamedTuple):
     name: str
 
 
+class KeptEnum:
+    """A kept Enum as a number, which frames have: its place among the members, from 0."""
+
+    def __init__(self, number: MachineNumber) -> None:
+        kind: Any = number.kind
+        self.declared = number
+        self.places = {member: place for place, member in enumerate(kind)}
+
+    @property
+    def place(self) -> int:
+        return self.places[self.declared.value]
+
+
 def signals_of(numbers: Mapping[str, MachineNumber]) -> tuple[Signal, ...]:
-    """The numbers of a machine that are shown."""
-    shown = (each for each in numbers.values() if each.declared.shown)
-    return tuple(Signal(each.path, each.declared.unit, each.owner, each.name) for each in shown)
+    """The numbers of a machine that are shown or kept."""
+    return tuple(map(_signal, (each for each in numbers.values() if each.declared.shown or each.declared.kept)))
+
+
+def _signal(number: MachineNumber) -> Signal:
+    if isinstance(number.kind, EnumMeta):
+        return Signal(number.path, "", KeptEnum(number), "place")
+    return Signal(number.path, number.declared.unit, number.owner, number.name)
 
 
 def velocities(items: Sequence[Atomic]) -> tuple[Signal, ...]:

@@ -18,8 +18,9 @@ import json
 import mmap
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -263,6 +264,11 @@ def describe_objects(items: Sequence[Atomic]) -> tuple[dict[str, Any], ...]:
     return tuple(described(item) for item in items)
 
 
-def describe_signals(signals: Sequence[Signal]) -> tuple[dict[str, Any], ...]:
-    """Path and unit of each signal, in the order of the frame's."""
-    return tuple({"path": signal.path, "unit": signal.unit} for signal in signals)
+def describe_signals(
+    signals: Sequence[Signal], kept: Mapping[str, Any] = MappingProxyType({})
+) -> tuple[dict[str, Any], ...]:
+    """Path and unit of each signal, in the order of the frame's; of one that is kept its type."""
+    return tuple(
+        {"path": signal.path, "unit": signal.unit} | ({"kept": kept[signal.path]} if signal.path in kept else {})
+        for signal in signals
+    )

@@ -65,7 +65,7 @@ def published(
             describe_objects(machine.image.items),
             tuple(phases.names),
             about | {"options": dict(options)} | _about(connection),
-            describe_signals(machine.frame.signals),
+            describe_signals(machine.frame.signals, machine.kept),
             tuple(machine.commands.reasons),
             tuple(each.describe() for each in machine.actions.values()),
             tuple(each.describe() for each in machine.tunables.values()),

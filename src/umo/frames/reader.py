@@ -172,6 +172,11 @@ class Reader:
         return Stage(number) if number in set(Stage) else Stage.RUNNING
 
     @property
+    def is_finished(self) -> bool:
+        """Whether the writer has finished the ring: no frame follows."""
+        return bool(self._live[Live.STATE] == Stage.ENDED)
+
+    @property
     def alive(self) -> bool:
         """Whether the process that writes this ring still lives."""
         if self.ends is None:

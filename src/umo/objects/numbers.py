@@ -222,7 +222,7 @@ def _at(path: str, declared: Number, owner: Any, way: str, name: str) -> Machine
     cls: Any = type(owner)
     fields = _fields_of(cls)
     static = inspect.getattr_static(cls, name, _MISSING)  # not of the object: looking into its dict makes it slower
-    only_shown = declared.shown and not declared.tunable and name not in fields
+    only_shown = declared.shown and not (declared.tunable or declared.kept) and name not in fields
     value = None if only_shown and static is not _MISSING else _attribute(owner, name, path)  # it may need the machine
     if only_shown:
         return MachineNumber(path, declared, owner, name, None, False, False)
@@ -241,6 +241,10 @@ def _checked(number: MachineNumber) -> MachineNumber:
     if (tunable or shown) and number.kind not in (None, int, float) and (tunable or number.kind is not bool):
         use = "tuned" if tunable else "shown"
         raise DeclarationError(f"number {number.path}: {number.value!r} is not a number; only numbers are {use}")
+    if number.declared.kept and (number.kind is str or not number.settable):
+        raise DeclarationError(
+            f"number {number.path}: {number.value!r} cannot be kept; only numbers, true or false, and Enums are"
+        )
     value = number.value if number.settable else nan
     if not isinstance(value, float) or isfinite(value):
         try:
