@@ -16,7 +16,7 @@ from hypothesis import strategies as some
 from helpers.machines import timer
 from umo import Compound, DigitalSensor, Number, connect
 from umo.cycle import Frame
-from umo.cycle.kept import MAX_EXACT
+from umo.cycle.restoring import MAX_EXACT
 from umo.errors import DeclarationError
 from umo.objects import numbers_of
 from umo.process.kept_sections import value_of

@@ -16,10 +16,10 @@ from umo.cycle.absence import Absences, in_order
 from umo.cycle.clock import Clock, WallClock
 from umo.cycle.equipment import equipment_in
 from umo.cycle.image import Image
-from umo.cycle.kept import restore
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.off_cycle import image_of
 from umo.cycle.rated_machine import machine_of
+from umo.cycle.restoring import restore
 from umo.cycle.stopping import StopFlag
 from umo.cycle.transfer import UNCONTROLLED_TIMEOUT, settling, wait_for
 from umo.drivers.faults.wrapper import bare
@@ -81,7 +81,7 @@ class connect(Generic[C]):
         self.afterwards: list[Callable[[], object]] = []
         """Functions that are called when the actuators have been reset and the last period has been shown."""
         self.kept: Mapping[str, Any] = {}
-        """The kept values of the last run by path (`umo.cycle.kept`). They count after the wiring's parameters."""
+        """The kept values of the last run by path (`umo.cycle.restoring`). They count after the wiring's parameters."""
         self.not_restored: dict[str, str] = {}
         """The kept values that were not taken, by path: why, in words. Each of these numbers has its default."""
         self.device_claim: DeviceClaim | None = None

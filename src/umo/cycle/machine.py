@@ -16,7 +16,7 @@ from umo.cycle.equipment import CLEANING_UP, Containment, Equipment
 from umo.cycle.events import Event, Events
 from umo.cycle.frame import Frame, Observer, Signal, show, signals_of, velocities
 from umo.cycle.image import Image
-from umo.cycle.kept import kept_kind
+from umo.cycle.restoring import kept_kind
 from umo.cycle.sequences import Sequences, Task
 from umo.cycle.stage import Stage
 from umo.cycle.stopping import StopFlag

@@ -42,7 +42,7 @@ HELD_BY_ANOTHER = -1
 """In place of an error number: another run of this station with this wiring holds the file."""
 
 
-class Cell(IntEnum):
+class Told(IntEnum):
     """What the keeper tells, in shared memory."""
 
     PID, ERROR, FINISHED = 0, 1, 2
@@ -57,7 +57,7 @@ class Keeper:
         self.path = path
         self._title = title
         self._say = say
-        self._cells = memoryview(mmap.mmap(-1, 8 * len(Cell))).cast("q")
+        self._cells = memoryview(mmap.mmap(-1, 8 * len(Told))).cast("q")
         self._next_fork, self._pause = 0.0, FIRST_PAUSE
 
     # The guardian ----------------------------------------------------------------------------------------
@@ -69,12 +69,12 @@ class Keeper:
             return
         if self.path is None:
             self._say(NO_FOLDER)
-        elif pid := self._cells[Cell.PID]:
-            if (error := self._cells[Cell.ERROR]) != 0:
+        elif pid := self._cells[Told.PID]:
+            if (error := self._cells[Told.ERROR]) != 0:
                 self._say(f"{_told(error)}; it is tried again; the file of before stands: {self.path}")
-            if not self._has_ended(pid) or self._cells[Cell.FINISHED]:
+            if not self._has_ended(pid) or self._cells[Told.FINISHED]:
                 return
-            self._cells[Cell.PID] = 0
+            self._cells[Told.PID] = 0
             self._say("the process that keeps values was killed or stopped; another one takes its place")
         elif monotonic() >= self._next_fork:
             self._next_fork = monotonic() + self._pause
@@ -90,19 +90,19 @@ class Keeper:
             return NO_FOLDER
         until = monotonic() + LAST_TIMEOUT
         for _ in range(2):  # the second takes the place of one that was killed
-            if not self._cells[Cell.FINISHED] and self._has_ended(self._cells[Cell.PID]):
+            if not self._cells[Told.FINISHED] and self._has_ended(self._cells[Told.PID]):
                 self._fork(reader)
-            while not self._has_ended(self._cells[Cell.PID]) and monotonic() < until:
+            while not self._has_ended(self._cells[Told.PID]) and monotonic() < until:
                 sleep(LOOK_INTERVAL)
-        finished, error = self._cells[Cell.FINISHED], self._cells[Cell.ERROR]
-        self._end(self._cells[Cell.PID])
+        finished, error = self._cells[Told.FINISHED], self._cells[Told.ERROR]
+        self._end(self._cells[Told.PID])
         if finished and not error:
             return ""
         why = _told(error) if error else "the process that keeps values did not end in time"
         return f"the last kept values were not written: {why}; {self.path} has those of before"
 
     def _fork(self, reader: Reader) -> None:
-        self._cells[Cell.FINISHED] = self._cells[Cell.ERROR] = 0
+        self._cells[Told.FINISHED] = self._cells[Told.ERROR] = 0
         try:
             pid = os.fork()
         except OSError as error:
@@ -111,7 +111,7 @@ class Keeper:
         if pid == 0:
             assert self.path is not None
             _work(self.path, self._title, reader, self._cells)
-        self._cells[Cell.PID] = pid
+        self._cells[Told.PID] = pid
 
     def _has_ended(self, pid: int) -> bool:
         """Whether it serves no longer. One that was stopped by a signal is ended."""
@@ -159,7 +159,7 @@ def _work(path: Path, title: KeptValues, reader: Reader, cells: Any) -> None:
         adjust_oom_score(OOM_SCORE_CHANGE)
         name_process("umo keeper")
         keep(reader, Writer(path, title, cells), writer_is_gone)
-        cells[Cell.FINISHED] = 1
+        cells[Told.FINISHED] = 1
     finally:
         os._exit(0)
 
@@ -213,14 +213,14 @@ class Writer:
         )  # fmt: skip
         try:
             if not self._is_ours():
-                self._cells[Cell.ERROR] = HELD_BY_ANOTHER
+                self._cells[Told.ERROR] = HELD_BY_ANOTHER
                 return
             self._write(self._path, kept_file.dump(values))
         except OSError as error:
-            self._cells[Cell.ERROR] = error.errno or HELD_BY_ANOTHER
+            self._cells[Told.ERROR] = error.errno or HELD_BY_ANOTHER
             return
         self._written = snapshot
-        self._cells[Cell.ERROR] = 0
+        self._cells[Told.ERROR] = 0
 
     def _is_ours(self) -> bool:
         """Whether this process has the lock of the file, which it then keeps to its end."""

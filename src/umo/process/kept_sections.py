@@ -10,7 +10,7 @@ from functools import partial
 from math import isfinite
 from typing import Any
 
-from umo.cycle.kept import MAX_EXACT
+from umo.cycle.restoring import MAX_EXACT
 from umo.frames.layout import Layout
 from umo.process.kept_file import NUMBERS
 
