@@ -86,7 +86,7 @@ def test_a_fresh_run_starts_with_its_defaults_and_leaves_the_old_file_under_anot
     run = start(tmp_path, "count", fresh=True)
     assert run.outcome().result == 0
     assert "starts without the kept values" in run.notices[0]
-    assert [path.read_bytes() for path in file().parent.glob("*.unread-*")] == [before]
+    assert [path.read_bytes() for path in file().parent.glob("*.aside-*")] == [before]
 
 
 KILLED: list[tuple[str, ...]] = [
@@ -167,7 +167,7 @@ def test_a_torn_file_costs_its_values_and_stays_under_another_name(tmp_path: Pat
     run = start(tmp_path, "count")
     assert run.outcome().result == 0
     assert any("are lost: it is torn" in text for text in run.notices)
-    assert [path.read_bytes() for path in file().parent.glob("*.unread-*")] == [torn]
+    assert [path.read_bytes() for path in file().parent.glob("*.aside-*")] == [torn]
     assert_one_moment(kept())
 
 

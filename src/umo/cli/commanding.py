@@ -207,7 +207,7 @@ def tune(name: str, path: str | None, text: str | None, over: bool, save: bool =
             station.ask("tune", path, value=value)
         given = setting_text(value)
         out.print(f"{path}  {setting_text(now[path])} -> {given} {shown_unit(unit)}".rstrip())
-        if any(each["path"] == path and "kept" in each for each in station.reader.layout.signals):
+        if path in station.reader.kept:
             err.print("it is declared kept: the next run has it", soft_wrap=True)
             return
         keep = f"put {path} = {given} under [parameters] of the wiring"

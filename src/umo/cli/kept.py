@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -89,9 +88,7 @@ def _forget(files: list[tuple[Path, KeptValues | KeptFileError]], number: str) -
 def save_tuned(reader: Reader) -> None:
     """Print which tuned numbers are kept, and for the others the lines of the wiring that keep them: valid TOML, to
     the last digit."""
-    kept = {entry["path"] for entry in reader.layout.signals if "kept" in entry}
-    start = {entry["path"]: entry.get("start") for entry in reader.layout.tunables}
-    tuned = {path: value for path, value in reader.tunables().items() if isfinite(value) and value != start[path]}
+    kept, tuned = reader.kept, reader.tuned()
     for path in tuned:
         if path in kept:
             err.print(f"{path} is declared kept: the next run has it without a line in the wiring", soft_wrap=True)

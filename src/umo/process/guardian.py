@@ -101,7 +101,7 @@ class Guardian:
         self._traces = tempfile.TemporaryFile()  # noqa: SIM115  (as long as the process)
         self._watcher = FrameWatcher(plan.name)
         self._workers = Workers(plan.machine, plan.wired, groups, self._run_state, self._say)
-        self._keeper = Keeper(kept_values.file_of(plan), kept_values.title_of(plan), self._say)
+        self._keeper = Keeper(kept_values.file_of(plan), kept_values.title_of(plan), self._say, self._process.cpu)
         self._end = RunEnd(plan, device_claim, self._run_state, channel, self._watcher, self._workers, self._keeper)
         limit = guardian_limit(self._process.hang_timeout)
         self._standby = Standby(self._run_state, limit, self._take_over, channel, self._say)

@@ -52,20 +52,26 @@ class Told(IntEnum):
 class Keeper:
     """The keeper of one run, for its guardian and the standby guardian. `say` tells the user what went wrong."""
 
-    def __init__(self, path: Path | None, title: KeptValues, say: Callable[[str], object]) -> None:
-        """`path`: the file; None: there is no folder for it. `title`: what stands in it of the station."""
+    def __init__(
+        self, path: Path | None, title: KeptValues, say: Callable[[str], object], core: int | None = None
+    ) -> None:
+        """`path`: the file; None: there is no folder for it. `title`: what stands in it of the station.
+        `core`: that of the control process, which the keeper leaves."""
         self.path = path
         self._title = title
         self._say = say
+        self._core = core
         self._cells = memoryview(mmap.mmap(-1, 8 * len(Told))).cast("q")
         self._next_fork, self._pause = 0.0, FIRST_PAUSE
+        self._keeps: bool | None = None
+        """Whether there is something to keep; None before there are frames."""
 
     # The guardian ----------------------------------------------------------------------------------------
 
     def look(self, reader: Reader | None) -> None:
         """Fork the keeper as soon as there are frames with something to keep; replace it if it has died or was stopped
         by a signal; tell that it cannot write."""
-        if reader is None or not sections_of(reader.layout):
+        if reader is None or not self._has_something(reader):
             return
         if self.path is None:
             self._say(NO_FOLDER)
@@ -84,7 +90,7 @@ class Keeper:
     def finish(self, reader: Reader | None) -> str:
         """At the end, when the machine has been reset: wait for the last values. In words why they are not written, or
         "". A keeper that is late is ended: it must not write over what a later run keeps."""
-        if reader is None or not sections_of(reader.layout):
+        if reader is None or not self._has_something(reader):
             return ""
         if self.path is None:
             return NO_FOLDER
@@ -101,6 +107,11 @@ class Keeper:
         why = _told(error) if error else "the process that keeps values did not end in time"
         return f"the last kept values were not written: {why}; {self.path} has those of before"
 
+    def _has_something(self, reader: Reader) -> bool:
+        if self._keeps is None:
+            self._keeps = bool(sections_of(reader.layout))
+        return self._keeps
+
     def _fork(self, reader: Reader) -> None:
         self._cells[Told.FINISHED] = self._cells[Told.ERROR] = 0
         try:
@@ -110,7 +121,7 @@ class Keeper:
             return
         if pid == 0:
             assert self.path is not None
-            _work(self.path, self._title, reader, self._cells)
+            _work(self.path, self._title, reader, self._cells, self._core)
         self._cells[Told.PID] = pid
 
     def _has_ended(self, pid: int) -> bool:
@@ -147,7 +158,7 @@ def _told(error: int) -> str:
 # The keeper's own process ---------------------------------------------------------------------------------
 
 
-def _work(path: Path, title: KeptValues, reader: Reader, cells: Any) -> None:
+def _work(path: Path, title: KeptValues, reader: Reader, cells: Any, core: int | None) -> None:
     """In the child; never returns."""
     try:
         os.setsid()
@@ -156,6 +167,7 @@ def _work(path: Path, title: KeptValues, reader: Reader, cells: Any) -> None:
         assert reader.ends is not None
         _close_all_but(reader.ends.alive)
         realtime.drop_realtime()
+        realtime.leave_core(core)
         adjust_oom_score(OOM_SCORE_CHANGE)
         name_process("umo keeper")
         keep(reader, Writer(path, title, cells), writer_is_gone)

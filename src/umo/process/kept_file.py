@@ -160,12 +160,12 @@ def write(path: Path, data: bytes, system: FileSystem = os) -> None:
 
 def set_aside(path: Path, now: float) -> Path:
     """Give a file that cannot be used another name; OSError where that cannot be."""
-    aside = path.with_name(f"{path.stem}.unread-{time.strftime('%Y%m%dT%H%M%S', time.gmtime(now))}")
+    aside = path.with_name(f"{path.stem}.aside-{time.strftime('%Y%m%dT%H%M%S', time.gmtime(now))}")
     number = 0
     while (new := aside.with_name(f"{aside.name}-{number}" if number else aside.name)).exists():
         number += 1
     path.rename(new)
-    for old in sorted(path.parent.glob(f"{path.stem}.unread-*"))[:-MAX_ASIDE]:
+    for old in sorted(path.parent.glob(f"{path.stem}.aside-*"))[:-MAX_ASIDE]:
         with suppress(OSError):
             old.unlink()
     return new
