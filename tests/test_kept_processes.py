@@ -174,3 +174,31 @@ def test_a_torn_file_costs_its_values_and_stays_under_another_name(tmp_path: Pat
 def test_a_machine_that_keeps_nothing_has_no_keeper_and_no_file(tmp_path: Path, cells: Cells) -> None:
     assert Run(process_box.wiring(tmp_path / "box")).outcome().status == 0
     assert not file().parent.exists()
+
+
+def test_a_keeper_that_was_stopped_by_a_signal_is_replaced_at_the_end(tmp_path: Path, cells: Cells) -> None:
+    run = start(tmp_path)
+    until_kept(run)
+    (pid,) = keepers()
+    os.kill(pid, signal.SIGSTOP)
+    os.kill(run.control, signal.SIGKILL)
+    assert run.outcome().unkept == ""
+    until_dead(pid)
+    assert_one_moment(kept())
+
+
+def test_a_second_run_of_one_name_takes_the_values_but_keeps_none(
+    tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("umo.process.kept_values.LOCK_TIMEOUT", 0.0)
+    first = start(tmp_path)
+    until_kept(first)
+    Cells(tmp_path / "other")  # a device of its own
+    second = Run(process_box.wiring(tmp_path / "other"), "count", "helpers.keeping")
+    outcome = second.outcome()
+    assert outcome.result > 0
+    assert "another run of this station with this wiring keeps its values" in second.notices[0]
+    assert (outcome.status, "another run" in outcome.unkept) == (ExitStatus.NOT_RECORDED, True)
+    first.channel.send("stop", signal=signal.SIGTERM)
+    assert first.outcome().unkept == ""
+    assert_one_moment(kept())
