@@ -7,6 +7,7 @@ import os
 import re
 import signal
 import threading
+import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -174,6 +175,10 @@ def test_a_number_is_tuned_and_how_to_keep_it_is_said(conveyor: umo.Started) -> 
     assert "put window = 30.123456789 under [parameters] of the wiring" in said(result)
     until(lambda: run("tune", "conveyor", "window").stdout == "window  30.123456789 mm\n")
     assert "1 to 100" in run("tune", "conveyor").stdout
+    lines = run("tune", "conveyor", "--save").stdout
+    assert lines.startswith('[parameters]\n"window" = ')
+    assert tomllib.loads(lines)["parameters"] == {"window": 30.123456789000002}  # as the machine has it
+    assert run("tune", "conveyor", "window", "--save").exit_code == 2
 
 
 def test_an_actuator_of_a_running_station_is_taken_and_given_back(conveyor: umo.Started) -> None:

@@ -153,6 +153,7 @@ def _judge(kind: Kind, found: Try, run: Run, moment: int) -> tuple[Try, Run, int
         found.wrong = f"status {run.status} in place of {allowed}"
     if run.status in (1, 2, 3) and not found.said:
         found.wrong = _join(found.wrong, f"status {run.status} without a word")
+    found.wrong = _join(found.wrong, run.wrong_kept())
     if run.wrong_readings:
         found.wrong = _join(found.wrong, f"{run.wrong_readings} good readings were not the box's")
     return found, run, left, again

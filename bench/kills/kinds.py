@@ -215,7 +215,24 @@ WORKERS = [
     Kind("off the cycle: control killed, box stalled", faulty("stall", STALL, then=at_once("control", KILL)), LOST, 20),
 ]
 WORKERS = [replace(kind, setting=OFF_CYCLE) for kind in WORKERS]
-KINDS = KILLS + TOGETHER + WORKERS + NEIGHBOURS + STOPS + DEVICE + WANT + PROTOCOL
+KEPT = [
+    Kind("kept: SIGKILL of control", one("control", KILL), LOST, 40),
+    Kind("kept: SIGKILL of the guardian", one("guardian", KILL), LOST, 30),
+    Kind("kept: SIGKILL of guardian and control", together("guardian", "control"), LOST, 40),
+    Kind("kept: SIGKILL of control, then the guardian", together("control", "guardian", apart=SHORTLY), LOST, 20),
+    Kind("kept: SIGKILL of the keeper, TERM", then_stopped(together("keeper")), (-TERM,), 20),
+    Kind("kept: SIGKILL of keeper and control", together("keeper", "control"), LOST, 20),
+    Kind(
+        "kept: SIGKILL of guardian, standby and control",
+        together("guardian", "standby", "control"),
+        (1, 3),
+        10,
+        resets=False,
+    ),
+    Kind("kept: SIGKILL of the starter", one("starter", KILL), KILLED, 20, BOTH),
+]
+KEPT = [replace(kind, setting=Setting(kept=True)) for kind in KEPT]
+KINDS = KILLS + TOGETHER + WORKERS + KEPT + NEIGHBOURS + STOPS + DEVICE + WANT + PROTOCOL
 
 
 def possible(kind: Kind) -> bool:

@@ -16,7 +16,8 @@ from time import monotonic, sleep
 import umo
 from bench.kills import processes
 from bench.kills.box import Box
-from bench.kills.station.cells import CONTROL, FILE, GUARDIAN, MAX_AGE, WRONG
+from bench.kills.station.cells import CONTROL, FILE, GUARDIAN, KEPT, MAX_AGE, PERIODS, WRONG
+from umo.process import kept_file
 
 HERE = Path(__file__).parent
 NOBODY = 65534
@@ -40,6 +41,8 @@ off_cycle = true
 period = "20 ms"
 max_age = "200 ms"
 """
+MAX_LATE = 220
+"""Periods of 5 ms between the last one and that of the kept values at most: the keeper's second, and its look."""
 AGES = {False: 1000, True: 300}
 """Age in ms that no good reading may have, on the cycle and off it: what the wiring allows, and time in which this
 process did not run."""
@@ -62,6 +65,8 @@ class Setting:
     """Timeout of the driver."""
     off_cycle: bool = False
     """Whether a worker process serves the box."""
+    kept: bool = False
+    """Whether the machine has kept numbers."""
     nohup: bool = False
     plain: bool = False
     """Whether it runs as a user without privileges."""
@@ -83,6 +88,7 @@ class Run:
         box.cells[MAX_AGE] = AGES[setting.off_cycle]
         own = {"UMO_STATE": folder / "state", "UMO_FRAMES": folder / "frames", FILE: box.file}
         environment = os.environ | {name: str(path) for name, path in own.items()} | {"PYTHONPATH": _path()}
+        environment |= {KEPT: "1"} if setting.kept else {}
         if setting.plain:
             _hand_over(folder)
         with self._said.open("wb") as said:
@@ -117,6 +123,7 @@ class Run:
             "guardian": lambda: self.guardian,
             "control": lambda: self.control or processes.child(self.guardian, "umo control"),
             "standby": lambda: processes.child(self.guardian, "umo standby"),
+            "keeper": lambda: processes.child(self.guardian, "umo keeper"),
             "worker": lambda: processes.child(self.guardian, "umo worker"),
         }
         until = monotonic() + START_LIMIT
@@ -166,6 +173,26 @@ class Run:
     def wrong_readings(self) -> int:
         """Good readings that were not what the box has."""
         return self.box.cells[WRONG]
+
+    def wrong_kept(self) -> str:
+        """What is wrong with the file of kept values: it is not of one moment, or of one too long ago. "": nothing."""
+        if not self.setting.kept:
+            return ""
+        if not (files := list(self.folder.glob("state/*/kept/*.json"))):
+            return "nothing was kept"
+        try:
+            values = kept_file.read(files[0])
+        except kept_file.KeptFileError as error:
+            return f"the file of kept values: {error}"
+        assert values is not None
+        found = {path: entry["value"] for path, entry in values.numbers.items()}
+        count = int(found["count"])
+        odd = count % 2 == 1
+        one_moment = {"count": count, "double": 2.0 * count, "odd": odd, "state": "ON" if odd else "OFF"}
+        if found != one_moment:
+            return f"kept values of several moments: {found}"
+        late = self.box.cells[PERIODS] - count
+        return f"kept values of {late} periods before the end" if late > MAX_LATE else ""
 
     def said(self) -> str:
         """The last of what it has written that is not a table, in one line."""

@@ -24,8 +24,10 @@ NEIGHBOURS = "the control process did not get core"
 class Run:
     """One run under a guardian that was forked from this process instead of started afresh: the same code, sooner."""
 
-    def __init__(self, wiring: dict[str, Any], application: str = "drive", **more: Any) -> None:
-        box, path = "helpers.process_box", [str(TESTS), *sys.path]
+    def __init__(
+        self, wiring: dict[str, Any], application: str = "drive", box: str = "helpers.process_box", **more: Any
+    ) -> None:
+        path = [str(TESTS), *sys.path]
         job = Job(machine=f"{box}:machine", application=f"{box}:{application}", wiring=wiring, path=path)
         for name, value in more.items():
             setattr(job, name, value)

@@ -15,6 +15,8 @@ CLOCK = 8_000_000
 NAME, OUTPUT, CELLS = 12, 16, 64
 FILE = "KILLS_BOX"
 """The environment variable that names the file."""
+KEPT = "KILLS_KEPT"
+"""The one that is set where the machine has kept numbers."""
 
 
 def cells() -> Any:

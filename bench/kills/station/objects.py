@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from dataclasses import KW_ONLY
 from time import monotonic_ns
-from typing import Any
+from typing import Annotated, Any
 
-from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Quality
+from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Number, Quality
 from umo.states import OnOff, ZeroOne
 
-from .cells import CLOCK, MAX_AGE, PERIODS, WRONG
+from .cells import CLOCK, KEPT, MAX_AGE, PERIODS, WRONG
 
 
 class Machine(Compound):
@@ -43,8 +45,26 @@ class Machine(Compound):
         self.cells[WRONG] += self.cells[MAX_AGE] * 1e-3 < age and self.clock.quality is Quality.GOOD
 
 
+class Keeping(Machine):
+    """All its kept numbers are those of one period."""
+
+    _: KW_ONLY
+    count: Annotated[int, Number(kept=True)] = 0
+    double: Annotated[float, Number("mm", kept=True)] = 0.0
+    odd: Annotated[bool, Number(kept=True)] = False
+    state: Annotated[OnOff, Number(kept=True)] = OnOff.OFF
+
+    def control(self) -> None:
+        super().control()
+        if self.cells is not None:
+            self.count = self.cells[PERIODS]
+            self.double, self.odd = 2.0 * self.count, self.count % 2 == 1
+            self.state = OnOff.ON if self.odd else OnOff.OFF
+
+
 def machine() -> Machine:
-    return Machine(
+    kind = Keeping if os.environ.get(KEPT) else Machine
+    return kind(
         timer=DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False),
         motors=[
             DigitalActuator("V", default=0.0, minimum=0.0, maximum=10.0, resolution=0.01, limits="clamp")

@@ -61,6 +61,9 @@ def run(
     fault: Faults = None,
     fault_seed: FaultSeed = None,
     acknowledge: Acknowledge = False,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Start without the kept values of the last run (see umo kept).")
+    ] = False,
     full_traceback: Annotated[
         bool, typer.Option("--traceback", help="Show the full traceback of an exception.")
     ] = False,
@@ -85,7 +88,7 @@ def run(
     options = parse(find(name), wiring, context.args) | _injected(fault, fault_seed)
     options |= {"realtime": True} if realtime or manual else {}
     end = None if until is None else duration("--until", until)
-    job = Job(name, wiring=wiring, options=options, acknowledge=acknowledge, manual=manual, until=end)
+    job = Job(name, wiring=wiring, options=options, acknowledge=acknowledge, manual=manual, until=end, fresh=fresh)
     return run_station(job, record=not no_record, plot=not no_plot, summary=summary, full_traceback=full_traceback)
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .shared import HelpPanel, Take, finite
+from .shared import HelpPanel, Take, WiringName, finite
 
 command = HelpPanel("Running stations")
 
@@ -150,11 +150,38 @@ def tune(
     path: Annotated[str | None, typer.Argument(metavar="[PATH]", help="Such as z.servo.gain.")] = None,
     value: Annotated[str | None, typer.Argument(metavar="[VALUE]", help="A number, or one with a unit.")] = None,
     take: Take = False,
+    save: Annotated[
+        bool, typer.Option("--save", help="Print the lines of the wiring that keep what was tuned in this run.")
+    ] = False,
 ) -> None:
-    """Change a tunable number of a running station, show it, or list them all."""
+    """Change a tunable number of a running station, show it, or list them all.
+
+    --save prints what was tuned since the start, by whomever, as [parameters] for the wiring file. Numbers that are
+    declared kept need no line there.
+    """
     from .commanding import tune as work
 
-    work(station, path, value, take)
+    work(station, path, value, take, save)
+
+
+@command(
+    epilog="Examples: umo kept press  |  umo kept press -w modbus  |  umo kept press --forget count",
+    status="0 done; 2 a mistake, nothing is kept, or a run keeps it, told on stderr",
+)
+def kept(
+    station: Annotated[str, typer.Argument(metavar="STATION", help="Name or folder of a station; it need not run.")],
+    wiring: WiringName = None,
+    forget: Annotated[
+        str | None, typer.Option(metavar="PATH", help="Forget the kept value of this number: it has its default again.")
+    ] = None,
+) -> None:
+    """List the values that are kept over the end of a station's runs in real time, with their file and age.
+
+    The next run takes over what is declared kept=True. `umo run STATION --fresh` starts without them all.
+    """
+    from .kept import kept as work
+
+    work(station, wiring, forget)
 
 
 @command(epilog="Examples: umo acknowledge conveyor  |  umo acknowledge conveyor belt diverter")

@@ -26,6 +26,7 @@ from umo.system.processes import user_name
 from umo.text import add_note, did_you_mean, printable, some
 
 from .console import err, out, say
+from .kept import save_tuned
 from .progress_line import OneLine
 from .ps import attach, how_ended, how_to_clear
 from .values import argument, number, state
@@ -179,8 +180,13 @@ def _described(about: dict[str, Any]) -> str:
     return text if about["required"] else f"[{text}]"
 
 
-def tune(name: str, path: str | None, text: str | None, over: bool) -> None:
+def tune(name: str, path: str | None, text: str | None, over: bool, save: bool = False) -> None:
+    if save and path is not None:
+        raise RangeError("--save is for everything that was tuned: give no path")
     with station_of(name) as station:
+        if save:
+            save_tuned(station.reader)
+            return
         known = {entry["path"]: entry for entry in station.reader.layout.tunables}
         now = station.reader.tunables()
         if path is None:
@@ -201,6 +207,9 @@ def tune(name: str, path: str | None, text: str | None, over: bool) -> None:
             station.ask("tune", path, value=value)
         given = setting_text(value)
         out.print(f"{path}  {setting_text(now[path])} -> {given} {shown_unit(unit)}".rstrip())
+        if path in station.reader.kept:
+            err.print("it is declared kept: the next run has it", soft_wrap=True)
+            return
         keep = f"put {path} = {given} under [parameters] of the wiring"
         err.print(f"until the run ends; to keep it, {keep}", soft_wrap=True)
 

@@ -13,6 +13,7 @@ from umo.cycle.stopping import TimeLimit, signal_name
 from umo.cycle.trace import Statistics, Trace
 from umo.errors import text_of
 from umo.exit_status import ExitStatus
+from umo.process import kept_values
 from umo.process.job import Job, Plan
 from umo.process.outcome import Failed, Outcome, plain, plain_reports
 from umo.process.start import LINUX
@@ -60,6 +61,8 @@ def run_station(
                 folder.discard()
             return _fail(result.outcome.failure, full_traceback)  # nothing ran: there is nothing to show
         _say_how_it_ended(result.outcome, full_traceback)
+        if result.outcome.unkept:
+            say(result.outcome.unkept, "red")
         for line in result.standing_faults():
             say(line, "red")
         name = f"{plan.name}, {plan.wiring_name}" if plan.wiring_name else plan.name
@@ -112,9 +115,12 @@ def _fail(failure: Failed, full_traceback: bool) -> int:
 def _drive(plan: Plan, result: RunSummary, observers: list[Any]) -> None:
     """The run itself, in this process. Its error is stored in the result; the actuators are reset before it returns."""
     connection = connect(plan.machine, plan.wired, acknowledge=plan.job.acknowledge)
+    connection.kept = kept_values.copy(plan, say)
     outcome = result.outcome
     try:
         with connection as machine:
+            for text in kept_values.tell(connection):
+                say(text)
             events, faults = connection.machine.events, result.equipment_faults
             connection.machine.observers += [*observers, lambda frame: faults.add_new(events)]
             if plan.job.until is not None:

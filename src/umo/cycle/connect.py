@@ -19,6 +19,7 @@ from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.off_cycle import image_of
 from umo.cycle.rated_machine import machine_of
+from umo.cycle.restoring import restore
 from umo.cycle.stopping import StopFlag
 from umo.cycle.transfer import UNCONTROLLED_TIMEOUT, settling, wait_for
 from umo.drivers.faults.wrapper import bare
@@ -79,6 +80,10 @@ class connect(Generic[C]):
         """Reports of the drivers on their circuits or plants (Driver.report), by driver; empty before the end."""
         self.afterwards: list[Callable[[], object]] = []
         """Functions that are called when the actuators have been reset and the last period has been shown."""
+        self.kept: Mapping[str, Any] = {}
+        """The kept values of the last run by path (`umo.cycle.restoring`). They count after the wiring's parameters."""
+        self.not_restored: dict[str, str] = {}
+        """The kept values that were not taken, by path: why, in words. Each of these numbers has its default."""
         self.device_claim: DeviceClaim | None = None
         """The owner of the devices, if not the connection itself."""
         self.wired: Wired
@@ -135,7 +140,10 @@ class connect(Generic[C]):
         try:
             for wire in self.wired.wires:
                 self._restore.append(wire.apply().apply)  # one by one: the next may fail
-            apply_parameters(self.root, self.wired.parameters, self._restore.append)
+            if self.kept:
+                self.not_restored = restore(self.root, self.wired.parameters, self.kept, self._restore.append)
+            else:
+                apply_parameters(self.root, self.wired.parameters, self._restore.append)
             clock = WallClock() if self.wired.period is None else Clock(self.wired.period)
             if self.wired.injection is not None:
                 self.wired.injection.clock = clock

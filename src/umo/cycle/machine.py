@@ -16,6 +16,7 @@ from umo.cycle.equipment import CLEANING_UP, Containment, Equipment
 from umo.cycle.events import Event, Events
 from umo.cycle.frame import Frame, Observer, Signal, show, signals_of, velocities
 from umo.cycle.image import Image
+from umo.cycle.restoring import kept_kind
 from umo.cycle.sequences import Sequences, Task
 from umo.cycle.stage import Stage
 from umo.cycle.stopping import StopFlag
@@ -97,6 +98,8 @@ class ConnectedMachine:
         faults = () if injection is None else (Signal(INJECTED, "", injection, "active"),)
         numbers = numbers_of(root)
         self.frame = Frame(image, (*signals_of(numbers), *velocities(image.items), *faults))
+        self.kept = {path: kept_kind(each) for path, each in numbers.items() if each.declared.kept}
+        """What is kept over a restart, by path: its type as plain data."""
         self.tunables = {path: each for path, each in numbers.items() if each.declared.tunable}
         """The numbers that may be changed from outside, by path."""
         self.commands = CommandStage(root, image)

@@ -18,8 +18,9 @@ import json
 import mmap
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -265,10 +266,14 @@ def describe_objects(items: Sequence[Atomic]) -> tuple[dict[str, Any], ...]:
     return tuple(described(item) for item in items)
 
 
-def describe_signals(signals: Sequence[Signal]) -> tuple[dict[str, Any], ...]:
-    """Path, unit and, of a named value, names of the states of each signal, in the order of the frame's."""
+def describe_signals(
+    signals: Sequence[Signal], kept: Mapping[str, Any] = MappingProxyType({})
+) -> tuple[dict[str, Any], ...]:
+    """Path and unit of each signal, in the order of the frame's; of a named value the names of its states, of one that
+    is kept its type."""
     return tuple(
         {"path": each.path, "unit": each.unit}
         | ({"states": {str(n): s for n, s in each.states.items()}} if each.states else {})
+        | ({"kept": kept[each.path]} if each.path in kept else {})
         for each in signals
     )

@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from functools import partial
+from math import isfinite
 from pathlib import Path
 from types import MappingProxyType, WrapperDescriptorType
 from typing import Any
@@ -22,6 +23,7 @@ from umo.frames.frame_server import FrameServer, new_path
 from umo.frames.layout import Layout, describe_objects, describe_signals
 from umo.frames.memory import RunDescriptors
 from umo.frames.ring import Ring
+from umo.objects import MachineNumber
 from umo.text import in_brackets, place_of
 from umo.user_code import attempt
 
@@ -65,10 +67,10 @@ def published(
             describe_objects(machine.image.items),
             tuple(phases.names),
             about | {"options": dict(options)} | _about(connection),
-            describe_signals(machine.frame.signals),
+            describe_signals(machine.frame.signals, machine.kept),
             tuple(machine.commands.reasons),
             tuple(each.describe() for each in machine.actions.values()),
-            tuple(each.describe() for each in machine.tunables.values()),
+            tuple(each.describe() | {"start": _start(each)} for each in machine.tunables.values()),
             tuple(each.describe() for each in machine.equipment.all),
             units=tuple(dict(each.describe()) for each in machine.supervisors),
         )
@@ -94,6 +96,12 @@ def published(
         else:
             end()
         phases.remove()
+
+
+def _start(number: MachineNumber) -> float | None:
+    """The value with which it starts: what differs was tuned. None: it has none."""
+    value = number.read()
+    return value if isfinite(value) else None
 
 
 def _own_memory(station: str, memory: ExitStack) -> tuple[RunDescriptors, FrameServer]:

@@ -8,7 +8,7 @@ import struct
 import time
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from math import isnan
+from math import isfinite, isnan
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -172,6 +172,11 @@ class Reader:
         return Stage(number) if number in set(Stage) else Stage.RUNNING
 
     @property
+    def is_finished(self) -> bool:
+        """Whether the writer has finished the ring: no frame follows."""
+        return bool(self._live[Live.STATE] == Stage.ENDED)
+
+    @property
     def alive(self) -> bool:
         """Whether the process that writes this ring still lives."""
         if self.ends is None:
@@ -224,6 +229,16 @@ class Reader:
         """The tunable numbers by path, each at most as many periods old as there are numbers."""
         numbers = np.frombuffer(self._memory, "<f8", len(self.layout.tunables), self._places.tunables).tolist()
         return {entry["path"]: value for entry, value in zip(self.layout.tunables, numbers, strict=True)}
+
+    def tuned(self) -> dict[str, float]:
+        """The tunable numbers that differ from their values at the start of the run, by path."""
+        start = {entry["path"]: entry.get("start") for entry in self.layout.tunables}
+        return {path: value for path, value in self.tunables().items() if isfinite(value) and value != start[path]}
+
+    @property
+    def kept(self) -> list[str]:
+        """The paths of the numbers that are kept over a restart."""
+        return [entry["path"] for entry in self.layout.signals if "kept" in entry]
 
     def live(self, start: int, stop: int) -> bytes:
         """The live numbers as they stand in the ring."""

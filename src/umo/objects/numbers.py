@@ -223,7 +223,7 @@ def _at(path: str, declared: Number, owner: Any, way: str, name: str) -> Machine
     cls: Any = type(owner)
     fields = _fields_of(cls)
     static = inspect.getattr_static(cls, name, _MISSING)  # not of the object: looking into its dict makes it slower
-    only_shown = declared.shown and not declared.tunable and name not in fields
+    only_shown = declared.shown and not (declared.tunable or declared.kept) and name not in fields
     value = None if only_shown and static is not _MISSING else _attribute(owner, name, path)  # it may need the machine
     if only_shown:
         named = _annotated(hints_of(cls).get(name))[0] or _returned(static) or _kind_of(value)
@@ -244,6 +244,10 @@ def _checked(number: MachineNumber) -> MachineNumber:
         raise DeclarationError(f"number {number.path}: {number.value!r} is not a number; only numbers are tuned")
     if shown and number.kind is str:
         raise DeclarationError(f"number {number.path}: {number.value!r} is a text; only numbers and Enums are shown")
+    if number.declared.kept and (number.kind is str or not number.settable):
+        raise DeclarationError(
+            f"number {number.path}: {number.value!r} cannot be kept; only numbers, true or false, and Enums are"
+        )
     value = number.value if number.settable else nan
     if not isinstance(value, float) or isfinite(value):
         try:

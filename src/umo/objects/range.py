@@ -87,4 +87,4 @@ class Number(Range):
     shown: bool = False
     """Whether it is shown beside the objects: in frames, trace, plot and `umo watch`."""
     kept: bool = False
-    """Whether its last value is kept over a restart. Nothing does so yet."""
+    """Whether its last value is kept over a restart: of a float, int, bool or Enum. It is shown in frames, too."""

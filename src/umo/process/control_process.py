@@ -7,10 +7,11 @@ import gc
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from math import inf
 from time import monotonic, sleep
+from types import MappingProxyType
 from typing import IO, Any, NoReturn
 
 from umo.cycle import Frame, connect, drive
@@ -27,6 +28,7 @@ from umo.frames.frame_server import FrameServer
 from umo.frames.memory import RunDescriptors
 from umo.frames.publish import tell
 from umo.objects.stop_order import stop_sequence
+from umo.process import kept_values
 from umo.process.control_watch import WHERE_SIGNAL
 from umo.process.hang_detection import LOOK_INTERVAL, STARVED_LIMITS, guardian_limit
 from umo.process.job import Plan
@@ -59,6 +61,7 @@ class Control:
         channel: MessageSocket,
         guardian: int,
         frames: tuple[RunDescriptors, FrameServer] | None,
+        kept: Mapping[str, Any] = MappingProxyType({}),
     ) -> None:
         self._plan = plan
         self._device_claim = device_claim
@@ -67,6 +70,8 @@ class Control:
         self._guardian = guardian
         self._frames = frames
         """The descriptors of the memory for frames, and the server that gives clients theirs; None: no frames."""
+        self._kept = kept
+        """The kept values of the last run."""
         self._stopped_by = ""
         self._hang = plan.wired.process.hang_timeout
         self._unwatched_limit = guardian_limit(self._hang)
@@ -196,7 +201,10 @@ class Control:
         self._connection = connection = connect(plan.machine, plan.wired)
         connection.device_claim = self._device_claim
         connection.on_step = self._run_state.beat
+        connection.kept = self._kept
         with connection as machine:
+            for text in kept_values.tell(connection):
+                self._channel.send("notice", text=text)
             try:
                 with self._published(connection) as ring, self._commanded(connection, ring):
                     connection.machine.observers.append(self.each_period)

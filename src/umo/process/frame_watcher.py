@@ -99,6 +99,11 @@ class FrameWatcher:
         self._child = child
 
     @property
+    def reader(self) -> Reader | None:
+        """The reader of the frames; None before there are any."""
+        return self._reader if self._attach() else None
+
+    @property
     def moment(self) -> str:
         """The time of the last period, on the machine's clock; empty if it is not known."""
         with suppress(Exception):

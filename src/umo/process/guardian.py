@@ -19,11 +19,13 @@ from umo.cycle.stage import Stage
 from umo.cycle.stopping import SIGNALS
 from umo.errors import text_of
 from umo.latency.blackbox import ON_DEMAND
+from umo.process import kept_values
 from umo.process.control_process import Control, drive_and_report
 from umo.process.control_watch import ControlWatch
 from umo.process.frame_watcher import FrameWatcher
 from umo.process.hang_detection import LOOK_INTERVAL, HangDetector, guardian_limit
 from umo.process.job import Job, Plan
+from umo.process.keeper import Keeper
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
 from umo.process.processor_share import ProcessorShare
@@ -99,7 +101,8 @@ class Guardian:
         self._traces = tempfile.TemporaryFile()  # noqa: SIM115  (as long as the process)
         self._watcher = FrameWatcher(plan.name)
         self._workers = Workers(plan.machine, plan.wired, groups, self._run_state, self._say)
-        self._end = RunEnd(plan, device_claim, self._run_state, channel, self._watcher, self._workers)
+        self._keeper = Keeper(kept_values.file_of(plan), kept_values.title_of(plan), self._say, self._process.cpu)
+        self._end = RunEnd(plan, device_claim, self._run_state, channel, self._watcher, self._workers, self._keeper)
         limit = guardian_limit(self._process.hang_timeout)
         self._standby = Standby(self._run_state, limit, self._take_over, channel, self._say)
 
@@ -124,12 +127,13 @@ class Guardian:
         self._end.resetter.stand_by()
         if why := self._watcher.make():
             self._say(f"this run cannot be watched or traced: {why}")
+        kept = kept_values.take_over(self._plan, self._say)
         self._workers.fork()
         guardian = os.getpid()
         pid = self._run_state.fork(Who.CONTROL)
         if pid == 0:
             frames = self._watcher.frames
-            control = Control(self._plan, self._device_claim, self._run_state, self._channel, guardian, frames)
+            control = Control(self._plan, self._device_claim, self._run_state, self._channel, guardian, frames, kept)
             carry_out(lambda: drive_and_report(control, self._traces))
         self._watcher.forked()
         self._control = ControlWatch(pid, self._run_state, self._traces.fileno())
@@ -215,6 +219,7 @@ class Guardian:
             self._ask(signal.SIGTERM)
             self._try(self._pass_on)
         self._try(self._watcher.look)
+        self._try(lambda: self._keeper.look(self._watcher.reader))
         if not self._is_standby:
             self._try(self._standby.look)
             self._try(self._look_at_resetter)

@@ -39,6 +39,8 @@ class Job:
     acknowledge: bool = False
     manual: bool = False
     """Whether it starts in manual mode: the application waits until the mode is automatic."""
+    fresh: bool = False
+    """Whether it starts without the kept values of the last run."""
     until: float | None = None
     """Time in s on the machine's clock at which it is stopped."""
     path: list[str] = field(default_factory=lambda: list(sys.path))

@@ -77,6 +77,8 @@ class Outcome:
     unreached: list[str] = field(default_factory=list)
     reports: dict[str, Any] = field(default_factory=dict)
     """Reports of the drivers on their circuits or plants, by the driver's name, as plain data."""
+    unkept: str = ""
+    """Why the last kept values were not written, in words; empty: they were, or nothing is kept."""
     simulated: float = 0.0
     """Time on the cycle's clock at the end, s."""
     result: Any = None
@@ -91,6 +93,8 @@ class Outcome:
             return self.failure.status
         if self.stopped_by is not None:
             return 128 + self.stopped_by
+        if self.unkept:
+            return ExitStatus.NOT_RECORDED
         return ExitStatus.TIME_OVER if self.time_over else ExitStatus.DONE
 
     def dump(self) -> dict[str, Any]:

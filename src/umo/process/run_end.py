@@ -10,6 +10,7 @@ from contextlib import suppress
 from umo.process.control_watch import ControlWatch
 from umo.process.frame_watcher import FrameWatcher
 from umo.process.job import Plan
+from umo.process.keeper import Keeper
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
 from umo.process.reset import Resetter, summary
@@ -40,6 +41,7 @@ class RunEnd:
         channel: MessageSocket,
         watcher: FrameWatcher,
         workers: Workers,
+        keeper: Keeper,
     ) -> None:
         self._plan = plan
         self._device_claim = device_claim
@@ -47,7 +49,7 @@ class RunEnd:
         self._channel = channel
         self._watcher = watcher
         self.title = "guardian"
-        self._workers = workers
+        self._workers, self._keeper = workers, keeper
         self.resetter = Resetter(plan.machine, plan.wired, self._begin_reset, workers.end_those_of)
         self._spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARE_DESCRIPTORS)]
 
@@ -111,6 +113,8 @@ class RunEnd:
             self._watcher.keep(what)
         with suppress(Exception):
             self.resetter.dismiss()
+        with suppress(Exception):
+            outcome.unkept = self._keeper.finish(self._watcher.reader)
         with suppress(Exception):
             self._watcher.finish()
         self._channel.send("ended", outcome=outcome.dump())

@@ -58,6 +58,7 @@ def start(
     *,
     acknowledge: bool = False,
     manual: bool = False,
+    fresh: bool = False,
     **options: Any,
 ) -> Started:
     """Start a machine in its own guardian and control process. Returns at once.
@@ -69,8 +70,9 @@ def start(
     both must be importable by another process, so not defined in a notebook. `wiring` is one of the station's, a
     file, or its contents. `options` are passed to the application and the drivers, as on the command
     line. `acknowledge` starts a machine whose last run ended unsafely. `manual`: in manual mode, in which the
-    application waits (`umo.attach`). Linux only (DriverError elsewhere). What the other process finds, such as an
-    option that nobody takes or a mistake in the wiring, is raised by `wait`, as RunFailed.
+    application waits (`umo.attach`). `fresh`: without the kept values of the last run. Linux only (DriverError
+    elsewhere). What the other process finds, such as an option that nobody takes or a mistake in the wiring, is raised
+    by `wait`, as RunFailed.
     """
     if callable(station):
         machine, script = reference(station)
@@ -79,7 +81,7 @@ def start(
     else:
         job = Job(station=str(station))
     job.wiring = str(wiring) if isinstance(wiring, Path) else dict(wiring) if isinstance(wiring, Mapping) else wiring
-    job.options, job.acknowledge, job.manual = options, acknowledge, manual
+    job.options, job.acknowledge, job.manual, job.fresh = options, acknowledge, manual, fresh
     return Started(job)
 
 

@@ -63,6 +63,12 @@ class RemoteStation(Commander, RemotePart):
         """The last events, oldest first: commands with their answers, actions of guards."""
         return [each.event for each in self.reader.events()]
 
+    @property
+    def tuned(self) -> dict[str, float]:
+        """The tunable numbers that differ from their values at the start of the run, by path, in their units. The next
+        run has those that are kept (`reader.kept`); the others need a line under `[parameters]` of the wiring."""
+        return self.reader.tuned()
+
     def frames(self, seconds: float) -> dict[str, npt.NDArray[np.float64]]:
         """The last frames that are kept, as arrays: "time" in s, objects and signals by path, NaN where BAD."""
         reader = self.reader

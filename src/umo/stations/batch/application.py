@@ -41,7 +41,7 @@ async def main(
     )
     if reasons := list(filter(None, lost)):
         raise BatchesLost("; ".join(reasons))
-    dumped = sum(reactor.unit.rejected for reactor in m.reactors)
+    dumped = sum(reactor.dumped for reactor in m.reactors)
     return {"batches_made": made.total(), "made": in_words(made), "batches_dumped": dumped, "recipes": m.book.record}
 
 

@@ -101,9 +101,19 @@ class Reactor(
 
     def begin(self) -> None:
         """A run begins: what is in it belongs to no batch."""
-        self.unit.reset_counters()
+        self._before = self.unit.produced, self.unit.rejected  # the counts are kept over a restart
         self.phase = "idle"
         self._ready = False  # what is in it is a batch that is made, and only to be drained
+
+    @property
+    def made(self) -> int:
+        """Batches made in this run."""
+        return self.unit.produced - self._before[0]
+
+    @property
+    def dumped(self) -> int:
+        """Batches dumped in this run."""
+        return self.unit.rejected - self._before[1]
 
     def interlocks(self) -> Iterator[Interlock]:
         """The level and the temperature that cannot be read count as the dangerous ones."""
@@ -252,4 +262,4 @@ class BatchPlant(Compound, stop_order=("reactors", "line"), max_period="200 ms")
         told = ", ".join(f"{reactor.number} {reactor.activity}" for reactor in self.reactors)
         if told != self._told:
             self._told = told
-            self.cycle.progress(told, done=sum(reactor.unit.produced for reactor in self.reactors))
+            self.cycle.progress(told, done=sum(reactor.made for reactor in self.reactors))

@@ -1,0 +1,109 @@
+"""Kept numbers: what a machine takes over from its last run, and what is said of each value that it does not take.
+
+An entry is the plain data that `umo.process.kept_file` has: `value` (a number, true or false, the name of an Enum's
+member; None: it had none), `unit` and `type`. It counts after the wiring's parameters, before the first period. A value
+that is not valid any more costs this value: the number has its default, or what the wiring sets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from enum import EnumMeta
+from functools import partial
+from typing import Any
+
+from umo.errors import RangeError, UmoError
+from umo.objects import Compound, MachineNumber, numbers_of
+from umo.objects.numbers import number_in
+from umo.presentation.value_text import shown_unit
+from umo.text import did_you_mean
+from umo.user_code import told_as
+from umo.wiring.wired import Parameter, apply_parameters
+
+MAX_EXACT = 1 << 53
+"""Frames have floats: a whole number is exact up to this one."""
+Undo = Callable[[Callable[[], object]], object]
+
+
+def kept_kind(number: MachineNumber) -> dict[str, Any]:
+    """The type of a kept number as plain data; of an Enum the names of its members by their numbers."""
+    if isinstance(number.kind, EnumMeta):
+        members: list[Any] = list(number.kind)
+        return {"type": "Enum", "members": {str(number_in(number.kind, member)): member.name for member in members}}
+    if number.kind is None:
+        return {"type": "int" if isinstance(number.value, int) else "float"}
+    return {"type": number.kind.__name__}
+
+
+def restore(root: Compound, parameters: Sequence[Parameter], kept: Mapping[str, Any], undo: Undo) -> dict[str, str]:
+    """Set the wiring's parameters, then the kept values. Returns why a value was not taken, by its path.
+
+    `undo` is given, one by one, what restores each number. DeclarationError as `apply_parameters`, for the wiring's.
+    """
+    refused: dict[str, str] = {}
+    fields = _fields(root, kept, refused)
+    _apply(root, parameters, fields, undo, refused)
+    known = {path: number for path, number in numbers_of(root).items() if number.declared.kept}
+    done = {field.number.path for field in fields}
+    for path, value in kept.items():
+        if path in done or path in refused:
+            continue
+        if path not in known:
+            refused[path] = f"there is no kept number of this name{did_you_mean(path, known)}"
+            continue
+        number, before = known[path], known[path].value
+        try:
+            number.set(_value_of(number, value))
+        except RangeError as error:
+            refused[path] = _cause(error, path)
+        else:
+            undo(partial(number.assign, before))
+    return refused
+
+
+def _fields(root: Compound, kept: Mapping[str, Any], refused: dict[str, str]) -> list[Parameter]:
+    """The kept values of fields, which are set before `setup` makes others of them."""
+    fields = []
+    for path, number in numbers_of(root).items():
+        if path in kept and number.declared.kept and number.is_field:
+            try:
+                fields.append(Parameter(number, number.checked(_value_of(number, kept[path]))))
+            except RangeError as error:
+                refused[path] = _cause(error, path)
+    return fields
+
+
+def _apply(
+    root: Compound, parameters: Sequence[Parameter], fields: list[Parameter], undo: Undo, refused: dict[str, str]
+) -> None:
+    """The parameters and the kept fields; without these fields where the machine does not accept them together."""
+    taken: list[Callable[[], object]] = []
+    try:
+        with told_as(UmoError, "`setup` failed"):
+            apply_parameters(root, [*parameters, *fields], taken.append)
+            numbers_of(root)  # the range of one may depend on another
+    except UmoError as error:
+        for each in reversed(taken):
+            each()
+        apply_parameters(root, parameters, undo)
+        if not fields:
+            raise
+        cause = str(error).removeprefix("the wiring's parameter ")
+        refused.update((field.number.path, f"the machine does not accept the kept values: {cause}") for field in fields)
+    else:
+        for each in taken:
+            undo(each)
+
+
+def _value_of(number: MachineNumber, entry: Mapping[str, Any]) -> Any:
+    """RangeError where it has none, or was kept in another unit."""
+    if entry["value"] is None:
+        raise RangeError("it had no value that can be kept")
+    if entry["unit"] != number.declared.unit and not isinstance(number.kind, EnumMeta):
+        units = [shown_unit(unit) or "no unit" for unit in (entry["unit"], number.declared.unit)]
+        raise RangeError(f"it was kept in {units[0]}, and is declared in {units[1]}")
+    return entry["value"]
+
+
+def _cause(error: RangeError, path: str) -> str:
+    return str(error).removeprefix(f"{path}: ")

@@ -1,0 +1,253 @@
+"""The keeper: a process that writes kept values to the disk while a machine runs, and at its end.
+
+The guardian forks it and looks after it. It maps the frames read-only, takes the last whole frame at most once a
+second, and writes one file if what is kept has changed: all of it is of this one period. When the process that writes
+the frames has ended, or was killed, it writes the last frame and ends. It survives all other processes of the run until
+then, and holds nothing of theirs: no device, no lock, no socket. Nobody waits for a disk but the keeper.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import select
+import signal
+from collections.abc import Callable
+from contextlib import suppress
+from enum import IntEnum
+from pathlib import Path
+from time import monotonic, sleep
+from typing import Any
+
+from umo.frames import Reader
+from umo.process import kept_file
+from umo.process.kept_file import KeptValues
+from umo.process.kept_sections import sections_of
+from umo.process.reset import DEATH_TIMEOUT, STOP_SIGNALS
+from umo.system import realtime
+from umo.system.processes import ENDED, STOPPED, adjust_oom_score, name_process, state
+
+INTERVAL = 1.0
+"""Time in s from one look of the keeper's to the next."""
+LAST_TIMEOUT = 5.0
+"""Timeout in s at the end of a run for the last values."""
+FIRST_PAUSE, MAX_PAUSE = 0.1, 5.0
+"""Time in s from one replacement of a keeper to the next: it doubles."""
+LOOK_INTERVAL = 0.001
+"""Time in s between two looks for the keeper's end."""
+OOM_SCORE_CHANGE = 600
+"""Change of the keeper's score, from the guardian's: where memory runs out, it goes before all that resets."""
+NO_FOLDER = "nothing is kept: there is no folder for what outlives a run"
+HELD_BY_ANOTHER = -1
+"""In place of an error number: another run of this station with this wiring holds the file."""
+
+
+class Told(IntEnum):
+    """What the keeper tells, in shared memory."""
+
+    PID, ERROR, FINISHED = 0, 1, 2
+    """Its process; the number of the error of the last write, 0: it went well; whether it has come to its end."""
+
+
+class Keeper:
+    """The keeper of one run, for its guardian and the standby guardian. `say` tells the user what went wrong."""
+
+    def __init__(
+        self, path: Path | None, title: KeptValues, say: Callable[[str], object], core: int | None = None
+    ) -> None:
+        """`path`: the file; None: there is no folder for it. `title`: what stands in it of the station.
+        `core`: that of the control process, which the keeper leaves."""
+        self.path = path
+        self._title = title
+        self._say = say
+        self._core = core
+        self._cells = memoryview(mmap.mmap(-1, 8 * len(Told))).cast("q")
+        self._next_fork, self._pause = 0.0, FIRST_PAUSE
+        self._keeps: bool | None = None
+        """Whether there is something to keep; None before there are frames."""
+
+    # The guardian ----------------------------------------------------------------------------------------
+
+    def look(self, reader: Reader | None) -> None:
+        """Fork the keeper as soon as there are frames with something to keep; replace it if it has died or was stopped
+        by a signal; tell that it cannot write."""
+        if reader is None or not self._has_something(reader):
+            return
+        if self.path is None:
+            self._say(NO_FOLDER)
+        elif pid := self._cells[Told.PID]:
+            if (error := self._cells[Told.ERROR]) != 0:
+                self._say(f"{_told(error)}; it is tried again; the file of before stands: {self.path}")
+            if not self._has_ended(pid) or self._cells[Told.FINISHED]:
+                return
+            self._cells[Told.PID] = 0
+            self._say("the process that keeps values was killed or stopped; another one takes its place")
+        elif monotonic() >= self._next_fork:
+            self._next_fork = monotonic() + self._pause
+            self._pause = min(2 * self._pause, MAX_PAUSE)
+            self._fork(reader)
+
+    def finish(self, reader: Reader | None) -> str:
+        """At the end, when the machine has been reset: wait for the last values. In words why they are not written, or
+        "". A keeper that is late is ended: it must not write over what a later run keeps."""
+        if reader is None or not self._has_something(reader):
+            return ""
+        if self.path is None:
+            return NO_FOLDER
+        until = monotonic() + LAST_TIMEOUT
+        for _ in range(2):  # the second takes the place of one that was killed
+            if not self._cells[Told.FINISHED] and self._has_ended(self._cells[Told.PID]):
+                self._fork(reader)
+            while not self._has_ended(self._cells[Told.PID]) and monotonic() < until:
+                sleep(LOOK_INTERVAL)
+        finished, error = self._cells[Told.FINISHED], self._cells[Told.ERROR]
+        self._end(self._cells[Told.PID])
+        if finished and not error:
+            return ""
+        why = _told(error) if error else "the process that keeps values did not end in time"
+        return f"the last kept values were not written: {why}; {self.path} has those of before"
+
+    def _has_something(self, reader: Reader) -> bool:
+        if self._keeps is None:
+            self._keeps = bool(sections_of(reader.layout))
+        return self._keeps
+
+    def _fork(self, reader: Reader) -> None:
+        self._cells[Told.FINISHED] = self._cells[Told.ERROR] = 0
+        try:
+            pid = os.fork()
+        except OSError as error:
+            self._say(f"nothing is kept: {error.strerror}; it is tried again")
+            return
+        if pid == 0:
+            assert self.path is not None
+            _work(self.path, self._title, reader, self._cells, self._core)
+        self._cells[Told.PID] = pid
+
+    def _has_ended(self, pid: int) -> bool:
+        """Whether it serves no longer. One that was stopped by a signal is ended."""
+        if not pid:
+            return True
+        with suppress(ChildProcessError):  # the standby guardian is not its parent
+            if os.waitpid(pid, os.WNOHANG)[0]:
+                return True
+        now = state(pid)
+        if now in STOPPED:
+            self._end(pid)
+        return now in STOPPED + ENDED
+
+    def _end(self, pid: int) -> None:
+        """Make sure that it has ended. One that is blocked in a call of the kernel ends after that."""
+        if not pid or state(pid) in ENDED:
+            return
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+        until = monotonic() + DEATH_TIMEOUT / 10
+        while state(pid) not in ENDED and monotonic() < until:
+            sleep(LOOK_INTERVAL)
+        with suppress(ChildProcessError):
+            os.waitpid(pid, os.WNOHANG)
+
+
+def _told(error: int) -> str:
+    if error == HELD_BY_ANOTHER:
+        return "kept values cannot be written: another run of this station with this wiring keeps its own"
+    return f"kept values cannot be written: {os.strerror(error)}"
+
+
+# The keeper's own process ---------------------------------------------------------------------------------
+
+
+def _work(path: Path, title: KeptValues, reader: Reader, cells: Any, core: int | None) -> None:
+    """In the child; never returns."""
+    try:
+        os.setsid()
+        for number in STOP_SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+        assert reader.ends is not None
+        _close_all_but(reader.ends.alive)
+        realtime.drop_realtime()
+        realtime.leave_core(core)
+        adjust_oom_score(OOM_SCORE_CHANGE)
+        name_process("umo keeper")
+        keep(reader, Writer(path, title, cells), writer_is_gone)
+        cells[Told.FINISHED] = 1
+    finally:
+        os._exit(0)
+
+
+ALIVE = 3
+"""The one descriptor that the keeper has: the pipe that hangs up when the writer of the frames is gone."""
+
+
+def _close_all_but(alive: int) -> None:
+    """The frames stay mapped. Nothing is printed: a terminal or a pipe of the starter's would be held."""
+    os.dup2(alive, ALIVE)
+    null = os.open(os.devnull, os.O_RDWR)
+    for standard in range(ALIVE):
+        os.dup2(null, standard)
+    os.closerange(ALIVE + 1, os.sysconf("SC_OPEN_MAX"))
+
+
+def writer_is_gone(within: float) -> bool:
+    """Wait up to so many s for the end of the process that writes the frames; whether it has ended."""
+    poll = select.poll()
+    poll.register(ALIVE, 0)  # POLLHUP comes unasked
+    return bool(poll.poll(within * 1e3))
+
+
+class Writer:
+    """Writes what is kept of a frame, if it has changed since the last one that was written."""
+
+    def __init__(
+        self,
+        path: Path,
+        title: KeptValues,
+        cells: Any,
+        write: Callable[[Path, bytes], object] = kept_file.write,
+    ) -> None:
+        self._path, self._title, self._cells, self._write = path, title, cells, write
+        self._written: dict[str, Any] | None = None
+        self._lock = -1
+
+    def take(self, reader: Reader) -> None:
+        frame = reader.latest()
+        if frame is None:
+            return
+        snapshot = {name: section(frame) for name, section in sections_of(reader.layout).items()}
+        if snapshot == self._written:
+            return
+        about = reader.about
+        utc = (int(frame["began"]) + int(frame["utc"])) * 1e-9
+        values = KeptValues(
+            self._title.station, self._title.wiring, self._title.place, about["pid"], about["started"],
+            int(frame["number"]), utc, snapshot,
+        )  # fmt: skip
+        try:
+            if not self._is_ours():
+                self._cells[Told.ERROR] = HELD_BY_ANOTHER
+                return
+            self._write(self._path, kept_file.dump(values))
+        except OSError as error:
+            self._cells[Told.ERROR] = error.errno or HELD_BY_ANOTHER
+            return
+        self._written = snapshot
+        self._cells[Told.ERROR] = 0
+
+    def _is_ours(self) -> bool:
+        """Whether this process has the lock of the file, which it then keeps to its end."""
+        if self._lock < 0:
+            file = kept_file.lock_file(self._path)
+            if not kept_file.take_lock(file):
+                os.close(file)
+                return False
+            self._lock = file
+        return True
+
+
+def keep(reader: Reader, writer: Writer, is_gone: Callable[[float], bool]) -> None:
+    """Write until the run has ended, then the last frame. `is_gone` waits so many s at most for the writer's end."""
+    gone = False
+    while not gone:
+        gone = is_gone(INTERVAL) or reader.is_finished
+        writer.take(reader)

@@ -1,0 +1,217 @@
+"""The file of kept values: one for each station and wiring, in the user's folder for what outlives a run.
+
+It is JSON, ASCII: `{"checksum": ..., "content": {...}}`. The content has the version, station, wiring, run, the number
+and the UTC of the period, and the sections, all of this one period. It counts as whole only if it is, byte for byte,
+what `encode` makes of its content. A file that does not is kept aside under another name.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import os
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+from umo.errors import UmoError
+from umo.system import folders
+from umo.system.device_record import state_folder
+
+try:
+    import fcntl
+except ImportError:  # nothing is kept on this platform
+    fcntl = None  # type: ignore[assignment]
+
+FOLDER, SUFFIX = "kept", ".json"
+VERSION = 1
+MAX_BYTES = 4 << 20
+"""Size of a file at most, bytes."""
+MAX_ASIDE = 10
+"""Number of damaged files of one station and wiring that are kept aside; the oldest go first."""
+LOCK_PAUSE = 0.01
+"""Time in s between two tries to lock a file."""
+NUMBERS = "numbers"
+"""The section of the kept numbers: value, unit and type of each, by path."""
+
+
+class KeptFileError(UmoError):
+    """A file of kept values cannot be used."""
+
+
+@dataclass
+class KeptValues:
+    """The content of a file: what was kept in one period of a run."""
+
+    station: str
+    wiring: str
+    place: str = ""
+    """Folder or script of the station."""
+    pid: int = 0
+    started: float = 0.0
+    """s since 1970: the run's control process, and when it was started."""
+    period: int = 0
+    """Number of the period."""
+    utc: float = 0.0
+    """s since 1970: when the period began."""
+    sections: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """The kept numbers by path: value, unit and type; None: the number had no value."""
+        return self.sections.get(NUMBERS, {})
+
+
+class FileSystem(Protocol):
+    """What writing needs of the operating system (`os`); tests give another one."""
+
+    def open(self, path: Path, flags: int, mode: int = ...) -> int: ...
+    def write(self, file: int, data: bytes, /) -> int: ...
+    def fsync(self, file: int) -> None: ...
+    def close(self, file: int) -> None: ...
+    def replace(self, old: Path, new: Path) -> None: ...
+
+
+def path_of(station: str, wiring: str) -> Path:
+    """The file of a station and a wiring; OSError where there is no folder for it."""
+    folder = state_folder() / FOLDER
+    plain = "".join(letter if letter.isalnum() and letter.isascii() else "_" for letter in station)[:40]
+    digest = hashlib.sha256(f"{station}\0{wiring}".encode(errors="surrogateescape")).hexdigest()[:16]
+    return folder / f"{plain}-{digest}{SUFFIX}"
+
+
+def encode(content: Mapping[str, Any]) -> bytes:
+    text = json.dumps(content, allow_nan=False)
+    checksum = hashlib.sha256(text.encode()).hexdigest()
+    return f'{{"checksum": "{checksum}", "content": {text}}}\n'.encode()
+
+
+def dump(values: KeptValues) -> bytes:
+    return encode({"version": VERSION, **asdict(values)})
+
+
+def load(data: bytes) -> KeptValues:
+    """KeptFileError, in words, for what is not a whole file of this version."""
+    try:
+        content = json.loads(data.decode("ascii"))["content"]
+        whole = encode(content) == data
+    except (ValueError, KeyError, TypeError, RecursionError):
+        raise KeptFileError("it is torn, or not a file of kept values") from None
+    if not whole or not isinstance(content, dict):
+        raise KeptFileError("it is damaged: its checksum does not fit")
+    if content.pop("version", None) != VERSION:
+        raise KeptFileError("another version of umo has written it")
+    try:
+        values = KeptValues(**content)
+        texts = all(isinstance(text, str) for text in (values.station, values.wiring, values.place))
+        if not texts or not all(isinstance(values.sections[name], dict) for name in values.sections):
+            raise TypeError
+        for entry in values.numbers.values():
+            entry["value"], entry["unit"] + entry["type"]
+        time.localtime(float(values.utc)), int(values.period), int(values.pid)
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
+        raise KeptFileError("it is not a file of kept values") from None
+    return values
+
+
+def read(path: Path) -> KeptValues | None:
+    """None if there is no file. KeptFileError if it cannot be read, or is not whole."""
+    try:
+        file = folders.open_own(path)
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise KeptFileError(f"it cannot be read: {error.strerror or error}") from None
+    with open(file, "rb") as stream:
+        try:
+            data = stream.read(MAX_BYTES + 1)
+        except OSError as error:
+            raise KeptFileError(f"it cannot be read: {error.strerror or error}") from None
+    if len(data) > MAX_BYTES:
+        raise KeptFileError("it is too long for a file of kept values")
+    return load(data)
+
+
+def write(path: Path, data: bytes, system: FileSystem = os) -> None:
+    """Replace the file, whole or not at all, also when the computer goes down. OSError: the old file stands."""
+    if len(data) > MAX_BYTES:
+        raise OSError(errno.EFBIG, f"more than {MAX_BYTES} bytes of kept values")
+    new = path.with_name(f".{path.name}.new")  # one writer has the lock: one name, and nothing is left behind
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0)
+    file = system.open(new, flags, 0o600)
+    try:
+        rest = data
+        while rest:
+            rest = rest[system.write(file, rest) :]
+        system.fsync(file)
+    finally:
+        system.close(file)
+    system.replace(new, path)
+    folder = system.open(path.parent, os.O_RDONLY)
+    try:
+        system.fsync(folder)
+    finally:
+        system.close(folder)
+
+
+def set_aside(path: Path, now: float) -> Path:
+    """Give a file that cannot be used another name; OSError where that cannot be."""
+    aside = path.with_name(f"{path.stem}.aside-{time.strftime('%Y%m%dT%H%M%S', time.gmtime(now))}")
+    number = 0
+    while (new := aside.with_name(f"{aside.name}-{number}" if number else aside.name)).exists():
+        number += 1
+    path.rename(new)
+    for old in sorted(path.parent.glob(f"{path.stem}.aside-*"))[:-MAX_ASIDE]:
+        with suppress(OSError):
+            old.unlink()
+    return new
+
+
+def all_kept(station: str) -> Iterator[tuple[Path, KeptValues | KeptFileError]]:
+    """The files of a station, one for each wiring, and those whose names say that they may be its."""
+    for path in sorted((state_folder() / FOLDER).glob(f"*{SUFFIX}")):
+        try:
+            values = read(path)
+        except KeptFileError as error:
+            if path == path_of(station, "") or path.name.startswith(f"{path_of(station, '').name.rpartition('-')[0]}-"):
+                yield path, error
+        else:
+            if values is not None and values.station == station:
+                yield path, values
+
+
+@contextmanager
+def locked(path: Path, within: float) -> Iterator[bool]:
+    """Keep others from writing a file; whether that was possible within some s: its keeper holds this lock."""
+    file = lock_file(path)
+    try:
+        until = time.monotonic() + within
+        while not (mine := take_lock(file)) and time.monotonic() < until:
+            time.sleep(LOCK_PAUSE)
+        yield mine
+    finally:
+        os.close(file)
+
+
+def lock_file(path: Path) -> int:
+    """The descriptor whose lock is that of the file of kept values."""
+    folders.checked(path.parent)
+    flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0)
+    return os.open(lock_of(path), flags, 0o600)
+
+
+def lock_of(path: Path) -> Path:
+    return path.with_suffix(".lock")
+
+
+def take_lock(file: int) -> bool:
+    """Whether it is ours. The kernel gives it back when this process ends."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,51 @@
+"""What is kept of a frame, by sections: numbers now; alarms, states and counters can be added.
+
+A section is a function of a frame that returns plain data. All sections of a file are of one frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from math import isfinite
+from typing import Any
+
+from umo.cycle.restoring import MAX_EXACT
+from umo.frames.layout import Layout
+from umo.process.kept_file import NUMBERS
+
+Section = Callable[[Any], dict[str, Any]]
+
+
+def sections_of(layout: Layout) -> dict[str, Section]:
+    """The sections of a run by name; empty where nothing is kept."""
+    kept = [(place, entry) for place, entry in enumerate(layout.signals) if "kept" in entry]
+    return {NUMBERS: partial(_numbers, kept)} if kept else {}
+
+
+def _numbers(kept: Sequence[tuple[int, Mapping[str, Any]]], frame: Any) -> dict[str, Any]:
+    values = frame["signals"].tolist()
+    return {
+        entry["path"]: {
+            "value": value_of(entry["kept"], values[place]),
+            "unit": entry["unit"],
+            "type": entry["kept"]["type"],
+        }
+        for place, entry in kept
+    }
+
+
+def value_of(kind: Mapping[str, Any], number: float) -> Any:
+    """A kept value as plain data. None: it has none, is not finite, or is a whole number that a frame does not have
+    exactly."""
+    if not isfinite(number):
+        return None
+    if kind["type"] == "float":
+        return number
+    if number != int(number) or abs(number) >= MAX_EXACT:
+        return None
+    if kind["type"] == "bool":
+        return bool(number)
+    if kind["type"] == "int":
+        return int(number)
+    return kind["members"].get(str(int(number)))

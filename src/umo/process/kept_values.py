@@ -1,0 +1,92 @@
+"""What a run takes over from the last run of its station and wiring, and what is told of it."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from umo.cycle import connect
+from umo.cycle.events import Event
+from umo.errors import text_of
+from umo.process import kept_file
+from umo.process.job import Plan
+from umo.process.kept_file import KeptFileError, KeptValues
+
+LOCK_TIMEOUT = 2.0
+"""Timeout in s at the start for the keeper of an earlier run, which may still write the last values of that one."""
+MAX_TOLD = 5
+"""Number of values of which is told on the terminal why they were not taken; all are in the events."""
+Say = Callable[[str], object]
+
+
+def file_of(plan: Plan) -> Path | None:
+    """The file of a run; None where there is no folder for it."""
+    with suppress(OSError):
+        return kept_file.path_of(plan.name, plan.wiring_name)
+    return None
+
+
+def title_of(plan: Plan) -> KeptValues:
+    return KeptValues(plan.name, plan.wiring_name, str(plan.place))
+
+
+def take_over(plan: Plan, say: Say) -> dict[str, Any]:
+    """The kept numbers of the last run, for one in real time. Nothing raises: what cannot be read costs its values, and
+    is kept aside."""
+    path = file_of(plan)
+    try:
+        if path is None or not kept_file.lock_of(path).exists():  # nothing was ever kept
+            return {}
+        if not os.access(path.parent, os.W_OK):
+            return _read(plan, path, say, aside=False)
+        with kept_file.locked(path, LOCK_TIMEOUT) as mine:
+            if not mine:
+                say(f"another run of this station with this wiring keeps its values: {path}")
+            elif plan.job.fresh and path.exists():
+                say(f"it starts without the kept values of the last run, which are now in {_aside(path)}")
+                return {}
+            return {} if plan.job.fresh else _read(plan, path, say, aside=mine)
+    except Exception as error:
+        say(f"the kept values are not taken: {text_of(error)}")
+        return {}
+
+
+def copy(plan: Plan, say: Say) -> dict[str, Any]:
+    """The kept numbers of the last run in real time, for a run in virtual time: it writes none, and moves no file."""
+    path = file_of(plan)
+    return {} if path is None or plan.job.fresh else _read(plan, path, say, aside=False)
+
+
+def _read(plan: Plan, path: Path, say: Say, *, aside: bool) -> dict[str, Any]:
+    try:
+        values = kept_file.read(path)
+        if values is None:
+            return {}
+        if (values.station, values.wiring) != (plan.name, plan.wiring_name):
+            raise KeptFileError(f"it is of {values.station!r} with the wiring {values.wiring!r}")
+    except KeptFileError as error:
+        where = f"it is now {_aside(path)}" if aside else str(path)
+        say(f"the kept values of the last run are lost: {error}; the file: {where}")
+        return {}
+    if values.place != str(plan.place):
+        say(f"the kept values are of the station in {values.place}")
+    return dict(values.numbers)
+
+
+def _aside(path: Path) -> Path:
+    return kept_file.set_aside(path, time.time())
+
+
+def tell(connection: connect[Any]) -> Iterator[str]:
+    """Of a machine that is connected: add an event for each kept value that was not taken; what the user is told."""
+    refused = connection.not_restored
+    for number, (path, why) in enumerate(refused.items()):
+        connection.machine.events.add(Event(connection.machine.clock.now, path, f"its kept value is not taken: {why}"))
+        if number < MAX_TOLD:
+            yield f"the kept value of {path} is not taken: {why}"
+    if len(refused) > MAX_TOLD:
+        yield f"{len(refused) - MAX_TOLD} more kept values are not taken: umo watch tells which"

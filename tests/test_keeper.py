@@ -1,0 +1,124 @@
+"""The keeper's work in this process: what it writes of the frames, and when."""
+
+from __future__ import annotations
+
+import errno
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import KW_ONLY
+from pathlib import Path
+from typing import Annotated
+
+import pytest
+
+from helpers.machines import timer
+from umo import Compound, DigitalSensor, Number, connect, published
+from umo.frames import Reader
+from umo.process import kept_file
+from umo.process.keeper import HELD_BY_ANOTHER, Told, Writer, keep
+from umo.process.kept_file import KeptValues
+from umo.testing import periods
+
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux")
+
+
+class Press(Compound):
+    timer: DigitalSensor
+    _: KW_ONLY
+    count: Annotated[int, Number(kept=True)] = 0
+    other: Annotated[float, Number("mm", tunable=True)] = 1.0
+
+
+class Bench:
+    def __init__(self, m: Press, reader: Reader, path: Path) -> None:
+        self.m, self.reader, self.path = m, reader, path
+        self.told = [0] * len(Told)
+        self.writes = 0
+        self.error = 0
+        self.writer = Writer(path, KeptValues("press", "simulated"), self.told, self._write)
+
+    def _write(self, path: Path, data: bytes) -> None:
+        self.writes += 1
+        if self.error:
+            raise OSError(self.error, "it cannot be written")
+        kept_file.write(path, data)
+
+    def kept(self) -> KeptValues:
+        values = kept_file.read(self.path)
+        assert values is not None
+        return values
+
+    def at(self, *moments: Callable[[], object]) -> Callable[[float], bool]:
+        """In place of the wait for the writer's end: what happens in each; after the last one it is gone."""
+        rest = list(moments)
+
+        def is_gone(within: float) -> bool:
+            if rest:
+                rest.pop(0)()
+            return not rest
+
+        return is_gone
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    connection = connect(Press(timer=timer()))
+    with connection as m, published(connection, "press") as ring, Reader(ring.path) as reader:
+        yield Bench(m, reader, tmp_path / "kept" / "press.json")
+
+
+def count(bench: Bench, number: int) -> Callable[[], None]:
+    def work() -> None:
+        bench.m.count = number
+        periods(bench.m, 2)
+
+    return work
+
+
+def test_each_look_writes_the_last_frame_if_what_is_kept_has_changed(bench: Bench) -> None:
+    keep(bench.reader, bench.writer, bench.at(count(bench, 1), count(bench, 1), count(bench, 2)))
+    values = bench.kept()
+    assert (bench.writes, bench.told[Told.ERROR]) == (2, 0)
+    assert values.numbers == {"count": {"value": 2, "unit": "", "type": "int"}}
+    assert (values.station, values.wiring, values.pid) == ("press", "simulated", bench.reader.about["pid"])
+    assert values.period in (5, 6)  # of the last change
+
+
+def test_the_last_frame_is_written_when_the_writer_is_gone(bench: Bench) -> None:
+    keep(bench.reader, bench.writer, bench.at(count(bench, 7)))
+    assert bench.kept().numbers["count"]["value"] == 7
+
+
+def test_without_a_frame_nothing_is_written(bench: Bench) -> None:
+    keep(bench.reader, bench.writer, bench.at(lambda: None))
+    assert not bench.path.exists()
+
+
+def test_what_could_not_be_written_is_tried_again_and_the_old_file_stays(bench: Bench) -> None:
+    def fail(number: int) -> Callable[[], None]:
+        def work() -> None:
+            bench.error = number
+
+        return work
+
+    keep(bench.reader, bench.writer, bench.at(count(bench, 1)))
+    keep(bench.reader, bench.writer, bench.at(fail(errno.ENOSPC), count(bench, 2)))
+    assert (bench.told[Told.ERROR], bench.kept().numbers["count"]["value"]) == (errno.ENOSPC, 1)
+    keep(bench.reader, bench.writer, bench.at(fail(0)))
+    assert (bench.told[Told.ERROR], bench.kept().numbers["count"]["value"]) == (0, 2)
+
+
+def test_a_file_that_another_run_keeps_is_left_alone_until_that_has_ended(bench: Bench) -> None:
+    with kept_file.locked(bench.path, 1.0):
+        keep(bench.reader, bench.writer, bench.at(count(bench, 1)))
+        assert (bench.told[Told.ERROR], bench.writes) == (HELD_BY_ANOTHER, 0)
+    keep(bench.reader, bench.writer, bench.at(count(bench, 2)))
+    assert (bench.told[Told.ERROR], bench.kept().numbers["count"]["value"]) == (0, 2)
+
+
+def test_a_reader_knows_what_is_kept_and_what_was_tuned(bench: Bench) -> None:
+    periods(bench.m, 2)
+    assert (bench.reader.kept, bench.reader.tuned()) == (["count"], {})
+    bench.m.other = 0.1 + 0.2
+    periods(bench.m, 2)
+    assert bench.reader.tuned() == {"other": 0.1 + 0.2}
