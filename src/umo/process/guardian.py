@@ -30,6 +30,7 @@ from umo.process.processor_share import ProcessorShare
 from umo.process.reset import DEATH_TIMEOUT, STOP_SIGNALS
 from umo.process.run_end import RunEnd, tell_final_message
 from umo.process.run_state import RunState, Who
+from umo.process.service_report import ServiceReport
 from umo.process.standby import Standby
 from umo.process.workers import Workers, groups_of
 from umo.system import realtime
@@ -98,6 +99,7 @@ class Guardian:
         self._control: ControlWatch | None = None
         self._traces = tempfile.TemporaryFile()  # noqa: SIM115  (as long as the process)
         self._watcher = FrameWatcher(plan.name)
+        self._service = ServiceReport.of_this_process(self._run_state, lambda: self._watcher.reader)
         self._workers = Workers(plan.machine, plan.wired, groups, self._run_state, self._say)
         self._end = RunEnd(plan, device_claim, self._run_state, channel, self._watcher, self._workers)
         limit = guardian_limit(self._process.hang_timeout)
@@ -186,6 +188,7 @@ class Guardian:
 
     def _keep(self, control: ControlWatch) -> Outcome:
         hung = self._watch(control)
+        self._try(lambda: self._service.stopping(hung or "every actuator goes to its default"))
         outcome = Outcome.decode(self._run_state.reported()) if self._run_state.stage is Stage.ENDED else None
         if outcome is None:
             why = control.silent(hung, self._watcher.moment) if hung else ""
@@ -215,6 +218,7 @@ class Guardian:
             self._ask(signal.SIGTERM)
             self._try(self._pass_on)
         self._try(self._watcher.look)
+        self._try(self._service.look)
         if not self._is_standby:
             self._try(self._standby.look)
             self._try(self._look_at_resetter)
