@@ -42,6 +42,8 @@ from umo.text import some
 
 OOM_SCORE_CHANGE = -500
 """Change of the guardian's score for the kernel's choice when memory runs out, where that is permitted."""
+MAX_NOTICES = 1000
+"""Number of texts that the user is told at most: a run may go on for years."""
 MAX_DEAF_LOOKS = 3
 """The number of looks in which listening failed before the machine is stopped."""
 
@@ -239,7 +241,7 @@ class Guardian:
 
     def _say(self, text: str) -> None:
         """Tell the user once."""
-        if text not in self._said:
+        if text not in self._said and len(self._said) < MAX_NOTICES:
             self._said.add(text)
             self._channel.send("notice", text=text)
 
