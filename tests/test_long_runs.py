@@ -50,7 +50,11 @@ def size_of(folder: Path) -> int:
 
 
 def times_in(folder: Path) -> list[float]:
-    rows = [row for part in sorted(folder.glob("trace-*.csv")) for row in list(csv.reader(part.read_text().splitlines()))[1:]]
+    rows = [
+        row
+        for part in sorted(folder.glob("trace-*.csv"))
+        for row in list(csv.reader(part.read_text().splitlines()))[1:]
+    ]
     return [float(row[0]) for row in rows]
 
 
@@ -59,7 +63,7 @@ def times_in(folder: Path) -> list[float]:
 
 @pytest.mark.parametrize("periods", first(1, [60_000, 6_048_000]))
 def test_the_files_of_a_week_stay_bounded_and_the_memory_flat(tmp_path: Path, periods: int) -> None:
-    """6,048,000 periods of 100 ms are a week. The parts hold the last periods, each once; the whole trace is thinned."""
+    """6,048,000 periods of 100 ms are a week. The parts hold the last periods, each once."""
     frames, trace, result = Frames(), Trace(1000), RunSummary(Statistics(1000))
     parts = TraceParts(tmp_path, MB)
     observers = [result.statistics, trace, parts]
@@ -175,7 +179,9 @@ def test_the_summary_of_a_run_that_goes_on_is_written_once_a_minute(
     written = []
     save = RunSummary.save
     monkeypatch.setattr(
-        RunSummary, "save", lambda self, path, **given: (written.append(self.outcome.simulated), save(self, path, **given))
+        RunSummary,
+        "save",
+        lambda self, path, **given: (written.append(self.outcome.simulated), save(self, path, **given)),
     )
     frames, running = Frames(), RunningSummary(RunSummary(Statistics(10)), tmp_path / "summary.json")
     for _ in range(1500):

@@ -19,7 +19,7 @@ from typer.testing import Result
 
 from umo.cli import service, service_hints
 from umo.cli.service_hints import groups_for
-from umo.cli.systemd_unit import NO_RESTART, SUCCESS, Unit, plain, quoted, stop_limit, watchdog
+from umo.cli.systemd_unit import NO_RESTART, SUCCESS, ServiceUnit, plain, quoted, stop_limit, watchdog
 from umo.drivers import Driver
 from umo.errors import OptionError
 from umo.exit_status import ExitStatus
@@ -38,7 +38,7 @@ def section(text: str, name: str = "Service") -> dict[str, str]:
 def unit(wired: Wired | None = None, user: str | None = "root", folder: str = "/srv/cell") -> dict[str, str]:
     io = cast(Driver, SimpleNamespace(timeout=0.1))
     wired = Wired({"io": io}, [], hardware={"io": ("tcp 10.0.0.1:502",)}) if wired is None else wired
-    return section(Unit("umo-a", "umo run a", ["/venv/bin/python"], folder, wired, user).text())
+    return section(ServiceUnit("umo-a", "umo run a", ["/venv/bin/python"], folder, wired, user).text())
 
 
 # The command -------------------------------------------------------------------------------------------
@@ -48,7 +48,7 @@ def test_the_unit_runs_the_station_as_it_was_checked(umo: Umo, tank: Path) -> No
     result = umo("service", "tank", "-w", "modbus", "--target", "30", "--until", "5 min")
     assert result.exit_code == 0, result.stderr
     words = shlex.split(section(result.stdout)["ExecStart"])
-    assert words[:5] == [sys.executable, "-P", "-m", "umo.cli", "run"]
+    assert words[:5] == [sys.executable, "-P", "-m", "umo_command", "run"]
     assert words[5:] == [
         *(str(tank), "--wiring", "modbus", "--target", "30", "--until", "5 min"),
         *("--no-plot", "--keep", "200 MB", "--keep-runs", "20"),

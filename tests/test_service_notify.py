@@ -69,7 +69,7 @@ def supervisor(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Super
 @contextmanager
 def run(tank: Path, environ: Mapping[str, str], *words: str) -> Iterator[subprocess.Popen[str]]:
     (tank / "application.py").write_text(FOR_EVER)
-    command = [sys.executable, "-m", "umo.cli", "run", "tank", "--realtime", "--no-record", *words]
+    command = [sys.executable, "-m", "umo_command", "run", "tank", "--realtime", "--no-record", *words]
     process = subprocess.Popen(
         command, cwd=tank.parent, env=os.environ | environ, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     )

@@ -20,7 +20,7 @@ from umo.system.packages import SHIPPED
 from umo.text import some
 
 from .service_hints import groups_for, hints
-from .systemd_unit import Unit
+from .systemd_unit import ServiceUnit
 
 SYSTEMD = Path("/run/systemd/system")
 """It is there where systemd runs (sd_booted(3))."""
@@ -55,7 +55,7 @@ def write_unit(
     command, plan = _command(station, found, wiring, words)
     kinds = {device.partition(" ")[0]: device for device in plan.wired.devices}
     groups, missing = groups_for(kinds)
-    unit = Unit(
+    unit = ServiceUnit(
         _name(name or f"umo-{found.name}", given=name is not None),
         f"umo run {plan.name}" + (f", {plan.wiring_name}" if plan.wiring_name else ""),
         command,
@@ -86,7 +86,7 @@ def _command(station: str, found: Station, wiring: str | None, words: Sequence[s
     options = parse(found, wiring, rest)
     realtime = bool(given["realtime"] or given["manual"])
     plan = Plan(Job(station, wiring=wiring, options=options | ({"realtime": True} if realtime else {})))
-    line = [sys.executable, "-P", "-m", "umo.cli", "run"]
+    line = [sys.executable, "-P", "-m", "umo_command", "run"]
     line.append(station if found.path.parent == SHIPPED else str(found.path))
     if wiring is not None:
         line += ["--wiring", wiring if wiring in found.wirings else str(Path(wiring).resolve())]
@@ -130,7 +130,7 @@ def _caller() -> str:
     return os.environ.get("SUDO_USER") or getpass.getuser()
 
 
-def _next_steps(unit: Unit, output: Path | None) -> list[str]:
+def _next_steps(unit: ServiceUnit, output: Path | None) -> list[str]:
     file = f"{unit.name}.service"
     if not SYSTEMD.is_dir():
         line = f"cd {shlex.quote(unit.folder)} && {shlex.join(unit.command)}"

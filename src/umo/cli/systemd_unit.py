@@ -52,7 +52,7 @@ READ_ONLY = ("/usr", "/boot", "/efi", "/etc")
 
 
 @dataclass(frozen=True)
-class Unit:
+class ServiceUnit:
     """What the unit says. `command`: words of the command line; `folder`: the working directory."""
 
     name: str
