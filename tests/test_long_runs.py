@@ -21,6 +21,7 @@ from umo.cli.long_runs import RunningSummary, TraceParts, prune, recorded
 from umo.cli.run_folder import RunSummary, TraceFile
 from umo.cycle.stage import Progress
 from umo.cycle.trace import Statistics, Trace
+from umo.latency import blackbox
 
 Umo = Callable[..., Result]
 PERIOD = 0.1
@@ -260,3 +261,28 @@ def test_a_run_removes_the_oldest_of_its_station_when_asked(umo: Umo, tank: Path
     for _ in range(3):
         assert umo("run", "tank", "--no-plot", "--until", "1", "--keep-runs", "2").exit_code == 124
     assert len(list((tank.parent / "runs").iterdir())) == 2
+
+
+def test_a_folder_that_cannot_be_pruned_keeps_no_machine_from_running(
+    umo: Umo, tank: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(keep: int, station: str) -> None:
+        raise PermissionError(13, "not for you")
+
+    monkeypatch.setattr("umo.cli.run.prune", fail)
+    assert umo("run", "tank", "--no-plot", "--until", "1", "--keep-runs", "2").exit_code == 124
+
+
+def test_a_disk_with_less_room_than_the_trace_may_take_is_told_before_the_run(umo: Umo, tank: Path) -> None:
+    result = umo("run", "tank", "--no-plot", "--until", "1", "--keep", "900000000 GB")
+    assert result.exit_code == 124
+    assert "--keep: runs/ has " in result.stderr
+
+
+def test_black_boxes_that_were_never_finished_do_not_pile_up(tmp_path: Path) -> None:
+    old, new = tmp_path / ".tank-1.box.4711", tmp_path / ".tank-2.box.4712"
+    for file in (old, new):
+        file.touch()
+    os.utime(old, (0, 0))
+    blackbox.thin(tmp_path)
+    assert list(tmp_path.iterdir()) == [new]

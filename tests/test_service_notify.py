@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+import umo
 from umo.cycle.stage import Stage
 from umo.process.run_state import RunState
 from umo.process.service_report import ServiceReport
@@ -209,6 +210,18 @@ def test_the_standby_guardian_tells_the_stop_when_the_guardian_is_killed(tank: P
         os.kill(child_of(process.pid), signal.SIGKILL)
         supervisor.until(notify.STOPPING)
         assert process.wait(LIMIT) == 1  # the guardian was lost
+
+
+@pytest.mark.slow
+def test_a_program_that_starts_a_run_speaks_for_itself(
+    tank: Path, supervisor: Supervisor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tank / "application.py").write_text(FOR_EVER)
+    monkeypatch.setenv(notify.SOCKET, supervisor.address)
+    with umo.start(str(tank), realtime=True) as machine:
+        while machine.progress.text != "filling":
+            machine.poll(0.1)
+    assert supervisor.receive() == ""
 
 
 def child_of(pid: int) -> int:

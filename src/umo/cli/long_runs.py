@@ -140,7 +140,7 @@ def recorded(station: str | None = None) -> Iterator[RecordedRun]:
         summary = _read(folder / "summary.json")
         status = summary.get("status") if isinstance(summary.get("status"), int) else None
         state = "ended" if status is not None else "running" if _lives(about.get("pid")) else "killed"
-        yield RecordedRun(folder, name, state, status, sum(map(_size, folder.iterdir())))
+        yield RecordedRun(folder, name, state, status, _size_of(folder))
 
 
 def prune(keep: int, station: str | None = None) -> list[RecordedRun]:
@@ -163,11 +163,13 @@ def _remove(path: Path) -> None:
         path.unlink()
 
 
-def _size(path: Path) -> int:
-    try:
-        return path.lstat().st_size
-    except OSError:
-        return 0
+def _size_of(folder: Path) -> int:
+    """Bytes of the files in a folder; 0 where it has just been removed."""
+    size = 0
+    with suppress(OSError):
+        for path in folder.iterdir():
+            size += path.lstat().st_size
+    return size
 
 
 def _read(path: Path) -> dict[str, Any]:

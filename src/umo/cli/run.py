@@ -6,6 +6,7 @@ import shutil
 import signal
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -96,11 +97,13 @@ def run_station(job: Job, record: Record = Record(), *, full_traceback: bool = F
 
 
 def _make_room(plan: Plan, record: Record) -> None:
-    """Remove the oldest runs, as asked. Say that the disk has less room than the trace may take."""
-    if record.keep_runs is not None:
-        prune(record.keep_runs, plan.name)
-    if record.keep is not None and (free := shutil.disk_usage(RUNS).free) < record.keep:
-        say(f"--keep: {RUNS}/ has {free / 1e6:.0f} MB left, and the trace takes up to {record.keep / 1e6:.0f} MB")
+    """Remove the oldest runs, as asked. Say that the disk has less room than the trace may take. No failure of this
+    keeps the machine from running."""
+    with suppress(OSError):
+        if record.keep_runs is not None:
+            prune(record.keep_runs, plan.name)
+        if record.keep is not None and (free := shutil.disk_usage(RUNS).free) < record.keep:
+            say(f"--keep: {RUNS}/ has {free / 1e6:.0f} MB left, and the trace takes up to {record.keep / 1e6:.0f} MB")
 
 
 def _run(plan: Plan, trace: Trace, folder: RunFolder | None, parts: TraceParts | None) -> RunSummary:
