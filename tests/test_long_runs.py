@@ -171,6 +171,11 @@ def test_a_size_that_is_none_is_refused(umo: Umo, tank: Path, text: str) -> None
     assert not (tank.parent / "runs").exists()
 
 
+def test_a_limit_of_a_record_that_is_not_wanted_is_refused(umo: Umo, tank: Path) -> None:
+    result = umo("run", "tank", "--no-record", "--keep", "1 MB")
+    assert (result.exit_code, "leave out --no-record" in result.stderr) == (2, True)
+
+
 # The summary while it runs -----------------------------------------------------------------------------
 
 

@@ -23,6 +23,8 @@ from umo.cli.systemd_unit import NO_RESTART, SUCCESS, ServiceUnit, plain, quoted
 from umo.drivers import Driver
 from umo.errors import OptionError
 from umo.exit_status import ExitStatus
+from umo.process.job import Job, Plan
+from umo.system.device_record import DeviceRecord
 from umo.wiring.wired import ProcessSettings, Wired
 
 Umo = Callable[..., Result]
@@ -77,6 +79,7 @@ def test_options_of_the_run_are_not_given_twice(umo: Umo, tank: Path) -> None:
         (("tank", "--fault", "level stuck at 1 s"), "--fault: faults are injected by hand"),
         (("tank", "--keep", "much"), "--keep: 'much' is not a size"),
         (("tank", "--until", "soon"), "--until"),
+        (("tank", "--no-record", "--keep-runs", "3"), "leave out --no-record"),
         (("tank", "--user", "--as", "operator"), "give --as or --user, not both"),
         (("tank", "--name", "../x"), "is not a name of a unit"),
         (("tank", "-o", "none/x.service"), "none/x.service: No such file or directory"),
@@ -149,6 +152,22 @@ def test_the_guardian_finds_a_hang_before_the_manager_does() -> None:
     slow = Wired({}, [], process=ProcessSettings(hang_timeout=20.0))
     assert watchdog(slow) == 160
     assert watchdog(Wired({}, [])) == 10
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time needs Linux")
+def test_a_machine_that_stands_stopped_is_told_and_its_start_has_a_status_that_is_not_restarted(
+    umo: Umo, tank: Path
+) -> None:
+    (device,) = Plan(Job("tank", wiring="modbus")).wired.devices
+    record = DeviceRecord([device], "tank", "modbus")
+    record.begin(False)
+    record.stopped("its guardian was killed", ["pump"])
+    result = umo("service", "tank", "-w", "modbus")
+    assert "it will not start: stands stopped: tank (modbus), not reached: pump" in result.stderr
+    status = umo("run", "tank", "-w", "modbus", "--no-plot").exit_code
+    assert str(int(status)) in section(result.stdout)["RestartPreventExitStatus"].split()
+    assert not (tank.parent / "runs").exists()
 
 
 def test_a_folder_that_would_become_read_only_stays_writable() -> None:

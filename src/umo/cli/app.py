@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from umo.errors import OptionError
 from umo.exit_status import ExitStatus
 
 from .shared import (
@@ -100,6 +101,8 @@ def run(
     options |= {"realtime": True} if realtime or manual else {}
     end = None if until is None else duration("--until", until)
     job = Job(name, wiring=wiring, options=options, acknowledge=acknowledge, manual=manual, until=end)
+    if no_record and (keep is not None or keep_runs is not None):
+        raise OptionError("--keep and --keep-runs are for the record: leave out --no-record")
     room = None if keep is None else size("--keep", keep, least=10**6)
     record = Record(not no_record, not no_plot, summary, room, keep_runs)
     return run_station(job, record, full_traceback=full_traceback)

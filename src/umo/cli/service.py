@@ -94,6 +94,8 @@ def _command(station: str, found: Station, wiring: str | None, words: Sequence[s
     if not plan.wired.realtime and not realtime:  # without a guardian nobody would speak to the manager
         line.append("--realtime")
     line += [] if given["no_plot"] else ["--no-plot"]
+    if given["no_record"] and (given["keep"] or given["keep_runs"]):
+        raise OptionError("--keep and --keep-runs are for the record: leave out --no-record")
     if not given["no_record"]:
         line += [] if given["keep"] else ["--keep", KEEP]
         line += [] if given["keep_runs"] else ["--keep-runs", KEEP_RUNS]
