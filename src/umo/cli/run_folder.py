@@ -75,7 +75,6 @@ class RunSummary:
         injected = {"injected_faults": list(self.injected)} if self.injected else {}
         return injected | {
             "state": "running" if running else "ended",
-            "updated": datetime.now().astimezone().isoformat(timespec="seconds"),
             "status": None if running else self.outcome.status,
             "failure": self.failed,
             "progress": self.progress._asdict(),
