@@ -16,3 +16,7 @@ def main() -> None:
         command()
     except KeyboardInterrupt:
         raise SystemExit(128 + signal.SIGINT) from None
+
+
+if __name__ == "__main__":
+    main()

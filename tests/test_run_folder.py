@@ -265,7 +265,8 @@ def test_a_command_that_is_killed_leaves_the_trace_so_far(quick: Path) -> None:
         run.wait()
     rows = rows_of(found[0])
     assert len({len(row) for row in rows}) == 1
-    assert {file.name for file in folder(quick).iterdir()} == {"run.json", "trace.csv"}
+    assert {file.name for file in folder(quick).iterdir()} == {"run.json", "summary.json", "trace.csv"}
+    assert json.loads((folder(quick) / "summary.json").read_text())["state"] == "running"
 
 
 def rows_of(file: Path) -> list[list[str]]:

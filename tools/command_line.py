@@ -43,12 +43,14 @@ such as `--seed 7`, are the station's own options: `umo run STATION --help` show
 | --- | --- |
 | `run.json` | what is run: station, wiring, options, start; from the beginning |
 | `trace.csv` | a row a period, in a long run every 2nd, 4th, ...; `nan`: BAD; it grows during a run in real time |
-| `summary.json` | status, failure, and what the table at the end shows, as data |
+| `trace-000001.csv`, ... | with `--keep SIZE`: every period of the last time, in parts, of SIZE in all |
+| `summary.json` | status, failure, and what the table at the end shows, as data; in real time from the beginning |
 | `plot.png` | the trace as a picture (`--no-plot` draws none, Ctrl-C leaves it out) |
 | `failure.txt` | the whole traceback of a run that failed |
 
-Each file is whole or not there. A run whose `umo run` was killed leaves a trace that ends before the run did, and no
-summary; one whose frames could not be read to the end leaves such a trace, with status 4.
+Each file is whole or not there. A run whose `umo run` was killed leaves a trace that ends before the run did, and a
+summary with the state "running", written once a minute; one whose frames could not be read to the end leaves such a
+trace, with status 4. Nothing in `runs/` is removed, unless `--keep`, `--keep-runs` or `umo runs --prune` ask for it.
 """
 
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from umo.errors import OptionError
 from umo.exit_status import ExitStatus
 
 from .shared import (
@@ -58,6 +59,20 @@ def run(
     ] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="Write nothing to runs/.")] = False,
     no_plot: Annotated[bool, typer.Option("--no-plot", help="Draw no plot at the end.")] = False,
+    keep: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SIZE",
+            help="Write every period to runs/.../trace-000001.csv and so on, at most so much, such as '200 MB': the "
+            "oldest parts are removed. For runs that go on for months.",
+        ),
+    ] = None,
+    keep_runs: Annotated[
+        int | None,
+        typer.Option(
+            metavar="NUMBER", min=1, help="Remove the oldest runs of this station in runs/ but for so many with this."
+        ),
+    ] = None,
     fault: Faults = None,
     fault_seed: FaultSeed = None,
     acknowledge: Acknowledge = False,
@@ -81,15 +96,19 @@ def run(
     from umo.process.job import Job
     from umo.process.station import find
 
-    from .run import run_station
+    from .run import Record, run_station
     from .station_options import parse
-    from .values import duration
+    from .values import duration, size
 
     options = parse(find(name), wiring, context.args) | _injected(fault, fault_seed)
     options |= {"realtime": True} if realtime or manual else {}
     end = None if until is None else duration("--until", until)
     job = Job(name, wiring=wiring, options=options, acknowledge=acknowledge, manual=manual, until=end, fresh=fresh)
-    return run_station(job, record=not no_record, plot=not no_plot, summary=summary, full_traceback=full_traceback)
+    if no_record and (keep is not None or keep_runs is not None):
+        raise OptionError("--keep and --keep-runs are for the record: leave out --no-record")
+    room = None if keep is None else size("--keep", keep, least=10**6)
+    record = Record(not no_record, not no_plot, summary, room, keep_runs)
+    return run_station(job, record, full_traceback=full_traceback)
 
 
 def _injected(faults: list[str] | None, seed: int | None) -> dict[str, Any]:
@@ -178,7 +197,7 @@ def latency(
     answer(period, seconds, load, json_file)
 
 
-from . import app_running, app_wiring  # noqa: E402, F401  (their commands)
+from . import app_running, app_service, app_wiring  # noqa: E402, F401  (their commands)
 
 
 def _version(value: bool) -> None:

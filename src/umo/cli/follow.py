@@ -59,7 +59,7 @@ def follow(
 ) -> tuple[Outcome, float]:
     """Start the job, show every frame to the observers until it ends: its outcome, and the s that it ran. `faults` gets
     those of equipment."""
-    with Started(job) as started, handling(lambda number, frame: started.ask_to_stop(number)):
+    with Started(job, is_service=True) as started, handling(lambda number, frame: started.ask_to_stop(number)):
         told, begun, lost = 0, None, 0
         while True:
             outcome = started.outcome

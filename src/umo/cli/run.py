@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 import time
 from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +24,9 @@ from umo.text import printable
 
 from .console import err, out, say
 from .follow import RingFrame, follow
+from .long_runs import RunningSummary, TraceParts, prune
 from .progress_line import RunProgressLine
-from .run_folder import NotRecorded, RunFolder, RunSummary, TraceFile, whole
+from .run_folder import RUNS, NotRecorded, RunFolder, RunSummary, TraceFile, whole
 from .shared import handling, interrupt_once
 from .values import check_file
 
@@ -32,25 +36,40 @@ LOOK_PERIODS = 997
 """Periods between two looks: a prime number, so that a machine that repeats itself is hardly taken for a still one."""
 
 
-def run_station(
-    job: Job, *, record: bool = True, plot: bool = True, summary: Path | None = None, full_traceback: bool = False
-) -> int:
+@dataclass(frozen=True)
+class Record:
+    """What a run leaves behind."""
+
+    folder: bool = True
+    """Whether it leaves a folder in runs/."""
+    plot: bool = True
+    summary: Path | None = None
+    """File for the summary."""
+    keep: int | None = None
+    """Bytes of a trace of every period, whose oldest parts are removed; None: none is written."""
+    keep_runs: int | None = None
+    """Number of runs of the station that are kept, with this one; None: all."""
+
+
+def run_station(job: Job, record: Record = Record(), *, full_traceback: bool = False) -> int:
     """Run a station's application to its end; the exit status.
 
-    In real time it runs in processes of its own (`umo.process`), in virtual time in this one. With `record` it leaves
-    a folder in runs/, with `plot` a picture in it; `summary` is a file for the summary.
+    In real time it runs in processes of its own (`umo.process`), in virtual time in this one.
     """
-    check_file("--summary", summary)
+    check_file("--summary", record.summary)
     plan = Plan(job)
     if job.options.get("realtime") and not plan.wired.paced and not job.manual:
         say("--realtime has no effect: the timer of this wiring is a real-time timer")
     try:
-        folder = RunFolder.make(plan) if record else None
+        folder = RunFolder.make(plan) if record.folder else None
     except NotRecorded as error:
         return _fail(Failed("NotRecorded", str(error), ExitStatus.NOT_RECORDED), full_traceback)
-    trace = Trace()
+    trace, parts = Trace(), None
+    if folder is not None:
+        _make_room(plan, record)
+        parts = None if record.keep is None else TraceParts(folder.path, record.keep)
     try:
-        result = _run(plan, trace, folder)
+        result = _run(plan, trace, folder, parts)
     except BaseException:  # Ctrl-C before the run, a job that cannot be handed to another process
         if folder is not None and not len(trace.rows):
             folder.discard()
@@ -67,26 +86,40 @@ def run_station(
             say(line, "red")
         name = f"{plan.name}, {plan.wiring_name}" if plan.wiring_name else plan.name
         out.print(result.table(f"umo run {name}"))
-        complete = summary is None or _write_summary(result, summary)
+        complete = record.summary is None or _write_summary(result, record.summary)
         if folder is not None:
             how = result.failed or result.progress.text or "done"
-            title = f"umo run {plan.name}: {how}" if plot else ""
+            title = f"umo run {plan.name}: {how}" if record.plot else ""
+            if parts is not None:
+                parts.write()
+                complete &= parts.complete
             _leave_behind(folder, result, trace, title)
             complete &= folder.complete
     status = result.outcome.status
     return status if complete or status not in (ExitStatus.DONE, ExitStatus.TIME_OVER) else ExitStatus.NOT_RECORDED
 
 
-def _run(plan: Plan, trace: Trace, folder: RunFolder | None) -> RunSummary:
+def _make_room(plan: Plan, record: Record) -> None:
+    """Remove the oldest runs, as asked. Say that the disk has less room than the trace may take. No failure of this
+    keeps the machine from running."""
+    with suppress(OSError):
+        if record.keep_runs is not None:
+            prune(record.keep_runs, plan.name)
+        if record.keep is not None and (free := shutil.disk_usage(RUNS).free) < record.keep:
+            say(f"--keep: {RUNS}/ has {free / 1e6:.0f} MB left, and the trace takes up to {record.keep / 1e6:.0f} MB")
+
+
+def _run(plan: Plan, trace: Trace, folder: RunFolder | None, parts: TraceParts | None) -> RunSummary:
     """The run itself, with what is told of it. Its error is in the result; the actuators are reset."""
     result = RunSummary(Statistics(), injected=() if plan.wired.injection is None else plan.wired.injection.texts)
     with RunProgressLine(err) as shown:
-        observers: list[Any] = [result.statistics, trace, shown]
+        observers: list[Any] = [result.statistics, trace, shown, *([] if parts is None else [parts])]
         if not (plan.wired.realtime and LINUX):
             _drive(plan, result, observers)
             return result
         if folder is not None:
             observers.append(TraceFile(trace, folder.path / "trace.csv"))
+            observers.append(RunningSummary(result, folder.path / "summary.json"))
         frame = RingFrame(plan.machine)
         result.outcome, result.elapsed = follow(plan.job, frame, observers, result.equipment_faults)
         result.progress = frame.progress

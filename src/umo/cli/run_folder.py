@@ -69,11 +69,13 @@ class RunSummary:
         failure = self.outcome.failure
         return "" if failure is None else failure.message.partition("\n")[0]
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self, *, running: bool = False) -> dict[str, Any]:
+        """As plain data; of a run that goes on, as it stands."""
         statistics = self.statistics
         injected = {"injected_faults": list(self.injected)} if self.injected else {}
         return injected | {
-            "status": self.outcome.status,
+            "state": "running" if running else "ended",
+            "status": None if running else self.outcome.status,
             "failure": self.failed,
             "progress": self.progress._asdict(),
             "equipment_faults": self._faults(),
@@ -88,8 +90,8 @@ class RunSummary:
             "result": self.outcome.result,
         }
 
-    def save(self, path: Path) -> None:
-        path.write_text(json.dumps(self.summary(), indent=2) + "\n", encoding="utf-8")
+    def save(self, path: Path, *, running: bool = False) -> None:
+        path.write_text(json.dumps(self.summary(running=running), indent=2) + "\n", encoding="utf-8")
 
     def table(self, title: str) -> Table:
         table = Table(title=title, title_justify="left", show_header=False)

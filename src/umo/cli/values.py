@@ -45,6 +45,20 @@ def duration(name: str, text: str) -> float:
     return value
 
 
+SIZES = {"kB": 10**3, "MB": 10**6, "GB": 10**9}
+
+
+def size(name: str, text: str, least: int) -> int:
+    """A number of bytes from a text such as "200 MB"; RangeError if it is none, or less than `least`."""
+    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(kB|MB|GB)\s*", text)
+    if match is None:
+        raise RangeError(f"{name}: {text!r} is not a size such as '200 MB'; units: {', '.join(SIZES)}")
+    value = round(float(match[1]) * SIZES[match[2]])
+    if value < least:
+        raise RangeError(f"{name}: {text!r} is less than {least // 10**6} MB")
+    return value
+
+
 def state(name: str, text: str, states: Sequence[str]) -> str:
     """The name of a state, in capital letters or small ones; StateError if it is not one."""
     if text in states:

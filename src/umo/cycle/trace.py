@@ -113,6 +113,17 @@ class Trace:
         return rows
 
     @property
+    def full(self) -> bool:
+        """Whether the next row would thin them."""
+        return self._used == self._capacity
+
+    def clear(self) -> None:
+        """Forget the rows and notes so far; the next period is kept."""
+        self._used = self._periods = 0
+        self.stride = 1
+        self.notes.clear()
+
+    @property
     def rows(self) -> npt.NDArray[np.float64]:
         """The rows kept, of shape (n, 3 + objects + signals)."""
         return np.empty((0, 3)) if self._rows is None else self._rows[: self._used]

@@ -20,6 +20,8 @@ from umo.text import time_of_day
 KEPT_PERIODS = 1000
 MAX_BOXES = 10
 SUFFIX = ".box"
+UNFINISHED_AGE = 3600.0
+"""Age in s from which a file that is not finished is nobody's any more."""
 MISSED_PERIOD, ON_DEMAND = "a period was missed", "on demand"
 """Reasons for a black box that are no end of a run; any other reason is one."""
 
@@ -89,9 +91,12 @@ def kept_at(about: Mapping[str, Any]) -> str:
 
 
 def thin(folder: Path) -> None:
-    """Remove all but the newest."""
+    """Remove all but the newest, and what processes that were killed meanwhile have left of theirs."""
     for path in boxes(folder)[:-MAX_BOXES]:
         path.unlink(missing_ok=True)
+    for path in folder.glob(f".*{SUFFIX}.*"):
+        if time.time() - _age(path) > UNFINISHED_AGE:
+            path.unlink(missing_ok=True)
 
 
 def _age(path: Path) -> float:

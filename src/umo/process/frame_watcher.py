@@ -64,6 +64,11 @@ class FrameWatcher:
         asked = None if self._cells is None else self._cells.stop
         return None if asked is None else asked[0]
 
+    @property
+    def reader(self) -> Reader | None:
+        """The reader of the frames; None while there are none."""
+        return self._reader if self._attach() else None
+
     def look(self) -> None:
         """Answer clients. Write a black box `AFTERMATH` s after a missed period."""
         self._reap()
@@ -97,11 +102,6 @@ class FrameWatcher:
         if child == 0:
             self._write(self._reader, reason)
         self._child = child
-
-    @property
-    def reader(self) -> Reader | None:
-        """The reader of the frames; None before there are any."""
-        return self._reader if self._attach() else None
 
     @property
     def moment(self) -> str:

@@ -32,6 +32,7 @@ from umo.process.processor_share import ProcessorShare
 from umo.process.reset import DEATH_TIMEOUT, STOP_SIGNALS
 from umo.process.run_end import RunEnd, tell_final_message
 from umo.process.run_state import RunState, Who
+from umo.process.service_report import ServiceReport
 from umo.process.standby import Standby
 from umo.process.workers import Workers, groups_of
 from umo.system import realtime
@@ -43,6 +44,8 @@ from umo.text import some
 
 OOM_SCORE_CHANGE = -500
 """Change of the guardian's score for the kernel's choice when memory runs out, where that is permitted."""
+MAX_NOTICES = 1000
+"""Number of texts that the user is told at most: a run may go on for years."""
 MAX_DEAF_LOOKS = 3
 """The number of looks in which listening failed before the machine is stopped."""
 
@@ -100,6 +103,7 @@ class Guardian:
         self._control: ControlWatch | None = None
         self._traces = tempfile.TemporaryFile()  # noqa: SIM115  (as long as the process)
         self._watcher = FrameWatcher(plan.name)
+        self._service = ServiceReport.of_this_process(self._run_state, lambda: self._watcher.reader)
         self._workers = Workers(plan.machine, plan.wired, groups, self._run_state, self._say)
         self._keeper = Keeper(kept_values.file_of(plan), kept_values.title_of(plan), self._say, self._process.cpu)
         self._end = RunEnd(plan, device_claim, self._run_state, channel, self._watcher, self._workers, self._keeper)
@@ -190,6 +194,7 @@ class Guardian:
 
     def _keep(self, control: ControlWatch) -> Outcome:
         hung = self._watch(control)
+        self._try(lambda: self._service.stopping(hung or "every actuator goes to its default"))
         outcome = Outcome.decode(self._run_state.reported()) if self._run_state.stage is Stage.ENDED else None
         if outcome is None:
             why = control.silent(hung, self._watcher.moment) if hung else ""
@@ -220,6 +225,7 @@ class Guardian:
             self._try(self._pass_on)
         self._try(self._watcher.look)
         self._try(lambda: self._keeper.look(self._watcher.reader))
+        self._try(self._service.look)
         if not self._is_standby:
             self._try(self._standby.look)
             self._try(self._look_at_resetter)
@@ -240,7 +246,7 @@ class Guardian:
 
     def _say(self, text: str) -> None:
         """Tell the user once."""
-        if text not in self._said:
+        if text not in self._said and len(self._said) < MAX_NOTICES:
             self._said.add(text)
             self._channel.send("notice", text=text)
 

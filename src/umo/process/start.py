@@ -28,6 +28,7 @@ from umo.process.job import Job, reference
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
 from umo.remote.search import station_name
+from umo.system import notify
 from umo.system.device_record import INSPECT
 from umo.system.processes import ENDED, STOPPED, is_stopped, state
 from umo.system.realtime import Refusal
@@ -88,7 +89,8 @@ def start(
 class Started:
     """A machine that runs in other processes. It is stopped when the `with` block ends or this program ends."""
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: Job, *, is_service: bool = False) -> None:
+        """`is_service`: this program is only there for the run, which speaks for it to a service manager."""
         if not LINUX:
             raise DriverError("umo.start needs Linux; virtual time works everywhere")
         self.pid: int | None = None
@@ -110,6 +112,9 @@ class Started:
         self._lock = threading.RLock()
         self._name = job.name
         text = job.dump()
+        environ = dict(os.environ)
+        if not is_service:
+            notify.without(environ)
         self._channel, there = MessageSocket.pair()
         with there, tempfile.TemporaryFile() as file:
             file.write(text)
@@ -120,7 +125,7 @@ class Started:
                 pass_fds=files,
                 stdin=subprocess.DEVNULL,
                 start_new_session=True,  # Ctrl-C at the terminal is for the starter to pass on
-                env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, job.path))} | ONE_THREAD,
+                env=environ | {"PYTHONPATH": os.pathsep.join(filter(None, job.path))} | ONE_THREAD,
             )
 
     @property

@@ -1,0 +1,74 @@
+"""What a service needs of the computer: the groups of its devices, and what a Raspberry Pi must be told."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+GROUPS = {"gpio": "gpio", "i2c": "i2c", "spi": "spi", "serial": "dialout", "iio": "iio", "counter": "counter"}
+"""The group of each kind of device as Debian and Raspberry Pi OS name it; iio and counter have none there, and take a
+rule of udev."""
+WITHOUT_RULE = ("iio", "counter")
+MODEL = Path("/proc/device-tree/model")
+OVERLAYS = {
+    "i2c": "dtparam=i2c_arm=on",
+    "spi": "dtparam=spi=on",
+    "serial": "enable_uart=1 for the serial port of the header, without a login on it",
+}
+"""Lines of config.txt by the kind of device."""
+
+
+def groups_for(kinds: Mapping[str, str]) -> tuple[list[str], list[str]]:
+    """The supplementary groups for these kinds of devices, each with one of them: that of the device file where it is
+    there, else the usual one. The second list has a line for each that this computer does not have: a unit that names
+    one does not start."""
+    wanted = {kind: _owner(device) or GROUPS[kind] for kind, device in kinds.items() if kind in GROUPS}
+    missing = {kind: group for kind, group in wanted.items() if not _is_there(group)}
+    groups = sorted({group for kind, group in wanted.items() if kind not in missing})
+    return groups, [_advice(kind, group) for kind, group in missing.items()]
+
+
+def hints(kinds: Mapping[str, str]) -> list[str]:
+    """What to set on a Raspberry Pi; nothing elsewhere."""
+    try:
+        model = MODEL.read_bytes().decode(errors="replace").rstrip("\0")
+    except OSError:
+        return []
+    if "Raspberry Pi" not in model:
+        return []
+    lines = [line for kind, line in OVERLAYS.items() if kind in kinds]
+    return [
+        *([f"{model}: in /boot/firmware/config.txt: {'; '.join(lines)}"] if lines else []),
+        f"{model}: periods below 10 ms: a PREEMPT_RT kernel, and isolcpus=3 in /boot/firmware/cmdline.txt "
+        "(docs/howto-run-as-a-service.md)",
+    ]
+
+
+def _advice(kind: str, group: str) -> str:
+    rule = (
+        f'; a rule of udev, such as SUBSYSTEM=="{kind}", GROUP="{group}", MODE="0660"' if kind in WITHOUT_RULE else ""
+    )
+    return f"there is no group {group} here, so the unit does not name it: sudo groupadd --system {group}{rule}"
+
+
+def _owner(device: str) -> str | None:
+    """The group of a device file (`gpio /dev/gpiochip0`, `i2c /dev/i2c-1 address 0x48`), unless it is root's."""
+    path = next((word for word in device.split() if word.startswith("/dev/")), None)
+    try:
+        import grp
+
+        number = None if path is None else os.stat(path).st_gid
+        return grp.getgrgid(number).gr_name if number else None
+    except (OSError, KeyError, ImportError):
+        return None
+
+
+def _is_there(group: str) -> bool:
+    try:
+        import grp
+
+        grp.getgrnam(group)
+    except (KeyError, ImportError):
+        return False
+    return True

@@ -1,0 +1,88 @@
+"""What a guardian tells the service manager: that the machine runs, how, that it lives, that it stops.
+
+Sent by the guardian, and by the standby guardian once it has taken over. The sign of life for the manager's watchdog is
+passed on from the control process: one for which no new sign of life came is not sent.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from time import monotonic
+
+from umo.cycle.stage import Stage
+from umo.frames import Reader
+from umo.process.run_state import RunState
+from umo.system import notify
+from umo.system.notify import ServiceManager
+
+STATUS_INTERVAL = 1.0
+"""Time in s between two looks at what the machine tells of itself, at least."""
+SHOWN = ("mode", "progress", "in fault")
+"""The facts of a run that its status line has."""
+
+
+class ServiceReport:
+    """Tells one run. `reader` returns the reader of its frames, None while there are none. Without a service manager
+    nothing is done. `clock` in s."""
+
+    def __init__(
+        self,
+        manager: ServiceManager,
+        run_state: RunState,
+        reader: Callable[[], Reader | None],
+        clock: Callable[[], float] = monotonic,
+    ) -> None:
+        self._manager = manager
+        self._run_state = run_state
+        self._reader = reader
+        self._clock = clock
+        self._is_ready = self._is_stopping = False
+        self._beat = -1
+        """The sign of life that was passed on last."""
+        self._next_alive = self._next_status = 0.0
+        self._status = ""
+
+    @classmethod
+    def of_this_process(cls, run_state: RunState, reader: Callable[[], Reader | None]) -> ServiceReport:
+        """With the service manager that started the parent of this process, if one did. Its variables are removed."""
+        manager = ServiceManager.of_environment(os.environ, (os.getpid(), os.getppid()))
+        notify.without(os.environ)
+        return cls(manager, run_state, reader)
+
+    def look(self) -> None:
+        """One look of the guardian's, every 20 ms while the control process runs."""
+        if not self._manager.listens or self._is_stopping:
+            return
+        stage, now = self._run_state.stage, self._clock()
+        if stage is Stage.STARTING:
+            return
+        if stage is not Stage.RUNNING:
+            self.stopping("every actuator goes to its default")
+            return
+        if not self._is_ready:
+            self._is_ready = True
+            self._manager.tell(notify.READY)
+        self._pass_on_life(now)
+        if now >= self._next_status:
+            self._next_status = now + STATUS_INTERVAL
+            self._tell_status()
+
+    def stopping(self, why: str) -> None:
+        """The machine stops: said once. The manager's watchdog ends with it, and its timeout of the stop begins."""
+        if not self._is_stopping:
+            self._is_stopping = True
+            self._manager.tell(notify.STOPPING, notify.status(f"stopping: {why}"))
+
+    def _pass_on_life(self, now: float) -> None:
+        if self._manager.watchdog and now >= self._next_alive and (beat := self._run_state.last_beat) != self._beat:
+            self._beat, self._next_alive = beat, now + self._manager.watchdog / 2
+            self._manager.tell(notify.ALIVE)
+
+    def _tell_status(self) -> None:
+        reader = self._reader()
+        facts = {} if reader is None else reader.facts(reader.latest())
+        text = "; ".join(filter(None, (facts.get(name, "") for name in SHOWN))) or "running"
+        if text != self._status:
+            self._status = text
+            self._manager.tell(notify.status(text))

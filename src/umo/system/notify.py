@@ -1,0 +1,71 @@
+"""The messages of a service to the service manager that started it, as of sd_notify(3), without its library.
+
+A message is a datagram of lines `NAME=value` to the socket that the environment names. Where it names none, nothing is
+sent. Nothing here waits or raises: a service manager that does not read costs its messages, never the machine.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Mapping, MutableMapping
+from contextlib import suppress
+from typing import Self
+from weakref import finalize
+
+SOCKET, WATCHDOG, WATCHDOG_PID = "NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"
+VARIABLES = (SOCKET, WATCHDOG, WATCHDOG_PID)
+MAX_STATUS_LENGTH = 200
+"""Characters of the line for `systemctl status` at most."""
+READY, STOPPING, ALIVE = "READY=1", "STOPPING=1", "WATCHDOG=1"
+
+
+class ServiceManager:
+    """One end to send by. `address`: the socket's path, "@name" for an abstract one, or "" for no manager.
+    `watchdog`: time in s after which the manager ends a service that has given no sign of life; 0: never."""
+
+    def __init__(self, address: str = "", watchdog: float = 0.0) -> None:
+        self._address = b"\0" + os.fsencode(address[1:]) if address[:1] == "@" else address
+        self._socket = _datagram_socket() if address[:1] in ("/", "@") and len(address) > 1 else None
+        if self._socket is not None:
+            finalize(self, self._socket.close)
+        self.watchdog = watchdog if self.listens else 0.0
+
+    @classmethod
+    def of_environment(cls, environ: Mapping[str, str], pids: tuple[int, ...]) -> Self:
+        """The one that the variables name. The watchdog counts if it is meant for one of these processes."""
+        for_whom, limit = environ.get(WATCHDOG_PID, ""), environ.get(WATCHDOG, "")
+        ours = not for_whom or for_whom in map(str, pids)
+        watchdog = int(limit) * 1e-6 if ours and limit.isascii() and limit.isdigit() else 0.0
+        return cls(environ.get(SOCKET, ""), watchdog)
+
+    @property
+    def listens(self) -> bool:
+        """Whether there is one to tell."""
+        return self._socket is not None
+
+    def tell(self, *lines: str) -> None:
+        """Send one message; nothing where it cannot be sent at once."""
+        if self._socket is not None:
+            with suppress(OSError, ValueError):  # gone, full, or a text with surrogates
+                self._socket.sendto("\n".join(lines).encode(), self._address)
+
+
+def status(text: str) -> str:
+    """The line of a message that `systemctl status` shows."""
+    return f"STATUS={' '.join(text.split())[:MAX_STATUS_LENGTH]}"
+
+
+def without(environ: MutableMapping[str, str]) -> None:
+    """Remove the variables: other programs that this process starts do not speak for the service."""
+    for name in VARIABLES:
+        environ.pop(name, None)
+
+
+def _datagram_socket() -> socket.socket | None:
+    try:
+        made = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    except (OSError, AttributeError):  # no descriptor is left, or no such sockets on this platform
+        return None
+    made.setblocking(False)
+    return made
