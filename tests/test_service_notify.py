@@ -11,11 +11,14 @@ import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 
 import umo
 from umo.cycle.stage import Stage
+from umo.frames import Reader
 from umo.process.run_state import RunState
 from umo.process.service_report import ServiceReport
 from umo.system import notify
@@ -167,6 +170,15 @@ def test_the_stop_is_told_once_and_nothing_after_it(supervisor: Supervisor) -> N
     state.enter(Stage.RUNNING)
     report.look()
     assert messages(supervisor) == ["STOPPING=1\nSTATUS=stopping: every actuator goes to its default"]
+
+
+@pytest.mark.parametrize(("frame", "first"), [({}, [notify.READY]), (None, [])])
+def test_a_run_that_is_over_between_two_looks_was_ready_if_a_period_has_ended(
+    supervisor: Supervisor, frame: object, first: list[str]
+) -> None:
+    reader = cast(Reader, SimpleNamespace(latest=lambda: frame))
+    ServiceReport(ServiceManager(supervisor.address), RunState(), lambda: reader).stopping("it is done")
+    assert messages(supervisor) == [*first, "STOPPING=1\nSTATUS=stopping: it is done"]
 
 
 # A run -------------------------------------------------------------------------------------------------

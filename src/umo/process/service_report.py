@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from time import monotonic
 
 from umo.cycle.stage import Stage
@@ -60,9 +61,7 @@ class ServiceReport:
         if stage is not Stage.RUNNING:
             self.stopping("every actuator goes to its default")
             return
-        if not self._is_ready:
-            self._is_ready = True
-            self._manager.tell(notify.READY)
+        self._ready()
         self._pass_on_life(now)
         if now >= self._next_status:
             self._next_status = now + STATUS_INTERVAL
@@ -70,9 +69,21 @@ class ServiceReport:
 
     def stopping(self, why: str) -> None:
         """The machine stops: said once. The manager's watchdog ends with it, and its timeout of the stop begins."""
-        if not self._is_stopping:
+        if self._manager.listens and not self._is_stopping:
             self._is_stopping = True
+            if self._has_run():  # a run may be over between two looks; one that was never ready counts as failed
+                self._ready()
             self._manager.tell(notify.STOPPING, notify.status(f"stopping: {why}"))
+
+    def _has_run(self) -> bool:
+        with suppress(Exception):
+            return (reader := self._reader()) is not None and reader.latest() is not None
+        return False
+
+    def _ready(self) -> None:
+        if not self._is_ready:
+            self._is_ready = True
+            self._manager.tell(notify.READY)
 
     def _pass_on_life(self, now: float) -> None:
         if self._manager.watchdog and now >= self._next_alive and (beat := self._run_state.last_beat) != self._beat:
