@@ -6,9 +6,9 @@ import hypothesis.strategies as st
 from hypothesis import given
 
 from umo.alarms import AlarmState, Operation
-from umo.alarms.states import ANNUNCIATED, PUT_AWAY, TO_BE_ACKNOWLEDGED, transitions
+from umo.alarms.alarm_states import ANNUNCIATED, PUT_AWAY, TO_BE_ACKNOWLEDGED, transitions
 
-O, S = Operation, AlarmState
+S = AlarmState
 
 
 class Model:
@@ -21,18 +21,20 @@ class Model:
         self.away = ""
 
     def happens(self, operation: Operation) -> None:
-        if operation in (O.INACTIVE, O.ACTIVE, O.CANNOT_EVALUATE):
-            self.evaluated({O.INACTIVE: "false", O.ACTIVE: "true", O.CANNOT_EVALUATE: "bad"}[operation])
-        elif operation is O.ACKNOWLEDGE:
+        if operation in (Operation.INACTIVE, Operation.ACTIVE, Operation.CANNOT_EVALUATE):
+            self.evaluated(
+                {Operation.INACTIVE: "false", Operation.ACTIVE: "true", Operation.CANNOT_EVALUATE: "bad"}[operation]
+            )
+        elif operation is Operation.ACKNOWLEDGE:
             self.unacknowledged = False
-        elif operation is O.RESET:
+        elif operation is Operation.RESET:
             if not self.unacknowledged and self.condition == "false":
                 self.held = False
-        elif operation is O.SHELVE:
+        elif operation is Operation.SHELVE:
             self.put("shelved" if self.away != "out of service" else self.away)
-        elif operation is O.REMOVE:
+        elif operation is Operation.REMOVE:
             self.put("out of service")
-        elif self.away == {O.UNSHELVE: "shelved", O.RETURN: "out of service"}[operation]:
+        elif self.away == {Operation.UNSHELVE: "shelved", Operation.RETURN: "out of service"}[operation]:
             self.away, self.condition = "", "false"
 
     def evaluated(self, condition: str) -> None:
@@ -84,5 +86,5 @@ def test_every_state_but_normal_has_a_way_back(latch: bool, acknowledge: bool) -
 
 def test_the_groups_of_states_fit_the_table() -> None:
     table = transitions(True, True) | transitions(False, True)
-    assert TO_BE_ACKNOWLEDGED == {at for at, operation in table if operation is O.ACKNOWLEDGE}
+    assert {at for at, operation in table if operation is Operation.ACKNOWLEDGE} == TO_BE_ACKNOWLEDGED
     assert ANNUNCIATED | PUT_AWAY | {S.NORMAL} == set(S)

@@ -11,9 +11,9 @@ import pytest
 from helpers.machines import actuator, relay, sensor, switch, timer, wired
 from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Interlock, connect
 from umo.alarms import Alarm, AlarmState, Bad, High, In, Low, Operation, Priority, alarms_of
-from umo.alarms.engine import CHANGES_PER_PERIOD, Request
+from umo.alarms.engine import CHANGES_PER_PERIOD, AlarmRequest
 from umo.cycle.events import ALARM
-from umo.errors import ChannelError, DeclarationError
+from umo.errors import DeclarationError
 from umo.states import HighLow, OnOff, PassFail
 from umo.testing import Scripted
 
@@ -43,14 +43,15 @@ class Rig:
     def __init__(self, alarms: Any = None, **changes: Any) -> None:
         self.box = Scripted()
         machine = tank(alarms, **changes)
-        self.connection = connect(machine, wired(machine, self.box))
-        self.box.set("level", 50)
+        self.gauge = Scripted({"level": 50})
+        wiring = wired(machine, self.box, entries={"level": {"driver": "gauge"}}, gauge=self.gauge)
+        self.connection = connect(machine, wiring)
         self.m = self.connection.__enter__()
         self.engine: Any = self.connection.machine.alarms
 
     def periods(self, count: int = 1, **raws: int) -> None:
         for channel, raw in raws.items():
-            self.box.set(channel, raw)
+            (self.gauge if channel == "level" else self.box).set(channel, raw)
         for _ in range(count):
             self.m.timer.read()
             self.m.sample()
@@ -63,7 +64,7 @@ class Rig:
     def ask(self, path: str, operation: Operation, seconds: float = 0.0) -> bool:
         row = self.engine.paths.index(path)
         accepted: bool = self.engine.accepts(row, operation)
-        self.engine.request(row, Request(operation, "ann", seconds))
+        self.engine.request(row, AlarmRequest(operation, "ann", seconds))
         return accepted
 
     @property
@@ -180,7 +181,7 @@ def test_a_value_that_is_bad_leaves_the_alarm_as_it_is_and_has_its_own(with_alar
     level = sensor(resolution=1.0, on_error="mark")
     rig = with_alarms({"no level": Alarm(Bad("level"), "not known")}, level=level)
     rig.periods(level=90)
-    rig.box.set("level", ChannelError("the wire is broken"))
+    rig.gauge.set("level", OSError("the wire is broken"))
     rig.periods(2)
     assert rig.state("full") is S.UNACKNOWLEDGED
     assert (rig.state("no level"), rig.state("level.bad")) == (S.UNACKNOWLEDGED, S.UNACKNOWLEDGED)

@@ -1,9 +1,9 @@
 """Alarms after ISA-18.2 and IEC 62682: declared on compounds with the class keyword `alarms`."""
 
+from umo.alarms.alarm_states import AlarmState, Operation
 from umo.alarms.collecting import DeclaredAlarm, alarms_of, has_alarms
 from umo.alarms.declaration import Alarm, Bad, High, In, Low, Priority
 from umo.alarms.engine import AlarmEngine
-from umo.alarms.states import AlarmState, Operation
 
 __all__ = [
     "Alarm",

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from umo.alarms.alarm_states import AlarmState
 from umo.alarms.declaration import MAX_TEXT, Alarm, Bad, High, In, Low, Priority
-from umo.alarms.states import AlarmState
 from umo.errors import DeclarationError, UmoError
 from umo.objects.atomic import Atomic, Binary, Digital
 from umo.objects.compound import Compound

@@ -24,7 +24,7 @@ IN_FAULT = 1
 """Number of the state of equipment in fault (`umo.cycle.equipment`)."""
 
 
-class Columns(Protocol):
+class AlarmColumns(Protocol):
     """The numbers of the process image, as far as alarms read and write them."""
 
     values: FloatArray
@@ -33,11 +33,11 @@ class Columns(Protocol):
     alarms: ByteArray
 
 
-class Image(Protocol):
+class AlarmImage(Protocol):
     """The process image, as far as alarms need it."""
 
     @property
-    def columns(self) -> Columns: ...
+    def columns(self) -> AlarmColumns: ...
     @property
     def items(self) -> Sequence[Atomic]: ...
 
@@ -45,7 +45,7 @@ class Image(Protocol):
 class Conditions:
     """The results of all conditions, by alarm: `results`. Alarms stand in the order of `KINDS`."""
 
-    def __init__(self, declared: Sequence[DeclaredAlarm], image: Image) -> None:
+    def __init__(self, declared: Sequence[DeclaredAlarm], image: AlarmImage) -> None:
         columns = image.columns
         self._values, self._quality, self._equipment = columns.values, columns.quality, columns.equipment
         slot_of = {id(item): slot for slot, item in enumerate(image.items)}
@@ -78,7 +78,7 @@ class Conditions:
     @property
     def turns(self) -> int:
         """Number of periods after which each of the user's functions was called."""
-        return max(1, -(-len(self._free) // FREE_PER_PERIOD))
+        return turns_of(len(self._free))
 
     def evaluate(self) -> None:
         """Bring `results` up to date. It raises nothing."""
@@ -125,6 +125,11 @@ class Conditions:
                 cause = told(error).text
             if self.results[alarm] != BAD:
                 self.results[alarm], self.causes[alarm] = BAD, cause
+
+
+def turns_of(count: int) -> int:
+    """Number of periods in which each of so many functions is called once."""
+    return max(1, -(-count // FREE_PER_PERIOD))
 
 
 NEVER = inf

@@ -7,23 +7,23 @@ from typing import NamedTuple
 
 import numpy as np
 
+from umo.alarms.alarm_states import PUT_AWAY, AlarmState, Operation, transitions
 from umo.alarms.collecting import DeclaredAlarm
-from umo.alarms.conditions import BAD, FALSE, NEVER, Conditions, Image
-from umo.alarms.states import PUT_AWAY, AlarmState, Operation, transitions
+from umo.alarms.conditions import FALSE, NEVER, AlarmImage, Conditions
 
 CHANGES_PER_PERIOD = 20
-"""Number of the changes of conditions, of delays that end, and of operations of clients that are carried out in a period
-at most, each: an avalanche of alarms does not delay the loop. The others follow in the next periods."""
+"""Number of the changes of conditions, of delays that end, and of operations of clients, each, that are carried out in a
+period at most: an avalanche of alarms does not delay the loop. The others follow in the next periods."""
 LONGEST_SHELF = 7 * 86_400.0
 """Longest time in s for which an alarm can be shelved."""
 A_TICK = 1e-9
 """Tolerance in s of a sum of periods (rounding)."""
 
-Tell = Callable[[str, str, str], object]
+TellChange = Callable[[str, str, str], object]
 """Function that is told a change: path of the alarm, words, client ("": the machine itself)."""
 
 
-class Request(NamedTuple):
+class AlarmRequest(NamedTuple):
     """What a client wants with an alarm."""
 
     operation: Operation
@@ -37,7 +37,9 @@ class Request(NamedTuple):
 class AlarmEngine:
     """Alarms of one machine. `now` gives the time in s on the cycle's clock. The states stand in the image's column."""
 
-    def __init__(self, declared: Sequence[DeclaredAlarm], image: Image, now: Callable[[], float], tell: Tell) -> None:
+    def __init__(
+        self, declared: Sequence[DeclaredAlarm], image: AlarmImage, now: Callable[[], float], tell: TellChange
+    ) -> None:
         self.declared = list(declared)
         self.paths = [each.path for each in declared]
         self.states = image.columns.alarms
@@ -57,7 +59,7 @@ class AlarmEngine:
         """The first of these times."""
         self._last = -1
         """The alarm whose change was taken note of last."""
-        self._requests: dict[int, Request] = {}
+        self._requests: dict[int, AlarmRequest] = {}
 
     @property
     def turns(self) -> int:
@@ -117,15 +119,18 @@ class AlarmEngine:
         for row in np.flatnonzero(self._due <= now)[:CHANGES_PER_PERIOD].tolist():
             self._count(row, int(self._seen[row]))
         for row in np.flatnonzero(self._until <= now)[:CHANGES_PER_PERIOD].tolist():
-            self._carry_out(row, Request(Operation.UNSHELVE, "", words="its time is over"))
+            self._carry_out(row, AlarmRequest(Operation.UNSHELVE, "", words="its time is over"))
 
     # By clients ----------------------------------------------------------------------------------------
 
     def accepts(self, row: int, operation: Operation) -> bool:
         """Whether an operation would change the alarm as it is now; of a shelf the time too."""
-        return (AlarmState(int(self.states[row])), operation) in self._tables[row]
+        return (self.state_of(row), operation) in self._tables[row]
 
-    def request(self, row: int, request: Request) -> None:
+    def state_of(self, row: int) -> AlarmState:
+        return AlarmState(int(self.states[row]))
+
+    def request(self, row: int, request: AlarmRequest) -> None:
         """Carry it out at the next looks. The last request for an alarm counts."""
         self._requests[row] = request
 
@@ -133,21 +138,21 @@ class AlarmEngine:
         for row in list(self._requests)[:CHANGES_PER_PERIOD]:
             self._carry_out(row, self._requests.pop(row))
 
-    def _carry_out(self, row: int, request: Request) -> None:
+    def _carry_out(self, row: int, request: AlarmRequest) -> None:
         operation = request.operation
         if not self.accepts(row, operation):
             return  # it has changed since
         self._until[row] = self._now() + request.seconds if operation is Operation.SHELVE else NEVER
-        put_away = AlarmState(int(self.states[row])) in PUT_AWAY
+        put_away = self.state_of(row) in PUT_AWAY
         self._step(row, operation, request.who, request.words)
-        if put_away and AlarmState(int(self.states[row])) not in PUT_AWAY:
+        if put_away and self.state_of(row) not in PUT_AWAY:
             self._step(row, Operation(int(self._counting[row])))
 
     # States --------------------------------------------------------------------------------------------
 
     def _step(self, row: int, operation: Operation, who: str = "", words: str = "") -> None:
         """The next state, which is told."""
-        before = AlarmState(int(self.states[row]))
+        before = self.state_of(row)
         state = self._tables[row].get((before, operation))
         if state is None or (state is before and operation is not Operation.SHELVE):
             return
@@ -161,6 +166,3 @@ def told_text(state: AlarmState, declared: DeclaredAlarm, words: str = "") -> st
     """The text of an event: `unacknowledged (high): the tank is too full`, then more words."""
     alarm = declared.alarm
     return f"{state} ({alarm.priority}): {alarm.text}" + (f"; {words}" if words else "")
-
-
-__all__ = ["BAD", "CHANGES_PER_PERIOD", "LONGEST_SHELF", "AlarmEngine", "Request"]

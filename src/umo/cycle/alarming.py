@@ -13,6 +13,7 @@ from umo.cycle.events import ALARM, Event, Events
 from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition, owned_interlocks
 from umo.objects import Compound, walk
+from umo.presentation.durations import duration
 
 if TYPE_CHECKING:
     from umo.alarms import AlarmEngine, DeclaredAlarm
@@ -45,6 +46,21 @@ def engine_of(
         events.add(Event(image.clock.now, path, text, who, asked=ALARM))
 
     return AlarmEngine(declared, image, lambda: image.clock.now, tell)
+
+
+def turn_text(declared: Sequence[DeclaredAlarm], period: float | None) -> str:
+    """The sentence that the functions among the conditions take turns, and how long that takes; "": each is called in
+    every period. `period` in s."""
+    from umo.alarms.collecting import Free
+    from umo.alarms.conditions import FREE_PER_PERIOD, turns_of
+
+    count = sum(isinstance(each.test, Free) for each in declared)
+    if (turns := turns_of(count)) == 1:
+        return ""
+    time = f" ({duration(turns * period)})" if period else ""
+    return (
+        f"alarms: {count} functions take turns, {FREE_PER_PERIOD} a period: each is called every {turns} periods{time}"
+    )
 
 
 class Latched:

@@ -57,7 +57,8 @@ class Columns:
         self.alarms = memory[ends[1] + equipment :]
         self.times.fill(nan)
         self.shown = memory[wide[:5].nbytes :].data
-        """The bytes of `values`, `raws`, `quality`, `restrictions`, `equipment`, `alarms`, in this order: what a frame shows."""
+        """The bytes of `values`, `raws`, `quality`, `restrictions`, `equipment`, `alarms`, in this order: what a
+        frame shows."""
 
 
 class Scales:

@@ -90,7 +90,7 @@ class Compound(Node):
         unless its class has `every` too. Its `dt` and `cycle.period` are those of its own periods. A period carries out
         the parts at its own rate first, their outputs included, then those that are due. On the machine itself it has
         no effect. Default: that of the object around it, of the machine 1.
-    alarms: The alarms of an operator after ISA-18.2: `umo.alarms.Alarm` by their names, or a function of the object that
+    alarms: The alarms of an operator (ISA-18.2): `umo.alarms.Alarm` by their names, or a function of the object that
         returns this. Those of the base are kept; for a name in both, that of the subclass counts. The path of an alarm
         is that of the object and its name: `tank.overfill`.
 

@@ -54,43 +54,43 @@ class Operation(IntEnum):
     """Return it to service."""
 
 
-S, O = AlarmState, Operation
-TO_BE_ACKNOWLEDGED = frozenset((S.UNACKNOWLEDGED, S.RETURNED, S.LATCHED_UNACKNOWLEDGED, S.BAD_UNACKNOWLEDGED))
+_S, _O = AlarmState, Operation
+TO_BE_ACKNOWLEDGED = frozenset((_S.UNACKNOWLEDGED, _S.RETURNED, _S.LATCHED_UNACKNOWLEDGED, _S.BAD_UNACKNOWLEDGED))
 """The states from which an acknowledgement leads on."""
-PUT_AWAY = frozenset((S.SHELVED, S.OUT_OF_SERVICE))
-ANNUNCIATED = frozenset(AlarmState) - PUT_AWAY - {S.NORMAL}
+PUT_AWAY = frozenset((_S.SHELVED, _S.OUT_OF_SERVICE))
+ANNUNCIATED = frozenset(AlarmState) - PUT_AWAY - {_S.NORMAL}
 """The states that an operator is shown."""
 
 _PLAIN: Mapping[tuple[AlarmState, Operation], AlarmState] = {
-    (S.NORMAL, O.ACTIVE): S.UNACKNOWLEDGED,
-    (S.UNACKNOWLEDGED, O.INACTIVE): S.RETURNED,
-    (S.UNACKNOWLEDGED, O.ACKNOWLEDGE): S.ACKNOWLEDGED,
-    (S.ACKNOWLEDGED, O.INACTIVE): S.NORMAL,
-    (S.RETURNED, O.ACTIVE): S.UNACKNOWLEDGED,
-    (S.RETURNED, O.ACKNOWLEDGE): S.NORMAL,
-    (S.LATCHED_UNACKNOWLEDGED, O.ACTIVE): S.UNACKNOWLEDGED,
-    (S.LATCHED_UNACKNOWLEDGED, O.ACKNOWLEDGE): S.LATCHED_ACKNOWLEDGED,
-    (S.LATCHED_ACKNOWLEDGED, O.ACTIVE): S.UNACKNOWLEDGED,
-    (S.LATCHED_ACKNOWLEDGED, O.RESET): S.NORMAL,
-    (S.BAD_UNACKNOWLEDGED, O.ACTIVE): S.UNACKNOWLEDGED,
-    (S.BAD_UNACKNOWLEDGED, O.INACTIVE): S.RETURNED,
-    (S.BAD_UNACKNOWLEDGED, O.ACKNOWLEDGE): S.BAD_ACKNOWLEDGED,
-    (S.BAD_ACKNOWLEDGED, O.ACTIVE): S.UNACKNOWLEDGED,
-    (S.BAD_ACKNOWLEDGED, O.INACTIVE): S.NORMAL,
-    (S.SHELVED, O.UNSHELVE): S.NORMAL,
-    (S.OUT_OF_SERVICE, O.RETURN): S.NORMAL,
-    **{(state, O.CANNOT_EVALUATE): S.BAD_UNACKNOWLEDGED for state in S if state not in PUT_AWAY},
-    (S.BAD_ACKNOWLEDGED, O.CANNOT_EVALUATE): S.BAD_ACKNOWLEDGED,
-    **{(state, O.SHELVE): S.SHELVED for state in S if state is not S.OUT_OF_SERVICE},
-    **{(state, O.REMOVE): S.OUT_OF_SERVICE for state in S},
+    (_S.NORMAL, _O.ACTIVE): _S.UNACKNOWLEDGED,
+    (_S.UNACKNOWLEDGED, _O.INACTIVE): _S.RETURNED,
+    (_S.UNACKNOWLEDGED, _O.ACKNOWLEDGE): _S.ACKNOWLEDGED,
+    (_S.ACKNOWLEDGED, _O.INACTIVE): _S.NORMAL,
+    (_S.RETURNED, _O.ACTIVE): _S.UNACKNOWLEDGED,
+    (_S.RETURNED, _O.ACKNOWLEDGE): _S.NORMAL,
+    (_S.LATCHED_UNACKNOWLEDGED, _O.ACTIVE): _S.UNACKNOWLEDGED,
+    (_S.LATCHED_UNACKNOWLEDGED, _O.ACKNOWLEDGE): _S.LATCHED_ACKNOWLEDGED,
+    (_S.LATCHED_ACKNOWLEDGED, _O.ACTIVE): _S.UNACKNOWLEDGED,
+    (_S.LATCHED_ACKNOWLEDGED, _O.RESET): _S.NORMAL,
+    (_S.BAD_UNACKNOWLEDGED, _O.ACTIVE): _S.UNACKNOWLEDGED,
+    (_S.BAD_UNACKNOWLEDGED, _O.INACTIVE): _S.RETURNED,
+    (_S.BAD_UNACKNOWLEDGED, _O.ACKNOWLEDGE): _S.BAD_ACKNOWLEDGED,
+    (_S.BAD_ACKNOWLEDGED, _O.ACTIVE): _S.UNACKNOWLEDGED,
+    (_S.BAD_ACKNOWLEDGED, _O.INACTIVE): _S.NORMAL,
+    (_S.SHELVED, _O.UNSHELVE): _S.NORMAL,
+    (_S.OUT_OF_SERVICE, _O.RETURN): _S.NORMAL,
+    **{(state, _O.CANNOT_EVALUATE): _S.BAD_UNACKNOWLEDGED for state in _S if state not in PUT_AWAY},
+    (_S.BAD_ACKNOWLEDGED, _O.CANNOT_EVALUATE): _S.BAD_ACKNOWLEDGED,
+    **{(state, _O.SHELVE): _S.SHELVED for state in _S if state is not _S.OUT_OF_SERVICE},
+    **{(state, _O.REMOVE): _S.OUT_OF_SERVICE for state in _S},
 }
-_LATCHED = {S.RETURNED: S.LATCHED_UNACKNOWLEDGED, S.NORMAL: S.LATCHED_ACKNOWLEDGED}
+_LATCHED = {_S.RETURNED: _S.LATCHED_UNACKNOWLEDGED, _S.NORMAL: _S.LATCHED_ACKNOWLEDGED}
 """The states that a latched alarm is in when it is no longer active, by those of others."""
 _UNASKED = {
-    S.UNACKNOWLEDGED: S.ACKNOWLEDGED,
-    S.RETURNED: S.NORMAL,
-    S.LATCHED_UNACKNOWLEDGED: S.LATCHED_ACKNOWLEDGED,
-    S.BAD_UNACKNOWLEDGED: S.BAD_ACKNOWLEDGED,
+    _S.UNACKNOWLEDGED: _S.ACKNOWLEDGED,
+    _S.RETURNED: _S.NORMAL,
+    _S.LATCHED_UNACKNOWLEDGED: _S.LATCHED_ACKNOWLEDGED,
+    _S.BAD_UNACKNOWLEDGED: _S.BAD_ACKNOWLEDGED,
 }
 """The states of an alarm that needs no acknowledgement, by those of others."""
 
@@ -100,7 +100,7 @@ def transitions(latch: bool, acknowledge: bool) -> Mapping[tuple[AlarmState, Ope
     """The next state by state and operation, of alarms with these options; what is missing changes nothing."""
     table = dict(_PLAIN)
     if latch:
-        table |= {at: _LATCHED.get(to, to) for at, to in table.items() if at[1] is O.INACTIVE}
+        table |= {at: _LATCHED.get(to, to) for at, to in table.items() if at[1] is _O.INACTIVE}
     if not acknowledge:
         table = {at: _UNASKED.get(to, to) for at, to in table.items() if at[0] not in _UNASKED}
     return table
