@@ -9,10 +9,11 @@ from typing import Protocol
 import numpy as np
 
 from umo.alarms.collecting import BadQuality, DeclaredAlarm, Free, InFault, Threshold
+from umo.errors import forget_frames
 from umo.objects.atomic import Atomic
 from umo.objects.quality import Quality
 from umo.objects.scaling import ByteArray, FloatArray
-from umo.user_code import as_json, told
+from umo.user_code import as_json, is_interrupt, told
 
 FREE_PER_PERIOD = 20
 """Number of the user's functions that are called in a period at most."""
@@ -122,6 +123,9 @@ class Conditions:
                     continue
                 cause = f"it gives {as_json(found, MAX_RESULT_TEXT)}, which is not True or False"
             except BaseException as error:
+                if self.results[alarm] == BAD and not is_interrupt(error):
+                    forget_frames(error)  # its text costs more than a condition may
+                    continue
                 cause = told(error).text
             if self.results[alarm] != BAD:
                 self.results[alarm], self.causes[alarm] = BAD, cause

@@ -96,8 +96,8 @@ class Alarm:
         }):
 
     `condition` is a `High`, `Low`, `Bad` or `In`, or a function of the compound. Such a function is called every
-    period, or in turn with others, 20 a period (`umo check` tells the delay). It must be quick and read only synchronous
-    objects. If it raises, or returns no bool, the alarm is active and tells that it cannot be evaluated.
+    period, or in turn with others, 20 a period (`umo check` tells the delay). It must be quick and read only
+    synchronous objects. If it raises, or returns no bool, the alarm is active and tells that it cannot be evaluated.
 
     priority: low, medium (default), high, critical. on_delay, off_delay: time on the cycle's clock for which the
     condition must be true, or false, before it counts; in s, or such as "2 s"; default 0. latch: the alarm stays after

@@ -12,8 +12,8 @@ from umo.alarms.collecting import DeclaredAlarm
 from umo.alarms.conditions import FALSE, NEVER, AlarmImage, Conditions
 
 CHANGES_PER_PERIOD = 20
-"""Number of the changes of conditions, of delays that end, and of operations of clients, each, that are carried out in a
-period at most: an avalanche of alarms does not delay the loop. The others follow in the next periods."""
+"""Number of the changes of conditions, of delays that end, and of operations of clients, each, that are carried out in
+a period at most: an avalanche of alarms does not delay the loop. The others follow in the next periods."""
 LONGEST_SHELF = 7 * 86_400.0
 """Longest time in s for which an alarm can be shelved."""
 A_TICK = 1e-9
@@ -71,7 +71,7 @@ class AlarmEngine:
         conditions = self._conditions
         conditions.evaluate()
         np.not_equal(conditions.results, self._seen, out=self._differs)
-        changed = self._differs.any()
+        changed = bool(self._differs.any())
         if changed:
             self._notice()
         if self._next <= self._now() + A_TICK:

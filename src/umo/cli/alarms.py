@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, fields
+from typing import Any
 
 from umo.errors import OptionError
 from umo.frames.alarm_list import AlarmRow
@@ -51,7 +52,7 @@ def alarms(name: str | None, options: AlarmOptions, lasting: str | None, as_json
             return
         with leased(station, over):
             for option, path in asked.items():
-                more = {"value": time} if option == "shelve" else {}
+                more: dict[str, Any] = {"value": time} if option == "shelve" else {}
                 out.print(printable(str(station.ask(COMMANDS[option], path, **more))), soft_wrap=True)
 
 

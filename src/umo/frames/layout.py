@@ -152,8 +152,8 @@ class Layout:
     equipment: tuple[dict[str, Any], ...] = ()
     axes: tuple[dict[str, Any], ...] = ()
     alarms: tuple[dict[str, Any], ...] = ()
-    """Of these three: path of each, and the names of its states by their numbers; of alarms text, priority and options, too. Axes are
-    empty in this version."""
+    """Of these three: path of each, and the names of its states by their numbers; of alarms text, priority and
+    options, too. Axes are empty in this version."""
 
     @property
     def columns(self) -> list[Column]:
