@@ -6,17 +6,21 @@ import json
 from dataclasses import dataclass, fields
 from typing import Any
 
+from umo.alarms import alarm_file
 from umo.errors import OptionError
 from umo.frames.alarm_list import AlarmRow
 from umo.presentation.run_facts import clock_text
 from umo.remote import RemoteStation
-from umo.text import printable
+from umo.remote.search import station_name
+from umo.text import printable, time_of_day
 
 from .commanding import leased
 from .console import out, plain_table
 from .ps import attach
 from .values import duration
 
+MAX_SHOWN = 200
+"""Changes of the history that are shown, the last ones."""
 COMMANDS = {
     "acknowledge": "acknowledge alarm",
     "reset": "reset alarm",
@@ -38,6 +42,21 @@ class AlarmOptions:
     unshelve: str | None = None
     remove: str | None = None
     return_: str | None = None
+
+
+def alarms_or_history(
+    name: str | None, options: AlarmOptions, lasting: str | None, as_json: bool, over: bool, past: bool
+) -> None:
+    """`past`: show the history."""
+    if not past:
+        alarms(name, options, lasting, as_json, over)
+        return
+    if options != AlarmOptions() or lasting is not None or as_json:
+        raise OptionError("--history stands alone")
+    if name is None:
+        with attach(None) as reader:
+            name = str(reader.about["station"])
+    show_history(name)
 
 
 def alarms(name: str | None, options: AlarmOptions, lasting: str | None, as_json: bool, over: bool) -> None:
@@ -75,6 +94,21 @@ def _list(station: RemoteStation, as_json: bool) -> None:
         text = row.text + (f"; {row.note}" if row.note else "") + (f" ({row.who})" if row.who else "")
         style = "red" if row.annunciated and row.priority > 2 else ""
         table.add_row(printable(row.path), str(row.state), str(row.priority), since, printable(text), style=style)
+    out.print(table)
+
+
+def show_history(name: str) -> None:
+    """Print the changes of a station's alarms that are kept, also of one that does not run."""
+    records = alarm_file.read(alarm_file.file_of(station_name(name)))
+    if not records:
+        out.print(f"no history of alarms of {station_name(name)}")
+        return
+    table = plain_table()
+    for heading in ("time", "alarm", "change", "by"):
+        table.add_column(heading, overflow="fold")
+    for record in records[-MAX_SHOWN:]:
+        texts = map(printable, (record.path, record.text, record.who))
+        table.add_row(time_of_day(record.when, "%Y-%m-%d %H:%M:%S"), *texts)
     out.print(table)
 
 

@@ -224,6 +224,9 @@ def alarms(
         str | None, typer.Option(metavar="PATH", help="Put alarms out of service, until they are returned.")
     ] = None,
     return_: Annotated[str | None, typer.Option("--return", metavar="PATH", help="Return alarms to service.")] = None,
+    history: Annotated[
+        bool, typer.Option("--history", help="The changes that are kept over restarts, of a station that ended too.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="List as JSON.")] = False,
     take: Take = False,
 ) -> None:
@@ -233,10 +236,10 @@ def alarms(
     object or compound for all alarms in it, or a pattern such as 'tanks.*.overfill'.
     """
     from .alarms import AlarmOptions
-    from .alarms import alarms as work
+    from .alarms import alarms_or_history as work
 
     options = AlarmOptions(acknowledge, reset, shelve, unshelve, remove, return_)
-    work(station, options, lasting, as_json, take)
+    work(station, options, lasting, as_json, take, history)
 
 
 @command(epilog="Examples: umo stop ztheta  |  umo stop 4711")
