@@ -6,7 +6,6 @@ of at most `MAX_BYTES`. A line that is torn or foreign costs only itself.
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 from collections.abc import Iterable
@@ -17,6 +16,11 @@ from typing import NamedTuple
 from umo.errors import UmoError
 from umo.system import folders
 from umo.system.device_record import state_folder
+
+try:
+    import fcntl
+except ImportError:  # a system without it
+    fcntl = None  # type: ignore[assignment]
 
 FOLDER = "alarms"
 SUFFIX = ".jsonl"
@@ -52,7 +56,8 @@ def append(file: Path, records: Iterable[AlarmRecord]) -> None:
     if not data:
         return
     with open(os.open(file, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW, 0o644), "r+b", buffering=0) as stream:
-        fcntl.flock(stream, fcntl.LOCK_EX)  # several runs of a station
+        if fcntl is not None:
+            fcntl.flock(stream, fcntl.LOCK_EX)  # several runs of a station
         size = os.fstat(stream.fileno()).st_size
         if size + len(data) <= MAX_BYTES:
             if size and os.pread(stream.fileno(), 1, size - 1) != b"\n":
