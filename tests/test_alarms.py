@@ -274,6 +274,29 @@ def test_latched_interlocks_and_equipment_in_fault_have_alarms_where_a_class_has
         assert list(alarms.states) == [AlarmState.RETURNED, AlarmState.RETURNED]
 
 
+def test_states_of_an_earlier_run_are_gone_on_with(with_alarms: Any) -> None:
+    rig = with_alarms({"held": Alarm(High("level", 60.0), "held", latch=True), "odd": Alarm(lambda _: False, "odd")})
+    rig.engine.restore(
+        {"full": S.ACKNOWLEDGED, "empty": S.RETURNED, "held": S.LATCHED_ACKNOWLEDGED, "odd": S.UNACKNOWLEDGED, "x": 99}
+    )
+    rig.periods(level=75)  # within the deadband of what was too full, and above the limit of what was held
+    assert [rig.state(path) for path in ("full", "empty", "held", "odd")] == [
+        S.ACKNOWLEDGED,
+        S.RETURNED,
+        S.UNACKNOWLEDGED,
+        S.RETURNED,
+    ]
+    rig.periods(level=65)
+    assert rig.state("full") is S.NORMAL
+
+
+@pytest.mark.parametrize("number", [-1, 77, S.SHELVED, S.LATCHED_ACKNOWLEDGED])
+def test_a_state_that_an_alarm_cannot_have_is_not_gone_on_with(rig: Rig, number: int) -> None:
+    rig.engine.restore({"full": number})
+    rig.periods()
+    assert rig.state("full") is S.NORMAL
+
+
 def test_a_machine_without_alarms_has_no_engine() -> None:
     machine = line(Line)
     connection = connect(machine, wired(machine, Scripted()))

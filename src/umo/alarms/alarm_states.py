@@ -101,6 +101,8 @@ def transitions(latch: bool, acknowledge: bool) -> Mapping[tuple[AlarmState, Ope
     table = dict(_PLAIN)
     if latch:
         table |= {at: _LATCHED.get(to, to) for at, to in table.items() if at[1] is _O.INACTIVE}
+    else:
+        table = {at: to for at, to in table.items() if at[0] not in _LATCHED.values()}
     if not acknowledge:
         table = {at: _UNASKED.get(to, to) for at, to in table.items() if at[0] not in _UNASKED}
     return table

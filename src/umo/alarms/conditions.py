@@ -81,6 +81,13 @@ class Conditions:
         """Number of periods after which each of the user's functions was called."""
         return turns_of(len(self._free))
 
+    def hold(self, alarm: int) -> None:
+        """Its condition was true before the first evaluation: it ends by its deadband."""
+        if alarm < len(self._limited):
+            self._before[alarm], self._now[alarm] = True, self._bounds[alarm, 1]
+        else:
+            self.results[alarm] = TRUE
+
     def evaluate(self) -> None:
         """Bring `results` up to date. It raises nothing."""
         if len(self._limited):

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from umo.alarms.alarm_states import PUT_AWAY, AlarmState, Operation, transitions
 from umo.alarms.collecting import DeclaredAlarm
-from umo.alarms.conditions import FALSE, NEVER, AlarmImage, Conditions
+from umo.alarms.conditions import BAD, FALSE, NEVER, TRUE, AlarmImage, Conditions
 
 CHANGES_PER_PERIOD = 20
 """Number of the changes of conditions, of delays that end, and of operations of clients, each, that are carried out in
@@ -19,6 +19,13 @@ LONGEST_SHELF = 7 * 86_400.0
 A_TICK = 1e-9
 """Tolerance in s of a sum of periods (rounding)."""
 
+RESULTS = {
+    AlarmState.UNACKNOWLEDGED: TRUE,
+    AlarmState.ACKNOWLEDGED: TRUE,
+    AlarmState.BAD_UNACKNOWLEDGED: BAD,
+    AlarmState.BAD_ACKNOWLEDGED: BAD,
+}
+"""The results of conditions that belong to active states."""
 TellChange = Callable[[str, str, str], object]
 """Function that is told a change: path of the alarm, words, client ("": the machine itself)."""
 
@@ -65,6 +72,20 @@ class AlarmEngine:
     def turns(self) -> int:
         """Number of periods in which each of the user's functions is called once."""
         return self._conditions.turns
+
+    def restore(self, states: Mapping[str, int]) -> None:
+        """Go on with the states of an earlier run, by path, before the first look; nothing is told. An alarm whose path
+        or state there is not, begins as normal; so does a shelved one: its time is not known. One that was active stays
+        so until its condition has ended."""
+        for row, path in enumerate(self.paths):
+            number = states.get(path, AlarmState.NORMAL)
+            reachable = {*self._tables[row].values()} - {AlarmState.SHELVED}
+            if number not in reachable:
+                continue
+            self.states[row] = number
+            if result := RESULTS.get(AlarmState(number), FALSE):
+                self._seen[row] = self._counting[row] = result
+                self._conditions.hold(row)
 
     def look(self) -> None:
         """Once per period, after the laws. It raises nothing."""
