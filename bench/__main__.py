@@ -18,6 +18,7 @@ from rich.console import Console
 
 from bench import (
     against,
+    alarms,
     dead_device,
     endurance,
     figures,
@@ -79,6 +80,10 @@ def main() -> int:
         takes = options.rates * len(several_rates.KINDS) * (several_rates.BLOCK + 2.0)
         report.stream(console, several_rates.TITLE, takes, partial(several_rates.measure, options.rates))
         return 0
+    if options.alarms:
+        takes = options.alarms * alarms.BATCH * len(alarms.KINDS) * 1e-4
+        report.stream(console, alarms.TITLE, takes, partial(alarms.measure, options.alarms))
+        return 0
     return _all(console, rounds, options)
 
 
@@ -111,6 +116,7 @@ def _options() -> argparse.Namespace:
     alone.add_argument(
         "--rates", type=int, metavar="PAIRS", help="a part of 1 ms with slower parts beside it; 30 for a result"
     )
+    alone.add_argument("--alarms", type=int, metavar="ROUNDS", help="a loop with 1,000 alarms; 50 for a result")
     parser.add_argument("--pairs", type=int, default=30, help="pairs of blocks of a row of --against; default: 30")
     parser.add_argument("--only", default="", metavar="TEXT", help="--kills and --against: names with this in them")
     parser.add_argument("--seed", type=int, default=campaign.SEED, help="of --kills: other random moments")

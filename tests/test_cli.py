@@ -223,7 +223,8 @@ def test_a_station_that_does_not_import_is_named(umo, tank: Path, broken: str) -
 def test_the_wirings_that_ship_fit(umo, name: str) -> None:
     result = umo("check", name, "--all")
     assert result.exit_code == 0
-    assert len([line for line in result.stdout.splitlines() if line.startswith("ok: ") and ".toml" in line]) == len(find(name).wirings)
+    fits = [line for line in result.stdout.splitlines() if line.startswith("ok: ") and ".toml" in line]
+    assert len(fits) == len(find(name).wirings)
 
 
 def test_check_lists_all_faults_each_with_file_and_key(umo, tank: Path) -> None:

@@ -102,6 +102,23 @@ def test_a_station_that_takes_no_commands_says_so() -> None:
         }  # fmt: skip
 
 
+def test_roles_bind_a_page_of_another_computer(
+    station: umo.RemoteStation, served: Served, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    monkeypatch.setattr("umo.page.page_client.is_loopback", lambda address: False)
+    (tmp_path / "umo").mkdir()
+    (tmp_path / "umo" / "roles.toml").write_text('[users]\nbob = "operate"\n')
+    with opened(served.socket) as client:
+        client.get("description")
+        refused = command(client, 1, "lease", who="Eve")
+        assert (refused["state"], refused["text"]) == ("refused", "Eve may see; lease needs the role tune")
+        assert command(client, 2, "lease", who=" bob ")["state"] == "done"
+        refused = command(client, 3, "shelve", path="belt", value=60.0)
+        assert (refused["state"], refused["text"]) == ("refused", "bob may operate; shelve needs the role maintain")
+        assert command(client, 4, "acknowledge")["state"] == "done"
+
+
 def test_what_a_page_holds_lasts_as_long_as_it_touches_and_then_its_lease_ends(
     station: umo.RemoteStation, served: Served
 ) -> None:

@@ -230,6 +230,45 @@ def clear(
     work(station, paths or [], take)
 
 
+@command(
+    epilog="Examples: umo alarms  |  umo alarms plant  |  umo alarms plant --acknowledge tank.overfill  |  "
+    "umo alarms plant --acknowledge 'tanks.*'  |  umo alarms plant --shelve tank.cold --for '10 min'"
+)
+def alarms(
+    station: Annotated[
+        str | None, typer.Argument(metavar="[STATION]", help="Name or pid; default: the only one that runs.")
+    ] = None,
+    acknowledge: Annotated[str | None, typer.Option(metavar="PATH", help="Acknowledge these alarms.")] = None,
+    reset: Annotated[
+        str | None, typer.Option(metavar="PATH", help="Reset latched alarms that are acknowledged and not active.")
+    ] = None,
+    shelve: Annotated[str | None, typer.Option(metavar="PATH", help="Put alarms away for a time; needs --for.")] = None,
+    lasting: Annotated[
+        str | None, typer.Option("--for", metavar="TIME", help="How long, such as '10 min'; at most 7 days.")
+    ] = None,
+    unshelve: Annotated[str | None, typer.Option(metavar="PATH", help="End a shelf before its time.")] = None,
+    remove: Annotated[
+        str | None, typer.Option(metavar="PATH", help="Put alarms out of service, until they are returned.")
+    ] = None,
+    return_: Annotated[str | None, typer.Option("--return", metavar="PATH", help="Return alarms to service.")] = None,
+    history: Annotated[
+        bool, typer.Option("--history", help="The changes that are kept over restarts, of a station that ended too.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="List as JSON.")] = False,
+    take: Take = False,
+) -> None:
+    """List the alarms of a running station that are not normal, or acknowledge, reset or shelve some, in any mode.
+
+    What is to be acknowledged stands first, then what is of a higher priority. PATH is an alarm (tank.overfill), an
+    object or compound for all alarms in it, or a pattern such as 'tanks.*.overfill'.
+    """
+    from .alarms import AlarmOptions
+    from .alarms import alarms_or_history as work
+
+    options = AlarmOptions(acknowledge, reset, shelve, unshelve, remove, return_)
+    work(station, options, lasting, as_json, take, history)
+
+
 @command(epilog="Examples: umo stop ztheta  |  umo stop 4711")
 def stop(station: Running) -> None:
     """End a run safely: every actuator goes to its default. It needs no lease."""

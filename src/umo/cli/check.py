@@ -9,6 +9,7 @@ from pathlib import Path
 
 from rich.text import Text
 
+from umo.cycle.alarming import declared_alarms, turn_text
 from umo.cycle.inhibition import interlocks_of
 from umo.errors import Mistake, OptionError
 from umo.exit_status import ExitStatus
@@ -32,6 +33,7 @@ def check_station(station: Station, wiring: str | None, every: bool = False, arg
     machine = machine_of(station, arguments)
     station.module("application")  # a wiring may be right and the application not import
     interlocks_of(machine)
+    declared_alarms(machine)
     if (twin := declared_by(station, machine)) is not None:
         twin.describe(machine)
     check_recipes(machine)
@@ -57,7 +59,8 @@ def _check_wiring(machine: Compound, file: Path | None) -> int:
         return ExitStatus.MISTAKE
     wired = resolve(machine, file)
     tunable = sum(number.declared.tunable for number in numbers_of(machine).values())
-    offered = [(len(actions_of(machine)), "action"), (tunable, "tunable number")]
+    alarms = declared_alarms(machine)
+    offered = [(len(actions_of(machine)), "action"), (tunable, "tunable number"), (len(alarms), "alarm")]
     period = "no timer" if wired.period is None else f"period {duration(wired.period)}"
     found = [
         f"{_count(len(wired.wires), 'object')} on {_count(len(wired.drivers), 'driver')}",
@@ -67,6 +70,8 @@ def _check_wiring(machine: Compound, file: Path | None) -> int:
     out.print(f"ok: {file or 'everything simulated'}: {', '.join(found)}", soft_wrap=True)
     for line in _rates(wired):
         out.print(line, soft_wrap=True)
+    if late := turn_text(alarms, wired.period):
+        out.print(late, soft_wrap=True)
     for remark in remarks(wired):
         out.print(f"note: {remark}", soft_wrap=True)
     return 0

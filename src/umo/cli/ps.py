@@ -14,7 +14,7 @@ from umo.errors import FramesError, PathError
 from umo.frames import Reader
 from umo.frames.reader import progress_of
 from umo.presentation.rows import ANY
-from umo.presentation.run_facts import FREE, IN_FAULT, fault_texts, since
+from umo.presentation.run_facts import ALARMS, FREE, IN_FAULT, fault_texts, since
 from umo.remote import search
 from umo.system.device_lock import is_held
 from umo.system.device_record import Ended, all_standing
@@ -65,8 +65,8 @@ def _lines(unread: Callable[[str], object]) -> Iterator[tuple[dict[str, Any], di
 def _remark(data: dict[str, Any], facts: dict[str, str], ambiguous: bool) -> None:
     """Lines below the table on the work of a run, its lease, what is driven, and its equipment in fault."""
     name = str(data["pid"] if ambiguous else data["station"])
-    for title in ("progress", "lease", "driven"):
-        if facts[title] and facts[title] != FREE:
+    for title in ("progress", "lease", "driven", ALARMS):
+        if facts.get(title) and facts[title] != FREE:
             out.print(f"{name}: {title}: {facts[title]}", soft_wrap=True)
     faults: dict[str, str] = data["in_fault"]
     for text in fault_texts(faults):
@@ -142,6 +142,10 @@ def _told(reader: Reader) -> tuple[dict[str, Any], dict[str, str]]:
         "periods": reader.head,
         "missed": reader.missed,
         "in_fault": {printable(path): printable(reason) for path, reason in reader.faults(frame).items()},
+        "alarms": [
+            {"path": printable(row.path), "state": str(row.state), "priority": str(row.priority), "text": row.text}
+            for row in reader.alarms(frame)
+        ],
     }
     said = {"station": reader.title, "pid": str(about["pid"]), "since": since(about["started"])}
     return data, said | {"periods": f"{reader.head:,}"} | reader.facts(frame)

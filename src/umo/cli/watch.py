@@ -20,6 +20,7 @@ from rich.table import Table
 from rich.text import Text
 
 from umo.frames import Reader, Stage
+from umo.frames.alarm_list import alarms_text
 from umo.objects import Quality
 from umo.presentation.digits import number_text
 from umo.presentation.rows import (
@@ -33,7 +34,7 @@ from umo.presentation.rows import (
     value_of,
     worst_of,
 )
-from umo.presentation.run_facts import IN_FAULT, fault_texts
+from umo.presentation.run_facts import ALARMS, IN_FAULT, fault_texts
 from umo.remote.search import reading
 from umo.scope.history import samples
 from umo.text import others, printable, some
@@ -51,7 +52,7 @@ MAX_REASONS = 3
 """Reasons of inhibitions that are told, at most."""
 WARNINGS = ("no frame for", "not seen")
 """Facts in another colour."""
-REMARKED = (IN_FAULT, "driven")
+REMARKED = (IN_FAULT, "driven", ALARMS)
 """Facts that are told in lines of their own."""
 COLUMN_GAP = 2
 """Characters between two columns."""
@@ -182,7 +183,7 @@ class WatchScreen:
         facts["not seen"] = f"{reader.lost:,} frames" if reader.lost else ""
         progress = facts.pop("progress")
         for name in REMARKED:
-            facts.pop(name)
+            facts.pop(name, None)
         text = Text(reader.title + (f": {progress}" if progress else "") + "\n", style="bold", no_wrap=True)
         for place, (name, fact) in enumerate((name, fact) for name, fact in facts.items() if fact):
             style = "yellow" if name in WARNINGS else "none"
@@ -228,6 +229,7 @@ class WatchScreen:
         faults = self._reader.faults(self._frame)
         driven = self._reader.driven(self._frame)
         texts = [_remark(f"✕ {IN_FAULT}: {text}") for text in fault_texts(faults)]
+        texts += [_remark(f"! {text}") for text in alarms_text(self._reader.alarms(self._frame))]
         texts += [_remark(f"driven: {driven}", "yellow")] * bool(driven)
         return texts + self._inhibited([restriction(f"{path} is in fault") for path in faults])
 

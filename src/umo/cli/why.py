@@ -19,7 +19,7 @@ from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
 from umo.presentation.run_facts import clock_text
 from umo.remote.search import frames_at, reading, station_name
-from umo.text import did_you_mean
+from umo.text import did_you_mean, printable
 
 from .console import out
 from .ps import attach, how_to_clear
@@ -76,6 +76,8 @@ def _report(reader: Reader, file: Path, now: bool) -> None:
         log.add(event)
     for fault in list(log.last)[-MAX_VERDICTS:]:
         out.print(f"{fault.path}: {fault}", style="bold")
+    for row in reader.alarms(frames[-1])[:MAX_VERDICTS]:
+        out.print(f"alarm {printable(str(row))}", soft_wrap=True)
     if log.standing and now:
         out.print(how_to_clear(str(reader.about["station"]), log.standing))
     verdicts = explain_all(frames, reader.layout)

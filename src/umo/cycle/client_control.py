@@ -19,6 +19,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, cast
 
 from umo.cycle.client_actions import ClientActions, object_at, plain
+from umo.cycle.client_alarms import ALARM_COMMANDS, operate
 from umo.cycle.client_commands import DEAD_MAN_REASON, DEAD_MAN_TIME, ClientCommand, Inbox, Lease, Levels, Mode
 from umo.cycle.columns import Source
 from umo.cycle.events import CommandState, Event
@@ -251,6 +252,11 @@ class ClientControl:
             text += f"; still inhibited: {'; '.join(left)}"
         return CommandState.DONE, plain(text)
 
+    def _operate_alarms(self, command: ClientCommand) -> tuple[CommandState, str]:
+        """Told what was done with which alarms."""
+        self.lease.check(command.key)
+        return CommandState.DONE, plain(operate(self._machine.alarms, command))
+
     def _object(self, path: str) -> Atomic | Compound:
         return object_at(self._machine.root, path)
 
@@ -320,6 +326,7 @@ COMMANDS: Mapping[str, Callable[[ClientControl, ClientCommand], tuple[CommandSta
     "cancel": ClientControl._cancel,
     "acknowledge": ClientControl._acknowledge,
     "clear": ClientControl._clear,
+    **dict.fromkeys(ALARM_COMMANDS, ClientControl._operate_alarms),
 }
 """The commands of clients, by name."""
 

@@ -101,7 +101,8 @@ class CommandStage:
         self.events = Events()
         self.order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         """The actuators in stop order."""
-        self._inhibitions = inhibitions_of(root, image.slot_of, self.order)
+        self.inhibitions = inhibitions_of(root, image.slot_of, self.order)
+        """The interlocks, as declared."""
         self._faults: list[Inhibition] = []
         """The inhibitions by faults of equipment: no condition is asked for these."""
         found = (self._command(item) for item in atoms(root) if isinstance(item, Actuator))
@@ -127,7 +128,7 @@ class CommandStage:
 
     def _command(self, item: Actuator) -> Command:
         slot, default = self._image.slot_of[id(item)], item._default_value()
-        interlocks, faults = _naming(slot, self._inhibitions), _naming(slot, self._faults)
+        interlocks, faults = _naming(slot, self.inhibitions), _naming(slot, self._faults)
         return Command(slot, item.path, default, item.synchronous, item.expires or inf, interlocks, faults)
 
     # From the source -----------------------------------------------------------------------------------
@@ -244,7 +245,7 @@ class CommandStage:
     def inhibiting(self, items: Iterable[Atomic], *, latched: bool = False) -> list[str]:
         """The reasons of the interlocks that inhibit one of these, each once; `latched`: of those that latch."""
         slots = {self._image.slot_of[id(item)] for item in items}
-        asked = (each for each in self._inhibitions if each.interlock.latched or not latched)
+        asked = (each for each in self.inhibitions if each.interlock.latched or not latched)
         return list(dict.fromkeys(each.reason for each in asked if each.reason and not slots.isdisjoint(each.slots)))
 
     def _restrict(self) -> None:
@@ -252,7 +253,7 @@ class CommandStage:
         found = self._unrestricted.copy()
         if self.noted is not None:
             found[self.order] = ASKED
-        for each in reversed([*self._faults, *self._inhibitions]):
+        for each in reversed([*self._faults, *self.inhibitions]):
             if each.reason is not None:
                 found[each.slots] = self._numbers.get(each.brief, len(self._numbers))
         found[[*self._taken_by_clients]] = TAKEN_BY_CLIENT
@@ -268,7 +269,7 @@ class CommandStage:
         """The reasons of interlocks, each once, in the order of their numbers, those of conditions that cannot be
         evaluated, those of latched interlocks whose condition is over, and those of faults of equipment; more than fit
         a byte share the last."""
-        interlocks = [each.interlock for each in self._inhibitions]
+        interlocks = [each.interlock for each in self.inhibitions]
         over = [latched(each) for each in interlocks if each.latched]
         faults = (each.interlock.reason for each in self._faults)
         declared = (each.reason for each in interlocks)
@@ -296,9 +297,9 @@ class CommandStage:
         """The actuators that begin to be inhibited. All conditions are asked before anything is reset. Nothing latches
         before the first period: what is inhibited while the machine is being connected has not acted yet."""
         latch = self._image.clock.number > 0
-        begun = [each for each in self._inhibitions if each.ask(latch)]
+        begun = [each for each in self.inhibitions if each.ask(latch)]
         if begun or self._inhibiting:
-            inhibiting = [(each, each.reason) for each in self._inhibitions if each.reason is not None]
+            inhibiting = [(each, each.reason) for each in self.inhibitions if each.reason is not None]
             if begun or inhibiting != self._inhibiting:
                 self._inhibiting = inhibiting
                 self._taken_by_clients.difference_update(*(each.slots for each in begun))

@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import Any, Generic, NoReturn, TypeVar
 
 from umo.cycle.absence import Absences, in_order
+from umo.cycle.alarming import declared_alarms, engine_of
 from umo.cycle.clock import Clock, WallClock
 from umo.cycle.equipment import equipment_in
 from umo.cycle.image import Image
@@ -150,10 +151,13 @@ class connect(Generic[C]):
             if self.wired.timer_wire is not None:
                 # it runs in a signal handler: what it raised would come up in any call of a driver, also in a reset
                 self.stop.end_wait = partial(attempt, bare(self.wired.timer_wire.driver).stop_waiting)
-            image = image_of(self.wired, clock, len(equipment_in(self.root)))
+            alarms = declared_alarms(self.root)
+            image = image_of(self.wired, clock, len(equipment_in(self.root)), len(alarms))
             outputs = self.wired.process.outputs
             rates, injection = self.wired.rates, self.wired.injection
             self.machine = machine_of(self.root, image, rates, self.stop, injection, outputs)
+            commands = self.machine.commands
+            self.machine.alarms = engine_of(alarms, image, commands.inhibitions, commands.events)
         except BaseException:
             self._give_back()
             if device_claim is not self.device_claim:

@@ -93,11 +93,16 @@ def _cannot(interlock: Interlock, cause: str) -> str:
 def interlocks_of(root: Compound) -> list[Interlock]:
     """Every interlock of a machine, as declared; DeclarationError for anything else, and for one that forbids another
     machine's."""
+    return [interlock for _, interlock in owned_interlocks(root)]
+
+
+def owned_interlocks(root: Compound) -> list[tuple[Compound, Interlock]]:
+    """The same, each with the compound that declares it."""
     own = set(map(id, atoms(root)))
     compounds = (node for node in (root, *walk(root)) if isinstance(node, Compound))
     declaring = (node for node in compounds if _declares(node))
-    found = [each for node in declaring for each in _declared_by(node)]
-    for interlock in found:
+    found = [(node, each) for node in declaring for each in _declared_by(node)]
+    for _, interlock in found:
         for item in interlock.actuators():
             if id(item) not in own:
                 raise DeclarationError(f"interlock {interlock.reason!r} forbids {item!r} of another machine")

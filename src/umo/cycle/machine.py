@@ -6,7 +6,7 @@ from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
 from functools import cached_property, partial
 from time import monotonic_ns
 from types import MethodType
-from typing import Any, NamedTuple, NoReturn, Protocol, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, Protocol, cast
 
 from umo.cycle.client_commands import Inbox, Lease, Mode
 from umo.cycle.clock import Clock, WallClock
@@ -30,6 +30,9 @@ from umo.objects.stop_order import stop_sequence
 from umo.presentation.run_facts import driven_text, facts_of
 from umo.user_code import attempt, is_interrupt, read_numbers, refuse_exit, told
 from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE
+
+if TYPE_CHECKING:
+    from umo.alarms import AlarmEngine
 
 INJECTED = "injected_faults"
 """The signal of a run with faults: how many are in effect."""
@@ -76,6 +79,8 @@ class Supervisor(Protocol):
 class ConnectedMachine:
     """Behind the compounds of one machine from `connect` to its end (`umo.objects.link.Machine`)."""
 
+    alarms: AlarmEngine | None = None
+    """Its alarms; None: it has none."""
     parts: Sequence[Any] = ()
     """The parts that have rates of their own (`umo.cycle.rated_machine`)."""
 
@@ -319,6 +324,8 @@ class ConnectedMachine:
     def _finish(self) -> None:
         """The period is over."""
         self.period_open = False
+        if self.alarms is not None:
+            self.alarms.look()
         if self.observers:
             self._show()
 

@@ -153,10 +153,10 @@ class Layout:
     equipment: tuple[dict[str, Any], ...] = ()
     axes: tuple[dict[str, Any], ...] = ()
     alarms: tuple[dict[str, Any], ...] = ()
+    """Of these three: path of each, and the names of its states by their numbers; of alarms text, priority and
+    options, too. Axes are empty in this version."""
     units: tuple[dict[str, Any], ...] = ()
     """Path, states and commands of each state machine (`umo.operation`); its state is the signal `PATH.state`."""
-    """Of these three: path of each, and the names of its states by their numbers; axes and alarms are empty in this
-    version."""
 
     @property
     def columns(self) -> list[Column]:

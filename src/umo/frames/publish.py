@@ -72,6 +72,7 @@ def published(
             tuple(each.describe() for each in machine.actions.values()),
             tuple(each.describe() | {"start": _start(each)} for each in machine.tunables.values()),
             tuple(each.describe() for each in machine.equipment.all),
+            alarms=() if machine.alarms is None else tuple(each.describe() for each in machine.alarms.declared),
             units=tuple(dict(each.describe()) for each in machine.supervisors),
         )
         ring = Ring(machine, phases, layout, ends, tunables=list(machine.tunables.values()))

@@ -24,6 +24,7 @@ from umo.cycle.equipment import EquipmentState
 from umo.cycle.events import FAULT, IN_FAULT, CommandState, Event
 from umo.cycle.stage import Progress, Stage
 from umo.errors import FramesError, PathError
+from umo.frames.alarm_list import AlarmRow, alarm_rows, alarms_text
 from umo.frames.frame_server import is_socket, receive
 from umo.frames.layout import (
     CHECKSUM,
@@ -45,10 +46,10 @@ from umo.objects import Quality
 from umo.presentation.durations import lasting
 from umo.presentation.html_table import html_table, never_raises
 from umo.presentation.rows import TableRow, restriction
-from umo.presentation.run_facts import driven_text, facts_of, title
+from umo.presentation.run_facts import ALARMS, driven_text, facts_of, title
 from umo.presentation.value_text import span, state_text
 from umo.system import folders
-from umo.text import did_you_mean
+from umo.text import did_you_mean, printable
 from umo.wiring.patterns import chosen
 
 Frames = npt.NDArray[Any]
@@ -311,6 +312,13 @@ class Reader:
         paths = (str(entry["path"]) for entry, state in states if state == EquipmentState.FAULT)
         return {path: told.get(path, "its reason is no longer kept") for path in paths}
 
+    def alarms(self, frame: Any) -> list[AlarmRow]:
+        """The alarms that are not normal at a frame: what is to be acknowledged first, then by priority."""
+        if frame is None or not frame["alarms"].any():
+            return []
+        events = (each.event for each in self.events())
+        return alarm_rows(self.layout.alarms, frame["alarms"].tolist(), events)
+
     # In words ------------------------------------------------------------------------------------------
 
     @property
@@ -335,6 +343,8 @@ class Reader:
         )
         if frame is None:
             return facts | {"progress": "no period has ended yet"}
+        if alarms := alarms_text(self.alarms(frame)):
+            facts[ALARMS] = "; ".join(map(printable, alarms))
         silence = (time.monotonic_ns() - int(frame["began"])) * 1e-9
         if state is Stage.RUNNING and silence > max(SILENCE, 10 * self.about["period"]):
             facts["no frame for"] = lasting(silence)

@@ -24,7 +24,7 @@ from typing import (
 
 from umo.errors import DeclarationError, PathError
 from umo.objects.atomic import Binary
-from umo.objects.keywords import ByAttribute, ClassSettings, refuse_in_body, settings_of
+from umo.objects.keywords import AlarmsByName, ByAttribute, ClassSettings, refuse_in_body, settings_of
 from umo.objects.link import Cycle, Unconnected
 from umo.objects.node import Node
 from umo.objects.paths import named
@@ -90,6 +90,9 @@ class Compound(Node):
         unless its class has `every` too. Its `dt` and `cycle.period` are those of its own periods. A period carries out
         the parts at its own rate first, their outputs included, then those that are due. On the machine itself it has
         no effect. Default: that of the object around it, of the machine 1.
+    alarms: The alarms of an operator (ISA-18.2): `umo.alarms.Alarm` by their names, or a function of the object that
+        returns this. Those of the base are kept; for a name in both, that of the subclass counts. The path of an alarm
+        is that of the object and its name: `tank.overfill`.
 
     A field with a number (or bool, text, Enum) is one that a wiring may set. Unit, range and use are annotated:
 
@@ -111,6 +114,7 @@ class Compound(Node):
         numbers: ByAttribute | None = None,
         when_suspended: Reaction | None = None,
         every: int | str | None = None,
+        alarms: AlarmsByName | None = None,
         **unknown: Never,
     ) -> None:
         super().__init_subclass__()
@@ -121,6 +125,7 @@ class Compound(Node):
             "numbers": numbers,
             "when_suspended": when_suspended,
             "every": every,
+            "alarms": alarms,
             **unknown,
         }
         cls._settings = settings_of(cls, given)

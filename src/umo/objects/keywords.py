@@ -17,6 +17,8 @@ from umo.text import did_you_mean
 ByAttribute = Mapping[str, Range] | Callable[[Any], Mapping[str, Range]]
 """Numbers by the names of attributes, or a function of the object that returns this."""
 
+AlarmsByName = Mapping[str, Any] | Callable[[Any], Mapping[str, Any]]
+"""Alarms (`umo.alarms.Alarm`) by their names, or a function of the object that returns this."""
 
 IN_MANUAL = "manual"
 """Value of `equipment`: the compound contains its failures in manual mode only."""
@@ -32,6 +34,8 @@ class ClassSettings(NamedTuple):
     """Numbers of the class, then of its bases."""
     when_suspended: Reaction | None = None
     every: int | str | None = None
+    alarms: tuple[AlarmsByName, ...] = ()
+    """Alarms of the class, then of its bases."""
 
 
 def settings_of(cls: type, given: Mapping[str, Any]) -> ClassSettings:
@@ -48,7 +52,8 @@ def settings_of(cls: type, given: Mapping[str, Any]) -> ClassSettings:
     cls._own_settings = own  # type: ignore[attr-defined]
     each = [vars(base).get("_own_settings", {}) for base in cls.__mro__]
     numbers = tuple(own["numbers"] for own in each if "numbers" in own)
-    return ClassSettings(**{**ChainMap(*each), "numbers": numbers})
+    alarms = tuple(own["alarms"] for own in each if "alarms" in own)
+    return ClassSettings(**{**ChainMap(*each), "numbers": numbers, "alarms": alarms})
 
 
 KEYWORDS = {
@@ -58,6 +63,7 @@ KEYWORDS = {
     "numbers": "a mapping by names of attributes, or a function of the object that returns one",
     "when_suspended": '"default", "hold" or "run on"',
     "every": 'a number of periods from 1 on, or a duration such as "10 ms"',
+    "alarms": "a mapping of names to Alarms, or a function of the object that returns one",
 }
 """The class keywords, and what each of them is."""
 FORMER_NAMES = {"stopping": "stop_order", "longest_period": "max_period", "signals": "numbers", "tunable": "numbers"}
@@ -104,7 +110,9 @@ def _similar(name: str, value: Any) -> str:
     """The keyword of which this is a misspelling, "" if it is none."""
     near = get_close_matches(name, [*KEYWORDS, *FORMER_NAMES], n=1, cutoff=MISSPELT_RATIO)
     meant = FORMER_NAMES.get(near[0], near[0]) if near else ""
-    if meant == "numbers":
+    if meant == "alarms":
+        declared = isinstance(value, Mapping) and any(type(each).__name__ == "Alarm" for each in value.values())
+    elif meant == "numbers":
         declared = isinstance(value, Mapping) and any(isinstance(each, Range | str) for each in value.values())
     else:
         declared = bool(meant) and _is_valid(meant, value)

@@ -21,10 +21,12 @@ from umo.cycle.client_commands import DEAD_MAN_TIME
 from umo.cycle.events import CommandState
 from umo.errors import CommandRefused, FramesError
 from umo.frames.client_memory import LEASE
+from umo.page.access_control import is_loopback
 from umo.page.feed import Feed
 from umo.page.watched_run import Watched
 from umo.remote.commander import SIGNS_OF_LIFE, Answers, Commander
 from umo.system.processes import user_name
+from umo.system.roles import Roles
 from umo.text import printable
 
 LEASE_TIME = 2.0
@@ -52,6 +54,10 @@ class PageClient:
         self._feed = feed
         self._address = address
         self._tell = tell
+        self._user = ""
+        """The name that the page gave last, as roles know it."""
+        self._roles = None if is_loopback(address) else Roles.load()
+        """The roles of users on other computers; None: the page is this user's own."""
         self._who = self._named("")
         self._key = secrets.token_hex(8)
         self._reader = watched.reader.again()
@@ -73,6 +79,12 @@ class PageClient:
 
     async def carry_out(self, message: dict[str, Any]) -> None:
         """Send a command of the page. Its answers are told when they come: `begun` for a long action, then its end."""
+        if message.get("do") == "lease":
+            self._user = " ".join(str(message.get("who", "")).split())
+        refusal = None if self._roles is None else self._roles.allowed(self._user, str(message.get("do")))
+        if refusal is not None:
+            await self._answer(message, CommandState.REFUSED, refusal)
+            return
         if message.get("do") == "stop":
             await self._stop(message)
             return

@@ -14,6 +14,8 @@ from umo.text import others, printable, time_of_day
 
 IN_FAULT = "in fault"
 """Name of the fact that tells the equipment in fault."""
+ALARMS = "alarms"
+"""Name of the fact that tells the alarms."""
 MAX_FAULTS = 3
 """Number of equipments in fault that are told at most."""
 MAX_DRIVEN = 3

@@ -10,7 +10,9 @@ import numpy.typing as npt
 
 from umo.cycle.events import Event
 from umo.cycle.stage import Progress
+from umo.duration import seconds
 from umo.frames import Reader
+from umo.frames.alarm_list import AlarmRow
 from umo.frames.reader import progress_of
 from umo.remote.commander import Commander
 from umo.remote.live_view import LiveView
@@ -113,6 +115,29 @@ class RemoteStation(Commander, RemotePart):
         EquipmentFault while one of its sensors cannot be read, TaskFailed if an object cannot be initialised: it stays
         in fault. Under the lease, in any mode."""
         return str(self.ask("clear", path))
+
+    @property
+    def alarms(self) -> list[AlarmRow]:
+        """The alarms that are not normal: what is to be acknowledged first, then by priority."""
+        return self.reader.alarms(self.reader.latest())
+
+    def acknowledge_alarm(self, path: str = "") -> str:
+        """Acknowledge an alarm, those of an object or compound, of a pattern, or ("") all. Returns what it did:
+        "acknowledged: tank.overfill". CommandRefused for one alarm that is not to be acknowledged, PathError if there
+        is none. Under the lease, in any mode, as the following."""
+        return str(self.ask("acknowledge alarm", path))
+
+    def reset_alarm(self, path: str = "") -> str:
+        """Reset latched alarms that are acknowledged and no longer active."""
+        return str(self.ask("reset alarm", path))
+
+    def shelve(self, path: str, time: str | float) -> str:
+        """Put alarms away for a time, in s or such as "10 min", at most 7 days. RangeError for another."""
+        return str(self.ask("shelve", path, value=seconds(time)))
+
+    def unshelve(self, path: str) -> str:
+        """End a shelf before its time."""
+        return str(self.ask("unshelve", path))
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name in vars(self) or isinstance(getattr(RemoteStation, name, None), property):

@@ -1,0 +1,21 @@
+"""Alarms after ISA-18.2 and IEC 62682: declared on compounds with the class keyword `alarms`."""
+
+from umo.alarms.alarm_states import AlarmState, Operation
+from umo.alarms.collecting import DeclaredAlarm, alarms_of, has_alarms
+from umo.alarms.declaration import Alarm, Bad, High, In, Low, Priority
+from umo.alarms.engine import AlarmEngine
+
+__all__ = [
+    "Alarm",
+    "AlarmEngine",
+    "AlarmState",
+    "Bad",
+    "DeclaredAlarm",
+    "High",
+    "In",
+    "Low",
+    "Operation",
+    "Priority",
+    "alarms_of",
+    "has_alarms",
+]

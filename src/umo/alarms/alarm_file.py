@@ -1,0 +1,109 @@
+"""The history of alarms over restarts: a small file of lines of JSON for each station, in the lasting state folder.
+
+It is written off the loop: never in a control process, and never in a guardian's look. Two generations are kept, each
+of at most `MAX_BYTES`. A line that is torn or foreign costs only itself.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable
+from math import isfinite
+from pathlib import Path
+from typing import NamedTuple
+
+from umo.errors import UmoError
+from umo.system import folders
+from umo.system.device_record import state_folder
+
+try:
+    import fcntl
+except ImportError:  # a system without it
+    fcntl = None  # type: ignore[assignment]
+
+FOLDER = "alarms"
+SUFFIX = ".jsonl"
+MAX_BYTES = 1 << 20
+"""Bytes of a file at most; then it becomes the older generation."""
+MAX_NAME = 100
+"""Length of a station's name in the name of a file, characters."""
+
+
+class AlarmRecord(NamedTuple):
+    """One change of an alarm."""
+
+    when: float
+    """s since 1970, as far as the writer was quick: when it read the event."""
+    time: float
+    """s on the cycle's clock."""
+    path: str
+    text: str
+    """Its new state, priority and text, as in the event."""
+    who: str
+    """The client; "": the machine itself."""
+
+
+def file_of(station: str) -> Path:
+    """The file of a station; OSError where there is no folder that outlives a run."""
+    name = "".join(each if each.isalnum() or each in "-_." else "_" for each in station)[:MAX_NAME].lstrip(".")
+    return folders.checked(state_folder() / FOLDER) / f"{name or '_'}{SUFFIX}"
+
+
+def append(file: Path, records: Iterable[AlarmRecord]) -> None:
+    """Add records at the end, in one write. OSError if they cannot be written."""
+    data = "".join(f"{json.dumps(record._asdict())}\n" for record in records).encode()[-MAX_BYTES:]
+    if not data:
+        return
+    with open(os.open(file, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW, 0o644), "r+b", buffering=0) as stream:
+        if fcntl is not None:
+            fcntl.flock(stream, fcntl.LOCK_EX)  # several runs of a station
+        size = os.fstat(stream.fileno()).st_size
+        if size + len(data) <= MAX_BYTES:
+            if size and os.pread(stream.fileno(), 1, size - 1) != b"\n":
+                data = b"\n" + data  # the last writer did not come to its end
+            stream.write(data)
+            return
+        os.replace(file, older(file))
+    append_new(file, data)
+
+
+def append_new(file: Path, data: bytes) -> None:
+    """Begin a new generation."""
+    with open(
+        os.open(file, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW, 0o644), "ab", buffering=0
+    ) as stream:
+        stream.write(data)
+
+
+def older(file: Path) -> Path:
+    """The file of the older generation."""
+    return file.with_name(f"{file.name}.1")
+
+
+def read(file: Path) -> list[AlarmRecord]:
+    """The records that are kept, oldest first; UmoError if a file cannot be read. One that there is not is empty."""
+    found: list[AlarmRecord] = []
+    for each in (older(file), file):
+        try:
+            with open(os.open(each, os.O_RDONLY | os.O_NOFOLLOW), "rb") as stream:
+                data = stream.read(2 * MAX_BYTES)
+        except FileNotFoundError:
+            continue
+        except OSError as error:
+            raise UmoError(f"{each} cannot be read: {error.strerror}") from None
+        found += [record for line in data.splitlines() if (record := _record(line)) is not None]
+    return found
+
+
+def _record(line: bytes) -> AlarmRecord | None:
+    """None for a line that is none."""
+    try:
+        given = json.loads(line)
+        when, time = float(given["when"]), float(given["time"])
+        texts = [given[name] for name in ("path", "text", "who")]
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        return None
+    if not (isfinite(when) and isfinite(time) and all(isinstance(text, str) for text in texts)):
+        return None
+    return AlarmRecord(when, time, *texts)

@@ -1,0 +1,94 @@
+"""Alarms in the cycle: those that the machine itself brings, and the engine of a connected machine.
+
+`umo.alarms` is imported only for a machine that declares some.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING
+
+from umo.cycle.events import ALARM, Event, Events
+from umo.cycle.image import Image
+from umo.cycle.inhibition import Inhibition, owned_interlocks
+from umo.objects import Compound, walk
+from umo.presentation.durations import duration
+
+if TYPE_CHECKING:
+    from umo.alarms import AlarmEngine, DeclaredAlarm
+
+
+def declared_alarms(root: Compound) -> list[DeclaredAlarm]:
+    """Every alarm of a machine, in the order of frames: none if no class of it has the keyword `alarms`.
+    DeclarationError for a declaration that fits nothing."""
+    compounds = (node for node in (root, *walk(root)) if isinstance(node, Compound))
+    if not any(node._settings.alarms for node in compounds):
+        return []
+    from umo.alarms import alarms_of
+
+    return alarms_of(root, partial(_own_alarms, root))
+
+
+def engine_of(
+    declared: Sequence[DeclaredAlarm], image: Image, inhibitions: Sequence[Inhibition], events: Events
+) -> AlarmEngine | None:
+    """The alarms of a connected machine; None: it has none."""
+    if not declared:
+        return None
+    from umo.alarms import AlarmEngine
+
+    for each in declared:
+        if isinstance(call := getattr(each.test, "call", None), Latched):
+            call.inhibitions = inhibitions
+
+    def tell(path: str, text: str, who: str) -> None:
+        events.add(Event(image.clock.now, path, text, who, asked=ALARM))
+
+    return AlarmEngine(declared, image, lambda: image.clock.now, tell)
+
+
+def turn_text(declared: Sequence[DeclaredAlarm], period: float | None) -> str:
+    """The sentence that the functions among the conditions take turns, and how long that takes; "": each is called in
+    every period. `period` in s."""
+    from umo.alarms.collecting import Free
+    from umo.alarms.conditions import FREE_PER_PERIOD, turns_of
+
+    count = sum(isinstance(each.test, Free) for each in declared)
+    if (turns := turns_of(count)) == 1:
+        return ""
+    time = f" ({duration(turns * period)})" if period else ""
+    return (
+        f"alarms: {count} functions take turns, {FREE_PER_PERIOD} a period: each is called every {turns} periods{time}"
+    )
+
+
+class Latched:
+    """The condition that an interlock, by its number, inhibits its actuators."""
+
+    def __init__(self, number: int) -> None:
+        self._number = number
+        self.inhibitions: Sequence[Inhibition] = ()
+        """The interlocks of the connected machine."""
+
+    def __call__(self) -> bool:
+        return self._number < len(self.inhibitions) and self.inhibitions[self._number].reason is not None
+
+
+def _own_alarms(root: Compound) -> list[DeclaredAlarm]:
+    """Of equipment in fault, and of latched interlocks that inhibit."""
+    from umo.alarms import DeclaredAlarm, Priority
+    from umo.alarms.collecting import Free, InFault, joined, own_alarm
+    from umo.cycle.equipment import equipment_in
+
+    found = []
+    for number, compound in enumerate(equipment_in(root)):
+        alarm = own_alarm(f"{compound._path} is in fault", Priority.HIGH)
+        found.append(DeclaredAlarm(joined(compound._path, "fault"), alarm, InFault(number)))
+    counts: dict[str, int] = {}
+    for number, (owner, interlock) in enumerate(owned_interlocks(root)):
+        if interlock.latched:
+            place = counts[owner._path] = counts.get(owner._path, -1) + 1
+            path = joined(owner._path, f"interlock.{place}")
+            found.append(DeclaredAlarm(path, own_alarm(interlock.reason, Priority.MEDIUM), Free(Latched(number))))
+    return found

@@ -1,0 +1,70 @@
+"""The alarms of a running station as an operator sees them: from a frame and the events that are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from umo.alarms import AlarmState, Priority
+from umo.alarms.alarm_states import ANNUNCIATED, TO_BE_ACKNOWLEDGED
+from umo.cycle.events import ALARM, Event
+
+MAX_TOLD = 3
+"""Number of alarms that are told in a line."""
+
+
+class AlarmRow(NamedTuple):
+    """One alarm that is not normal."""
+
+    path: str
+    state: AlarmState
+    priority: Priority
+    text: str
+    since: float | None
+    """Time in s on the cycle's clock at which it came into this state; None: the event is no longer kept."""
+    who: str
+    """The client that brought it there; "": the machine itself."""
+    note: str
+    """More words, such as why its condition cannot be evaluated."""
+
+    @property
+    def annunciated(self) -> bool:
+        """Whether it is to be shown to an operator: it is neither shelved nor out of service."""
+        return self.state in ANNUNCIATED
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.text} ({self.priority}, {self.state})"
+
+
+def alarm_rows(entries: Sequence[Mapping[str, Any]], states: Iterable[int], events: Iterable[Event]) -> list[AlarmRow]:
+    """The alarms that are not normal: what is to be acknowledged first, then by priority, the newest first."""
+    last = {event.path: event for event in events if event.asked == ALARM}
+    numbered = zip(entries, states, strict=True)
+    rows = [_row(entry, AlarmState(n), last.get(entry["path"])) for entry, n in numbered if n in _NOT_NORMAL]
+    return sorted(rows, key=_order)
+
+
+def alarms_text(rows: Sequence[AlarmRow]) -> list[str]:
+    """The first few alarms in words, and the number of the others."""
+    shown = [row for row in rows if row.annunciated]
+    more = len(shown) - MAX_TOLD
+    return [*map(str, shown[:MAX_TOLD]), *([f"and {more} more"] if more > 0 else [])]
+
+
+_NOT_NORMAL = frozenset(AlarmState) - {AlarmState.NORMAL}
+_PRIORITIES = {str(priority): priority for priority in Priority}
+
+
+def _row(entry: Mapping[str, Any], state: AlarmState, event: Event | None) -> AlarmRow:
+    text = str(entry.get("text", ""))
+    priority = _PRIORITIES.get(str(entry.get("priority")), Priority.MEDIUM)
+    head = f"{state} ({priority}): {text}"
+    if event is None or not event.text.startswith(f"{state} "):
+        return AlarmRow(entry["path"], state, priority, text, None, "", "")
+    note = event.text.removeprefix(head).removeprefix("; ") if event.text.startswith(head) else ""
+    return AlarmRow(entry["path"], state, priority, text, event.time, event.who, note)
+
+
+def _order(row: AlarmRow) -> tuple[Any, ...]:
+    asks = row.state in TO_BE_ACKNOWLEDGED
+    return not asks, not row.annunciated, -row.priority, -(row.since or 0.0), row.path

@@ -1,0 +1,144 @@
+"""Alarms and clients: what a client may do with them, what it is answered, and what others see of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from helpers.machines import sensor, timer, wired
+from helpers.operator import Operator
+from umo import Compound, DigitalSensor, connect
+from umo.alarms import Alarm, AlarmState, High, Priority
+from umo.cycle.client_commands import Mode
+from umo.cycle.events import CommandState
+from umo.frames.alarm_list import alarm_rows, alarms_text
+from umo.testing import Scripted
+
+
+class Tank(
+    Compound,
+    alarms={
+        "full": Alarm(High("level", 80.0), "too full"),
+        "flooded": Alarm(High("level", 90.0), "flooded", priority=Priority.CRITICAL, latch=True),
+    },
+):
+    level: DigitalSensor
+
+
+class Plant(Compound):
+    timer: DigitalSensor
+    tanks: list[Tank]
+
+
+class Rig:
+    def __init__(self, mode: Mode = Mode.AUTOMATIC) -> None:
+        self.box = Scripted()
+        machine = Plant(timer=timer(), tanks=[Tank(level=sensor(resolution=1.0)) for _ in range(2)])
+        self.connection = connect(machine, wired(machine, self.box))
+        self.m = self.connection.__enter__()
+        self.ann = Operator(machine, mode)
+
+    def flood(self, number: int, level: int = 95) -> None:
+        self.box.set(f"tanks.{number}.level", level)
+        self.ann.run()
+
+    @property
+    def rows(self) -> list[Any]:
+        machine = self.connection.machine
+        assert machine.alarms is not None
+        described = [each.describe() for each in machine.alarms.declared]
+        return alarm_rows(described, machine.image.columns.alarms.tolist(), machine.events)
+
+    def states(self) -> dict[str, str]:
+        return {row.path: str(row.state) for row in self.rows}
+
+
+@pytest.fixture(params=[Mode.AUTOMATIC, Mode.MANUAL], ids=str)
+def rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
+    rig = Rig(request.param)
+    yield rig
+    rig.connection.__exit__(None, None, None)
+
+
+@pytest.mark.parametrize("do", ["acknowledge alarm", "reset alarm", "shelve", "unshelve"])
+def test_every_command_needs_the_lease(rig: Rig, do: str) -> None:
+    rig.flood(0)
+    answer = rig.ann.do(do, "tanks.0.full", 60.0)
+    assert (answer.state, answer.text) == (
+        CommandState.REFUSED,
+        "CommandRefused: nobody has the lease; take it first",
+    )
+    assert rig.states()["tanks.0.full"] == "unacknowledged"
+
+
+def test_one_is_acknowledged_by_its_path_and_several_by_a_pattern(rig: Rig) -> None:
+    rig.flood(0)
+    rig.flood(1)
+    rig.ann.do("lease")
+    assert rig.ann.do("acknowledge alarm", "tanks.0.full").text == '"acknowledged: tanks.0.full"'
+    assert rig.ann.do("acknowledge alarm", "tanks.*.flooded").text == (
+        '"acknowledged: tanks.0.flooded and tanks.1.flooded"'
+    )
+    assert rig.states() == {
+        "tanks.0.full": "acknowledged",
+        "tanks.0.flooded": "acknowledged",
+        "tanks.1.full": "unacknowledged",
+        "tanks.1.flooded": "acknowledged",
+    }
+    assert [row.who for row in rig.rows if row.path == "tanks.0.full"] == ["ann"]
+
+
+def test_what_cannot_be_done_is_refused_with_the_state(rig: Rig) -> None:
+    rig.ann.do("lease")
+    assert rig.ann.do("acknowledge alarm", "tanks.0.full").text == (
+        "CommandRefused: tanks.0.full is normal: it cannot be acknowledged"
+    )
+    assert rig.ann.do("acknowledge alarm").text == '"no alarm there can be acknowledged"'
+    assert rig.ann.do("shelve", "tanks.0.fall", 60.0).text == (
+        "PathError: no alarm 'tanks.0.fall' (did you mean 'tanks.0.full'?)"
+    )
+
+
+@pytest.mark.parametrize("time", [0.0, -1.0, True, "10 min", float("nan"), float("inf"), 1e9, None])
+def test_a_shelf_has_a_time(rig: Rig, time: Any) -> None:
+    rig.ann.do("lease")
+    answer = rig.ann.do("shelve", "tanks.0.full", time)
+    assert answer.state is CommandState.REFUSED
+    assert answer.text.startswith("RangeError: an alarm is shelved for a time of up to 604800 s (7 days)")
+
+
+def test_a_shelved_alarm_is_not_told_until_it_is_unshelved(rig: Rig) -> None:
+    rig.ann.do("lease")
+    rig.ann.do("shelve", "tanks.0", 60.0)
+    rig.flood(0)
+    assert set(rig.states().values()) == {"shelved"}
+    assert alarms_text(rig.rows) == []
+    assert rig.rows[0].note == "for 60 s"
+    rig.ann.do("unshelve", "tanks.0.full")
+    assert rig.states() == {"tanks.0.full": "unacknowledged", "tanks.0.flooded": "shelved"}
+
+
+def test_what_is_to_be_acknowledged_stands_first_then_by_priority(rig: Rig) -> None:
+    rig.flood(0)
+    rig.ann.do("lease")
+    rig.ann.do("acknowledge alarm", "tanks.0.flooded")
+    rig.flood(1)
+    assert [row.path for row in rig.rows] == ["tanks.1.flooded", "tanks.1.full", "tanks.0.full", "tanks.0.flooded"]
+    assert alarms_text(rig.rows)[-2:] == ["tanks.0.full: too full (medium, unacknowledged)", "and 1 more"]
+
+
+def test_an_alarm_out_of_service_comes_back_when_it_is_returned(rig: Rig) -> None:
+    rig.ann.do("lease")
+    rig.ann.do("remove from service", "tanks.0.full")
+    rig.flood(0, level=85)
+    assert rig.states() == {"tanks.0.full": str(AlarmState.OUT_OF_SERVICE)}
+    rig.ann.do("return to service", "tanks.0.full")
+    assert rig.states() == {"tanks.0.full": "unacknowledged"}
+
+
+def test_an_event_that_is_no_longer_kept_leaves_the_time_unknown(rig: Rig) -> None:
+    rig.flood(0)
+    rig.connection.machine.events.clear()
+    assert [(row.since, row.who) for row in rig.rows] == [(None, "")] * 2
