@@ -32,6 +32,16 @@ class AlarmRow(NamedTuple):
         """Whether it is to be shown to an operator: it is neither shelved nor out of service."""
         return self.state in ANNUNCIATED
 
+    @property
+    def asks(self) -> bool:
+        """Whether it is to be acknowledged."""
+        return self.state in TO_BE_ACKNOWLEDGED
+
+    @property
+    def resets(self) -> bool:
+        """Whether it is latched, and acknowledged: a reset leads back to normal."""
+        return self.state is AlarmState.LATCHED_ACKNOWLEDGED
+
     def __str__(self) -> str:
         return f"{self.path}: {self.text} ({self.priority}, {self.state})"
 
@@ -66,5 +76,4 @@ def _row(entry: Mapping[str, Any], state: AlarmState, event: Event | None) -> Al
 
 
 def _order(row: AlarmRow) -> tuple[Any, ...]:
-    asks = row.state in TO_BE_ACKNOWLEDGED
-    return not asks, not row.annunciated, -row.priority, -(row.since or 0.0), row.path
+    return not row.asks, not row.annunciated, -row.priority, -(row.since or 0.0), row.path

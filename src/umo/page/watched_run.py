@@ -14,6 +14,7 @@ from umo.cycle.columns import TAKEN_BY_CLIENT
 from umo.cycle.events import Event
 from umo.errors import UmoError
 from umo.frames import Layout, Reader, Stage
+from umo.frames.alarm_list import AlarmRow
 from umo.objects import Quality
 from umo.page.ending import UNKNOWN_END, BoxInWords, Ending, ending_of, newest_box
 from umo.presentation.durations import duration
@@ -114,7 +115,7 @@ class Watched:
         told["actions"] = [each | {"arguments": list(map(as_shown, each["arguments"]))} for each in layout.actions]
         return (
             told
-            | {"twin": self.twin, "units": list(layout.units)}
+            | {"twin": self.twin, "units": list(layout.units), "alarms": bool(layout.alarms)}
             | {"qualities": list(zip(SIGNS, WORDS, strict=True))}
         )
 
@@ -178,6 +179,7 @@ class Watched:
                 if why and restrictions[slot] != TAKEN_BY_CLIENT
             }
             told["faults"] = reader.faults(frame)
+            told["alarms"] = [_alarm(row) for row in reader.alarms(frame)]
         if reader.mode is not None:
             tuned = {path: value if np.isfinite(value) else None for path, value in reader.tunables().items()}
             told |= {"mode": str(reader.mode), "tuned": tuned}
@@ -236,6 +238,13 @@ def described_twin(layout: Layout) -> dict[str, Any] | None:
     except UmoError as error:
         return {"error": str(error)}
     return found and found | {"paths": list(map(as_shown, found["paths"]))}
+
+
+def _alarm(row: AlarmRow) -> dict[str, Any]:
+    """An alarm, and which commands it takes."""
+    told = row._asdict() | {"state": str(row.state), "priority": str(row.priority), "text": printable(row.text)}
+    able = {"asks": row.asks, "resets": row.resets, "shelves": row.annunciated}
+    return told | {"annunciated": row.annunciated} | able
 
 
 def _plain(numbers: Any) -> list[float | None]:

@@ -1,5 +1,6 @@
 /** Operate: the lease, the mode, and the controls of every part of the machine. */
 
+import { AlarmList } from "./alarms.js";
 import { ActionControl, ActuatorControl, JogControl, SensorControl, TunableControl } from "./controls.js";
 import { address, el, setText, store } from "./dom.js";
 import { words } from "./client.js";
@@ -32,6 +33,7 @@ export class View {
     this._answered = "";
     this._why = el("span", { className: "hint" });
     this._parts = el("div", { className: "parts" });
+    this._alarms = new AlarmList(feed, client);
     this._states = (feed.description?.units ?? []).map((unit) => new StatesPanel(unit, feed, client));
     this._holder = el("span", { className: "holder" });
     this._name = el("input", { type: "text", placeholder: "Your name", maxLength: 40, "aria-label": "Your name", value: store.get("name"), onchange: () => store.set("name", this._name.value) });
@@ -41,7 +43,7 @@ export class View {
     element.append(
       el("div", { className: "bar lease" }, this._holder, this._name, this._take, this._give,
         el("span", { className: "modes", role: "group", "aria-label": "Mode" }, ...this._mode), this._filter, this._why),
-      this._answers, el("div", { className: "parts" }, ...this._states.map((each) => each.element)), this._parts);
+      this._answers, this._alarms.element, el("div", { className: "parts" }, ...this._states.map((each) => each.element)), this._parts);
     this._off = client.on(() => this._refresh());  // after each state too
     this._filtered();
     this._refresh();
@@ -86,6 +88,7 @@ export class View {
     }
     setText(this._why, ended ? "" : why(feed, client));
     this._show();
+    this._alarms.refresh(feed);
     for (const each of this._states) each.refresh(feed);
     for (const part of this._shownParts) part.refresh();
   }

@@ -55,6 +55,22 @@ declare namespace Page {
     commands: Record<string, Record<string, number>>;
   }
 
+  /** An alarm that is not normal (umo/frames/alarm_list.py); what can be done with it. */
+  interface Alarm {
+    path: string;
+    state: string;
+    priority: string;
+    text: string;
+    /** s on the cycle's clock; null: not known any more. */
+    since: number | null;
+    who: string;
+    note: string;
+    annunciated: boolean;
+    asks: boolean;
+    resets: boolean;
+    shelves: boolean;
+  }
+
   interface Tunable { path: string; name: string; unit?: string; look?: string; minimum?: number; maximum?: number; range?: string }
 
   interface Description {
@@ -70,6 +86,8 @@ declare namespace Page {
     actions: Action[];
     tunables: Tunable[];
     units: Unit[];
+    /** Whether the machine has alarms. */
+    alarms: boolean;
     twin: boolean;
     qualities: [string, string][];
   }
@@ -98,6 +116,7 @@ declare namespace Page {
     /** Equipment in fault: the reason, by path. */
     faults?: Record<string, string>;
     by_client?: string[];
+    alarms?: Alarm[];
     mode?: string;
     tuned?: Record<string, number | null>;
     lease?: { number: number; holder: string };

@@ -11,6 +11,7 @@ from math import nan
 from typing import Annotated
 
 from umo import Compound, DigitalActuator, DigitalSensor, Interlock, Number
+from umo.alarms import Alarm, High, Priority
 from umo.control import Servo, Task, first, unless, until, value_of, wait
 from umo.errors import TimeExpired
 from umo.operation import Procedure, ProcedureState
@@ -19,6 +20,9 @@ from umo.operation.recipe_book import RecipeBook
 from .batch_recipes import FOLDER, STIRRING_TOLERANCE, BatchRecipe
 from .charging import CLOSED, OPEN, ChargingLine, Valve, held_open
 from .errors import ChargingError, DrainingError, TemperatureError
+
+WAITING = "waiting for the scale"
+"""Phase of a reactor while the other one, or a fault, has the charging line."""
 
 __all__ = ["BatchPlant", "ChargingLine", "Making", "Reactor"]
 
@@ -54,6 +58,18 @@ class Reactor(
     numbers={
         "heating.gain": Number("percent/K", 0.0, 50.0, tunable=True),
         "heating.integral_time": Number("s", 20.0, 2000.0, tunable=True),
+    },
+    alarms={
+        "hot": Alarm(
+            High("temperature", 95.0, deadband=1.0), "the reactor is hot", priority=Priority.HIGH, on_delay="2 s"
+        ),
+        "full": Alarm(High("level", 140.0, deadband=2.0), "the reactor is nearly full", on_delay="2 s"),
+        "waiting": Alarm(
+            lambda reactor: reactor.waits_for_line,
+            "the reactor waits for the charging line",
+            on_delay="120 s",
+            latch=True,
+        ),
     },
     max_period="1 s",
 ):
@@ -104,6 +120,10 @@ class Reactor(
         self._before = self.unit.produced, self.unit.rejected  # the counts are kept over a restart
         self.phase = "idle"
         self._ready = False  # what is in it is a batch that is made, and only to be drained
+
+    @property
+    def waits_for_line(self) -> bool:
+        return self.phase == WAITING
 
     @property
     def made(self) -> int:
@@ -169,7 +189,7 @@ class Reactor(
             valve.write(CLOSED)
 
     async def _charge(self, recipe: BatchRecipe, line: ChargingLine) -> None:
-        self.phase = "waiting for the scale"
+        self.phase = WAITING
         async with line.lock:
             await self._cleared(line)
             self.phase = "weighing"
