@@ -19,6 +19,7 @@ from umo.cycle import Frame
 from umo.cycle.restoring import MAX_EXACT
 from umo.errors import DeclarationError
 from umo.objects import numbers_of
+from umo.process import kept_values
 from umo.process.kept_sections import value_of
 from umo.testing import periods
 
@@ -137,6 +138,17 @@ def test_a_value_that_is_not_valid_any_more_costs_this_value(case: str) -> None:
     assert list(refused) == [path]
     assert why in refused[path]
     assert have == DEFAULTS | ({"on": True} if path not in ("on", "length") else {})
+
+
+def test_each_value_that_is_not_taken_is_an_event_and_the_first_ones_are_said() -> None:
+    connection = connect(press())
+    connection.kept = entries(**{f"old_{number}": 1 for number in range(7)})
+    with connection:
+        said = list(kept_values.tell(connection))
+        events = [event for event in connection.machine.events if "its kept value is not taken" in event.text]
+    assert [event.path for event in events] == [f"old_{number}" for number in range(7)]
+    assert said[0].startswith("the kept value of old_0 is not taken: there is no kept number of this name")
+    assert (len(said), said[-1]) == (6, "2 more kept values are not taken: the events of the run tell which")
 
 
 VALUES = some.none() | some.booleans() | some.integers() | some.floats() | some.text(max_size=5)

@@ -13,7 +13,7 @@ import pytest
 
 from helpers import process_box
 from helpers.process_box import Cells
-from helpers.runs import Run, until_dead
+from helpers.runs import Run, assert_safe, until_dead
 from umo.exit_status import ExitStatus
 from umo.process import keeper as keeper_module
 from umo.process import kept_file
@@ -202,3 +202,21 @@ def test_a_second_run_of_one_name_takes_the_values_but_keeps_none(
     first.channel.send("stop", signal=signal.SIGTERM)
     assert first.outcome().unkept == ""
     assert_one_moment(kept())
+
+
+def test_a_disk_that_hangs_delays_the_end_of_a_run_for_a_bounded_time_and_no_reset(
+    tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def hang(path: Path, data: bytes) -> None:
+        while True:
+            signal.pause()
+
+    monkeypatch.setattr(keeper_module, "LAST_TIMEOUT", 0.1)
+    monkeypatch.setattr(keeper_module.Writer.__init__, "__defaults__", (hang,))
+    run = start(tmp_path).until_running()
+    os.kill(run.control, signal.SIGKILL)
+    outcome = run.outcome()
+    assert (outcome.unreached, outcome.unsafe) == ([], True)
+    assert "did not end in time" in outcome.unkept
+    assert_safe(cells)
+    assert not file().exists()

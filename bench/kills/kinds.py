@@ -14,6 +14,7 @@ from bench.kills.strikes import (
     STOP,
     TERM,
     Strike,
+    aged,
     all_stopped_then,
     asleep,
     at_once,
@@ -216,9 +217,9 @@ WORKERS = [
 ]
 WORKERS = [replace(kind, setting=OFF_CYCLE) for kind in WORKERS]
 KEPT = [
-    Kind("kept: SIGKILL of control", one("control", KILL), LOST, 40),
+    Kind("kept: SIGKILL of control", aged(one("control", KILL)), LOST, 40, takes=1.5),
     Kind("kept: SIGKILL of the guardian", one("guardian", KILL), LOST, 30),
-    Kind("kept: SIGKILL of guardian and control", together("guardian", "control"), LOST, 40),
+    Kind("kept: SIGKILL of guardian and control", aged(together("guardian", "control")), LOST, 40, takes=1.5),
     Kind("kept: SIGKILL of control, then the guardian", together("control", "guardian", apart=SHORTLY), LOST, 20),
     Kind("kept: SIGKILL of the keeper, TERM", then_stopped(together("keeper")), (-TERM,), 20),
     Kind("kept: SIGKILL of keeper and control", together("keeper", "control"), LOST, 20),
@@ -232,6 +233,17 @@ KEPT = [
     Kind("kept: SIGKILL of the starter", one("starter", KILL), KILLED, 20, BOTH),
 ]
 KEPT = [replace(kind, setting=Setting(kept=True)) for kind in KEPT]
+KEPT += [
+    Kind(
+        "kept: SIGKILL of all but the starter",
+        aged(together("keeper", "guardian", "standby", "control")),
+        (1, 3),
+        20,
+        setting=Setting(kept=True, keeper_killed=True),
+        resets=False,
+        takes=1.5,
+    )
+]
 KINDS = KILLS + TOGETHER + WORKERS + KEPT + NEIGHBOURS + STOPS + DEVICE + WANT + PROTOCOL
 
 

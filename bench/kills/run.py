@@ -67,6 +67,8 @@ class Setting:
     """Whether a worker process serves the box."""
     kept: bool = False
     """Whether the machine has kept numbers."""
+    keeper_killed: bool = False
+    """Whether nobody is left who writes the last values: then a run shorter than a second may have kept none."""
     nohup: bool = False
     plain: bool = False
     """Whether it runs as a user without privileges."""
@@ -179,7 +181,8 @@ class Run:
         if not self.setting.kept:
             return ""
         if not (files := list(self.folder.glob("state/*/kept/*.json"))):
-            return "nothing was kept"
+            early = self.setting.keeper_killed and self.box.cells[PERIODS] <= MAX_LATE
+            return "" if early else "nothing was kept"
         try:
             values = kept_file.read(files[0])
         except kept_file.KeptFileError as error:

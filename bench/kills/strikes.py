@@ -65,6 +65,17 @@ def together(*which: str, number: int = KILL, apart: tuple[float, float] = (0.0,
     return strike
 
 
+def aged(strike: Strike, least: float = 0.5, most: float = 2.5) -> Strike:
+    """The machine runs for so many s before."""
+
+    def later(run: Run, moments: Random) -> int:
+        run.wait_running()
+        sleep(moments.uniform(least, most))
+        return strike(run, moments)
+
+    return later
+
+
 def then_stopped(strike: Strike) -> Strike:
     """The machine rides over it, and is asked to stop afterwards; the moment is that of asking."""
 

@@ -89,4 +89,4 @@ def tell(connection: connect[Any]) -> Iterator[str]:
         if number < MAX_TOLD:
             yield f"the kept value of {path} is not taken: {why}"
     if len(refused) > MAX_TOLD:
-        yield f"{len(refused) - MAX_TOLD} more kept values are not taken: umo watch tells which"
+        yield f"{len(refused) - MAX_TOLD} more kept values are not taken: the events of the run tell which"
