@@ -506,6 +506,22 @@ def test_equipment_in_fault_is_told_with_its_reason_and_cleared_under_the_lease(
         assert station.faults == {}
 
 
+def test_an_alarm_is_acknowledged_and_shelved_on_the_page(page: Any, tmp_path: Path) -> None:
+    with started(tmp_path, "batch", fault="reactors.1.level disconnect at 0.5 s") as station, serving() as served:
+        take_lease(page, served.url)
+        row = page.locator("[data-alarm='reactors.1.fault']")
+        row.wait_for()
+        assert row.get_attribute("data-state") == "unacknowledged"
+        page.get_by_text("Alarms: 1 standing, 1 to be acknowledged").wait_for()
+        row.get_by_role("button", name="Acknowledge").click()
+        page.locator("[data-alarm='reactors.1.fault'][data-state='acknowledged']").wait_for()
+        page.get_by_role("button", name="Shelve 10 min reactors.1.fault").click()
+        page.locator("[data-alarm='reactors.1.fault'][data-state='shelved']").wait_for()
+        assert [(str(alarm.state), alarm.annunciated) for alarm in station.alarms] == [("shelved", False)]
+        page.get_by_role("button", name="Unshelve reactors.1.fault").click()
+        page.locator("[data-alarm='reactors.1.fault'][data-state='unacknowledged']").wait_for()
+
+
 def test_a_part_with_states_is_held_and_restarted_on_the_page(page: Any, tmp_path: Path) -> None:
     with started(tmp_path, "batch") as station, serving() as served:
         take_lease(page, served.url)

@@ -10,7 +10,7 @@ import { clockText, wallTime } from "./presentation.js";
 
 const SIGNS = { critical: "▲▲", high: "▲", medium: "●", low: "○" };
 const MAX_ROWS = 50;  // that are shown
-const SHELF = "10 min";
+const SHELF = 600;  // s
 
 export class AlarmList {
   /** @param {Feed} feed @param {Client} client */
@@ -57,6 +57,6 @@ export class AlarmList {
       el("td", { className: "text", title: note }, el("strong", { textContent: text }), el("small", { textContent: ` ${path}${note ? ` · ${note}` : ""}` })),
       el("td", { textContent: `${state}${who ? ` (${who})` : ""}` }), el("td", { className: "when", textContent: when }),
       el("td", { className: "does" }, asks ? button("Acknowledge", "acknowledge alarm", undefined) : null, resets ? button("Reset", "reset alarm", undefined) : null,
-        shelves ? button("Shelve", "shelve", SHELF) : state === "shelved" ? button("Unshelve", "unshelve", undefined) : null));
+        shelves ? button("Shelve 10 min", "shelve", SHELF) : state === "shelved" ? button("Unshelve", "unshelve", undefined) : null));
   }
 }

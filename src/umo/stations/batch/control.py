@@ -60,16 +60,9 @@ class Reactor(
         "heating.integral_time": Number("s", 20.0, 2000.0, tunable=True),
     },
     alarms={
-        "hot": Alarm(
-            High("temperature", 95.0, deadband=1.0), "the reactor is hot", priority=Priority.HIGH, on_delay="2 s"
-        ),
+        "hot": Alarm(High("temperature", 95.0, deadband=1.0), "the reactor is hot", priority=Priority.HIGH),
         "full": Alarm(High("level", 140.0, deadband=2.0), "the reactor is nearly full", on_delay="2 s"),
-        "waiting": Alarm(
-            lambda reactor: reactor.waits_for_line,
-            "the reactor waits for the charging line",
-            on_delay="120 s",
-            latch=True,
-        ),
+        "waiting": Alarm(lambda reactor: reactor.waits, "the reactor waits for the charging line", on_delay="120 s"),
     },
     max_period="1 s",
 ):
@@ -122,7 +115,8 @@ class Reactor(
         self._ready = False  # what is in it is a batch that is made, and only to be drained
 
     @property
-    def waits_for_line(self) -> bool:
+    def waits(self) -> bool:
+        """Whether it waits for the charging line."""
         return self.phase == WAITING
 
     @property
