@@ -14,13 +14,16 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 from helpers.machines import timer
-from umo import Compound, DigitalSensor, Number, connect
+from umo import Compound, DigitalSensor, Number, connect, published
+from umo.alarms import AlarmState
 from umo.cycle import Frame
 from umo.cycle.restoring import MAX_EXACT
 from umo.errors import DeclarationError
+from umo.frames import Reader
 from umo.objects import numbers_of
 from umo.process import kept_values
-from umo.process.kept_sections import value_of
+from umo.process.kept_sections import sections_of, value_of
+from umo.process.station import find
 from umo.testing import periods
 
 
@@ -212,3 +215,33 @@ PLAIN = [
 def test_a_number_of_a_frame_is_kept_as_what_it_is_or_not_at_all(kind: Any, number: float, value: Any) -> None:
     found = value_of(kind, number)
     assert (found, type(found)) == (value, type(value))
+
+
+# Alarms and states --------------------------------------------------------------------------------------
+
+
+def test_alarms_and_states_are_kept_with_the_numbers_of_the_same_frame() -> None:
+    machine = find("batch").machine()
+    connection = connect(machine, find("batch").wirings["simulated"])
+    with connection as m, published(connection, "kept") as ring, Reader(ring.path) as reader:
+        periods(m)
+        m.reactors[1].unit.abort()
+        m.reactors[0].unit.produced = 7
+        periods(m, 3)
+        kept = {name: section(reader.latest()) for name, section in sections_of(reader.layout).items()}
+    assert kept["alarms"] == {"reactors.1.fault": int(AlarmState.UNACKNOWLEDGED)}
+    assert kept["states"] == {"reactors.0.unit": "idle", "reactors.1.unit": "aborted"}
+    assert kept["numbers"]["reactors.0.unit.produced"]["value"] == 7
+
+
+def test_an_alarm_that_nobody_has_acknowledged_is_still_to_be_acknowledged_in_the_next_run() -> None:
+    machine = find("batch").machine()
+    connection = connect(machine, find("batch").wirings["simulated"])
+    connection.alarm_states = {"reactors.1.fault": int(AlarmState.UNACKNOWLEDGED), "reactors.9.fault": 1}
+    with connection as m:
+        periods(m, 3)
+        engine = connection.machine.alarms
+        assert engine is not None
+        states = dict(zip(engine.paths, map(AlarmState, engine.states.tolist()), strict=True))
+    assert {path for path, state in states.items() if state} == {"reactors.1.fault"}
+    assert states["reactors.1.fault"] is AlarmState.RETURNED  # its condition is over

@@ -214,6 +214,8 @@ def test_a_disk_that_hangs_delays_the_end_of_a_run_for_a_bounded_time_and_no_res
     monkeypatch.setattr(keeper_module, "LAST_TIMEOUT", 0.1)
     monkeypatch.setattr(keeper_module.Writer.__init__, "__defaults__", (hang,))
     run = start(tmp_path).until_running()
+    while not kept_file.lock_of(file()).exists():  # the keeper writes
+        os.sched_yield()
     os.kill(run.control, signal.SIGKILL)
     outcome = run.outcome()
     assert (outcome.unreached, outcome.unsafe) == ([], True)

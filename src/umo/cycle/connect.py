@@ -83,6 +83,8 @@ class connect(Generic[C]):
         """Functions that are called when the actuators have been reset and the last period has been shown."""
         self.kept: Mapping[str, Any] = {}
         """The kept values of the last run by path (`umo.cycle.restoring`). They count after the wiring's parameters."""
+        self.alarm_states: Mapping[str, int] = {}
+        """The states of the alarms at the end of the last run, by path; an alarm that is not named begins as normal."""
         self.not_restored: dict[str, str] = {}
         """The kept values that were not taken, by path: why, in words. Each of these numbers has its default."""
         self.device_claim: DeviceClaim | None = None
@@ -158,6 +160,8 @@ class connect(Generic[C]):
             self.machine = machine_of(self.root, image, rates, self.stop, injection, outputs)
             commands = self.machine.commands
             self.machine.alarms = engine_of(alarms, image, commands.inhibitions, commands.events)
+            if self.machine.alarms is not None:
+                self.machine.alarms.restore(self.alarm_states)
         except BaseException:
             self._give_back()
             if device_claim is not self.device_claim:

@@ -32,6 +32,7 @@ from umo.process import kept_values
 from umo.process.control_watch import WHERE_SIGNAL
 from umo.process.hang_detection import LOOK_INTERVAL, STARVED_LIMITS, guardian_limit
 from umo.process.job import Plan
+from umo.process.kept_file import ALARMS, NUMBERS
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, plain, plain_reports, status_of
 from umo.process.run_end import tell_final_message
@@ -71,7 +72,7 @@ class Control:
         self._frames = frames
         """The descriptors of the memory for frames, and the server that gives clients theirs; None: no frames."""
         self._kept = kept
-        """The kept values of the last run."""
+        """What the last run has kept, by section."""
         self._stopped_by = ""
         self._hang = plan.wired.process.hang_timeout
         self._unwatched_limit = guardian_limit(self._hang)
@@ -201,7 +202,8 @@ class Control:
         self._connection = connection = connect(plan.machine, plan.wired)
         connection.device_claim = self._device_claim
         connection.on_step = self._run_state.beat
-        connection.kept = self._kept
+        connection.kept = self._kept.get(NUMBERS, {})
+        connection.alarm_states = self._kept.get(ALARMS, {})
         with connection as machine:
             for text in kept_values.tell(connection):
                 self._channel.send("notice", text=text)

@@ -35,8 +35,10 @@ MAX_ASIDE = 10
 """Number of damaged files of one station and wiring that are kept aside; the oldest go first."""
 LOCK_PAUSE = 0.01
 """Time in s between two tries to lock a file."""
-NUMBERS = "numbers"
-"""The section of the kept numbers: value, unit and type of each, by path."""
+NUMBERS, ALARMS, STATES = "numbers", "alarms", "states"
+"""The sections: of the kept numbers value, unit and type of each, by path; of alarms that are not normal the number of
+the state, by path; of state machines (`umo.operation`) the name of the state, by path, which the next run does not take
+over: it begins stopped."""
 
 
 class KeptFileError(UmoError):

@@ -1,4 +1,4 @@
-"""What is kept of a frame, by sections: numbers now; alarms, states and counters can be added.
+"""What is kept of a frame, by sections: numbers, alarms, states.
 
 A section is a function of a frame that returns plain data. All sections of a file are of one frame.
 """
@@ -12,15 +12,33 @@ from typing import Any
 
 from umo.cycle.restoring import MAX_EXACT
 from umo.frames.layout import Layout
-from umo.process.kept_file import NUMBERS
+from umo.presentation.value_text import named_state
+from umo.process.kept_file import ALARMS, NUMBERS, STATES
 
 Section = Callable[[Any], dict[str, Any]]
 
 
 def sections_of(layout: Layout) -> dict[str, Section]:
     """The sections of a run by name; empty where nothing is kept."""
-    kept = [(place, entry) for place, entry in enumerate(layout.signals) if "kept" in entry]
-    return {NUMBERS: partial(_numbers, kept)} if kept else {}
+    places = {entry["path"]: (place, entry) for place, entry in enumerate(layout.signals)}
+    kept = [each for each in places.values() if "kept" in each[1]]
+    alarms = [str(entry["path"]) for entry in layout.alarms]
+    states = {str(unit["path"]): places[f"{unit['path']}.state"] for unit in layout.units}
+    found: dict[str, Section] = {}
+    found |= {NUMBERS: partial(_numbers, kept)} if kept else {}
+    found |= {ALARMS: partial(_alarms, alarms)} if alarms else {}
+    return found | ({STATES: partial(_states, states)} if states else {})
+
+
+def _alarms(paths: Sequence[str], frame: Any) -> dict[str, Any]:
+    return {path: state for path, state in zip(paths, frame["alarms"].tolist(), strict=True) if state}
+
+
+def _states(places: Mapping[str, tuple[int, Mapping[str, Any]]], frame: Any) -> dict[str, Any]:
+    values = frame["signals"].tolist()
+    return {
+        path: named_state(entry, values[place]) for path, (place, entry) in places.items() if isfinite(values[place])
+    }
 
 
 def _numbers(kept: Sequence[tuple[int, Mapping[str, Any]]], frame: Any) -> dict[str, Any]:

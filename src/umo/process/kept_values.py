@@ -21,6 +21,7 @@ LOCK_TIMEOUT = 2.0
 MAX_TOLD = 5
 """Number of values of which is told on the terminal why they were not taken; all are in the events."""
 Say = Callable[[str], object]
+Sections = dict[str, dict[str, Any]]
 
 
 def file_of(plan: Plan) -> Path | None:
@@ -34,9 +35,9 @@ def title_of(plan: Plan) -> KeptValues:
     return KeptValues(plan.name, plan.wiring_name, str(plan.place))
 
 
-def take_over(plan: Plan, say: Say) -> dict[str, Any]:
-    """The kept numbers of the last run, for one in real time. Nothing raises: what cannot be read costs its values, and
-    is kept aside."""
+def take_over(plan: Plan, say: Say) -> Sections:
+    """What the last run has kept, by section, for one in real time. Nothing raises: what cannot be read costs its
+    values, and is kept aside."""
     path = file_of(plan)
     try:
         if path is None or not kept_file.lock_of(path).exists():  # nothing was ever kept
@@ -58,10 +59,11 @@ def take_over(plan: Plan, say: Say) -> dict[str, Any]:
 def copy(plan: Plan, say: Say) -> dict[str, Any]:
     """The kept numbers of the last run in real time, for a run in virtual time: it writes none, and moves no file."""
     path = file_of(plan)
-    return {} if path is None or plan.job.fresh else _read(plan, path, say, aside=False)
+    kept = {} if path is None or plan.job.fresh else _read(plan, path, say, aside=False)
+    return kept.get(kept_file.NUMBERS, {})
 
 
-def _read(plan: Plan, path: Path, say: Say, *, aside: bool) -> dict[str, Any]:
+def _read(plan: Plan, path: Path, say: Say, *, aside: bool) -> Sections:
     try:
         values = kept_file.read(path)
         if values is None:
@@ -74,7 +76,7 @@ def _read(plan: Plan, path: Path, say: Say, *, aside: bool) -> dict[str, Any]:
         return {}
     if values.place != str(plan.place):
         say(f"the kept values are of the station in {values.place}")
-    return dict(values.numbers)
+    return values.sections
 
 
 def _aside(path: Path) -> Path:
