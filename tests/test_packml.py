@@ -410,7 +410,7 @@ def test_in_manual_mode_the_states_wait_but_stop_and_abort_are_possible() -> Non
 def test_actions_of_a_unit_are_described_in_the_order_of_their_declaration() -> None:
     with running() as (m, _):
         names = [path.rpartition(".")[2] for path in m._machine.actions]
-    assert names[:5] == ["change_mode", "reset_counters", "reset", "start", "hold"]
+    assert names[:7] == ["stop", "abort", "clear", "change_mode", "reset_counters", "reset", "start"]
 
 
 # What is shown ------------------------------------------------------------------------------------------

@@ -163,18 +163,3 @@ class PackML(UnitStates):
     def complete(self) -> str:
         """End Execute, and go to Complete."""
         return self.command("complete")
-
-    @action(harmless=True)
-    def stop(self) -> str:
-        """To Stopped."""
-        return self.command(STOP)
-
-    @action(harmless=True)
-    def abort(self) -> str:
-        """To Aborted: outputs go to their defaults, the part is in fault until it is cleared."""
-        return self.command(ABORT)
-
-    @action(harmless=True)
-    def clear(self) -> str:
-        """From Aborted to Stopped: end the fault."""
-        return self.command(CLEAR)

@@ -117,21 +117,6 @@ class Procedure(UnitStates):
         return self.command("restart")
 
     @action(harmless=True)
-    def stop(self) -> str:
-        """To Stopped: an orderly end."""
-        return self.command(STOP)
-
-    @action(harmless=True)
-    def abort(self) -> str:
-        """To Aborted: outputs go to their defaults, the part is in fault until it is cleared."""
-        return self.command(ABORT)
-
-    @action(harmless=True)
-    def clear(self) -> str:
-        """From Aborted to Stopped: end the fault."""
-        return self.command(CLEAR)
-
-    @action(harmless=True)
     def reset(self) -> str:
         """From Complete or Stopped to Idle."""
         return self.command("reset")

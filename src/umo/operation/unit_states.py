@@ -126,6 +126,21 @@ class UnitStates:
         return self.refusal(name)
 
     @action(harmless=True)
+    def stop(self) -> str:
+        """To Stopped: an orderly end."""
+        return self.command(STOP)
+
+    @action(harmless=True)
+    def abort(self) -> str:
+        """To Aborted: outputs go to their defaults, the part is in fault until it is cleared."""
+        return self.command(ABORT)
+
+    @action(harmless=True)
+    def clear(self) -> str:
+        """From Aborted to Stopped: end the fault."""
+        return self.command(CLEAR)
+
+    @action(harmless=True)
     def change_mode(self, mode: UnitMode) -> None:
         """Change the unit's mode."""
         if mode is not self._mode and self.state not in self.changes_mode:
