@@ -459,6 +459,21 @@ def test_states_belong_to_equipment() -> None:
         pass
 
 
+def test_a_law_of_the_users_own_may_have_a_method_supervise() -> None:
+    class Watcher:
+        def supervise(self, somebody: str) -> None:
+            raise AssertionError("it is not umo's")
+
+    class Watched(Compound):
+        timer: DigitalSensor
+
+        def setup(self) -> None:
+            self.watcher = Watcher()
+
+    with connect(Watched(timer=timer())) as m:
+        periods(m, 3)
+
+
 # ISA-88 -------------------------------------------------------------------------------------------------
 
 

@@ -113,7 +113,7 @@ class ConnectedMachine:
         self.supervisors: list[Supervisor] = []
         """The laws that look after the sequences of their parts."""
         for _, path, law in laws_in(root):
-            if callable(getattr(law.__class__, "supervise", None)):
+            if all(callable(getattr(law.__class__, name, None)) for name in ("begin", "supervise", "describe")):
                 law.begin(path)
                 self.supervisors.append(law)
         self.events: Events = self.commands.events
