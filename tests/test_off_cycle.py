@@ -706,3 +706,73 @@ def test_after_clear_a_sensor_that_fails_again_shows_no_old_reading_as_fresh() -
         m.part.cycle.clear()
         periods(m, 3)
         assert m.part.encoder.raw == 80
+
+
+# What a device refuses, and what a stop overtakes ----------------------------------------------------------
+
+
+@pytest.mark.parametrize("inputs", [True, False])
+@pytest.mark.parametrize("error", [ValueError("crc"), DriverError("refused")])
+def test_a_write_that_a_device_refuses_fails_with_its_cause_and_is_no_absence(inputs: bool, error: Exception) -> None:
+    class Refusing(Scripted):
+        def write_many(self, channels: Any, raws: Any) -> None:
+            if any(raws):
+                raise error
+            super().write_many(channels, raws)
+
+    class Out(Compound):
+        timer: DigitalSensor
+        motor: DigitalActuator
+
+    box = Refusing()
+    machine: Any = bench() if inputs else Out(timer=timer(), motor=actuator())
+    wiring = slow(machine, box) if inputs else wired(machine, Scripted())
+    wiring["drivers"]["box"] = {"type": box, "off_cycle": True, "period": "50 ms"}
+    with connect(machine, wiring) as m:
+        begun = moved(box, "initialize")
+        period(m, 60)
+        m.motor.write(5.0)
+        written = m.now
+        with pytest.raises(DriverError, match=str(error)):
+            period(m, 3000)
+        assert m.now - written < 3 * MAX_AGE + 1.0
+        assert moved(box, "initialize") - begun <= len(m.motor._image.items)  # once at most
+
+
+def test_what_was_wanted_is_not_sent_when_the_machine_has_ended_during_the_reading() -> None:
+    time = [0]
+    box, proxy, channels = served(time)
+    proxy.write_many((channels["sync"],), np.array([500]))
+    time[0] += 10**8
+    runs = [True]
+    proxy.server.in_charge = lambda: runs[0]
+    read = box.read_many
+
+    def slowly(channels: Any, out: Any) -> None:
+        read(channels, out)
+        runs[0] = False  # meanwhile
+
+    box.read_many = slowly  # type: ignore[method-assign]
+    box.value = 7
+    proxy.server.work()
+    assert (box.has["sync"], arrived(proxy, "in")[0]) == (0, 7)
+
+
+def test_the_second_transfer_is_due_a_period_after_the_beginning_of_the_first() -> None:
+    time = [0]
+    box, proxy, _ = served(time)
+    read = box.read_many
+    begun: list[int] = []
+
+    def slowly(channels: Any, out: Any) -> None:
+        begun.append(time[0])
+        read(channels, out)
+        time[0] += 6 * 10**7
+
+    box.read_many = slowly  # type: ignore[method-assign]
+    proxy.end()
+    proxy.begin()
+    for _ in range(40):
+        proxy.server.work()
+        time[0] += 10**7
+    assert np.diff(begun).tolist() == [10**8] * (len(begun) - 1)

@@ -176,7 +176,8 @@ def _remark(item: Any, taken: bool) -> str:
     if not taken:
         return f"  (inhibited: {item.inhibited})" if item.inhibited else "  (clamped)"
     if item.read() != item.pending:
-        return f"  (on its way to {value_text(described(item), item.pending)}: its slew rate is limited)"
+        why = "its slew rate is limited" if getattr(item, "slew_rate", None) else "its device has not confirmed it yet"
+        return f"  (on its way to {value_text(described(item), item.pending)}: {why})"
     return ""
 
 

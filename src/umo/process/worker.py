@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Sequence
+from functools import partial
 from time import monotonic_ns, sleep
 
 from umo.cycle.stage import Stage
@@ -58,6 +59,7 @@ class WorkerProcess:
         """Whether the control process is gone."""
         for proxy in proxies:
             proxy.server.on_call = self._beat
+            proxy.server.in_charge = partial(self._runs, proxy)
 
     def run(self, defaults: Sequence[dict[str, int | None]] = (), watchdogs: Sequence[float | None] = ()) -> int:
         """Serve until the machine is reset. `defaults` of each driver's channels: it takes the place of a worker that
@@ -96,6 +98,10 @@ class WorkerProcess:
         elif exchange.cells[Cell.CYCLIC] and not self._lost:
             self._set_fault_time(exchange.cells[Cell.NOW])
             server.work()
+
+    def _runs(self, proxy: OffCycle) -> bool:
+        """Whether the control process still runs the machine, and has not asked for anything else."""
+        return proxy.exchange.asked() is None and not self._run_state.gone(0.0) and not self._control_hangs
 
     def _is_left_alone(self) -> bool:
         """Wait until something may be due. Whether nobody is left who controls the machine or could reset it."""

@@ -34,7 +34,12 @@ class DeviceServer:
         self.driver, self.exchange, self.ns = driver, exchange, ns
         self.on_call: Callable[[], object] = lambda: None
         """Function that is called before each call of the driver: a sign of life."""
+        self.in_charge: Callable[[], bool] = lambda: True
+        """Function that tells, after a reading that took its time, whether the machine still runs: else nothing is
+        written that was wanted before."""
         self.opened = False
+        self._renewed = False
+        """Whether the device was initialised again, and has refused a transfer since, but not been away."""
         self._period = round(period * 1e9)
         self._cells = exchange.cells
         self._channels = exchange.channels
@@ -146,8 +151,9 @@ class DeviceServer:
         self._cells[Cell.AWAY_SINCE] = NEVER
         if not self._cells[Cell.GENERATION]:
             self._cells[Cell.GENERATION] = 1
+        began = self.ns()
         self._transfer()
-        self._due = self.ns() + self._period
+        self._due = max(began + self._period, self.ns())
 
     def _channel(self, text: str) -> Channel:
         number = self.exchange.place.get(text)
@@ -181,12 +187,16 @@ class DeviceServer:
             if self._cells[Cell.AWAY_SINCE] != NEVER and not self._found(rows):
                 return
             self._read(rows, began)
-            self._write(rows)
+            if self._groups[0]:  # it answers: a refused write is no absence, after which it would be initialised
+                self._cells[Cell.AWAY_SINCE] = NEVER
+            if self.in_charge():
+                self._write(rows)
         except FAILURES as error:
             self._failed(began, error)
         else:
             self._cells[Cell.AWAY_SINCE] = NEVER
             self._interval = MIN_INTERVAL
+            self._renewed = False
         self._post(rows)
 
     def _read(self, rows: IntArray, began: int) -> None:
@@ -282,6 +292,7 @@ class DeviceServer:
     def _failed(self, began: int, error: BaseException) -> None:
         """A call of the whole driver has failed, or one timed out: nothing is written until the device is found."""
         self.exchange.set_cause(-1, text_of(error))
+        self._renewed = self._renewed and not isinstance(error, OSError)
         forget_frames(error)
         if self._cells[Cell.AWAY_SINCE] == NEVER:
             self._cells[Cell.AWAY_SINCE] = began
@@ -298,12 +309,14 @@ class DeviceServer:
         else:
             self.on_call()
             if (found := self.driver.look()) is not True:
+                self._renewed = False
                 if found is None:
                     self._interval = MIN_INTERVAL  # it is not known yet
                 self._wait_longer()
                 return False
-        if self.ns() - self._cells[Cell.AWAY_SINCE] >= LONG_ABSENCE * 1e9:
+        if self.ns() - self._cells[Cell.AWAY_SINCE] >= LONG_ABSENCE * 1e9 and not self._renewed:
             self._initialize_again(rows)
+            self._renewed = True
         return True
 
     def _initialize_again(self, rows: IntArray) -> None:
