@@ -43,7 +43,7 @@ export class View {
     element.append(
       el("div", { className: "bar lease" }, this._holder, this._name, this._take, this._give,
         el("span", { className: "modes", role: "group", "aria-label": "Mode" }, ...this._mode), this._filter, this._why),
-      this._answers, this._alarms.element, el("div", { className: "parts" }, ...this._states.map((each) => each.element)), this._parts);
+      this._answers, this._alarms.element, el("div", { className: "units" }, ...this._states.map((each) => each.element)), this._parts);
     this._off = client.on(() => this._refresh());  // after each state too
     this._filtered();
     this._refresh();
