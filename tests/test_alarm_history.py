@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,7 +13,8 @@ from umo.alarms import alarm_file
 from umo.alarms.alarm_file import AlarmRecord
 from umo.cycle.events import ALARM, FAULT, Event
 from umo.errors import UmoError
-from umo.frames.alarm_history import AlarmHistory
+from umo.frames.reader import NumberedEvent
+from umo.process.alarm_history import AlarmHistory
 
 
 def record(number: int, text: str = "unacknowledged (high): too full") -> AlarmRecord:
@@ -77,22 +79,45 @@ def test_the_name_of_a_station_leads_out_of_no_folder(file: Path) -> None:
         assert alarm_file.file_of(name).parent == file.parent
 
 
-def test_changes_of_alarms_are_noted_and_no_other_events(file: Path) -> None:
-    said: list[Any] = []
-    events = [
-        Event(3.0, "tank.full", "returned (high): x", asked=ALARM),
-        Event(3.0, "tank", "in fault: x", asked=FAULT),
-    ]
-    AlarmHistory("vat", said.append, lambda: 1e9).append(events)
-    assert alarm_file.read(file) == [AlarmRecord(1e9, 3.0, "tank.full", "returned (high): x", "")]
-    assert said == []
+FRAME = {"began": 100_000_000_000, "utc": 900_000_000_000, "time": 10.0}
+"""A frame at 10 s of the cycle's clock, 1000 s after 1970."""
+ALARM_CHANGE = Event(3.0, "tank.full", "returned (high): x", who="ann", asked=ALARM)
 
 
-def test_a_history_that_cannot_be_written_is_told_once(file: Path) -> None:
+def frames(*events: Event, alarms: tuple[Any, ...] = ("tank.full",)) -> Any:
+    """A reader that has these events."""
+    return SimpleNamespace(
+        about={"station": "vat"},
+        layout=SimpleNamespace(alarms=alarms),
+        events=lambda start: [NumberedEvent(*each) for each in enumerate(events)][start:],
+    )
+
+
+def test_changes_of_alarms_are_noted_with_their_utc_and_no_other_events(file: Path) -> None:
+    history = AlarmHistory()
+    history.take(frames(ALARM_CHANGE, Event(3.0, "tank", "in fault: x", asked=FAULT)), FRAME)
+    assert alarm_file.read(file) == [AlarmRecord(993.0, 3.0, "tank.full", "returned (high): x", "ann")]
+    assert history.next == 2
+
+
+def test_a_change_is_noted_once(file: Path) -> None:
+    history = AlarmHistory()
+    history.take(frames(ALARM_CHANGE), FRAME)
+    history.take(frames(ALARM_CHANGE), FRAME)
+    history.take(frames(ALARM_CHANGE, ALARM_CHANGE), FRAME)
+    assert len(alarm_file.read(file)) == 2
+
+
+def test_a_station_without_alarms_has_no_history(file: Path) -> None:
+    AlarmHistory().take(frames(ALARM_CHANGE, alarms=()), FRAME)
+    assert not file.exists()
+
+
+def test_changes_that_could_not_be_written_are_written_with_the_next(file: Path) -> None:
+    history = AlarmHistory()
     file.mkdir()
-    said: list[Any] = []
-    noting = AlarmHistory("vat", said.append)
-    for _ in range(3):
-        noting.append([Event(3.0, "tank.full", "x", asked=ALARM)])
-    assert len(said) == 1
-    assert "the history of alarms is no longer written: " in said[0]
+    with pytest.raises(IsADirectoryError):
+        history.take(frames(ALARM_CHANGE), FRAME)
+    file.rmdir()
+    history.take(frames(ALARM_CHANGE, ALARM_CHANGE), FRAME)
+    assert len(alarm_file.read(file)) == 2

@@ -13,6 +13,7 @@ import pytest
 
 from helpers.machines import timer
 from umo import Compound, DigitalSensor, Number, connect, published
+from umo.alarms import Alarm, alarm_file
 from umo.frames import Reader
 from umo.process import kept_file
 from umo.process.keeper import HELD_BY_ANOTHER, Told, Writer, keep
@@ -22,7 +23,7 @@ from umo.testing import periods
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux")
 
 
-class Press(Compound):
+class Press(Compound, alarms={"worn": Alarm(lambda press: press.count > 5, "to be replaced")}):
     timer: DigitalSensor
     _: KW_ONLY
     count: Annotated[int, Number(kept=True)] = 0
@@ -61,7 +62,8 @@ class Bench:
 
 
 @pytest.fixture
-def bench(tmp_path: Path) -> Iterator[Bench]:
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    monkeypatch.setenv("UMO_STATE", str(tmp_path))
     connection = connect(Press(timer=timer()))
     with connection as m, published(connection, "press") as ring, Reader(ring.path) as reader:
         yield Bench(m, reader, tmp_path / "kept" / "press.json")
@@ -87,6 +89,26 @@ def test_each_look_writes_the_last_frame_if_what_is_kept_has_changed(bench: Benc
 def test_the_last_frame_is_written_when_the_writer_is_gone(bench: Bench) -> None:
     keep(bench.reader, bench.writer, bench.at(count(bench, 7)))
     assert bench.kept().numbers["count"]["value"] == 7
+
+
+def test_the_changes_of_alarms_are_added_to_their_history(bench: Bench) -> None:
+    keep(bench.reader, bench.writer, bench.at(count(bench, 9), count(bench, 9), count(bench, 1)))
+    changes = alarm_file.read(alarm_file.file_of("press"))
+    assert [(each.path, each.text.partition(" ")[0]) for each in changes] == [
+        ("worn", "unacknowledged"),
+        ("worn", "returned"),
+    ]
+    assert bench.told[Told.NEXT_EVENT] == bench.reader.next_event
+
+
+def test_a_history_that_cannot_be_written_keeps_nothing_else_from_being_written(bench: Bench) -> None:
+    file = alarm_file.file_of("press")
+    file.mkdir()
+    keep(bench.reader, bench.writer, bench.at(count(bench, 9)))
+    assert (bench.told[Told.HISTORY_ERROR], bench.kept().numbers["count"]["value"]) == (errno.EISDIR, 9)
+    file.rmdir()
+    keep(bench.reader, bench.writer, bench.at(count(bench, 9)))
+    assert (bench.told[Told.HISTORY_ERROR], len(alarm_file.read(file))) == (0, 1)
 
 
 def test_without_a_frame_nothing_is_written(bench: Bench) -> None:

@@ -11,7 +11,6 @@ from umo.cycle.frame import Signal
 from umo.cycle.stage import Progress
 from umo.errors import text_of
 from umo.frames import Reader
-from umo.frames.alarm_history import AlarmHistory
 from umo.frames.reader import progress_of
 from umo.objects import Atomic, Compound, atoms
 from umo.process import Started
@@ -31,8 +30,6 @@ class RingFrame:
 
     time = 0.0
     progress = Progress()
-    history: AlarmHistory | None = None
-    """The history of alarms; None: there was nothing to write."""
     whole = True
     """Whether the observers have seen the run to its end."""
 
@@ -96,13 +93,9 @@ def _show(frames: Reader, frame: RingFrame, observers: list[Callable[[Any], None
             frame.show(row)
             for observer in observers:
                 observer(frame)
-        new = frames.events(faults.next)
-        for number, event in new:
+        for number, event in frames.events(faults.next):
             faults.next = number + 1
             faults.add(event)
-        if new and frames.layout.alarms:
-            frame.history = frame.history or AlarmHistory(str(frames.about["station"]), say)
-            frame.history.append(event for _, event in new)
     except Exception as error:
         say(f"the periods of this run are neither shown nor recorded any longer: {text_of(error)}")
         frame.whole = False

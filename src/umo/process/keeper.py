@@ -1,13 +1,16 @@
-"""The keeper: a process that writes kept values to the disk while a machine runs, and at its end.
+"""The keeper: a process that writes kept values and the history of alarms to the disk while a machine runs, and at its
+end.
 
 The guardian forks it and looks after it. It maps the frames read-only, takes the last whole frame at most once a
-second, and writes one file if what is kept has changed: all of it is of this one period. When the process that writes
-the frames has ended, or was killed, it writes the last frame and ends. It survives all other processes of the run until
-then, and holds nothing of theirs: no device, no lock, no socket. Nobody waits for a disk but the keeper.
+second, and writes one file if what is kept has changed: all of it is of this one period. It appends the changes of
+alarms to their history. When the process that writes the frames has ended, or was killed, it writes the last frame and
+ends. It survives all other processes of the run until then, and holds nothing of theirs: no device, no lock, no socket.
+Nobody waits for a disk but the keeper.
 """
 
 from __future__ import annotations
 
+import errno
 import mmap
 import os
 import select
@@ -21,6 +24,7 @@ from typing import Any
 
 from umo.frames import Reader
 from umo.process import kept_file
+from umo.process.alarm_history import AlarmHistory, utc_of
 from umo.process.kept_file import KeptValues
 from umo.process.kept_sections import sections_of
 from umo.process.reset import DEATH_TIMEOUT, STOP_SIGNALS
@@ -45,8 +49,9 @@ HELD_BY_ANOTHER = -1
 class Told(IntEnum):
     """What the keeper tells, in shared memory."""
 
-    PID, ERROR, FINISHED = 0, 1, 2
-    """Its process; the number of the error of the last write, 0: it went well; whether it has come to its end."""
+    PID, ERROR, FINISHED, HISTORY_ERROR, NEXT_EVENT = range(5)
+    """Its process; the number of the error of the last write, 0: it went well; whether it has come to its end; the same
+    of the history of alarms, and the number of the first event that it has not looked at."""
 
 
 class Keeper:
@@ -78,6 +83,7 @@ class Keeper:
         elif pid := self._cells[Told.PID]:
             if (error := self._cells[Told.ERROR]) != 0:
                 self._say(f"{_told(error)}; it is tried again; the file of before stands: {self.path}")
+            self._tell_history("it is tried again")
             if not self._has_ended(pid) or self._cells[Told.FINISHED]:
                 return
             self._cells[Told.PID] = 0
@@ -100,12 +106,17 @@ class Keeper:
                 self._fork(reader)
             while not self._has_ended(self._cells[Told.PID]) and monotonic() < until:
                 sleep(LOOK_INTERVAL)
+        self._tell_history("its last changes are missing")
         finished, error = self._cells[Told.FINISHED], self._cells[Told.ERROR]
         self._end(self._cells[Told.PID])
         if finished and not error:
             return ""
         why = _told(error) if error else "the process that keeps values did not end in time"
         return f"the last kept values were not written: {why}; {self.path} has those of before"
+
+    def _tell_history(self, consequence: str) -> None:
+        if (error := self._cells[Told.HISTORY_ERROR]) != 0:
+            self._say(f"the history of alarms cannot be written: {os.strerror(error)}; {consequence}")
 
     def _has_something(self, reader: Reader) -> bool:
         if self._keeps is None:
@@ -197,7 +208,8 @@ def writer_is_gone(within: float) -> bool:
 
 
 class Writer:
-    """Writes what is kept of a frame, if it has changed since the last one that was written."""
+    """Writes what is kept of a frame, if it has changed since the last one that was written, and the changes of
+    alarms."""
 
     def __init__(
         self,
@@ -207,6 +219,7 @@ class Writer:
         write: Callable[[Path, bytes], object] = kept_file.write,
     ) -> None:
         self._path, self._title, self._cells, self._write = path, title, cells, write
+        self._history = AlarmHistory(cells[Told.NEXT_EVENT])
         self._written: dict[str, Any] | None = None
         self._lock = -1
 
@@ -214,14 +227,26 @@ class Writer:
         frame = reader.latest()
         if frame is None:
             return
+        self._keep(reader, frame)
+        self._note_alarms(reader, frame)
+
+    def _note_alarms(self, reader: Reader, frame: Any) -> None:
+        try:
+            self._history.take(reader, frame)
+        except OSError as error:
+            self._cells[Told.HISTORY_ERROR] = error.errno or errno.EIO
+            return
+        self._cells[Told.NEXT_EVENT] = self._history.next
+        self._cells[Told.HISTORY_ERROR] = 0
+
+    def _keep(self, reader: Reader, frame: Any) -> None:
         snapshot = {name: section(frame) for name, section in sections_of(reader.layout).items()}
         if snapshot == self._written:
             return
         about = reader.about
-        utc = (int(frame["began"]) + int(frame["utc"])) * 1e-9
         values = KeptValues(
             self._title.station, self._title.wiring, self._title.place, about["pid"], about["started"],
-            int(frame["number"]), utc, snapshot,
+            int(frame["number"]), utc_of(frame), snapshot,
         )  # fmt: skip
         try:
             if not self._is_ours():

@@ -1,0 +1,37 @@
+"""Writing the history of a station's alarms from its frames, in a process beside the control process."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from umo.alarms import alarm_file
+from umo.alarms.alarm_file import AlarmRecord
+from umo.cycle.events import ALARM
+from umo.frames import Reader
+
+
+class AlarmHistory:
+    """The history of one run. `next`: the number of the first event that has not been looked at."""
+
+    def __init__(self, next_event: int = 0) -> None:
+        self.next = next_event
+
+    def take(self, reader: Reader, frame: Any) -> None:
+        """Add the changes of alarms among the new events; OSError if they cannot be written: the next call tries again.
+        `frame`: a frame of the run, which tells the UTC of the cycle's clock."""
+        new = reader.events(self.next) if reader.layout.alarms else []
+        utc_at_zero = utc_of(frame) - float(frame["time"])
+        records = [
+            AlarmRecord(utc_at_zero + each.time, each.time, each.path, each.text, each.who)
+            for _, each in new
+            if each.asked == ALARM
+        ]
+        if records:
+            alarm_file.append(alarm_file.file_of(str(reader.about["station"])), records)
+        if new:
+            self.next = new[-1].number + 1
+
+
+def utc_of(frame: Any) -> float:
+    """When the period of a frame began, s since 1970."""
+    return (int(frame["began"]) + int(frame["utc"])) / 1e9
