@@ -19,7 +19,7 @@ from umo.system.notify import ServiceManager
 
 STATUS_INTERVAL = 1.0
 """Time in s between two looks at what the machine tells of itself, at least."""
-SHOWN = ("mode", "progress", "in fault")
+SHOWN = ("mode", "progress", "in fault", "alarms")
 """The facts of a run that its status line has."""
 
 
