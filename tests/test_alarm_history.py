@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,6 +16,8 @@ from umo.cycle.events import ALARM, FAULT, Event
 from umo.errors import UmoError
 from umo.frames.reader import NumberedEvent
 from umo.process.alarm_history import AlarmHistory
+
+fcntl = pytest.importorskip("fcntl")
 
 
 def record(number: int, text: str = "unacknowledged (high): too full") -> AlarmRecord:
@@ -44,6 +47,41 @@ def test_two_generations_are_kept_and_no_more(file: Path) -> None:
     numbers = [each.time for each in alarm_file.read(file)]
     assert numbers == sorted(numbers)
     assert numbers[-1] == 4 * alarm_file.MAX_BYTES // 1000 - 1
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits of files as on Linux")
+def test_a_disk_that_becomes_full_is_told_and_takes_no_half_of_the_changes(file: Path) -> None:
+    resource = pytest.importorskip("resource")
+    alarm_file.append(file, [record(0)])
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (file.stat().st_size + 150, before[1]))
+    try:
+        with pytest.raises(OSError, match="File too large"):
+            alarm_file.append(file, [record(1), record(2)])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert alarm_file.read(file) == [record(0)]
+    alarm_file.append(file, [record(1), record(2)])
+    assert alarm_file.read(file) == [record(0), record(1), record(2)]
+
+
+def test_a_writer_that_waited_while_another_began_a_new_generation_writes_to_that(
+    file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    long, flock = "x" * 1000, fcntl.flock
+    for number in range(alarm_file.MAX_BYTES // 1100):
+        alarm_file.append(file, [record(number, long)])
+
+    def meanwhile(stream: Any, operation: int) -> None:
+        monkeypatch.setattr(fcntl, "flock", flock)
+        for number in range(500, 700):
+            alarm_file.append(file, [record(number, long)])
+        flock(stream, operation)
+
+    before = alarm_file.read(file)
+    monkeypatch.setattr(fcntl, "flock", meanwhile)
+    alarm_file.append(file, [record(1000, long)])
+    assert alarm_file.read(file) == [*before, *(record(number, long) for number in [*range(500, 700), 1000])]
 
 
 def test_a_file_that_is_cut_at_any_byte_loses_the_cut_record_only(file: Path) -> None:
