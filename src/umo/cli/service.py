@@ -26,6 +26,7 @@ SYSTEMD = Path("/run/systemd/system")
 """It is there where systemd runs (sd_booted(3))."""
 REFUSED = {
     "acknowledge": "a service must not acknowledge an unsafe end by itself",
+    "fresh": "each start would forget what is kept; run it once by hand with --fresh",
     "fault": "faults are injected by hand",
     "fault_seed": "faults are injected by hand",
     "full_traceback": "failure.txt in the run's folder has the traceback",
@@ -136,9 +137,10 @@ def _next_steps(unit: ServiceUnit, output: Path | None) -> list[str]:
     file = f"{unit.name}.service"
     if not SYSTEMD.is_dir():
         line = f"cd {shlex.quote(unit.folder)} && {shlex.join(unit.command)}"
+        never = "after status 2, 3 or 4" if unit.wired.hardware else "after any end: how a run ended is not recorded"
         return [
             f"systemd does not run here; the same in the foreground, for any supervisor: {line}",
-            "a supervisor must not start it again after status 2, 3 or 4 (docs/howto-run-as-a-service.md)",
+            f"a supervisor must not start it again {never} (docs/howto-run-as-a-service.md)",
         ]
     own = " --user" if unit.user is None else ""
     folder, sudo = ("~/.config/systemd/user", "") if own else ("/etc/systemd/system", "sudo ")
