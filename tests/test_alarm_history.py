@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import stat
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -35,6 +36,12 @@ def test_what_was_written_is_read_in_order(file: Path) -> None:
     alarm_file.append(file, [record(0), record(1)])
     alarm_file.append(file, [record(2)])
     assert alarm_file.read(file) == [record(0), record(1), record(2)]
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the sticky bit of a file")
+def test_an_old_history_is_left_alone_by_what_cleans_var_tmp(file: Path) -> None:
+    alarm_file.append(file, [record(0)])
+    assert stat.S_IMODE(file.stat().st_mode) == 0o1644
 
 
 def test_two_generations_are_kept_and_no_more(file: Path) -> None:

@@ -108,7 +108,9 @@ def test_where_systemd_runs_the_next_steps_are_shown(umo: Umo, tank: Path, monke
     monkeypatch.setattr(service, "SYSTEMD", tank)
     said = umo("service", "tank", "-o", "a.service").stderr
     assert "sudo cp a.service /etc/systemd/system/umo-tank.service && sudo systemctl daemon-reload" in said
-    assert "enable-linger" in umo("service", "tank", "--user").stderr
+    assert "survives a logout: loginctl enable-linger" in umo("service", "tank", "--user").stderr
+    assert "sudo loginctl enable-linger operator" in umo("service", "tank", "--as", "operator").stderr
+    assert "enable-linger" not in umo("service", "tank", "--as", "root").stderr
 
 
 def test_a_unit_for_the_users_own_manager_names_neither_user_nor_groups(umo: Umo, tank: Path) -> None:

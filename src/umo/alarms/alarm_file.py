@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from umo.errors import UmoError
 from umo.system import folders
-from umo.system.device_record import state_folder
+from umo.system.device_record import STICKY_MODE, state_folder
 
 try:
     import fcntl
@@ -72,7 +72,7 @@ def append(file: Path, records: Iterable[AlarmRecord]) -> None:
 def _opened(file: Path) -> Iterator[FileIO]:
     """The file of this name, for one writer at a time: several runs of a station write to it."""
     while True:
-        number = os.open(file, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW, 0o644)
+        number = os.open(file, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW, STICKY_MODE)
         with FileIO(number, "r+") as stream:
             if fcntl is not None:
                 fcntl.flock(stream, fcntl.LOCK_EX)

@@ -151,10 +151,12 @@ def _next_steps(unit: ServiceUnit, output: Path | None) -> list[str]:
         f"{sudo}systemctl{own} enable --now {file}",
     ]
     linger = "it starts at boot, and survives a logout: loginctl enable-linger"
+    stays = f"`umo ps` finds it after the last logout of {unit.user} too: sudo loginctl enable-linger {unit.user}"
     return [
         f"next: {' && '.join(steps)}",
         f"then: systemctl{own} status {unit.name}; journalctl{own} -u {unit.name} -f; umo ps",
         *([f"{linger}; real-time priority: LimitRTPRIO of user@.service"] if own else []),
+        *([stays] if unit.user not in (None, "root") else []),
     ]
 
 
