@@ -130,7 +130,7 @@ class Guardian:
         self._run_state.hold(Who.GUARDIAN)
         self._end.resetter.stand_by()
         if why := self._watcher.make():
-            self._say(f"this run cannot be watched or traced: {why}")
+            self._say(f"this run cannot be watched or traced, and keeps no values: {why}")
         kept = kept_values.take_over(self._plan, self._say)
         self._workers.fork()
         guardian = os.getpid()
