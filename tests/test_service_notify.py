@@ -172,6 +172,30 @@ def test_the_stop_is_told_once_and_nothing_after_it(supervisor: Supervisor) -> N
     assert messages(supervisor) == ["STOPPING=1\nSTATUS=stopping: every actuator goes to its default"]
 
 
+def test_a_message_for_which_the_manager_has_no_room_is_sent_as_soon_as_it_has(supervisor: Supervisor) -> None:
+    state, time = RunState(), Time()
+    other = ServiceManager(supervisor.address)
+    report = ServiceReport(ServiceManager(supervisor.address, 10.0), state, lambda: None, time)
+
+    def full() -> None:
+        messages(supervisor)
+        while other.tell("STATUS=of another service"):
+            pass
+
+    full()
+    state.enter(Stage.RUNNING)
+    report.look()
+    messages(supervisor)
+    time.now += 1.0
+    report.look()
+    assert messages(supervisor) == [notify.READY, notify.ALIVE, "STATUS=running"]
+    full()
+    report.stopping("now")
+    messages(supervisor)
+    report.stopping("now")
+    assert messages(supervisor) == ["STOPPING=1\nSTATUS=stopping: now"]
+
+
 @pytest.mark.parametrize(("frame", "first"), [({}, [notify.READY]), (None, [])])
 def test_a_run_that_is_over_between_two_looks_was_ready_if_a_period_has_ended(
     supervisor: Supervisor, frame: object, first: list[str]

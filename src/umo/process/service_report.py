@@ -70,10 +70,9 @@ class ServiceReport:
     def stopping(self, why: str) -> None:
         """The machine stops: said once. The manager's watchdog ends with it, and its timeout of the stop begins."""
         if self._manager.listens and not self._is_stopping:
-            self._is_stopping = True
             if self._has_run():  # a run may be over between two looks; one that was never ready counts as failed
                 self._ready()
-            self._manager.tell(notify.STOPPING, notify.status(f"stopping: {why}"))
+            self._is_stopping = self._manager.tell(notify.STOPPING, notify.status(f"stopping: {why}"))
 
     def _has_run(self) -> bool:
         with suppress(Exception):
@@ -82,18 +81,16 @@ class ServiceReport:
 
     def _ready(self) -> None:
         if not self._is_ready:
-            self._is_ready = True
-            self._manager.tell(notify.READY)
+            self._is_ready = self._manager.tell(notify.READY)
 
     def _pass_on_life(self, now: float) -> None:
         if self._manager.watchdog and now >= self._next_alive and (beat := self._run_state.last_beat) != self._beat:
-            self._beat, self._next_alive = beat, now + self._manager.watchdog / 2
-            self._manager.tell(notify.ALIVE)
+            if self._manager.tell(notify.ALIVE):
+                self._beat, self._next_alive = beat, now + self._manager.watchdog / 2
 
     def _tell_status(self) -> None:
         reader = self._reader()
         facts = {} if reader is None else reader.facts(reader.latest())
         text = "; ".join(filter(None, (facts.get(name, "") for name in SHOWN))) or "running"
-        if text != self._status:
+        if text != self._status and self._manager.tell(notify.status(text)):
             self._status = text
-            self._manager.tell(notify.status(text))
