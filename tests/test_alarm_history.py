@@ -16,7 +16,7 @@ from umo.alarms.alarm_file import AlarmRecord
 from umo.cycle.events import ALARM, FAULT, Event
 from umo.errors import UmoError
 from umo.frames.reader import NumberedEvent
-from umo.process.alarm_history import AlarmHistory
+from umo.process.alarm_history import LOST, AlarmHistory
 
 fcntl = pytest.importorskip("fcntl")
 
@@ -151,6 +151,17 @@ def test_a_change_is_noted_once(file: Path) -> None:
     history.take(frames(ALARM_CHANGE), FRAME)
     history.take(frames(ALARM_CHANGE, ALARM_CHANGE), FRAME)
     assert len(alarm_file.read(file)) == 2
+
+
+def test_events_that_were_gone_leave_a_line_with_their_number(file: Path) -> None:
+    reader = frames(*[ALARM_CHANGE] * 9)
+    events = reader.events
+    reader.events = lambda start: events(max(start, 5))  # of the others nothing is left
+    history = AlarmHistory(2)
+    history.take(reader, FRAME)
+    first, *others = alarm_file.read(file)
+    assert first == AlarmRecord(993.0, 3.0, "", LOST.format(3), "")
+    assert (len(others), history.next) == (4, 9)
 
 
 def test_a_station_without_alarms_has_no_history(file: Path) -> None:

@@ -86,6 +86,7 @@ FOREIGN: list[Any] = [
     {"version": 1, **asdict(VALUES), "utc": 1e300},
     {"version": 1, **asdict(VALUES), "sections": []},
     {"version": 1, **asdict(VALUES), "sections": {"numbers": [1]}},
+    {"version": 1, **asdict(VALUES), "sections": {"alarms": {"worn": []}}},
     {"version": 1, **asdict(VALUES), "sections": {"numbers": {"count": 3}}},
     {"version": 1, **asdict(VALUES), "sections": {"numbers": {"count": {"value": 3}}}},
     {"version": 1, **asdict(VALUES), "sections": {"numbers": {"count": NUMBER | {"unit": 3}}}},

@@ -117,6 +117,8 @@ def load(data: bytes) -> KeptValues:
             raise TypeError
         for entry in values.numbers.values():
             entry["value"], entry["unit"] + entry["type"]
+        if not all(isinstance(state, int) for state in values.sections.get(ALARMS, {}).values()):
+            raise TypeError
         time.localtime(float(values.utc)), int(values.period), int(values.pid)
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
         raise KeptFileError("it is not a file of kept values") from None
