@@ -84,9 +84,10 @@ class ServiceReport:
             self._is_ready = self._manager.tell(notify.READY)
 
     def _pass_on_life(self, now: float) -> None:
-        if self._manager.watchdog and now >= self._next_alive and (beat := self._run_state.last_beat) != self._beat:
-            if self._manager.tell(notify.ALIVE):
-                self._beat, self._next_alive = beat, now + self._manager.watchdog / 2
+        beat = self._run_state.last_beat
+        due = self._manager.watchdog and now >= self._next_alive and beat != self._beat
+        if due and self._manager.tell(notify.ALIVE):
+            self._beat, self._next_alive = beat, now + self._manager.watchdog / 2
 
     def _tell_status(self) -> None:
         reader = self._reader()
