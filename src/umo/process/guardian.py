@@ -64,7 +64,9 @@ def main(file: int, job_file: int) -> int:
             job = Job.load(opened.read())
         plan = Plan(job)
         name = plan.name
-        device_claim = DeviceClaim(plan.wired.devices, plan.name, plan.wiring_name, acknowledge=job.acknowledge)
+        device_claim = DeviceClaim(
+            plan.wired.devices, plan.name, plan.wiring_name, acknowledge=job.acknowledge, launch=plan.launch
+        )
         guardian = Guardian(plan, channel, device_claim)
         return guardian.run().status
     except BaseException as error:
