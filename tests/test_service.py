@@ -58,6 +58,12 @@ def test_the_unit_runs_the_station_as_it_was_checked(umo: Umo, tank: Path) -> No
     assert section(result.stdout)["WorkingDirectory"] == str(tank.parent)
 
 
+def test_a_wiring_of_devices_on_the_network_waits_for_it(umo: Umo, tank: Path) -> None:
+    waits = section(umo("service", "tank", "-w", "modbus").stdout, "Unit")
+    assert waits["After"] == waits["Wants"] == "network-online.target"
+    assert "After" not in section(umo("service", "tank").stdout, "Unit")
+
+
 def test_a_wiring_in_virtual_time_is_run_in_real_time(umo: Umo, tank: Path) -> None:
     assert "--realtime" in section(umo("service", "tank").stdout)["ExecStart"]
     assert section(umo("service", "tank", "--manual").stdout)["ExecStart"].count("--realtime") == 0
@@ -183,19 +189,25 @@ def test_a_folder_that_would_become_read_only_stays_writable() -> None:
 
 def test_groups_that_are_there_are_named_and_others_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(service_hints, "_is_there", lambda group: group != "iio")
-    kinds = {"gpio": "gpio /dev/none", "serial": "serial /dev/none", "tcp": "tcp 1.2.3.4:502", "iio": "iio iio:device9"}
-    groups, missing = groups_for(kinds)
+    groups, missing = groups_for(["gpio /dev/none", "serial /dev/none", "tcp 1.2.3.4:502", "iio iio:device9"])
     assert groups == ["dialout", "gpio"]
     assert len(missing) == 1
     assert "there is no group iio here" in missing[0]
     assert 'SUBSYSTEM=="iio", GROUP="iio"' in missing[0]
 
 
+def test_each_device_of_a_kind_has_its_own_group(monkeypatch: pytest.MonkeyPatch) -> None:
+    owners = {"serial /dev/ttyAMA0": "tty", "serial /dev/ttyUSB0": "dialout"}
+    monkeypatch.setattr(service_hints, "_is_there", lambda group: True)
+    monkeypatch.setattr(service_hints, "_owner", owners.get)
+    assert groups_for(owners) == (["dialout", "tty"], [])
+
+
 def test_a_raspberry_pi_is_told_its_overlays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(service_hints, "MODEL", tmp_path / "model")
-    assert service_hints.hints({"i2c": ""}) == []
+    assert service_hints.hints(["i2c /dev/i2c-1 address 0x48"]) == []
     (tmp_path / "model").write_bytes(b"Raspberry Pi 5 Model B Rev 1.0\0")
-    said = service_hints.hints({"i2c": ""})
+    said = service_hints.hints(["i2c /dev/i2c-1 address 0x48"])
     assert "dtparam=i2c_arm=on" in said[0]
     assert "isolcpus=3" in said[1]
 

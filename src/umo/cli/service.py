@@ -54,8 +54,7 @@ def write_unit(
         raise OptionError("give --as or --user, not both")
     found = find(station)
     command, plan = _command(station, found, wiring, words)
-    kinds = {device.partition(" ")[0]: device for device in plan.wired.devices}
-    groups, missing = groups_for(kinds)
+    groups, missing = groups_for(plan.wired.devices)
     unit = ServiceUnit(
         _name(name or f"umo-{found.name}", given=name is not None),
         f"umo run {plan.name}" + (f", {plan.wiring_name}" if plan.wiring_name else ""),
@@ -72,7 +71,7 @@ def write_unit(
         out.file.flush()
     else:
         output.write_text(text, encoding="utf-8")
-    for line in [*_next_steps(unit, output), *missing, *hints(kinds), *_standing(plan)]:
+    for line in [*_next_steps(unit, output), *missing, *hints(plan.wired.devices), *_standing(plan)]:
         say(line)
 
 
