@@ -6,6 +6,7 @@ of at most `MAX_BYTES`. A line that is torn or foreign costs only itself.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 from collections.abc import Iterable, Iterator
@@ -30,6 +31,9 @@ MAX_BYTES = 1 << 20
 """Bytes of a file at most; then it becomes the older generation."""
 MAX_NAME = 100
 """Length of a station's name in the name of a file, characters."""
+
+TRIES = 100
+"""Number of times that a file is opened again as another writer has begun a new one."""
 
 
 class AlarmRecord(NamedTuple):
@@ -71,7 +75,7 @@ def append(file: Path, records: Iterable[AlarmRecord]) -> None:
 @contextmanager
 def _opened(file: Path) -> Iterator[FileIO]:
     """The file of this name, for one writer at a time: several runs of a station write to it."""
-    while True:
+    for _ in range(TRIES):
         number = os.open(file, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW, STICKY_MODE)
         with FileIO(number, "r+") as stream:
             if fcntl is not None:
@@ -79,6 +83,7 @@ def _opened(file: Path) -> Iterator[FileIO]:
             if _is_at(file, number):
                 yield stream
                 return
+    raise OSError(errno.EBUSY, "others write to it", str(file))
 
 
 def _is_at(file: Path, number: int) -> bool:
