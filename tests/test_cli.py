@@ -101,13 +101,24 @@ def test_a_summary_in_no_folder_is_refused_before_anything_runs(umo, tank: Path)
     assert not (tank.parent / "runs").exists()
 
 
+def test_a_summary_where_nothing_may_be_written_is_refused_before_anything_runs(
+    umo, tank: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    access = os.access
+    monkeypatch.setattr("os.access", lambda path, mode: Path(path) != Path("closed") and access(path, mode))
+    Path("closed").mkdir()
+    result = umo("run", "tank", "--summary", "closed/sum.json")
+    assert (result.exit_code, "--summary closed/sum.json: cannot be written" in said(result)) == (2, True)
+    assert not (tank.parent / "runs").exists()
+
+
 def test_a_summary_that_cannot_be_written_is_said_and_the_status_is_not_0(umo, tank: Path) -> None:
     full = Path("/dev/full")
     if not full.exists():
         pytest.skip("there is no /dev/full here to stand for a full disk")
     result = umo("run", "tank", "--no-record", "--summary", "/dev/full")
     assert result.exit_code == 4
-    assert "the summary could not be written" in said(result)
+    assert "/dev/full could not be written: [Errno 28]" in said(result)
     assert "No space left" in said(result)
 
 

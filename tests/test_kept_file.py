@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import stat
 import sys
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -36,6 +37,14 @@ def test_what_is_written_is_read_again_to_the_last_digit(tmp_path: Path) -> None
     assert kept_file.read(path) == VALUES
     assert [file.name for file in tmp_path.iterdir()] == ["kept.json"]
     assert path.stat().st_mode & 0o777 == 0o600 or sys.platform == "win32"
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the sticky bit of a file")
+def test_old_files_are_left_alone_by_what_cleans_var_tmp(tmp_path: Path) -> None:
+    path = tmp_path / "kept" / "kept.json"
+    with kept_file.locked(path, 1.0):
+        kept_file.write(path, DATA)
+    assert [stat.S_IMODE(file.stat().st_mode) for file in (path, kept_file.lock_of(path))] == [0o1600, 0o1600]
 
 
 def test_every_beginning_of_a_file_is_refused() -> None:
@@ -77,6 +86,7 @@ FOREIGN: list[Any] = [
     {"version": 1, **asdict(VALUES), "utc": 1e300},
     {"version": 1, **asdict(VALUES), "sections": []},
     {"version": 1, **asdict(VALUES), "sections": {"numbers": [1]}},
+    {"version": 1, **asdict(VALUES), "sections": {"alarms": {"worn": []}}},
     {"version": 1, **asdict(VALUES), "sections": {"numbers": {"count": 3}}},
     {"version": 1, **asdict(VALUES), "sections": {"numbers": {"count": {"value": 3}}}},
     {"version": 1, **asdict(VALUES), "sections": {"numbers": {"count": NUMBER | {"unit": 3}}}},

@@ -22,6 +22,7 @@ from umo.cli.run_folder import RunSummary, TraceFile
 from umo.cycle.stage import Progress
 from umo.cycle.trace import Statistics, Trace
 from umo.latency import blackbox
+from umo.system.processes import identity
 
 Umo = Callable[..., Result]
 PERIOD = 0.1
@@ -242,6 +243,25 @@ def test_the_oldest_runs_are_removed_but_for_one_that_goes_on(runs: Path) -> Non
     assert [run.path.name for run in prune(1, "tank")] == ["tank-20260101-000001", "tank-20260101-000002"]
     left = {path.name for path in runs.iterdir()}
     assert left == {"tank-20260101-000000", "tank-20260101-000004", "press-20260101-000003", "other"}
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="what tells processes apart is Linux's")
+def test_a_killed_run_whose_number_another_process_has_got_is_removed(runs: Path) -> None:
+    process = identity(os.getpid())
+    for number, own in ((5, process), (6, f"another boot {process}")):
+        folder = runs / f"tank-20260101-00000{number}"
+        folder.mkdir()
+        (folder / "run.json").write_text(json.dumps({"station": "tank", "pid": os.getpid(), "process": own}))
+    assert [run.state for run in recorded("tank")][-2:] == ["running", "killed"]
+    prune(0, "tank")
+    assert {path.name for path in runs.glob("tank-*")} == {"tank-20260101-000000", "tank-20260101-000005"}
+
+
+def test_a_run_says_which_process_it_is(umo: Umo, tank: Path) -> None:
+    assert umo("run", "tank", "--no-plot", "--until", "1").exit_code == 124
+    (folder,) = (tank.parent / "runs").iterdir()
+    about = json.loads((folder / "run.json").read_text())
+    assert (about["pid"], about["process"]) == (os.getpid(), identity(os.getpid()))
 
 
 def test_what_is_no_run_is_never_removed_nor_what_a_link_names(runs: Path, tmp_path: Path) -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from contextlib import nullcontext
 from enum import Enum
 from math import inf, nan
 from pathlib import Path
 from shutil import copytree
+from types import SimpleNamespace
 from typing import Annotated, Any
 
 import pytest
@@ -19,6 +21,7 @@ import umo
 from helpers import brewing
 from helpers.waiting import until
 from umo import Number
+from umo.cli import recipe_list
 from umo.cycle.events import CommandState
 from umo.errors import RecipeError, UmoError
 from umo.operation.recipe_book import MAX_RECORDED, RecipeBook
@@ -244,3 +247,28 @@ def test_what_umo_recipes_cannot_do_is_told(umo: Callable[..., Result], words: l
     result = umo("recipes", *words)
     assert result.exit_code == 2
     assert message in result.output + result.stderr
+
+
+def test_a_recipe_is_chosen_in_every_part_that_has_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "rinse.toml").write_text("temperature = 30\n")
+    machine = brewing.machine()
+    machine.washer = RecipeBook(Batch, tmp_path)
+    asked: list[tuple[str, str]] = []
+
+    def call(remote: object, action: dict[str, Any], given: dict[str, Any]) -> str:
+        asked.append((action["path"], given["name"]))
+        return given["name"]
+
+    monkeypatch.setattr(recipe_list, "station_of", nullcontext)
+    monkeypatch.setattr(recipe_list, "leased", lambda remote, over: nullcontext())
+    monkeypatch.setattr(recipe_list, "call_action", call)
+    station: Any = SimpleNamespace(name="brewing", machine=lambda: machine)
+    recipe_list.choose_recipe(station, "brewing", "rinse", False)
+    recipe_list.choose_recipe(station, "brewing", "strong", False)
+    (tmp_path / "strong.toml").write_text("temperature = 95\n")
+    machine.washer = RecipeBook(Batch, tmp_path)
+    recipe_list.choose_recipe(station, "brewing", "strong", False)
+    both = [("book.choose", "strong"), ("washer.choose", "strong")]
+    assert asked == [("washer.choose", "rinse"), ("book.choose", "strong"), *both]
+    with pytest.raises(RecipeError, match=r"'rins' \(did you mean 'rinse'\?\)"):
+        recipe_list.choose_recipe(station, "brewing", "rins", False)

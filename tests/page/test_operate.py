@@ -117,6 +117,9 @@ def test_roles_bind_a_page_of_another_computer(
         refused = command(client, 3, "shelve", path="belt", value=60.0)
         assert (refused["state"], refused["text"]) == ("refused", "bob may operate; shelve needs the role maintain")
         assert command(client, 4, "acknowledge")["state"] == "done"
+        (tmp_path / "umo" / "roles.toml").write_text('[users]\nbob = "see"\n')
+        assert command(client, 5, "lease", who="bob")["state"] == "refused"
+        assert command(client, 6, "acknowledge")["state"] == "refused"
 
 
 def test_what_a_page_holds_lasts_as_long_as_it_touches_and_then_its_lease_ends(

@@ -17,6 +17,7 @@ from typing import Any
 from umo.cycle import Frame
 from umo.cycle.trace import Trace, lines
 from umo.errors import text_of
+from umo.system.processes import identity
 
 from .console import say
 from .run_folder import RUNS, TRACE_PAUSE, RunSummary, whole
@@ -139,7 +140,7 @@ def recorded(station: str | None = None) -> Iterator[RecordedRun]:
             continue
         summary = _read(folder / "summary.json")
         status = summary.get("status") if isinstance(summary.get("status"), int) else None
-        state = "ended" if status is not None else "running" if _lives(about.get("pid")) else "killed"
+        state = "ended" if status is not None else "running" if _lives(about) else "killed"
         yield RecordedRun(folder, name, state, status, _size_of(folder))
 
 
@@ -181,8 +182,10 @@ def _read(path: Path) -> dict[str, Any]:
     return data if isinstance(data, dict) else {}
 
 
-def _lives(pid: object) -> bool:
-    """Whether there is a process of this number."""
+def _lives(about: dict[str, Any]) -> bool:
+    """Whether the process of a run lives. Another one may have got its number, after a restart of the computer above
+    all: a service has nearly the same ones at each boot."""
+    pid, process = about.get("pid"), about.get("process")
     if not isinstance(pid, int) or pid <= 0:
         return False
     try:
@@ -190,5 +193,5 @@ def _lives(pid: object) -> bool:
     except (ProcessLookupError, OverflowError):
         return False
     except OSError:  # another user's
-        return True
-    return True
+        pass
+    return not process or process == identity(pid)

@@ -6,7 +6,7 @@ from typing import Any
 
 from umo.errors import OptionError, RecipeError
 from umo.objects import actions_of
-from umo.operation.recipe_book import RecipeBook, books_of
+from umo.operation.recipe_book import books_of
 from umo.operation.recipe_values import unit_of
 from umo.operation.recipes import Recipe
 from umo.process.station import Station
@@ -32,25 +32,24 @@ def show_recipes(station: Station) -> int:
 
 
 def choose_recipe(station: Station, running: str, name: str, over: bool) -> int:
-    """Choose a recipe for the next batch of a running station; its file is read now, in this process."""
+    """Choose a recipe for the next batch of a running station, in every part that has one of this name; its file is
+    read now, in this process."""
     machine = station.machine()
-    known = actions_of(machine)
-    for path, book in books_of(machine).items():
-        recipe = _of(book, name)
-        action = known[f"{path}.choose"].describe()
-        with station_of(running) as remote, leased(remote, over):
+    books = books_of(machine)
+    if not books:
+        raise OptionError(f"{station.name} has no recipes")
+    recipes = {path: book.recipes[name] for path, book in books.items() if name in book.recipes}
+    if not recipes:
+        known = dict.fromkeys(each for book in books.values() for each in book.recipes)
+        raise RecipeError(f"no recipe {name!r}{did_you_mean(name, known)}; known: {', '.join(known)}")
+    known_actions = actions_of(machine)
+    with station_of(running) as remote, leased(remote, over):
+        for path, recipe in recipes.items():
+            action = known_actions[f"{path}.choose"].describe()
             chosen = call_action(remote, action, {"name": name, "content": recipe.content})
-        out.print(f"chosen for the next batch: {chosen}", soft_wrap=True, markup=False)
-        return 0
-    raise OptionError(f"{station.name} has no recipes")
-
-
-def _of(book: RecipeBook[Any], name: str) -> Recipe:
-    if name not in book.recipes:
-        known = ", ".join(book.recipes)
-        raise RecipeError(f"no recipe {name!r}{did_you_mean(name, book.recipes)}; known: {known}")
-    recipe: Recipe = book.recipes[name]
-    return recipe
+            part = f" of {path}" if len(books) > 1 else ""
+            out.print(f"chosen for the next batch{part}: {chosen}", soft_wrap=True, markup=False)
+    return 0
 
 
 def _text(recipe: Recipe, key: str, value: Any) -> str:

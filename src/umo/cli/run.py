@@ -181,7 +181,7 @@ def _write_summary(result: RunSummary, summary: Path) -> bool:
     try:
         result.save(summary)
     except OSError as error:
-        say(f"the summary could not be written: {error}")
+        say(f"{summary} could not be written: {text_of(error)}", "red")
         return False
     return True
 

@@ -26,6 +26,7 @@ SYSTEMD = Path("/run/systemd/system")
 """It is there where systemd runs (sd_booted(3))."""
 REFUSED = {
     "acknowledge": "a service must not acknowledge an unsafe end by itself",
+    "fresh": "each start would forget what is kept; run it once by hand with --fresh",
     "fault": "faults are injected by hand",
     "fault_seed": "faults are injected by hand",
     "full_traceback": "failure.txt in the run's folder has the traceback",
@@ -53,8 +54,7 @@ def write_unit(
         raise OptionError("give --as or --user, not both")
     found = find(station)
     command, plan = _command(station, found, wiring, words)
-    kinds = {device.partition(" ")[0]: device for device in plan.wired.devices}
-    groups, missing = groups_for(kinds)
+    groups, missing = groups_for(plan.wired.devices)
     unit = ServiceUnit(
         _name(name or f"umo-{found.name}", given=name is not None),
         f"umo run {plan.name}" + (f", {plan.wiring_name}" if plan.wiring_name else ""),
@@ -71,7 +71,7 @@ def write_unit(
         out.file.flush()
     else:
         output.write_text(text, encoding="utf-8")
-    for line in [*_next_steps(unit, output), *missing, *hints(kinds), *_standing(plan)]:
+    for line in [*_next_steps(unit, output), *missing, *hints(plan.wired.devices), *_standing(plan)]:
         say(line)
 
 
@@ -136,9 +136,10 @@ def _next_steps(unit: ServiceUnit, output: Path | None) -> list[str]:
     file = f"{unit.name}.service"
     if not SYSTEMD.is_dir():
         line = f"cd {shlex.quote(unit.folder)} && {shlex.join(unit.command)}"
+        never = "after status 2, 3 or 4" if unit.wired.hardware else "after any end: how a run ended is not recorded"
         return [
             f"systemd does not run here; the same in the foreground, for any supervisor: {line}",
-            "a supervisor must not start it again after status 2, 3 or 4 (docs/howto-run-as-a-service.md)",
+            f"a supervisor must not start it again {never} (docs/howto-run-as-a-service.md)",
         ]
     own = " --user" if unit.user is None else ""
     folder, sudo = ("~/.config/systemd/user", "") if own else ("/etc/systemd/system", "sudo ")
@@ -149,10 +150,12 @@ def _next_steps(unit: ServiceUnit, output: Path | None) -> list[str]:
         f"{sudo}systemctl{own} enable --now {file}",
     ]
     linger = "it starts at boot, and survives a logout: loginctl enable-linger"
+    stays = f"`umo ps` finds it after the last logout of {unit.user} too: sudo loginctl enable-linger {unit.user}"
     return [
         f"next: {' && '.join(steps)}",
         f"then: systemctl{own} status {unit.name}; journalctl{own} -u {unit.name} -f; umo ps",
         *([f"{linger}; real-time priority: LimitRTPRIO of user@.service"] if own else []),
+        *([stays] if unit.user not in (None, "root") else []),
     ]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -83,5 +84,9 @@ def argument(path: str, about: dict[str, Any], text: str) -> Any:
 
 def check_file(option: str, file: Path | None) -> None:
     """RangeError if nothing can be written there: before anything runs."""
-    if file is not None and (file.is_dir() or not file.parent.is_dir()):
+    if file is None:
+        return
+    if file.is_dir() or not file.parent.is_dir():
         raise RangeError(f"{option} {file}: {'is a folder' if file.is_dir() else f'there is no folder {file.parent}'}")
+    if not os.access(file if file.exists() else file.parent, os.W_OK):
+        raise RangeError(f"{option} {file}: cannot be written")

@@ -254,7 +254,7 @@ class Writer:
                 return
             self._write(self._path, kept_file.dump(values))
         except OSError as error:
-            self._cells[Told.ERROR] = error.errno or HELD_BY_ANOTHER
+            self._cells[Told.ERROR] = error.errno or errno.EIO
             return
         self._written = snapshot
         self._cells[Told.ERROR] = 0
