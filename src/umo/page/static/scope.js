@@ -2,14 +2,17 @@
 
 import { Chart } from "./chart.js";
 import { coloursOf, fromAddress, toAddress } from "./colours.js";
-import { address, el, save, setText, tracesOfAddress } from "./dom.js";
-import { clockText, duration, isBinary, unitOf, wallDay, wallTime } from "./presentation.js";
+import { address, el, setText, tracesOfAddress } from "./dom.js";
+import { EventStrip } from "./event_strip.js";
 import { gestures } from "./gestures.js";
 import { Legend } from "./legend.js";
-import { markAt, marksOf } from "./marks.js";
+import { clusterAt, linesOf, marksOf } from "./marks.js";
+import { clockText, isBinary, unitOf, wallTime } from "./presentation.js";
+import { Ranges } from "./ranges.js";
+import { savePicture, saveSamples } from "./saving.js";
+import { ScopeBar } from "./scope_bar.js";
 import { Trigger, WAITING } from "./trigger.js";
 
-const SPANS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300];  // s
 const MIN_SPAN = 0.002;
 const FIRST_TRACES = { numbers: 4, states: 2 };  // traces where none was chosen
 const MAX_TRACES = 32;
@@ -30,32 +33,21 @@ export class View {
     this._from = null;
     /** @type {(() => void)[]} */
     this._closing = [];
-    this.how = { lanes: address.get("lanes") === "1", declared: address.get("range") === "declared" };
     /** @type {number | null} */
     this._drawn = null;
     /** @type {{close: () => void} | null} */
     this._subscription = null;
-    const button = (/** @type {string} */ text, /** @type {string} */ title, /** @type {() => void} */ onclick) => el("button", { textContent: text, title, onclick });
-    this._add = el("input", { type: "search", placeholder: "Add object or signal", list: "paths", "aria-label": "Add object or signal" });
-    this._add.addEventListener("change", () => this._added());
-    this._pause = button("Pause", "Space", () => this.pause());
-    this._spans = el("select", { title: "Time shown", "aria-label": "Time shown", onchange: () => this._spanned(Number(this._spans.value)) });
-    this._lanes = el("input", { type: "checkbox", checked: this.how.lanes, onchange: () => this._arrange() });
-    this._declared = el("input", { type: "checkbox", checked: this.how.declared, onchange: () => this._arrange() });
     this.trigger = new Trigger(feed, () => this._subscribe());
+    this.bar = new ScopeBar(feed.entries.map(({ path }) => path), this.trigger.element, {
+      add: (path) => this._added(path), pause: () => this.pause(), span: (seconds) => this._spanned(seconds), live: () => this.live(), look: () => this._show(this.paths),
+      clear: () => this._clear(), picture: () => savePicture(feed, this.chart, this.bar.wall), samples: () => saveSamples(feed, this.paths, this.chart.range),
+    });
     this._plot = el("div", { className: "plot" });
-    this._hint = el("span", { className: "hint" });
+    this.ranges = new Ranges(this._plot, () => this.chart.draw());
+    this.events = new EventStrip(this._plot);
     this._hover = el("span", { className: "hint hover" });
     this.legend = new Legend(feed, (path) => { this._show(this.paths.filter((other) => other !== path)); });
-    element.append(
-      el("div", { className: "bar" }, this._add, el("datalist", { id: "paths" }, ...feed.entries.map(({ path }) => el("option", { value: path }))),
-        this._pause, this._spans, button("Live", "Home, or a double click", () => this.live()), this.trigger.element,
-        el("label", { title: "A lane with an axis for each number" }, this._lanes, "Lanes"),
-        el("label", { title: "Axes over the declared ranges; they stand still" }, this._declared, "Declared range"),
-        button("Clear cursors", "Esc; A and B set one, comma and full stop move it", () => this._clear()), button("PNG", "Save as a picture", () => this._picture()),
-        button("CSV", "Save every sample of the time shown", () => this._csv()), this._hint),
-      this._plot, this._hover, this.legend.element,
-    );
+    element.append(this.bar.element, this._plot, this._hover, this.legend.element);
     const chosen = (tracesOfAddress() ?? firstTraces(feed)).filter((path) => feed.entry(path)).slice(0, MAX_TRACES);
     this._colours = fromAddress(chosen, address.get("colours"));
     /** @type {Chart} */
@@ -73,12 +65,6 @@ export class View {
     this._timer = setInterval(() => this._measure(), MEASURE_PAUSE);
   }
 
-  _arrange() {
-    this.how = { lanes: this._lanes.checked, declared: this._declared.checked };
-    address.set({ lanes: this.how.lanes ? "1" : null, range: this.how.declared ? "declared" : null });
-    this._show(this.paths);
-  }
-
   /** Draw these traces from now on. @param {string[]} paths @param {Chart | null} before @returns {Chart} */
   _show(paths, before = this.chart) {
     this.paths = [...new Set(paths)];
@@ -89,7 +75,10 @@ export class View {
     const traces = this.paths.map((path, index) => (
       { path, index, entry: /** @type {Page.Entry} */ (this.feed.entry(path)), colour: this._colours.get(path) ?? 0 }
     ));
-    const chart = new Chart(this._plot, traces, this.how, (from, to) => this._still([from, to]));
+    const wall = () => (this.bar.wall ? this.feed.state?.utc ?? null : null);
+    const chart = new Chart(this._plot, traces, { declared: this.bar.declared, fixed: this.ranges.fixed, wall }, {
+      zoom: (from, to) => this._still([from, to]), placed: (placed) => this._placed(placed),
+    });
     this.chart = chart;
     if (before) chart.cursors = before.cursors;
     chart.marks = this._marks();
@@ -109,25 +98,24 @@ export class View {
     return chart;
   }
 
-  /** The time shown, also one that no choice has, as after a zoom. */
-  _fillSpans() {
-    const span = this.view ? Number((this.view[1] - this.view[0]).toPrecision(3)) : this.span;
-    if (Number(this._spans.value) === span && this._spans.length) return;
-    const spans = SPANS.includes(span) ? SPANS : [...SPANS, span].sort((a, b) => a - b);
-    this._spans.replaceChildren(...spans.map((each) => el("option", { value: String(each), textContent: duration(each) })));
-    this._spans.value = String(span);
+  /** The lanes have got another place. @param {Chart} chart */
+  _placed(chart) {
+    this.ranges.place(chart);
+    this.events.place(chart);
   }
+
+  _fillSpans() { this.bar.fill(this.view ? Number((this.view[1] - this.view[0]).toPrecision(3)) : this.span); }
 
   // Live data ------------------------------------------------------------------------------------------
 
   _subscribe() {
     this._subscription?.close();
     this._subscription = null;
-    setText(this._pause, this.view ? "Continue" : "Pause");
+    this.bar.standsStill(this.view !== null);
     if (this.view || !this.paths.length) return;
     const request = { paths: this.paths, span: this.span, width: this.chart.width };
     const trigger = this.trigger.request;
-    setText(this._hint, this.trigger.hint);
+    this.bar.hint = this.trigger.hint;
     this._subscription = this.feed.subscribe(trigger ? { ...request, trigger } : request, (points) => this._take(points));
   }
 
@@ -136,7 +124,7 @@ export class View {
     const { chart } = this;
     if (points.trigger !== undefined) {
       chart.trigger = points.trigger;
-      setText(this._hint, `triggered at ${this._moment(points.trigger)}`);
+      this.bar.hint = `triggered at ${this._moment(points.trigger)}`;
     } else if (points.from < 0) chart.trigger = null;
     chart.buffer.take(points, points.times[points.times.length - 1] - this.span);
     this._from = points.trigger === undefined ? null : points.start ?? null;
@@ -158,7 +146,8 @@ export class View {
 
   _onState() {
     this.legend.refresh();
-    if (this._hint.textContent === WAITING) setText(this._hint, this.trigger.hint);  // the run may have ended
+    this.bar.clockIsKnown(typeof this.feed.state?.utc === "number");
+    if (this.bar.hint === WAITING) this.bar.hint = this.trigger.hint;  // the run may have ended
     const marks = this._marks();
     if (marks.length === this.chart.marks.length && marks.at(-1)?.text === this.chart.marks.at(-1)?.text) return;
     this.chart.marks = marks;
@@ -207,7 +196,7 @@ export class View {
         if (chart !== this.chart || !this.view || this.view[0] !== start || this.view[1] !== stop) return;
         chart.buffer.take({ ...points, from: -1 });
         this._draw();
-      } catch (error) { setText(this._hint, String(error instanceof Error ? error.message : error)); }
+      } catch (error) { this.bar.hint = String(error instanceof Error ? error.message : error); }
     }, wait);
   }
 
@@ -266,8 +255,8 @@ export class View {
 
   /** Where the mouse is: the time, and what happened there. @param {number | null} time */
   _hovered(time) {
-    const mark = time === null ? null : markAt(this.chart.marks, time, this.chart.pixel);
-    setText(this._hover, time === null ? "" : [this._moment(time), mark?.text].filter(Boolean).join(" · "));
+    const mark = time === null ? null : clusterAt(this.chart.clusters, time, this.chart.pixel);
+    setText(this._hover, time === null ? "" : [this._moment(time), ...(mark ? linesOf(mark) : [])].join(" · "));
   }
 
   /** @param {number} time */
@@ -276,16 +265,14 @@ export class View {
     return `${clockText(time, 4)}${clock && ` (${clock})`}`;
   }
 
-  _added() {
-    const path = this._add.value.trim();
+  /** @param {string} path */
+  _added(path) {
     const found = this.feed.entry(path) ? [path] : this.feed.entries.map((entry) => entry.path).filter((known) => known.startsWith(`${path}.`));
-    this._add.value = "";
-    if (!path) return;
-    if (!found.length) setText(this._hint, `no object or signal ${path}`);
+    if (!found.length) this.bar.hint = `no object or signal ${path}`;
     else this._show([...this.paths, ...found].slice(0, MAX_TRACES));
   }
 
-  // Measured values, files, keys -------------------------------------------------------------------------
+  // Measured values, keys --------------------------------------------------------------------------------
 
   async _measure() {
     const chart = this.chart;
@@ -296,22 +283,6 @@ export class View {
       const { values } = await this.feed.measure({ paths: this.paths, start, stop });
       if (chart === this.chart) this.legend.measured(values);
     } catch { /* the connection is being made again */ } finally { this._measuring = false; }
-  }
-
-  async _picture() {
-    const [from, to] = this.chart.range;
-    const utc = this.feed.state?.utc;
-    const day = wallDay(utc, from);
-    const times = `${clockText(from)} to ${clockText(to)}${day && `, ${day} ${wallTime(utc, from)} to ${wallTime(utc, to)}`}`;
-    const picture = await this.chart.picture(`${this.feed.station}, ${times}`);
-    if (picture) save(`${this.feed.station}.png`, picture);
-  }
-
-  /** Every sample of the time shown, from the server straight into a file. */
-  _csv() {
-    const [start, stop] = this.chart.range;
-    const query = new URLSearchParams([...this.paths.map((path) => ["path", path]), ["start", String(start)], ["stop", String(stop)]]);
-    el("a", { href: `csv/${encodeURIComponent(this.feed.station ?? "")}?${query}`, download: `${this.feed.station}.csv` }).click();
   }
 
   /** @param {KeyboardEvent} event */
