@@ -140,7 +140,11 @@ def test_each_unit_has_a_lane_in_the_colour_of_its_trace(page: Any) -> None:
 
 def test_traces_of_one_unit_share_a_lane_which_is_neutral_and_names_the_unit(page: Any) -> None:
     page.add_init_script(WRITTEN)
-    with shown(page, "traces=encoder,motor&span=1", motor=DigitalActuator("mm", default=0.0, minimum=-10.0, maximum=10.0, resolution=0.5)):
+    with shown(
+        page,
+        "traces=encoder,motor&span=1",
+        motor=DigitalActuator("mm", default=0.0, minimum=-10.0, maximum=10.0, resolution=0.5),
+    ):
         eventually(lambda: numbers(page, NEUTRAL))
         assert page.locator(".axis-range").count() == 1
         texts = page.evaluate("document.querySelector('.u-wrap canvas').written")
@@ -232,18 +236,18 @@ def told_by(page: Any, share: float) -> str:
 @pytest.mark.smoke
 def test_what_happened_stands_on_the_time_axis_and_is_told_to_the_mouse(page: Any) -> None:
     page.add_init_script(WRITTEN)
-    with shown(page, "traces=encoder&span=1", missed=[*[0] * 1500, 2]) as machine:
+    with shown(page, "traces=encoder&span=1", missed=[*[0] * 1700, 2]) as machine:
         for number in range(9):
             machine.tell("motor", f"limited, {number}")
         periods(machine.root, 500)
-        eventually(lambda: "9 " in written(page) or "9" in written(page))
+        eventually(lambda: "9" in written(page))
         page.keyboard.press("Space")
         told = told_by(page, 0.5).splitlines()
         assert len(told) == 7
-        assert told[0] == "2.000 s motor: limited, 0"
+        assert told[0].endswith(" s motor: limited, 0")
         assert told[-1] == "and 3 more"
-        assert told_by(page, 0.25) == ""
-        assert "2 periods missed" in told_by(page, 0.0)
+        assert told_by(page, 0.35) == ""
+        assert "2 periods missed" in told_by(page, 0.2)
         page.mouse.move(5, 5)
         assert not page.locator(".tip").is_visible()
 
@@ -257,7 +261,9 @@ def test_a_run_that_keeps_the_pace_of_the_wall_clock_can_show_its_local_times(
         page.get_by_label("Wall clock").check()
         assert kept(page, "clock") == "wall"
         local = datetime.fromtimestamp(UTC + 1.5)
-        texts = eventually(lambda: (found := written(page)) and any(str(local.date()) in text for text in found) and found)
+        texts = eventually(
+            lambda: (found := written(page)) and any(str(local.date()) in text for text in found) and found
+        )
         assert f"{local:%H:%M:%S}.{local.microsecond // 100_000}" in texts
         page.get_by_label("Wall clock").uncheck()
         eventually(lambda: any(text.endswith(" s") for text in written(page)))

@@ -119,7 +119,7 @@ export class View {
     this._subscription = this.feed.subscribe(trigger ? { ...request, trigger } : request, (points) => this._take(points));
   }
 
-  /** Points from the server: drawn with the next picture of the browser. @param {Page.Points} points */
+  /** Points from the server. @param {Page.Points} points */
   _take(points) {
     const { chart } = this;
     if (points.trigger !== undefined) {
@@ -128,8 +128,11 @@ export class View {
     } else if (points.from < 0) chart.trigger = null;
     chart.buffer.take(points, points.times[points.times.length - 1] - this.span);
     this._from = points.trigger === undefined ? null : points.start ?? null;
-    this._drawn ??= requestAnimationFrame(() => this._draw());
+    this._drawSoon();
   }
+
+  /** With the next picture of the browser. */
+  _drawSoon() { this._drawn ??= requestAnimationFrame(() => this._draw()); }
 
   _draw() {
     this._drawn = null;
@@ -151,7 +154,7 @@ export class View {
     const marks = this._marks();
     if (marks.length === this.chart.marks.length && marks.at(-1)?.text === this.chart.marks.at(-1)?.text) return;
     this.chart.marks = marks;
-    if (this.view || this.feed.ended) this.chart.draw();
+    this._drawSoon();
   }
 
   _marks() { return marksOf(this.feed.events, this.feed.misses); }
