@@ -26,7 +26,7 @@ NEUTRAL = "#566272"
 
 @contextmanager
 def shown(page: Any, address: str, *, missed: Any = (), **changes: Any) -> Iterator[Any]:
-    """The scope of a station after 2 s, in which its encoder has risen to 100 mm, at an address behind #. The machine."""
+    """The scope of a station after 2 s, in which its encoder rose to 100 mm, at an address behind #: the machine."""
     m = bench(**changes)
     box = Scripted({"encoder": [number % 200 for number in range(20_000)]})
     connection = connect(m, wired(m, box, clock=VirtualTimer(missed)))
@@ -156,12 +156,12 @@ def test_traces_of_one_unit_share_a_lane_which_is_neutral_and_names_the_unit(pag
 IN_LANE = """([lane, lanes, colour]) => {  // pixels of a lane that have about this colour
     const canvas = document.querySelector(".u-wrap canvas");
     const over = document.querySelector(".u-over");
-    const scale = window.devicePixelRatio, height = over.clientHeight / lanes;
-    const area = [over.offsetLeft, over.offsetTop + lane * height + 3, over.clientWidth, height - 6].map((each) => each * scale);
-    const { data } = canvas.getContext("2d").getImageData(...area);
+    const height = over.clientHeight / lanes;
+    const area = [over.offsetLeft, over.offsetTop + lane * height + 3, over.clientWidth, height - 6];
+    const { data } = canvas.getContext("2d").getImageData(...area.map((each) => each * window.devicePixelRatio));
     const wanted = [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16));
     let count = 0;
-    for (let i = 0; i < data.length; i += 4) count += wanted.every((part, k) => Math.abs(data[i + k] - part) < 40) ? 1 : 0;
+    for (let i = 0; i < data.length; i += 4) count += wanted.every((part, k) => Math.abs(data[i + k] - part) < 40);
     return count;
 }"""
 

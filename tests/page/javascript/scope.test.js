@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { axesOf, declaredRange, inLane, laneSplits, numberedPart, rangeOf, rangesFromAddress, rangesToAddress, rangeText, refusal } from "../../../src/umo/page/static/axes.js";
+import { axesOf, declaredRange, inLane, laneSplits, numberedPart, rangeOf, rangesFromAddress, rangesToAddress, rangeText, refusal, splitsOf, splitTexts } from "../../../src/umo/page/static/axes.js";
 import { Buffer, doubled, lowerBound } from "../../../src/umo/page/static/buffer.js";
 import { coloursOf, fromAddress, toAddress } from "../../../src/umo/page/static/colours.js";
 import { Cursors } from "../../../src/umo/page/static/cursors.js";
@@ -133,6 +133,18 @@ test("a lane has round numbers within it, more of them where it is high", () => 
     assert.ok(laneSplits([least, most], 10).length > laneSplits([least, most], 2).length);
   }
   for (const none of [[1, 1], [2, 1], [NaN, 1]]) assert.deepEqual(laneSplits(none, 3), []);
+});
+
+test("a named value has a lane of its own with the names of its states, as many as there is room for", () => {
+  const states = { 0: "idle", 1: "running", 4: "being aborted by hand" };
+  const [numbers, one, other] = axesOf([trace("count", ""), trace("a.state", "", { states }), trace("b.state", "", { states })]);
+  assert.deepEqual([numbers.key, one.key, other.key], ["", "=a.state", "=b.state"]);
+  assert.deepEqual(splitsOf(one, [-0.5, 4.5], 3), [0, 1, 4]);
+  assert.deepEqual(splitTexts(one, [0, 1, 4]), ["idle", "running", "being abort…"]);
+  assert.deepEqual(splitsOf(one, [-0.5, 1.5], 3), [0, 1]);
+  assert.equal(splitsOf(one, [-0.5, 4.5], 1).length, 2);
+  assert.deepEqual(splitsOf(one, [0.1, 0.9], 3), []);
+  assert.deepEqual(splitTexts(numbers, splitsOf(numbers, [0, 4], 2)), ["0", "2", "4"]);
 });
 
 test("the numbers of a lane are those of its own part of the scale", () => {

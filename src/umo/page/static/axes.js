@@ -6,19 +6,21 @@ const CONSTANT_SHARE = 1e-9;  // of the value: a smaller change is none
 const LANE_GAP = 0.06;  // of a lane: free above and below its traces
 const EDGE = 0.04;  // of a lane: without numbers above and below
 const MAX_NAME_LENGTH = 28;  // characters of an axis' name
+const MAX_STATE_LENGTH = 12;  // characters of a state beside its axis
 
 /**
- * @typedef {{scale: string, unit: string, name: string, traces: Page.Trace[], lane: number, lanes: number}} Axis
- *   `lane` counts from the top.
+ * @typedef {{key: string, scale: string, unit: string, name: string, traces: Page.Trace[], lane: number, lanes: number}} Axis
+ *   `key`: the unit, or the path of a named value; `lane` counts from the top.
  * @typedef {[least: number, most: number]} Range
  */
 
-/** A lane for each unit, in the order of the traces. @param {Page.Trace[]} traces @returns {Axis[]} */
+/** A lane for each unit and for each named value, in the order of the traces. @param {Page.Trace[]} traces @returns {Axis[]} */
 export function axesOf(traces) {
-  const units = [...new Set(traces.map(({ entry }) => unitOf(entry)))];
-  return units.map((unit, lane) => {
-    const those = traces.filter(({ entry }) => unitOf(entry) === unit);
-    return { scale: `u:${unit}`, unit, name: named(those), traces: those, lane, lanes: units.length };
+  const keyOf = (/** @type {Page.Trace} */ { path, entry }) => (entry.states ? `=${path}` : unitOf(entry));
+  const keys = [...new Set(traces.map(keyOf))];
+  return keys.map((key, lane) => {
+    const those = traces.filter((trace) => keyOf(trace) === key);
+    return { key, scale: `u:${key}`, unit: unitOf(those[0].entry), name: named(those), traces: those, lane, lanes: keys.length };
   });
 }
 
@@ -85,6 +87,25 @@ export function laneSplits([least, most], steps) {
   return found;
 }
 
+/**
+ * The numbers beside a lane: round ones, or those of the names of a value.
+ * @param {Axis} axis @param {Range} range @param {number} steps  At most.
+ */
+export function splitsOf({ traces: [{ entry }] }, range, steps) {
+  if (!entry.states) return laneSplits(range, steps);
+  const known = Object.keys(entry.states).map(Number).filter((number) => number >= range[0] && number <= range[1]).sort((a, b) => a - b);
+  const every = Math.ceil(known.length / (steps + 1));
+  return known.filter((_, place) => place % every === 0);
+}
+
+/** What stands beside a lane at these. @param {Axis} axis @param {number[]} splits @returns {string[]} */
+export function splitTexts({ traces: [{ entry: { states } }] }, splits) {
+  return states ? splits.map((number) => shortened(states[String(number)] ?? "")) : scaleTexts(splits);
+}
+
+/** @param {string} text */
+const shortened = (text) => (text.length > MAX_STATE_LENGTH ? `${text.slice(0, MAX_STATE_LENGTH - 1)}…` : text);
+
 /** Why this cannot be the range of an axis; "": it can. @param {number} least @param {number} most */
 export function refusal(least, most) {
   if (!Number.isFinite(least) || !Number.isFinite(most)) return "give two numbers";
@@ -93,9 +114,9 @@ export function refusal(least, most) {
   return most - least > size * CONSTANT_SHARE && Number.isFinite(most - least) ? "" : "the two are too close together, or too far apart";
 }
 
-/** Ranges that were typed, for the address: `-5:20:mm,0:24:V`; null: none. @param {Map<string, Range>} fixed  By unit. */
+/** Ranges that were typed, for the address: `-5:20:mm,0:24:V`; null: none. @param {Map<string, Range>} fixed  By key of the axis. */
 export function rangesToAddress(fixed) {
-  return [...fixed].map(([unit, [least, most]]) => `${least}:${most}:${encodeURIComponent(unit)}`).join(",") || null;
+  return [...fixed].map(([key, [least, most]]) => `${least}:${most}:${encodeURIComponent(key)}`).join(",") || null;
 }
 
 /** What is no range is left out. @param {string | null} text @returns {Map<string, Range>} */
@@ -103,9 +124,9 @@ export function rangesFromAddress(text) {
   /** @type {Map<string, Range>} */
   const found = new Map();
   for (const part of (text ?? "").split(",")) {
-    const [, least, most, unit] = /^([-+\d.e]+):([-+\d.e]+):(.*)$/.exec(part) ?? [];
+    const [, least, most, key] = /^([-+\d.e]+):([-+\d.e]+):(.*)$/.exec(part) ?? [];
     if (least === undefined || refusal(Number(least), Number(most))) continue;
-    try { found.set(decodeURIComponent(unit), [Number(least), Number(most)]); } catch { /* no unit */ }
+    try { found.set(decodeURIComponent(key), [Number(least), Number(most)]); } catch { /* no key */ }
   }
   return found;
 }

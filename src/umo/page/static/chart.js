@@ -1,19 +1,20 @@
 /** The drawing of the scope: uPlot for numbers, in lanes; bars for states; cursors, the trigger and marks over both. */
 
-import { axesOf, declaredRange, inLane, laneSplits, numberedPart, rangeOf } from "./axes.js";
+import { axesOf, declaredRange, inLane, numberedPart, rangeOf, splitsOf, splitTexts } from "./axes.js";
 import { Bars } from "./bars.js";
 import { Buffer, doubled } from "./buffer.js";
-import { colour, css, dashes, font, line, names, pixelRatio } from "./canvas.js";
+import { colour, css, dashes, font, line, pixelRatio } from "./canvas.js";
 import { Cursors } from "./cursors.js";
 import { drawMarks, STRIP_HEIGHT } from "./glyphs.js";
+import { colourOf, growing, laneClip, nameLane } from "./lanes.js";
 import { clustersOf } from "./marks.js";
-import { isBinary, scaleTexts } from "./presentation.js";
-import { machineLabels, wallLabels, wallSplits } from "./time_axis.js";
+import { isBinary } from "./presentation.js";
+import { machineLabels, roundTimes, wallLabels, wallSplits } from "./time_axis.js";
 
 /** @typedef {import("./axes.js").Axis} Axis */
 /** @typedef {import("./axes.js").Range} Range */
 /**
- * `declared`: axes show the declared ranges; `fixed`: those of units that were typed; `wall`: s since 1970 at the station's
+ * `declared`: axes show the declared ranges; `fixed`: those that were typed, by key of the axis; `wall`: s since 1970 at the station's
  * time 0 for an axis with local times, null: it has the station's.
  * @typedef {{declared: boolean, fixed: Map<string, Range>, wall: () => number | null}} Look
  */
@@ -21,7 +22,8 @@ import { machineLabels, wallLabels, wallSplits } from "./time_axis.js";
 const { uPlot } = window;
 const MIN_LANE_HEIGHT = 64;  // CSS pixels
 const NUMBER_HEIGHT = 26;  // CSS pixels from one number beside a lane to the next
-const MIN_AXIS_WIDTH = 50;  // CSS pixels
+const FIXED_WIDTH = 150;  // CSS pixels of what is said of a range that was typed
+const EDGE = 6;  // CSS pixels that names keep from the right
 const TIMES_HEIGHT = 20;  // CSS pixels of a line of times
 const DAY_HEIGHT = 14;  // CSS pixels of the day below it
 const FONT = "11px system-ui";
@@ -46,7 +48,7 @@ export class Chart {
     this.marks = [];
     /** @type {Page.Cluster[]} As they were drawn. */
     this.clusters = [];
-    /** @type {Map<string, Range>} The range that a lane shows, by unit. */
+    /** @type {Map<string, Range>} The range that a lane shows, by key of the axis. */
     this.shown = new Map();
     this._look = look;
     this._act = act;
@@ -62,7 +64,7 @@ export class Chart {
   _make() {
     this._element.style.minHeight = `${Math.max(220, this.axes.length * MIN_LANE_HEIGHT + this.bars.height + 80)}px`;
     return new uPlot({
-      width: 300, height: 200, legend: { show: false }, padding: [8, 12, 0, null], pxAlign: false,
+      width: 300, height: 200, legend: { show: false }, padding: [8, 24, 0, null], pxAlign: false,
       cursor: { drag: { x: true, y: false, setScale: false }, points: { show: false }, y: false },
       scales: { x: { time: false, range: () => this.range }, ...Object.fromEntries(this.axes.map((axis) => [axis.scale, { range: this._rangeOf(axis) }])) },
       axes: [this._times(), ...this._lanes()],
@@ -95,7 +97,7 @@ export class Chart {
     const width = growing();
     return this.axes.map((axis) => {
       const grid = { stroke: css("--grid"), width: 1 };
-      const stroke = this._colourOf(axis);
+      const stroke = colourOf(axis);
       const last = axis.lane === axis.lanes - 1;
       return {
         scale: axis.scale, side: 3, stroke, gap: 3, font: FONT, grid, ticks: { stroke, width: 1, size: 5 },
@@ -104,27 +106,24 @@ export class Chart {
           return last ? widest : 0;
         },
         splits: (/** @type {uPlot} */ plot) => this._splits(plot, axis),
-        values: (/** @type {unknown} */ _, /** @type {number[]} */ splits) => scaleTexts(splits),
+        values: (/** @type {unknown} */ _, /** @type {number[]} */ splits) => splitTexts(axis, splits),
       };
     });
   }
-
-  /** That of its trace; of several traces none. @param {Axis} axis */
-  _colourOf({ traces }) { return traces.length === 1 ? colour(traces[0].colour) : css("--text-dim"); }
 
   /** @param {uPlot} plot @param {Axis} axis */
   _splits(plot, axis) {
     const { min, max } = plot.scales[axis.scale];
     const height = plot.bbox.height / pixelRatio() / axis.lanes;
-    return laneSplits(numberedPart([min ?? 0, max ?? 1], axis), Math.max(2, Math.floor(height / NUMBER_HEIGHT)));
+    return splitsOf(axis, numberedPart([min ?? 0, max ?? 1], axis), Math.max(2, Math.floor(height / NUMBER_HEIGHT)));
   }
 
   /** The range of a scale, from those of its values that are shown. @param {Axis} axis */
   _rangeOf(axis) {
     return (/** @type {unknown} */ _, /** @type {number | null} */ least, /** @type {number | null} */ most) => {
-      const fixed = this._look.fixed.get(axis.unit) ?? (this._look.declared ? declaredRange(axis) : null);
+      const fixed = this._look.fixed.get(axis.key) ?? (this._look.declared ? declaredRange(axis) : null);
       const [low, high] = fixed ?? rangeOf(least, most, uPlot.rangeNum);
-      if (low !== null && high !== null) this.shown.set(axis.unit, [low, high]);
+      if (low !== null && high !== null) this.shown.set(axis.key, [low, high]);
       const range = low === null || high === null ? [null, null] : inLane([low, high], axis);
       return /** @type {[number, number]} */ (range);  // uPlot knows that there may be none, its types do not
     };
@@ -190,6 +189,7 @@ export class Chart {
     const [from, to] = this.range;
     ctx.save();
     [ctx.textAlign, ctx.textBaseline] = ["left", "alphabetic"];
+    ctx.setLineDash([]);
     this.clusters = clustersOf(this.marks, this.pixel);
     drawMarks(ctx, this.clusters, bbox, this.range);
     const lines = this._lines().filter(([time]) => time >= from && time <= to);
@@ -200,7 +200,7 @@ export class Chart {
       ctx.font = font(12);
       ctx.fillText(name, x + 4, bbox.top + bbox.height - 5 * pixelRatio());
     }
-    for (const axis of this.axes) this._nameLane(ctx, axis);
+    for (const axis of this.axes) nameLane(ctx, axis, this.laneBox(axis), this._look.fixed.has(axis.key) ? FIXED_WIDTH : EDGE);
     ctx.restore();
     this.bars.draw(bbox, this.range, lines.map(([time, stroke]) => [time, stroke]));
     const place = JSON.stringify([bbox, this.shown.size]);
@@ -215,49 +215,9 @@ export class Chart {
     return /** @type {[number, string, string][]} */ (all.filter(([time]) => time !== null));
   }
 
-  /** The unit of a lane and its traces, each in its colour. @param {CanvasRenderingContext2D} ctx @param {Axis} axis */
-  _nameLane(ctx, axis) {
-    const { left, top, width } = this.laneBox(axis);
-    if (axis.lane) line(ctx, top, left, left + width, css("--line"), true);
-    ctx.font = font(11);
-    /** @type {[string, string][]} */
-    const texts = axis.traces.map(({ path, colour: number }) => [path, colour(number)]);
-    if (axis.unit) texts.unshift([`[${axis.unit}]`, this._colourOf(axis)]);
-    names(ctx, texts, left + 6 * pixelRatio(), top + 13 * pixelRatio(), left + width - 6 * pixelRatio());
-  }
-
   destroy() {
     this._observer.disconnect();
     this.plot.destroy();
     this.bars.canvas.remove();
   }
-}
-
-/** Multiples of a step between two times. @param {number} from @param {number} to @param {number} step */
-function roundTimes(from, to, step) {
-  const first = Math.ceil(from / step - 1e-9);
-  const count = Math.min(Math.floor(to / step + 1e-9) - first + 1, 1000);
-  return Array.from({ length: Math.max(count, 0) }, (_, i) => Number(((first + i) * step).toPrecision(12)));
-}
-
-/** The axes are as wide as their widest number so far: the plot does not jump to and fro. */
-function growing() {
-  let most = MIN_AXIS_WIDTH;
-  return (/** @type {any} */ plot, /** @type {string[] | null} */ values, /** @type {number} */ number) => {
-    const { font: [set], ticks, gap } = plot.axes[number];
-    plot.ctx.font = set;
-    const widths = (values ?? []).map((text) => plot.ctx.measureText(text).width / pixelRatio());
-    return (most = Math.max(most, Math.ceil(ticks.size + gap + 4 + Math.max(0, ...widths))));
-  };
-}
-
-/** The lane without its gaps. @param {{left: number, top: number, width: number, height: number}} lane @param {[number, number][]} gaps  Pixels. */
-function laneClip({ left, top, width, height }, gaps) {
-  const path = new Path2D();
-  let from = left;
-  for (const [begin, end] of [...gaps, /** @type {[number, number]} */ ([left + width, left + width])]) {
-    if (begin > from) path.rect(from, top, begin - from, height);
-    from = Math.max(from, end);
-  }
-  return path;
 }

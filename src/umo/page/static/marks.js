@@ -2,7 +2,8 @@
 
 import { clockText } from "./presentation.js";
 
-const MARK_DISTANCE = 18;  // CSS pixels within which marks are one
+const MARK_DISTANCE = 26;  // CSS pixels within which marks are one: there is room for its count
+const REACH = 10;  // CSS pixels beside a mark at which it is told
 const MAX_TOLD = 6;  // events that a mark tells
 const COMES = /^(bad )?unacknowledged /;  // an alarm's state that begins its text (umo/alarms)
 const ENDS = /^(fault cleared|is back|was initialised again)/;  // umo/cycle
@@ -60,9 +61,7 @@ export function clustersOf(marks, pixel) {
     if (last && mark.time - last[0].time <= MARK_DISTANCE * pixel) last.push(mark);
     else groups.push([mark]);
   }
-  return groups.map((group) => ({
-    time: (group[0].time + group[group.length - 1].time) / 2, marks: group, kind: gravest(group),
-  }));
+  return groups.map((group) => ({ time: group[0].time, marks: group, kind: gravest(group) }));
 }
 
 /** @param {Page.Mark[]} group */
@@ -78,11 +77,11 @@ export function linesOf({ marks }) {
 }
 
 /**
- * The mark nearest to a time, within half the distance of two; null: none.
+ * The mark at a time, or beside it; null: none.
  * @param {Page.Cluster[]} clusters @param {number} time @param {number} pixel  s of a CSS pixel.
  */
 export function clusterAt(clusters, time, pixel) {
-  const away = (/** @type {Page.Cluster} */ each) => Math.abs(each.time - time);
+  const away = (/** @type {Page.Cluster} */ { marks }) => Math.max(marks[0].time - time, time - marks[marks.length - 1].time, 0);
   const nearest = clusters.reduce((/** @type {Page.Cluster | null} */ best, each) => (best && away(best) <= away(each) ? best : each), null);
-  return nearest && away(nearest) <= (MARK_DISTANCE / 2) * pixel ? nearest : null;
+  return nearest && away(nearest) <= REACH * pixel ? nearest : null;
 }

@@ -37,25 +37,25 @@ export class Ranges {
   /** Stand beside the lanes of this chart. @param {import("./chart.js").Chart} chart */
   place(chart) {
     this._chart = chart;
-    const focused = this._controls.contains(document.activeElement) ? /** @type {HTMLElement} */ (document.activeElement).dataset.unit : undefined;
+    const focused = this._controls.contains(document.activeElement) ? /** @type {HTMLElement} */ (document.activeElement).dataset.axis : undefined;
     this._controls.replaceChildren(...chart.axes.flatMap((axis) => this._controlsOf(chart, axis)));
     if (focused !== undefined) this._button(focused)?.focus();
-    if (this._asked && !chart.axes.some(({ unit }) => unit === this._asked?.unit)) this._close();
+    if (this._asked && !chart.axes.some(({ key }) => key === this._asked?.key)) this._close();
   }
 
-  /** @param {string} unit */
-  _button(unit) { return [.../** @type {NodeListOf<HTMLElement>} */ (this._controls.querySelectorAll(".axis-range"))].find((each) => each.dataset.unit === unit); }
+  /** @param {string} key  Of an axis. */
+  _button(key) { return [.../** @type {NodeListOf<HTMLElement>} */ (this._controls.querySelectorAll(".axis-range"))].find((each) => each.dataset.axis === key); }
 
   /** The axis, which can be clicked; beside a range that is fixed what it is. @param {import("./chart.js").Chart} chart @param {Axis} axis */
   _controlsOf(chart, axis) {
-    const fixed = this.fixed.get(axis.unit);
+    const fixed = this.fixed.get(axis.key);
     const box = chart.laneBox(axis);
     const [left, top, width, height] = [box.left, box.top, box.width, box.height].map((pixels) => pixels / pixelRatio());
     const title = `Range of ${axis.name}: ${fixed ? `fixed, ${rangeText(fixed)}` : "automatic"}`;
-    const button = el("button", { className: "axis-range", type: "button", title: `${title}. A click fixes it.`, "aria-label": title, "data-unit": axis.unit, onclick: () => this._ask(axis) });
+    const button = el("button", { className: "axis-range", type: "button", title: `${title}. A click fixes it.`, "aria-label": title, "data-axis": axis.key, onclick: () => this._ask(axis) });
     Object.assign(button.style, { left: "0px", top: `${top}px`, width: `${left}px`, height: `${height}px` });
     if (!fixed) return [button];
-    const back = el("button", { className: "axis-fixed", type: "button", "data-unit": axis.unit, title: "Back to the automatic range", "aria-label": `Automatic range of ${axis.name}` },
+    const back = el("button", { className: "axis-fixed", type: "button", "data-axis": axis.key, title: "Back to the automatic range", "aria-label": `Automatic range of ${axis.name}` },
       `fixed: ${rangeText(fixed)} ${axis.unit} `, el("b", { textContent: "×" }));
     back.addEventListener("click", () => this._set(null, axis));
     Object.assign(back.style, { top: `${top + 3}px`, left: `${left + width - 6}px` });
@@ -65,7 +65,7 @@ export class Ranges {
   /** @param {Axis} axis */
   _ask(axis) {
     const chart = /** @type {import("./chart.js").Chart} */ (this._chart);
-    const [least, most] = chart.shown.get(axis.unit) ?? [0, 1];
+    const [least, most] = chart.shown.get(axis.key) ?? [0, 1];
     const { left, top } = chart.laneBox(axis);
     this._asked = axis;
     this._least.value = numberText(least);
@@ -90,18 +90,18 @@ export class Ranges {
   /** @param {import("./axes.js").Range | null} range  null: automatic. */
   _set(range, axis = this._asked) {
     if (!axis) return;
-    if (range) this.fixed.set(axis.unit, range);
-    else this.fixed.delete(axis.unit);
+    if (range) this.fixed.set(axis.key, range);
+    else this.fixed.delete(axis.key);
     address.set({ ranges: rangesToAddress(this.fixed) });
     this._close();
     if (this._chart) this.place(this._chart);
-    this._button(axis.unit)?.focus();
+    this._button(axis.key)?.focus();
     this._changed();
   }
 
   _close() {
     this._form.hidden = true;
-    if (this._asked) this._button(this._asked.unit)?.focus();
+    if (this._asked) this._button(this._asked.key)?.focus();
     this._asked = null;
   }
 }

@@ -40,3 +40,10 @@ export function wallLabels(utc, times) {
 
 /** `12.5 s`. @param {number[]} times @returns {string[]} */
 export const machineLabels = (times) => scaleTexts(times).map((number) => `${number} s`);
+
+/** Multiples of a step between two times. @param {number} from @param {number} to @param {number} step @returns {number[]} */
+export function roundTimes(from, to, step) {
+  const first = Math.ceil(from / step - 1e-9);
+  const count = Math.min(Math.floor(to / step + 1e-9) - first + 1, 1000);
+  return Array.from({ length: Math.max(count, 0) }, (_, i) => Number(((first + i) * step).toPrecision(12)));
+}

@@ -152,7 +152,7 @@ declare namespace Page {
   /** Something that happened, on the scope. */
   interface Mark { time: number; kind: "fault" | "alarm" | "missed" | "guard" | "command" | "mode" | "over" | "told"; text: string }
 
-  /** Marks that stand close together; `kind`: of the gravest. */
+  /** Marks that stand close together; `time`: of the first, `kind`: of the gravest. */
   interface Cluster { time: number; marks: Mark[]; kind: Mark["kind"] }
 
   /** A value that moves a body, and how (umo/twin/declared.py). */
