@@ -6,6 +6,7 @@ import { axesOf, declaredRange, inLane, laneSplits, numberedPart, rangeOf, range
 import { Buffer, doubled, lowerBound } from "../../../src/umo/page/static/buffer.js";
 import { coloursOf, fromAddress, toAddress } from "../../../src/umo/page/static/colours.js";
 import { Cursors } from "../../../src/umo/page/static/cursors.js";
+import { laneClip } from "../../../src/umo/page/static/lanes.js";
 import { duration, lasting, numberText, scaleTexts, valueText, wallDay, wallTime } from "../../../src/umo/page/static/presentation.js";
 
 const f64 = (...numbers) => Float64Array.from(numbers);
@@ -147,11 +148,24 @@ test("a named value has a lane of its own with the names of its states, as many 
   assert.deepEqual(splitTexts(numbers, splitsOf(numbers, [0, 4], 2)), ["0", "2", "4"]);
 });
 
+test("the curves of a lane end at its edges and have the gaps of their values", () => {
+  globalThis.Path2D = /** @type {any} */ (class {
+    constructor() { this.rects = []; }
+    rect(...rect) { this.rects.push(rect); }
+  });
+  const lane = { left: 10, top: 50, width: 100, height: 20 };
+  const clip = (gaps) => /** @type {any} */ (laneClip(lane, gaps)).rects;
+  assert.deepEqual(clip([]), [[10, 50, 100, 20]]);
+  assert.deepEqual(clip([[20, 30], [60, 60.5]]), [[10, 50, 10, 20], [30, 50, 30, 20], [60.5, 50, 49.5, 20]]);
+  assert.deepEqual(clip([[0, 30], [100, 200]]), [[30, 50, 70, 20]]);
+  assert.deepEqual(clip([[10, 110]]), []);
+});
+
 test("the numbers of a lane are those of its own part of the scale", () => {
   const place = { lane: 1, lanes: 3 };
-  const [least, most] = numberedPart(inLane([10, 30], place), place);
+  const [least, most] = numberedPart(inLane([10, 30], place), place, 0.05);
   assert.ok(least <= 10 && most >= 30 && most - least < 24);
-  assert.deepEqual(numberedPart([10, 30], { lane: 0, lanes: 1 }), [10, 30]);
+  assert.deepEqual(numberedPart([10, 30], { lane: 0, lanes: 1 }, 0.05), [10, 30]);
 });
 
 test("ranges that were typed stand in the address by unit; what is no range is left out", () => {

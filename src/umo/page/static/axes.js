@@ -4,7 +4,6 @@ import { scaleTexts, unitOf } from "./presentation.js";
 
 const CONSTANT_SHARE = 1e-9;  // of the value: a smaller change is none
 const LANE_GAP = 0.06;  // of a lane: free above and below its traces
-const EDGE = 0.04;  // of a lane: without numbers above and below
 const MAX_NAME_LENGTH = 28;  // characters of an axis' name
 const MAX_STATE_LENGTH = 12;  // characters of a state beside its axis
 
@@ -68,11 +67,14 @@ export function inLane([least, most], { lane, lanes }) {
   return [bottom, bottom + lanes * height];
 }
 
-/** The part of a scale that is a lane, where numbers stand. @param {Range} scale @param {{lane: number, lanes: number}} place @returns {Range} */
-export function numberedPart([least, most], { lane, lanes }) {
+/**
+ * The part of a scale that is a lane, where numbers stand.
+ * @param {Range} scale @param {{lane: number, lanes: number}} place @param {number} share  Of a lane: without numbers above and below. @returns {Range}
+ */
+export function numberedPart([least, most], { lane, lanes }, share) {
   const height = (most - least) / lanes;
   const bottom = least + (lanes - 1 - lane) * height;
-  const edge = lanes === 1 ? 0 : EDGE * height;
+  const edge = lanes === 1 ? 0 : share * height;
   return [bottom + edge, bottom + height - edge];
 }
 

@@ -21,7 +21,8 @@ import { machineLabels, roundTimes, wallLabels, wallSplits } from "./time_axis.j
 
 const { uPlot } = window;
 const MIN_LANE_HEIGHT = 64;  // CSS pixels
-const NUMBER_HEIGHT = 26;  // CSS pixels from one number beside a lane to the next
+const NUMBER_HEIGHT = 17;  // CSS pixels from one number beside a lane to the next
+const HALF_NUMBER = 7;  // CSS pixels that numbers keep from the edges of their lane
 const FIXED_WIDTH = 150;  // CSS pixels of what is said of a range that was typed
 const EDGE = 6;  // CSS pixels that names keep from the right
 const TIMES_HEIGHT = 20;  // CSS pixels of a line of times
@@ -115,7 +116,7 @@ export class Chart {
   _splits(plot, axis) {
     const { min, max } = plot.scales[axis.scale];
     const height = plot.bbox.height / pixelRatio() / axis.lanes;
-    return splitsOf(axis, numberedPart([min ?? 0, max ?? 1], axis), Math.max(2, Math.floor(height / NUMBER_HEIGHT)));
+    return splitsOf(axis, numberedPart([min ?? 0, max ?? 1], axis, HALF_NUMBER / height), Math.max(2, Math.floor(height / NUMBER_HEIGHT)));
   }
 
   /** The range of a scale, from those of its values that are shown. @param {Axis} axis */

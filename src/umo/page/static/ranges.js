@@ -73,7 +73,8 @@ export class Ranges {
     setText(this._unit, axis.unit);
     setText(this._wrong, "");
     this._form.hidden = false;
-    Object.assign(this._form.style, { left: `${left / pixelRatio() + 6}px`, top: `${top / pixelRatio() + 20}px` });
+    const lowest = /** @type {HTMLElement} */ (this._form.parentElement).clientHeight - this._form.offsetHeight - 4;
+    Object.assign(this._form.style, { left: `${left / pixelRatio() + 6}px`, top: `${Math.max(Math.min(top / pixelRatio() + 20, lowest), 0)}px` });
     this._least.focus();
     this._least.select();
   }
