@@ -73,8 +73,9 @@ export class Ranges {
     setText(this._unit, axis.unit);
     setText(this._wrong, "");
     this._form.hidden = false;
-    const lowest = /** @type {HTMLElement} */ (this._form.parentElement).clientHeight - this._form.offsetHeight - 4;
-    Object.assign(this._form.style, { left: `${left / pixelRatio() + 6}px`, top: `${Math.max(Math.min(top / pixelRatio() + 20, lowest), 0)}px` });
+    const [beside, below] = [left / pixelRatio() + 6, top / pixelRatio() + 20];
+    const isLow = below + this._form.offsetHeight > /** @type {HTMLElement} */ (this._form.parentElement).clientHeight;
+    Object.assign(this._form.style, { left: `${beside}px`, top: isLow ? "auto" : `${below}px`, bottom: isLow ? "4px" : "auto" });
     this._least.focus();
     this._least.select();
   }
