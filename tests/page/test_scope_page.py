@@ -13,8 +13,9 @@ from urllib.parse import parse_qs
 
 import pytest
 
-from helpers.machines import bench, wired
+from helpers.machines import Bench, bench, wired
 from umo import DigitalActuator, connect, published
+from umo.alarms import Alarm, High
 from umo.testing import Scripted, VirtualTimer, periods
 
 from .conftest import eventually, running, serving
@@ -25,9 +26,9 @@ NEUTRAL = "#566272"
 
 
 @contextmanager
-def shown(page: Any, address: str, *, missed: Any = (), **changes: Any) -> Iterator[Any]:
+def shown(page: Any, address: str, *, kind: type[Bench] = Bench, missed: Any = (), **changes: Any) -> Iterator[Any]:
     """The scope of a station after 2 s, in which its encoder rose to 100 mm, at an address behind #: the machine."""
-    m = bench(**changes)
+    m = bench(kind, **changes)
     box = Scripted({"encoder": [number % 200 for number in range(20_000)]})
     connection = connect(m, wired(m, box, clock=VirtualTimer(missed)))
     with connection, published(connection, "press", "rig"), serving() as served:
@@ -223,14 +224,17 @@ def test_an_address_that_keeps_nonsense_is_the_automatic_range(page: Any) -> Non
         page.get_by_label("Range of encoder [mm]: automatic").wait_for()
 
 
-def told_by(page: Any, share: float) -> str:
-    """What the mark near a place of the time axis tells; empty: there is none."""
+def tip_at(page: Any, share: float) -> str:
+    """What is told at a place of the time axis; empty: nothing."""
     box = page.locator(".event-strip").bounding_box()
-    for off in (0, 4, -4, 8, -8, 12, -12):
-        page.mouse.move(box["x"] + share * box["width"] + off, box["y"] + box["height"] / 2)
-        if page.locator(".tip").is_visible():
-            return str(page.locator(".tip").inner_text())
-    return ""
+    page.mouse.move(box["x"] + share * box["width"], box["y"] + box["height"] / 2)
+    tip = page.locator(".tip")
+    return str(tip.inner_text()) if tip.is_visible() else ""
+
+
+def told_by(page: Any, share: float) -> str:
+    """What the mark near a place tells; empty: there is none."""
+    return next((told for off in range(-5, 6) if (told := tip_at(page, share + off / 500))), "")
 
 
 @pytest.mark.smoke
@@ -250,6 +254,21 @@ def test_what_happened_stands_on_the_time_axis_and_is_told_to_the_mouse(page: An
         assert "2 periods missed" in told_by(page, 0.2)
         page.mouse.move(5, 5)
         assert not page.locator(".tip").is_visible()
+
+
+class Measuring(Bench, alarms={"far": Alarm(High("encoder", 60.0), "too far")}):
+    """A bench with an alarm, which comes and ends five times a second."""
+
+
+def test_an_alarm_has_a_mark_where_it_comes_and_another_where_it_ends(page: Any) -> None:
+    page.add_init_script(WRITTEN)
+    with shown(page, "traces=encoder&span=1", kind=Measuring):
+        told = eventually(lambda: {told for place in range(60) if (told := tip_at(page, place / 60))})
+        assert any("far: alarm: unacknowledged (medium): too far" in text for text in told)
+        assert any("far: alarm: returned (medium): too far" in text for text in told)
+        with page.expect_download():
+            page.get_by_role("button", name="PNG").click()
+        assert {"alarm", "end of an alarm or a fault"} <= set(page.evaluate("window.pictured"))
 
 
 def test_a_run_that_keeps_the_pace_of_the_wall_clock_can_show_its_local_times(
