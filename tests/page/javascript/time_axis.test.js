@@ -19,6 +19,13 @@ test("a short stretch has times with as many digits as they need", () => {
   assert.deepEqual(wallTexts(UTC, shortest), ["09:05:07.250", "09:05:07.251", "09:05:07.252"]);
 });
 
+test("a time that a float cannot have is still a round one", () => {
+  for (const [utc, from] of [[1881184907.383, 327959.785], [1711523487.05, 862841.031], [1713000352.554, 224595.341], [1863115409.271, 709405.287]]) {
+    const texts = wallTexts(utc, wallSplits(utc, [from, from + 0.5], 800));
+    assert.ok(texts.length >= 4 && texts.every((text) => /^\d\d:\d\d:\d\d\.\d$/.test(text)), String(texts));
+  }
+});
+
 test("an empty stretch, or one without a width, has few times and no endless list", () => {
   for (const [range, width] of [[[1, 1], 500], [[0, 300], 0], [[5, 4], 500]]) assert.ok(wallSplits(UTC, range, width).length <= 2);
 });

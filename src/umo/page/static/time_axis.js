@@ -3,6 +3,7 @@
 import { scaleTexts, wallDay, wallTime } from "./presentation.js";
 
 const STEPS = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300];  // s
+const ROUNDING = 1e-4;  // s: a Date cuts off what is less than a millisecond
 const SPACE = 90;  // CSS pixels from one time to the next, at least
 
 /**
@@ -20,7 +21,7 @@ export function wallSplits(utc, [from, to], width) {
 
 /** The local times of these: `21:40:05`, with as many digits as they need. @param {number} utc @param {number[]} times @returns {string[]} */
 export function wallTexts(utc, times) {
-  const texts = times.map((time) => wallTime(utc, time));
+  const texts = times.map((time) => wallTime(utc, time + ROUNDING));
   const needed = Math.max(0, ...texts.map((text) => text.split(".")[1].replace(/0+$/, "").length));
   return texts.map((text) => text.slice(0, needed ? 9 + needed : 8));
 }
@@ -34,8 +35,8 @@ export function dayText(utc, time) {
 
 /** The times of the wall clock; the first one, and the first of a day, with the day below. @param {number} utc @param {number[]} times @returns {string[]} */
 export function wallLabels(utc, times) {
-  const days = times.map((time) => wallDay(utc, time));
-  return wallTexts(utc, times).map((text, i) => (days[i] === days[i - 1] ? text : `${text}\n${i ? days[i] : dayText(utc, times[i])}`));
+  const days = times.map((time) => wallDay(utc, time + ROUNDING));
+  return wallTexts(utc, times).map((text, i) => (days[i] === days[i - 1] ? text : `${text}\n${i ? days[i] : dayText(utc, times[i] + ROUNDING)}`));
 }
 
 /** `12.5 s`. @param {number[]} times @returns {string[]} */
