@@ -150,7 +150,10 @@ declare namespace Page {
   interface Trace { path: string; entry: Entry; index: number; colour: number }
 
   /** Something that happened, on the scope. */
-  interface Mark { time: number; kind: "command" | "mode" | "missed" | "guard"; text: string }
+  interface Mark { time: number; kind: "fault" | "alarm" | "missed" | "guard" | "command" | "mode" | "over" | "told"; text: string }
+
+  /** Marks that stand close together; `time`: of the first, `kind`: of the gravest. */
+  interface Cluster { time: number; marks: Mark[]; kind: Mark["kind"] }
 
   /** A value that moves a body, and how (umo/twin/declared.py). */
   interface Joint { kind: string; path: string; axis: [number, number, number]; factor: number; offset: number; range: [number, number] | null; anchor: [number, number, number] }
