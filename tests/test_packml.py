@@ -306,6 +306,59 @@ def test_a_fault_of_the_equipment_is_aborted_and_its_clearing_leads_to_stopped()
         assert unit.state is S.STOPPED
 
 
+class Fragile(Unit):
+    """It fails in its law when it is told to."""
+
+    broken = False
+
+    def control(self) -> None:
+        if self.broken:
+            self.broken = False
+            raise ValueError("broken")
+
+
+@pytest.mark.parametrize("at", [S.IDLE, S.EXECUTE, S.HELD, S.HOLDING], ids=lambda each: each.name.lower())
+def test_a_fault_that_is_cleared_before_the_next_period_is_aborted_all_the_same(at: PackMLState) -> None:
+    machine = Plant(filler=Fragile(motor=actuator(), level=sensor()), timer=timer())
+    with connect(machine, wired(machine, Scripted())) as m:
+        periods(m)
+        lead_to(m, at)
+        ann = Operator(m)
+        ann.do("lease", seconds=5.0)
+        m.filler.broken = True
+        ann.run()
+        assert m.filler.unit.state is S.ABORTED
+        ann.do("clear")  # taken before the states are looked at
+        assert m.filler.unit.state is S.CLEARING
+        assert "state: aborted" in ann.notes
+        finish(m)
+        assert m.filler.unit.state is S.STOPPED
+        assert m.filler.begun.count("execute") == m.filler.ended.count("execute")
+
+
+def test_an_error_in_supervise_is_a_fault_of_its_part_and_told_once() -> None:
+    class Odd(PackML):
+        async def execute(self) -> None:
+            self.part.motor.write(5.0)  # type: ignore[attr-defined]
+            await super().execute()
+
+        def supervise(self) -> None:
+            super().supervise()
+            if self.part.open:  # type: ignore[attr-defined]
+                raise ValueError("odd")
+
+    with running(Odd) as (m, unit):
+        unit.reset()
+        periods(m)
+        unit.start()
+        periods(m, 3)
+        assert m.filler.motor.read() == 5.0
+        m.filler.open = {"x"}
+        periods(m, 20)
+        assert (unit.state, m.filler.motor.read()) == (S.ABORTED, 0.0)
+        assert sum("odd" in event.text for event in m._machine.events) == 1
+
+
 def test_a_fault_that_cannot_be_cleared_stays() -> None:
     case = running()
     with case as (m, unit):
@@ -340,6 +393,23 @@ def test_a_refusal_of_the_part_is_an_interlock_on_a_transition() -> None:
         with pytest.raises(CommandRefused, match="the guard is open"):
             unit.start()
         assert unit.state is S.IDLE
+
+
+@pytest.mark.parametrize("wrong", [lambda: 1 / 0, lambda: False])
+def test_a_refusal_that_fails_refuses_all_but_stop_and_abort(wrong: Any) -> None:
+    class Guarded(PackML):
+        def refusal(self, command: str) -> str | None:
+            return wrong() if command != "reset" else None
+
+    with running(Guarded) as (m, unit):
+        unit.reset()
+        periods(m)
+        assert unit.possible == ["stop", "abort"]
+        with pytest.raises(CommandRefused, match="whether start is possible cannot be told: "):
+            unit.start()
+        unit.abort()
+        periods(m)
+        assert unit.state is S.ABORTED
 
 
 def test_a_mode_without_a_state_refuses_the_command_that_leads_there_and_passes_acting_states() -> None:

@@ -13,6 +13,7 @@ from umo.objects import Compound, Number, action
 from umo.objects.link import Task
 from umo.operation.model import ABORT, CLEAR, STOP, StateModel, title
 from umo.text import did_you_mean
+from umo.user_code import as_json, attempt
 
 
 class UnitMode(IntEnum):
@@ -23,6 +24,8 @@ class UnitMode(IntEnum):
     MANUAL = 3
 
 
+MAX_RESULT_TEXT = 100
+"""Length of a wrong result of `refusal` in its message at most, characters."""
 EXECUTE = "execute"
 """Name of the sequence of the state in which a part does its work."""
 IN_MANUAL = (STOP, ABORT, CLEAR)
@@ -93,7 +96,8 @@ class UnitStates:
         return self.part.cycle.connected and self.part._machine.fault_of(self.part) is not None
 
     def refusal(self, command: str) -> str | None:
-        """Why a command must not be carried out now; None: it may be. Override it for interlocks on transitions."""
+        """Why a command must not be carried out now; None: it may be. Override it for interlocks on transitions. If it
+        fails, or gives no text, the command is refused; stop and abort are carried out."""
         return None
 
     async def execute(self) -> None:
@@ -123,7 +127,15 @@ class UnitStates:
             return f"{name} is not possible in the mode {title(self.mode)}"
         if self.part.cycle.manual and name not in IN_MANUAL:
             return f"{name} is not possible in manual mode: the application waits (`umo mode` changes it)"
-        return self.refusal(name)
+        return self._asked_refusal(name)
+
+    def _asked_refusal(self, name: str) -> str | None:
+        """What `refusal` says. Where it fails a command is refused, but not what brings the part to a standstill."""
+        why, error = attempt(self.refusal, name)
+        if error is None and (why is None or isinstance(why, str)):
+            return why
+        cause = error.text if error else f"`refusal` gives {as_json(why, MAX_RESULT_TEXT)}, which is not a text"
+        return None if name in (STOP, ABORT) else f"whether {name} is possible cannot be told: {cause}"
 
     @action(harmless=True)
     def stop(self) -> str:
@@ -165,10 +177,8 @@ class UnitStates:
         self.path, self._state, self._task, self._work = path, self.model.first, None, None
 
     def supervise(self) -> None:
-        """Follow what has happened: a fault, the end of a fault, the end of a sequence."""
+        """Follow what has happened: the end of a fault, the end of a sequence."""
         if self._in_fault:
-            if self._state is not self.model.aborted:
-                self._enter(self.model.aborted)
             return
         if self._state is self.model.aborted:
             self._enter(self.model.commands[CLEAR][self.model.aborted])
@@ -180,6 +190,12 @@ class UnitStates:
                 self._fail()
                 return
             self._enter(then)
+
+    def note_faults(self) -> None:
+        """Equipment has come into fault: its sequences end. It counts also if it is cleared before `supervise`."""
+        if self._in_fault and self._state is not self.model.aborted:
+            self._state, self._task, self._work = self.model.aborted, None, None
+            self._tell_state()
 
     def _has_ended(self) -> bool:
         """Whether the work of an acting state is done; it is begun here."""
@@ -199,7 +215,7 @@ class UnitStates:
 
     def _enter(self, state: IntEnum) -> None:
         self._state = state
-        self.part._machine.tell(self.path, f"state: {title(state)}")
+        self._tell_state()
         task, self._task = self._task, None
         if task is not None:
             task.cancel()
@@ -213,7 +229,9 @@ class UnitStates:
     def _fail(self) -> None:
         """Abort: the part is in fault, its outputs are at their defaults."""
         self.part._machine.fail(self.part, TaskFailed("aborted by a command"))
-        self._enter(self.model.aborted)
+
+    def _tell_state(self) -> None:
+        self.part._machine.tell(self.path, f"state: {title(self._state)}")
 
     def describe(self) -> dict[str, Any]:
         """As plain data."""
