@@ -19,8 +19,9 @@ import umo
 from helpers import brewing
 from helpers.waiting import until
 from umo import Number
+from umo.cli.recipe_list import _named
 from umo.cycle.events import CommandState
-from umo.errors import RecipeError, UmoError
+from umo.errors import DeclarationError, RecipeError, UmoError
 from umo.operation.recipe_book import MAX_RECORDED, RecipeBook
 from umo.operation.recipes import Recipe, read_recipes, recipe_from_content, recipe_of
 from umo.process.station import find
@@ -122,6 +123,23 @@ def test_a_temperature_is_converted_with_its_offset() -> None:
 )
 def test_a_wrong_value_is_told(values: dict[str, Any], message: str) -> None:
     assert message in refused(**values)
+
+
+def test_a_default_is_checked_and_of_its_type() -> None:
+    class Odd(Recipe):
+        hold: Annotated[float, Number("s", 0.0, 10.0)] = 50.0
+        speed: Annotated[float, Number("rpm", 0.0, 10.0)] = 1
+
+    with pytest.raises(RecipeError, match=r"hold: its default: 50 s is outside 0 to 10"):
+        recipe_of(Odd, "one", {})
+    left_out, given_it = recipe_of(Odd, "one", {"hold": 1}), recipe_of(Odd, "one", {"hold": 1, "speed": 1})
+    assert left_out.hash == given_it.hash
+
+
+@pytest.mark.parametrize("name", ["name", "values", "content", "hash"])
+def test_a_field_with_the_name_of_what_every_recipe_has_is_refused(name: str) -> None:
+    with pytest.raises(DeclarationError, match=rf"Odd\.{name}: every recipe has a '{name}'"):
+        type("Odd", (Recipe,), {"__annotations__": {name: str}})
 
 
 def test_all_mistakes_of_all_files_are_told_with_their_lines(tmp_path: Path) -> None:
@@ -235,6 +253,21 @@ def test_umo_check_refuses_a_wrong_recipe_with_its_line(umo: Callable[..., Resul
     result = umo("check", str(copied))
     assert result.exit_code == 2
     assert "glue.toml:1: amounts: 200 kg is outside 5 to 60" in result.output + result.stderr
+
+
+def test_umo_recipes_finds_a_recipe_in_whichever_part_has_it(tmp_path: Path) -> None:
+    books = {}
+    for part, names in {"mixer": "ab", "oven": "bc"}.items():
+        (tmp_path / part).mkdir()
+        for name in names:
+            (tmp_path / part / f"{name}.toml").write_text("temperature = 30\n")
+        books[f"{part}.book"] = RecipeBook(Batch, tmp_path / part)
+    station = find("batch")
+    assert _named(station, books, "c")[0] == "oven.book"
+    with pytest.raises(RecipeError, match=r"several parts have a recipe 'b': umo call batch mixer.book.choose"):
+        _named(station, books, "b")
+    with pytest.raises(RecipeError, match="no recipe 'd'; known: a, b, c"):
+        _named(station, books, "d")
 
 
 @pytest.mark.parametrize(

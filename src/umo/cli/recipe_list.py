@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from umo.errors import OptionError, RecipeError
@@ -34,23 +35,26 @@ def show_recipes(station: Station) -> int:
 def choose_recipe(station: Station, running: str, name: str, over: bool) -> int:
     """Choose a recipe for the next batch of a running station; its file is read now, in this process."""
     machine = station.machine()
-    known = actions_of(machine)
-    for path, book in books_of(machine).items():
-        recipe = _of(book, name)
-        action = known[f"{path}.choose"].describe()
-        with station_of(running) as remote, leased(remote, over):
-            chosen = call_action(remote, action, {"name": name, "content": recipe.content})
-        out.print(f"chosen for the next batch: {chosen}", soft_wrap=True, markup=False)
-        return 0
-    raise OptionError(f"{station.name} has no recipes")
+    path, recipe = _named(station, books_of(machine), name)
+    action = actions_of(machine)[f"{path}.choose"].describe()
+    with station_of(running) as remote, leased(remote, over):
+        chosen = call_action(remote, action, {"name": name, "content": recipe.content})
+    out.print(f"chosen for the next batch: {chosen}", soft_wrap=True, markup=False)
+    return 0
 
 
-def _of(book: RecipeBook[Any], name: str) -> Recipe:
-    if name not in book.recipes:
-        known = ", ".join(book.recipes)
-        raise RecipeError(f"no recipe {name!r}{did_you_mean(name, book.recipes)}; known: {known}")
-    recipe: Recipe = book.recipes[name]
-    return recipe
+def _named(station: Station, books: Mapping[str, RecipeBook[Any]], name: str) -> tuple[str, Recipe]:
+    """The path of the book that has this recipe, and the recipe."""
+    if not books:
+        raise OptionError(f"{station.name} has no recipes")
+    found = [(path, book.recipes[name]) for path, book in books.items() if name in book.recipes]
+    if not found:
+        known = list(dict.fromkeys(each for book in books.values() for each in book.recipes))
+        raise RecipeError(f"no recipe {name!r}{did_you_mean(name, known)}; known: {', '.join(known)}")
+    if len(found) > 1:
+        ways = " | ".join(f"umo call {station.name} {path}.choose name={name}" for path, _ in found)
+        raise RecipeError(f"several parts have a recipe {name!r}: {ways}")
+    return found[0]
 
 
 def _text(recipe: Recipe, key: str, value: Any) -> str:
