@@ -81,12 +81,12 @@ class Conditions:
         """Number of periods after which each of the user's functions was called."""
         return turns_of(len(self._free))
 
-    def hold(self, alarm: int) -> None:
-        """Its condition was true before the first evaluation: it ends by its deadband."""
+    def hold(self, alarm: int, result: int) -> None:
+        """Its condition had this result, TRUE or BAD, before the first evaluation. A threshold ends by its deadband."""
         if alarm < len(self._limited):
             self._before[alarm], self._now[alarm] = True, self._bounds[alarm, 1]
         else:
-            self.results[alarm] = TRUE
+            self.results[alarm] = result
 
     def evaluate(self) -> None:
         """Bring `results` up to date. It raises nothing."""
