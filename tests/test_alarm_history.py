@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import resource
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -44,6 +45,37 @@ def test_two_generations_are_kept_and_no_more(file: Path) -> None:
     numbers = [each.time for each in alarm_file.read(file)]
     assert numbers == sorted(numbers)
     assert numbers[-1] == 4 * alarm_file.MAX_BYTES // 1000 - 1
+
+
+def test_a_new_generation_begun_by_another_run_meanwhile_costs_no_older_one(
+    file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    long = [record(number, "x" * 1000) for number in range(alarm_file.MAX_BYTES // 1200)]
+    alarm_file.append(file, long)
+    lock = alarm_file.fcntl.flock
+
+    def late(*arguments: Any) -> None:
+        monkeypatch.setattr(alarm_file.fcntl, "flock", lock)
+        alarm_file.append(file, [record(1000, "x" * 300_000)])  # the other one had the lock
+        lock(*arguments)
+
+    monkeypatch.setattr(alarm_file.fcntl, "flock", late)
+    alarm_file.append(file, [record(1001, "x" * 300_000)])
+    assert [each.time for each in alarm_file.read(file)] == [*(each.time for each in long), 1000.0, 1001.0]
+
+
+def test_what_is_written_in_part_is_written_whole_the_next_time(file: Path) -> None:
+    alarm_file.append(file, [record(0)])
+    size, (soft, hard) = file.stat().st_size, resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size + size // 2, hard))  # a disk that becomes full
+    try:
+        with pytest.raises(OSError, match="No space left"):
+            alarm_file.append(file, [record(1), record(2)])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert alarm_file.read(file) == [record(0)]
+    alarm_file.append(file, [record(1), record(2)])
+    assert alarm_file.read(file) == [record(0), record(1), record(2)]
 
 
 def test_a_file_that_is_cut_at_any_byte_loses_the_cut_record_only(file: Path) -> None:

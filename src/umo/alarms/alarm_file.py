@@ -6,6 +6,7 @@ of at most `MAX_BYTES`. A line that is torn or foreign costs only itself.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 from collections.abc import Iterable
@@ -51,29 +52,29 @@ def file_of(station: str) -> Path:
 
 
 def append(file: Path, records: Iterable[AlarmRecord]) -> None:
-    """Add records at the end, in one write. OSError if they cannot be written."""
+    """Add records at the end, in one write. OSError, and none is added, if they cannot be written."""
     data = "".join(f"{json.dumps(record._asdict())}\n" for record in records).encode()[-MAX_BYTES:]
-    if not data:
-        return
+    while data and not _appended(file, data):
+        pass  # another run has begun a new generation meanwhile: the old one is not touched any more
+
+
+def _appended(file: Path, data: bytes) -> bool:
+    """Whether the file was still this one when it was locked; then the data is added."""
     with open(os.open(file, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW, 0o644), "r+b", buffering=0) as stream:
         if fcntl is not None:
             fcntl.flock(stream, fcntl.LOCK_EX)  # several runs of a station
+        if not (file.exists() and os.path.samestat(os.fstat(stream.fileno()), file.stat())):
+            return False
         size = os.fstat(stream.fileno()).st_size
         if size + len(data) <= MAX_BYTES:
             if size and os.pread(stream.fileno(), 1, size - 1) != b"\n":
                 data = b"\n" + data  # the last writer did not come to its end
-            stream.write(data)
-            return
+            if stream.write(data) < len(data):  # the disk is full
+                stream.truncate(size)
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(file))
+            return True
         os.replace(file, older(file))
-    append_new(file, data)
-
-
-def append_new(file: Path, data: bytes) -> None:
-    """Begin a new generation."""
-    with open(
-        os.open(file, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW, 0o644), "ab", buffering=0
-    ) as stream:
-        stream.write(data)
+    return False
 
 
 def older(file: Path) -> Path:
