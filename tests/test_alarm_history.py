@@ -140,6 +140,27 @@ def test_a_change_is_noted_once(file: Path) -> None:
     assert len(alarm_file.read(file)) == 2
 
 
+def test_an_alarm_that_comes_and_goes_all_the_time_does_not_drive_out_the_others(file: Path) -> None:
+    changes = [Event(float(n), "tank.full", ("returned", "unacknowledged")[n % 2]) for n in range(400)]
+    changes[200] = changes[200]._replace(text="acknowledged", who="ann")
+    changes[100] = Event(100.0, "tank.cold", "unacknowledged")
+    AlarmHistory().take(frames(*(each._replace(asked=ALARM) for each in changes)), FRAME)
+    assert [(each.time, each.path, each.text) for each in alarm_file.read(file)] == [
+        (0.0, "tank.full", "returned"),
+        (100.0, "tank.cold", "unacknowledged"),
+        (200.0, "tank.full", "acknowledged"),
+        (399.0, "tank.full", "unacknowledged; 396 changes before this one are left out"),
+    ]
+
+
+def test_events_that_were_overwritten_before_they_were_read_are_told(file: Path) -> None:
+    reader = frames(*[ALARM_CHANGE] * 600)
+    reader.events = lambda start: [NumberedEvent(number, ALARM_CHANGE) for number in range(max(start, 88), 600)][-1:]
+    AlarmHistory(10).take(reader, FRAME)
+    lost, last = alarm_file.read(file)
+    assert (lost.path, lost.text.partition(" ")[0], last.path) == ("", "589", "tank.full")
+
+
 def test_a_station_without_alarms_has_no_history(file: Path) -> None:
     AlarmHistory().take(frames(ALARM_CHANGE, alarms=()), FRAME)
     assert not file.exists()
