@@ -432,6 +432,37 @@ def test_a_mode_without_a_state_refuses_the_command_that_leads_there_and_passes_
         assert unit.state is S.STOPPED
 
 
+def test_no_command_leads_to_a_state_that_the_mode_does_not_have_also_not_by_an_acting_one() -> None:
+    class Serviced(PackML):
+        excluded = {UnitMode.MAINTENANCE: [S.HELD, S.COMPLETE]}
+
+    with running(Serviced) as (m, unit):
+        unit.change_mode(UnitMode.MAINTENANCE)
+        for command in ("reset", "start"):
+            unit.command(command)
+            periods(m, 2)
+        assert unit.possible == ["suspend", "stop", "abort"]
+        with pytest.raises(CommandRefused, match="hold is not possible in the mode maintenance"):
+            unit.hold()
+
+
+@pytest.mark.parametrize(
+    ("model", "excluded", "words"),
+    [
+        (PackML, {UnitMode.MANUAL: [S.ABORTING]}, "every mode has the state aborting"),
+        (PackML, {UnitMode.MANUAL: [S.STOPPING]}, "every mode has the state stopping"),
+        (PackML, {UnitMode.MANUAL: (S.CLEARING,)}, "every mode has the state clearing"),
+        (Procedure, {UnitMode.MANUAL: [ProcedureState.STOPPED]}, "every mode has the state stopped"),
+        (Procedure, {UnitMode.MANUAL: [S.HELD]}, "HELD: 11> is not a state of ISA-88"),
+        (PackML, {UnitMode.MANUAL: S.HELD}, "a UnitMode with a list of states"),
+        (PackML, {"manual": [S.HELD]}, "a UnitMode with a list of states"),
+    ],
+)
+def test_what_a_mode_cannot_lack_is_refused(model: Any, excluded: Any, words: str) -> None:
+    with pytest.raises(DeclarationError, match=words):
+        type("Odd", (model,), {"excluded": excluded})
+
+
 def test_the_mode_is_changed_only_where_the_unit_stands_still() -> None:
     with running(PackML) as (m, unit):
         for command in ("reset", "start"):
