@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import KW_ONLY
 from enum import Enum, IntEnum
 from math import inf, nan
+from types import SimpleNamespace
 from typing import Annotated, Any
 
 import pytest
@@ -245,3 +246,8 @@ def test_an_alarm_that_nobody_has_acknowledged_is_still_to_be_acknowledged_in_th
         states = dict(zip(engine.paths, map(AlarmState, engine.states.tolist()), strict=True))
     assert {path for path, state in states.items() if state} == {"reactors.1.fault"}
     assert states["reactors.1.fault"] is AlarmState.RETURNED  # its condition is over
+
+
+def test_a_unit_whose_state_is_not_shown_keeps_no_state() -> None:
+    layout: Any = SimpleNamespace(signals=[], alarms=[], units=[{"path": "filler.unit"}])
+    assert sections_of(layout) == {}

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from helpers.machines import actuator, sensor, timer, wired
 from helpers.operator import Operator
-from umo import Compound, DigitalActuator, DigitalSensor, connect
+from umo import Compound, DigitalActuator, DigitalSensor, Number, connect
 from umo.control import next_period, until, wait
 from umo.cycle.events import CommandState
 from umo.errors import CommandRefused, DeclarationError, EquipmentFault, TaskFailed
@@ -529,6 +529,17 @@ def test_the_state_is_a_signal_with_names() -> None:
         unit.reset()
         periods(m)
         assert seen[-1] == S.RESETTING
+
+
+def test_a_subclass_adds_its_numbers_to_those_of_every_unit() -> None:
+    class Fast(PackML):
+        numbers = {"speed": Number("rpm", 0.0, 9.0, shown=True)}
+        speed = 3.0
+
+    case = running(Fast)
+    with case:
+        shown = [each.path.rpartition(".")[2] for each in case.connection.machine.frame.signals]
+        assert shown == ["state", "mode", "produced", "rejected", "speed"]
 
 
 # Declarations -------------------------------------------------------------------------------------------

@@ -42,12 +42,15 @@ class UnitStates:
         "produced": Number(shown=True, kept=True),
         "rejected": Number(shown=True, kept=True),
     }
+    """A subclass adds its own to these."""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         if hasattr(cls, "model"):
             check_sequences(cls, cls.model)
             check_excluded(cls, cls.model, cls.excluded)
+        declared = (vars(each).get("numbers", {}) for each in reversed(cls.__mro__))
+        cls.numbers = {name: number for each in declared for name, number in each.items()}
 
     def __init__(self, part: Compound) -> None:
         self.part = part
