@@ -13,7 +13,7 @@ from umo.errors import forget_frames
 from umo.objects.atomic import Atomic
 from umo.objects.quality import Quality
 from umo.objects.scaling import ByteArray, FloatArray
-from umo.user_code import as_json, is_interrupt, told
+from umo.user_code import briefly, is_interrupt, told
 
 FREE_PER_PERIOD = 20
 """Number of the user's functions that are called in a period at most."""
@@ -128,7 +128,7 @@ class Conditions:
                 if isinstance(found, np.bool_):
                     self.results[alarm] = bool(found)
                     continue
-                cause = f"it gives {as_json(found, MAX_RESULT_TEXT)}, which is not True or False"
+                cause = f"it gives {briefly(found, MAX_RESULT_TEXT)}, which is not True or False"
             except BaseException as error:
                 if self.results[alarm] == BAD and not is_interrupt(error):
                     forget_frames(error)  # its text costs more than a condition may

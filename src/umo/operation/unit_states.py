@@ -12,7 +12,7 @@ from umo.objects import Compound, Number, action
 from umo.objects.link import Task
 from umo.operation.model import ABORT, CLEAR, STOP, StateModel, UnitMode, sequence_name, title
 from umo.operation.unit_checks import check_excluded, check_sequences
-from umo.user_code import as_json, attempt
+from umo.user_code import attempt, briefly
 
 MAX_RESULT_TEXT = 100
 """Length of a wrong result of `refusal` in its message at most, characters."""
@@ -133,7 +133,7 @@ class UnitStates:
         why, error = attempt(self.refusal, name)
         if error is None and (why is None or isinstance(why, str)):
             return why
-        cause = error.text if error else f"`refusal` gives {as_json(why, MAX_RESULT_TEXT)}, which is not a text"
+        cause = error.text if error else f"`refusal` gives {briefly(why, MAX_RESULT_TEXT)}, which is not a text"
         return None if name in (STOP, ABORT) else f"whether {name} is possible cannot be told: {cause}"
 
     @action(harmless=True)
