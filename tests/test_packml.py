@@ -21,6 +21,7 @@ from umo.control import next_period, until, wait
 from umo.cycle.events import CommandState
 from umo.errors import CommandRefused, DeclarationError, EquipmentFault, TaskFailed
 from umo.operation import PackML, PackMLState, Procedure, ProcedureState, UnitMode
+from umo.operation.model import sequence_name
 from umo.operation.packml import PACKML
 from umo.testing import Scripted, periods
 
@@ -623,6 +624,66 @@ def test_the_work_of_a_procedure_is_execute() -> None:
 
 
 # Anything at random -------------------------------------------------------------------------------------
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.sampled_from([*PACKML.commands, "open", "close", "law", "clear it", "automatic", "manual", "odd", "wait"]),
+        max_size=40,
+    )
+)
+def test_what_clients_faults_and_modes_do_together_leaves_nothing_driven_and_can_be_ended(steps: list[str]) -> None:
+    class Driving(Gated):
+        async def execute(self) -> None:
+            self.part.motor.write(5.0)
+            try:
+                await self._gate("execute")
+            finally:
+                odd, self.part.odd = self.part.odd, False
+                if odd:
+                    raise ValueError("in its cleaning up")
+
+    machine = Plant(filler=Fragile(motor=actuator(), level=sensor(), states=Driving), timer=timer())
+    with connect(machine, wired(machine, Scripted())) as m:
+        part, unit, ann = m.filler, m.filler.unit, Operator(m)
+        ann.do("lease", seconds=1000.0)
+        sequences = {sequence_name(PACKML, each) for each in PACKML.acting}
+        part.odd = False
+        for step in steps:
+            match step:
+                case "open" | "close":
+                    part.open = sequences if step == "open" else set()
+                case "law":
+                    part.broken = True
+                case "odd":
+                    part.odd = True
+                case "clear it":
+                    ann.send("clear")
+                case "automatic" | "manual":
+                    ann.send("mode", value=step)
+                case "wait":
+                    pass
+                case _:
+                    ann.send("call", f"filler.unit.{step}")
+            before = part.cycle.fault
+            ann.run()
+            if before is not None and part.cycle.fault is None:
+                assert unit.state in (S.CLEARING, S.STOPPED)
+            if part.cycle.fault is not None:
+                assert (unit.state, part.motor.read(), unit._work) == (S.ABORTED, 0.0, None)
+            assert unit._work is None or unit.state in (S.EXECUTE, *PACKML.waiting)
+        part.open, part.odd = sequences, False
+        ann.mode("automatic")
+        for _ in range(3):
+            ann.run(3)
+            part.cycle.clear()
+        ann.run(3)
+        if "stop" in unit.possible:
+            unit.stop()
+            ann.run(3)
+        assert unit.state is S.STOPPED
+        assert len(part.begun) == len(part.ended)
 
 
 @settings(max_examples=60, deadline=None)
