@@ -18,8 +18,10 @@ from helpers.machines import actuator, sensor, timer, wired
 from helpers.operator import Operator
 from umo import Compound, DigitalActuator, DigitalSensor, Number, connect
 from umo.control import next_period, until, wait
+from umo.cycle.client_commands import Mode
 from umo.cycle.events import CommandState
 from umo.errors import CommandRefused, DeclarationError, EquipmentFault, TaskFailed
+from umo.objects import action
 from umo.operation import PackML, PackMLState, Procedure, ProcedureState, UnitMode
 from umo.operation.model import sequence_name
 from umo.operation.packml import PACKML
@@ -507,6 +509,50 @@ def test_in_manual_mode_the_states_wait_but_stop_and_abort_are_possible() -> Non
         assert ann.call("filler.unit.abort").state is CommandState.DONE
         assert unit.state is S.ABORTED
         assert m.filler.cycle.fault == "aborted by a command"
+
+
+@pytest.mark.parametrize("end", ["stop", "abort", "a client's action"])
+def test_what_a_sequence_closes_that_was_ended_in_manual_mode_is_not_driven_again(end: str) -> None:
+    class Driving(PackML):
+        async def execute(self) -> None:
+            await self.part.beside.cycle.start(self.drive())  # type: ignore[attr-defined]
+
+        async def drive(self) -> None:
+            self.part.motor.write(5.0)
+            self.part.beside.motor.write(4.0)  # type: ignore[attr-defined]
+            try:
+                await super().execute()
+            finally:
+                self.part.motor.write(0.0)
+                self.part.beside.motor.write(0.0)  # type: ignore[attr-defined]
+
+        @action
+        def drop(self) -> None:
+            assert self._work is not None
+            self._work.cancel()
+
+    class Pair(Plant):
+        beside: Unit
+
+    filler, beside = (Unit(motor=actuator(), level=sensor(), states=each) for each in (Driving, PackML))
+    machine = Pair(filler=filler, timer=timer(), beside=beside)
+    with connect(machine, wired(machine, Scripted())) as m:
+        filler.beside = beside  # type: ignore[attr-defined]
+        ann = Operator(m)
+        ann.do("lease", seconds=1000.0)
+        for command in ("reset", "start"):
+            ann.call(f"filler.unit.{command}")
+            ann.run(3)
+        motors = filler.motor, beside.motor
+        assert [each.read() for each in motors] == [5.0, 4.0]
+        ann.mode("manual")
+        ann.run(3)
+        ann.call("filler.unit.drop" if end == "a client's action" else f"filler.unit.{end}")
+        ann.run(3)
+        ann.mode("automatic")
+        ann.run(5)
+        assert ann.clients.mode is Mode.AUTOMATIC
+        assert [each.read() for each in motors] == [0.0, 0.0]
 
 
 def test_actions_of_a_unit_are_described_in_the_order_of_their_declaration() -> None:
