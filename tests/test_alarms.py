@@ -290,6 +290,14 @@ def test_states_of_an_earlier_run_are_gone_on_with(with_alarms: Any) -> None:
     assert rig.state("full") is S.NORMAL
 
 
+def test_functions_that_could_not_be_evaluated_go_on_so_until_their_turn_comes(with_alarms: Any) -> None:
+    rig = with_alarms({f"n{i}": Alarm(lambda _: 1 / 0, "n") for i in range(50)})
+    rig.engine.restore({f"n{i}": S.BAD_ACKNOWLEDGED for i in range(50)})
+    rig.periods(6)
+    assert rig.told == []
+    assert {rig.state(f"n{i}") for i in range(50)} == {S.BAD_ACKNOWLEDGED}
+
+
 @pytest.mark.parametrize("number", [-1, 77, S.SHELVED, S.LATCHED_ACKNOWLEDGED])
 def test_a_state_that_an_alarm_cannot_have_is_not_gone_on_with(rig: Rig, number: int) -> None:
     rig.engine.restore({"full": number})

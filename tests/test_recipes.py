@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from contextlib import nullcontext
 from enum import Enum
 from math import inf, nan
 from pathlib import Path
 from shutil import copytree
-from types import SimpleNamespace
 from typing import Annotated, Any
 
 import pytest
@@ -21,9 +19,9 @@ import umo
 from helpers import brewing
 from helpers.waiting import until
 from umo import Number
-from umo.cli import recipe_list
+from umo.cli.recipe_list import _named
 from umo.cycle.events import CommandState
-from umo.errors import RecipeError, UmoError
+from umo.errors import DeclarationError, RecipeError, UmoError
 from umo.operation.recipe_book import MAX_RECORDED, RecipeBook
 from umo.operation.recipes import Recipe, read_recipes, recipe_from_content, recipe_of
 from umo.process.station import find
@@ -125,6 +123,23 @@ def test_a_temperature_is_converted_with_its_offset() -> None:
 )
 def test_a_wrong_value_is_told(values: dict[str, Any], message: str) -> None:
     assert message in refused(**values)
+
+
+def test_a_default_is_checked_and_of_its_type() -> None:
+    class Odd(Recipe):
+        hold: Annotated[float, Number("s", 0.0, 10.0)] = 50.0
+        speed: Annotated[float, Number("rpm", 0.0, 10.0)] = 1
+
+    with pytest.raises(RecipeError, match=r"hold: its default: 50 s is outside 0 to 10"):
+        recipe_of(Odd, "one", {})
+    left_out, given_it = recipe_of(Odd, "one", {"hold": 1}), recipe_of(Odd, "one", {"hold": 1, "speed": 1})
+    assert left_out.hash == given_it.hash
+
+
+@pytest.mark.parametrize("name", ["name", "values", "content", "hash"])
+def test_a_field_with_the_name_of_what_every_recipe_has_is_refused(name: str) -> None:
+    with pytest.raises(DeclarationError, match=rf"Odd\.{name}: every recipe has a '{name}'"):
+        type("Odd", (Recipe,), {"__annotations__": {name: str}})
 
 
 def test_all_mistakes_of_all_files_are_told_with_their_lines(tmp_path: Path) -> None:
@@ -240,6 +255,21 @@ def test_umo_check_refuses_a_wrong_recipe_with_its_line(umo: Callable[..., Resul
     assert "glue.toml:1: amounts: 200 kg is outside 5 to 60" in result.output + result.stderr
 
 
+def test_umo_recipes_finds_a_recipe_in_whichever_part_has_it(tmp_path: Path) -> None:
+    books = {}
+    for part, names in {"mixer": "ab", "oven": "bc"}.items():
+        (tmp_path / part).mkdir()
+        for name in names:
+            (tmp_path / part / f"{name}.toml").write_text("temperature = 30\n")
+        books[f"{part}.book"] = RecipeBook(Batch, tmp_path / part)
+    station = find("batch")
+    assert _named(station, books, "c")[0] == "oven.book"
+    with pytest.raises(RecipeError, match=r"several parts have a recipe 'b': umo call batch mixer.book.choose"):
+        _named(station, books, "b")
+    with pytest.raises(RecipeError, match="no recipe 'd'; known: a, b, c"):
+        _named(station, books, "d")
+
+
 @pytest.mark.parametrize(
     ("words", "message"), [(["batch", "pant"], "did you mean 'paint'"), (["furnace"], "no recipes")]
 )
@@ -247,28 +277,3 @@ def test_what_umo_recipes_cannot_do_is_told(umo: Callable[..., Result], words: l
     result = umo("recipes", *words)
     assert result.exit_code == 2
     assert message in result.output + result.stderr
-
-
-def test_a_recipe_is_chosen_in_every_part_that_has_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    (tmp_path / "rinse.toml").write_text("temperature = 30\n")
-    machine = brewing.machine()
-    machine.washer = RecipeBook(Batch, tmp_path)
-    asked: list[tuple[str, str]] = []
-
-    def call(remote: object, action: dict[str, Any], given: dict[str, Any]) -> str:
-        asked.append((action["path"], given["name"]))
-        return given["name"]
-
-    monkeypatch.setattr(recipe_list, "station_of", nullcontext)
-    monkeypatch.setattr(recipe_list, "leased", lambda remote, over: nullcontext())
-    monkeypatch.setattr(recipe_list, "call_action", call)
-    station: Any = SimpleNamespace(name="brewing", machine=lambda: machine)
-    recipe_list.choose_recipe(station, "brewing", "rinse", False)
-    recipe_list.choose_recipe(station, "brewing", "strong", False)
-    (tmp_path / "strong.toml").write_text("temperature = 95\n")
-    machine.washer = RecipeBook(Batch, tmp_path)
-    recipe_list.choose_recipe(station, "brewing", "strong", False)
-    both = [("book.choose", "strong"), ("washer.choose", "strong")]
-    assert asked == [("washer.choose", "rinse"), ("book.choose", "strong"), *both]
-    with pytest.raises(RecipeError, match=r"'rins' \(did you mean 'rinse'\?\)"):
-        recipe_list.choose_recipe(station, "brewing", "rins", False)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from umo.alarms.alarm_states import PUT_AWAY, AlarmState, Operation, transitions
+from umo.alarms.alarm_states import PUT_AWAY, PUTTING_AWAY, AlarmState, Operation, transitions
 from umo.alarms.collecting import DeclaredAlarm
 from umo.alarms.conditions import BAD, FALSE, NEVER, TRUE, AlarmImage, Conditions
 
@@ -66,7 +66,8 @@ class AlarmEngine:
         """The first of these times."""
         self._last = -1
         """The alarm whose change was taken note of last."""
-        self._requests: dict[int, AlarmRequest] = {}
+        self._requests: dict[int, list[AlarmRequest]] = {}
+        """What clients have asked for and was not carried out yet, by alarm."""
 
     @property
     def turns(self) -> int:
@@ -85,7 +86,7 @@ class AlarmEngine:
             self.states[row] = number
             if result := RESULTS.get(AlarmState(number), FALSE):
                 self._seen[row] = self._counting[row] = result
-                self._conditions.hold(row)
+                self._conditions.hold(row, result)
 
     def look(self) -> None:
         """Once per period, after the laws. It raises nothing."""
@@ -145,23 +146,32 @@ class AlarmEngine:
     # By clients ----------------------------------------------------------------------------------------
 
     def accepts(self, row: int, operation: Operation) -> bool:
-        """Whether an operation would change the alarm as it is now; of a shelf the time too."""
-        return (self.state_of(row), operation) in self._tables[row]
+        """Whether an operation would change the alarm, as it is when all that was asked for is done; of a shelf the
+        time too."""
+        table, state = self._tables[row], self.state_of(row)
+        for each in self._requests.get(row, ()):
+            state = table.get((state, each.operation), state)
+        return (state, operation) in table
 
     def state_of(self, row: int) -> AlarmState:
         return AlarmState(int(self.states[row]))
 
     def request(self, row: int, request: AlarmRequest) -> None:
-        """Carry it out at the next looks. The last request for an alarm counts."""
-        self._requests[row] = request
+        """Carry it out at the next looks, in the order asked. Of those that put an alarm away, or bring it back, the
+        last one counts."""
+        waiting = self._requests.get(row, [])
+        if request.operation in PUTTING_AWAY:
+            waiting = [each for each in waiting if each.operation not in PUTTING_AWAY]
+        self._requests[row] = [*waiting, request]
 
     def _obey(self) -> None:
         for row in list(self._requests)[:CHANGES_PER_PERIOD]:
-            self._carry_out(row, self._requests.pop(row))
+            for each in self._requests.pop(row):
+                self._carry_out(row, each)
 
     def _carry_out(self, row: int, request: AlarmRequest) -> None:
         operation = request.operation
-        if not self.accepts(row, operation):
+        if (self.state_of(row), operation) not in self._tables[row]:
             return  # it has changed since
         self._until[row] = self._now() + request.seconds if operation is Operation.SHELVE else NEVER
         put_away = self.state_of(row) in PUT_AWAY

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from umo.errors import OptionError, RecipeError
 from umo.objects import actions_of
-from umo.operation.recipe_book import books_of
+from umo.operation.recipe_book import RecipeBook, books_of
 from umo.operation.recipe_values import unit_of
 from umo.operation.recipes import Recipe
 from umo.process.station import Station
@@ -32,24 +33,28 @@ def show_recipes(station: Station) -> int:
 
 
 def choose_recipe(station: Station, running: str, name: str, over: bool) -> int:
-    """Choose a recipe for the next batch of a running station, in every part that has one of this name; its file is
-    read now, in this process."""
+    """Choose a recipe for the next batch of a running station; its file is read now, in this process."""
     machine = station.machine()
-    books = books_of(machine)
+    path, recipe = _named(station, books_of(machine), name)
+    action = actions_of(machine)[f"{path}.choose"].describe()
+    with station_of(running) as remote, leased(remote, over):
+        chosen = call_action(remote, action, {"name": name, "content": recipe.content})
+    out.print(f"chosen for the next batch: {chosen}", soft_wrap=True, markup=False)
+    return 0
+
+
+def _named(station: Station, books: Mapping[str, RecipeBook[Any]], name: str) -> tuple[str, Recipe]:
+    """The path of the book that has this recipe, and the recipe."""
     if not books:
         raise OptionError(f"{station.name} has no recipes")
-    recipes = {path: book.recipes[name] for path, book in books.items() if name in book.recipes}
-    if not recipes:
-        known = dict.fromkeys(each for book in books.values() for each in book.recipes)
+    found = [(path, book.recipes[name]) for path, book in books.items() if name in book.recipes]
+    if not found:
+        known = list(dict.fromkeys(each for book in books.values() for each in book.recipes))
         raise RecipeError(f"no recipe {name!r}{did_you_mean(name, known)}; known: {', '.join(known)}")
-    known_actions = actions_of(machine)
-    with station_of(running) as remote, leased(remote, over):
-        for path, recipe in recipes.items():
-            action = known_actions[f"{path}.choose"].describe()
-            chosen = call_action(remote, action, {"name": name, "content": recipe.content})
-            part = f" of {path}" if len(books) > 1 else ""
-            out.print(f"chosen for the next batch{part}: {chosen}", soft_wrap=True, markup=False)
-    return 0
+    if len(found) > 1:
+        ways = " | ".join(f"umo call {station.name} {path}.choose name={name}" for path, _ in found)
+        raise RecipeError(f"several parts have a recipe {name!r}: {ways}")
+    return found[0]
 
 
 def _text(recipe: Recipe, key: str, value: Any) -> str:

@@ -34,6 +34,8 @@ from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE
 if TYPE_CHECKING:
     from umo.alarms import AlarmEngine
 
+SUPERVISES = ("begin", "supervise", "note_faults", "describe")
+"""The methods by which a law is a `Supervisor`."""
 INJECTED = "injected_faults"
 """The signal of a run with faults: how many are in effect."""
 
@@ -66,11 +68,18 @@ class Commanding(Protocol):
 class Supervisor(Protocol):
     """A law that looks after the sequences of its part, such as a state machine (`umo.operation`)."""
 
+    part: Compound
+    """Its part: what `supervise` raises is a failure of this."""
+
     def begin(self, path: str) -> None:
         """The machine is being connected; the law has this place in it. DeclarationError where it cannot be."""
 
     def supervise(self) -> None:
         """Called once per period, before the sequences; also in manual mode, and while its part is in fault."""
+
+    def note_faults(self) -> None:
+        """Equipment has come into fault, perhaps that around its part. It may be cleared before the next period; what
+        was under way in it is ended after this call."""
 
     def describe(self) -> Mapping[str, Any]:
         """Its path, its states and its commands, as plain data."""
@@ -113,7 +122,7 @@ class ConnectedMachine:
         self.supervisors: list[Supervisor] = []
         """The laws that look after the sequences of their parts."""
         for _, path, law in laws_in(root):
-            if all(callable(getattr(law.__class__, name, None)) for name in ("begin", "supervise", "describe")):
+            if all(callable(getattr(law.__class__, name, None)) for name in SUPERVISES):
                 law.begin(path)
                 self.supervisors.append(law)
         self.events: Events = self.commands.events
@@ -216,7 +225,12 @@ class ConnectedMachine:
             if self.clients is not None:
                 self.clients.look()
             for each in self.supervisors:
-                each.supervise()
+                try:
+                    each.supervise()
+                except BaseException as error:
+                    if not self._contain_supervisor(each, error):
+                        refuse_exit(error, "supervise")
+                        raise
             self.sequences.advance(self.clock)
             laws = iter(self._laws)
         else:
@@ -232,6 +246,16 @@ class ConnectedMachine:
             failed = {equipment: text_of(error)}
             forget_frames(error)
             self._act_on(laws, failed)
+
+    def _contain_supervisor(self, law: Supervisor, error: BaseException) -> bool:
+        """Its part fails; False if that is the machine itself. While the part is in fault, the law is called all the
+        same, and what it raises is not told in every period."""
+        if self._containing(law.part, error) is None:
+            return False
+        if not self.equipment.is_in_fault(law.part):
+            self.equipment.contain(law.part, error)
+        forget_frames(error)
+        return True
 
     def _act_on(self, laws: Iterator[MethodType], failed: dict[Equipment, str]) -> None:
         """The laws after one that has failed: what equipment contains of their errors keeps no other from acting."""
@@ -268,6 +292,8 @@ class ConnectedMachine:
         """It is in fault, or was cleared."""
         self._choose_laws()
         faults = [(each.compound, partial(EquipmentFault, each.path, each.fault)) for each in changed if each.fault]
+        for law in self.supervisors if faults else ():
+            law.note_faults()
         for compound, fault in faults:  # the cleaning up of one may clear the others: their reasons were taken before
             self._end_in(compound, fault)
 

@@ -75,8 +75,12 @@ class MachineNumber(NamedTuple):
 
     def of_its_type(self, value: object) -> object:
         """The value as it is; RangeError if it is not one of its type, whatever its range."""
-        self._replace(declared=ANY_NUMBER).checked(value)
+        self.converted(value)
         return value
+
+    def converted(self, value: object) -> Any:
+        """The value as it is set, whatever its range; RangeError if it is not one of its type."""
+        return self._replace(declared=Number(self.declared.unit)).checked(value)
 
     def assign(self, value: Any) -> None:
         """Set a checked value, as it is."""
