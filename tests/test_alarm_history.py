@@ -164,19 +164,6 @@ def test_events_that_were_gone_leave_a_line_with_their_number(file: Path) -> Non
     assert (len(others), history.next) == (4, 9)
 
 
-def test_an_alarm_that_comes_and_goes_all_the_time_does_not_drive_out_the_others(file: Path) -> None:
-    changes = [Event(float(n), "tank.full", ("returned", "unacknowledged")[n % 2]) for n in range(400)]
-    changes[200] = changes[200]._replace(text="acknowledged", who="ann")
-    changes[100] = Event(100.0, "tank.cold", "unacknowledged")
-    AlarmHistory().take(frames(*(each._replace(asked=ALARM) for each in changes)), FRAME)
-    assert [(each.time, each.path, each.text) for each in alarm_file.read(file)] == [
-        (0.0, "tank.full", "returned"),
-        (100.0, "tank.cold", "unacknowledged"),
-        (200.0, "tank.full", "acknowledged"),
-        (399.0, "tank.full", "unacknowledged; 396 changes before this one are left out"),
-    ]
-
-
 def test_a_station_without_alarms_has_no_history(file: Path) -> None:
     AlarmHistory().take(frames(ALARM_CHANGE, alarms=()), FRAME)
     assert not file.exists()

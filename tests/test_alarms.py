@@ -12,6 +12,7 @@ from helpers.machines import actuator, relay, sensor, switch, timer, wired
 from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Interlock, connect
 from umo.alarms import Alarm, AlarmState, Bad, High, In, Low, Operation, Priority, alarms_of
 from umo.alarms.engine import CHANGES_PER_PERIOD, AlarmRequest
+from umo.alarms.telling import LEFT_OUT, MOST_OF_ALL, MOST_OF_ONE
 from umo.cycle.events import ALARM
 from umo.errors import DeclarationError
 from umo.states import HighLow, OnOff, PassFail
@@ -356,3 +357,39 @@ def test_what_is_wrong_by_itself_is_refused_at_once(make: Any, words: str) -> No
 def test_what_a_class_declares_is_a_mapping_of_names(alarms: Any) -> None:
     with pytest.raises(DeclarationError, match="alarms of Tank"):
         alarms_of(tank(alarms))
+
+
+# An alarm that comes and goes all the time ---------------------------------------------------------------
+
+
+def test_of_an_alarm_that_comes_and_goes_a_few_changes_are_told_and_its_last_state(with_alarms: Any) -> None:
+    rig = with_alarms({"full": Alarm(High("level", 80.0), "too full", acknowledge=False)})
+    for number in range(401):  # periods of 1 ms
+        rig.periods(level=90 if number % 2 == 0 else 50)
+    assert len(rig.told) == MOST_OF_ONE
+    rig.periods(1000)
+    *_, last = rig.told
+    assert len(rig.told) == MOST_OF_ONE + 1
+    assert last == (
+        "full",
+        f"acknowledged (medium): too full; {401 - MOST_OF_ONE - 1} changes before this one are left out",
+        "",
+    )
+
+
+def test_what_a_client_does_is_always_told(with_alarms: Any) -> None:
+    rig = with_alarms({"full": Alarm(High("level", 80.0), "too full")})
+    for number in range(20):
+        rig.periods(level=90 if number % 2 == 0 else 50)
+    rig.ask("full", Operation.ACKNOWLEDGE)
+    rig.periods()
+    assert rig.told[-1][2] == "ann"
+
+
+def test_an_avalanche_leaves_room_for_other_events_and_every_state_is_told_in_the_end(with_alarms: Any) -> None:
+    rig = with_alarms({f"full{number}": Alarm(High("level", 80.0), "too full") for number in range(300)})
+    rig.periods(50, level=90)
+    assert len(rig.told) == MOST_OF_ALL
+    rig.periods(1100)
+    assert sorted(path for path, *_ in rig.told) == sorted(["full", *(f"full{number}" for number in range(300))])
+    assert not any(LEFT_OUT in text for _, text, _ in rig.told)

@@ -10,6 +10,7 @@ import numpy as np
 from umo.alarms.alarm_states import PUT_AWAY, PUTTING_AWAY, AlarmState, Operation, transitions
 from umo.alarms.collecting import DeclaredAlarm
 from umo.alarms.conditions import BAD, FALSE, NEVER, TRUE, AlarmImage, Conditions
+from umo.alarms.telling import Telling
 
 CHANGES_PER_PERIOD = 20
 """Number of the changes of conditions, of delays that end, and of operations of clients, each, that are carried out in
@@ -52,7 +53,10 @@ class AlarmEngine:
         self.states = image.columns.alarms
         """The number of the `AlarmState` of each alarm."""
         self._conditions = Conditions(declared, image)
-        self._now, self._tell = now, tell
+        self._now = now
+        self._telling = Telling(len(self.declared), lambda row, text, who: tell(self.paths[row], text, who))
+        self._words = [""] * len(self.declared)
+        """The words of the last change of each."""
         self._tables = [transitions(each.alarm.latch, each.alarm.acknowledge) for each in declared]
         count = len(self.declared)
         self._seen = np.zeros(count, np.uint8)
@@ -103,7 +107,7 @@ class AlarmEngine:
             self._obey()
             changed = True
         if changed:
-            self._next = float(min(self._due.min(), self._until.min()))
+            self._next = float(min(self._due.min(), self._until.min(), self._telling.due.min()))
 
     # By conditions -------------------------------------------------------------------------------------
 
@@ -142,6 +146,8 @@ class AlarmEngine:
             self._count(row, int(self._seen[row]))
         for row in np.flatnonzero(self._until <= now)[:CHANGES_PER_PERIOD].tolist():
             self._carry_out(row, AlarmRequest(Operation.UNSHELVE, "", words="its time is over"))
+        for row in np.flatnonzero(self._telling.due <= now)[:CHANGES_PER_PERIOD].tolist():
+            self._telling.tell_state(row, self._text(row), now)
 
     # By clients ----------------------------------------------------------------------------------------
 
@@ -190,7 +196,11 @@ class AlarmEngine:
         self.states[row] = state
         if operation is Operation.CANNOT_EVALUATE:
             words = f"cannot be evaluated: {self._conditions.causes.get(row, '')}"
-        self._tell(self.paths[row], told_text(state, self.declared[row], words), who)
+        self._words[row] = words
+        self._telling.change(row, self._text(row), who, self._now())
+
+    def _text(self, row: int) -> str:
+        return told_text(self.state_of(row), self.declared[row], self._words[row])
 
 
 def told_text(state: AlarmState, declared: DeclaredAlarm, words: str = "") -> str:

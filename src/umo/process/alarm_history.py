@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 from umo.alarms import alarm_file
@@ -10,9 +9,6 @@ from umo.alarms.alarm_file import AlarmRecord
 from umo.cycle.events import ALARM
 from umo.frames import Reader
 
-MAX_CHANGES = 6
-"""Number of changes of one alarm that are written at a time (about 1 s) at most."""
-LEFT_OUT = "changes before this one are left out"
 LOST = "{} events were gone before they could be noted; changes of alarms may be missing"
 
 
@@ -36,25 +32,9 @@ class AlarmHistory:
             time = new[0].event.time
             records.insert(0, AlarmRecord(utc_at_zero + time, time, "", LOST.format(lost), ""))
         if records:
-            alarm_file.append(alarm_file.file_of(str(reader.about["station"])), without_chatter(records))
+            alarm_file.append(alarm_file.file_of(str(reader.about["station"])), records)
         if new:
             self.next = new[-1].number + 1
-
-
-def without_chatter(records: Sequence[AlarmRecord]) -> list[AlarmRecord]:
-    """Of an alarm with more than `MAX_CHANGES` its first and its last, which tells how many are left out, and what
-    clients have done: one alarm that comes and goes in every period would drive out the history of all others."""
-    places: dict[str, list[int]] = {}
-    for place, each in enumerate(records):
-        if not each.who:
-            places.setdefault(each.path, []).append(place)
-    found: list[AlarmRecord | None] = list(records)
-    for path, its in places.items():
-        if path and len(its) > MAX_CHANGES:
-            found[its[-1]] = records[its[-1]]._replace(text=f"{records[its[-1]].text}; {len(its) - 2} {LEFT_OUT}")
-            for place in its[1:-1]:
-                found[place] = None
-    return [each for each in found if each is not None]
 
 
 def utc_of(frame: Any) -> float:
