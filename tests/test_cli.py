@@ -375,7 +375,7 @@ def test_where_a_station_runs_twice_its_pid_is_asked_for(umo, tank: Path) -> Non
 
 
 def test_set_says_that_a_limited_rate_takes_its_time(umo) -> None:
-    result = umo("set", "conveyor", "belt.setpoint", "200 mm/s", "--hold", "0.01")
+    result = umo("set", "conveyor", "sorter.belt.setpoint", "200 mm/s", "--hold", "0.01")
     assert result.exit_code == 0
     assert "(on its way to 0.20000 m/s: its slew rate is limited)" in result.output
 

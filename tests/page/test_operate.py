@@ -114,7 +114,7 @@ def test_roles_bind_a_page_of_another_computer(
         refused = command(client, 1, "lease", who="Eve")
         assert (refused["state"], refused["text"]) == ("refused", "Eve may see; lease needs the role tune")
         assert command(client, 2, "lease", who=" bob ")["state"] == "done"
-        refused = command(client, 3, "shelve", path="belt", value=60.0)
+        refused = command(client, 3, "shelve", path="sorter.belt", value=60.0)
         assert (refused["state"], refused["text"]) == ("refused", "bob may operate; shelve needs the role maintain")
         assert command(client, 4, "acknowledge")["state"] == "done"
 
@@ -130,12 +130,12 @@ def test_what_a_page_holds_lasts_as_long_as_it_touches_and_then_its_lease_ends(
 
         def lasts(number: int) -> bool:
             command(client, number, "lease", who="Ann\n")
-            assert command(client, number + 1, "write", path="diverter", value="ON")["state"] == "done"
-            touching(client, ["diverter"], ran_on(station, 1.5))
-            return station.diverter.read() == "ON"
+            assert command(client, number + 1, "write", path="sorter.diverter", value="ON")["state"] == "done"
+            touching(client, ["sorter.diverter"], ran_on(station, 1.5))
+            return station.sorter.diverter.read() == "ON"
 
         assert any(map(lasts, range(2, 12, 2)))  # not each time: on a busy computer the page may touch too late
-        eventually(lambda: station.diverter.read() == "OFF")
+        eventually(lambda: station.sorter.diverter.read() == "OFF")
         assert station.reader.holder
         eventually(lambda: not station.reader.holder)
 
@@ -144,11 +144,11 @@ def test_a_page_that_is_closed_gives_its_lease_back_at_once(station: umo.RemoteS
     with opened(served.socket) as client:
         client.get("description")
         command(client, 1, "lease")
-        command(client, 2, "call", path="belt.run_at", arguments={"speed": 0.3})
-        eventually(lambda: station.belt.setpoint.read() > 0.2)
+        command(client, 2, "call", path="sorter.belt.run_at", arguments={"speed": 0.3})
+        eventually(lambda: station.sorter.belt.setpoint.read() > 0.2)
     eventually(lambda: not station.reader.holder)
     assert [event.text for event in station.events if event.who][-2:] == ["the lease was given back", ""]
-    eventually(lambda: station.belt.setpoint.read() == 0.0 and station.belt.run.read() == "OFF")
+    eventually(lambda: station.sorter.belt.setpoint.read() == 0.0 and station.sorter.belt.run.read() == "OFF")
 
 
 def test_a_page_cannot_command_with_the_lease_of_another(station: umo.RemoteStation, served: Served) -> None:
@@ -156,10 +156,10 @@ def test_a_page_cannot_command_with_the_lease_of_another(station: umo.RemoteStat
         for client in (first, second):
             client.get("description")
         command(first, 1, "lease", who="Ann")
-        found = command(second, 1, "write", path="diverter", value="ON")
+        found = command(second, 1, "write", path="sorter.diverter", value="ON")
         assert (found["state"], found["text"]) == ("refused", "LeaseHeld: Ann (page, 127.0.0.1) has the lease")
         assert command(second, 2, "lease", who="Ben", over=True)["state"] == "done"
-        assert command(first, 2, "write", path="diverter", value="ON")["state"] == "refused"
+        assert command(first, 2, "write", path="sorter.diverter", value="ON")["state"] == "refused"
 
 
 @pytest.mark.full
@@ -167,10 +167,10 @@ def test_what_a_page_jogs_ends_when_its_server_is_killed(station: umo.RemoteStat
     with viewing() as (process, address), opened(address.replace("http", "ws", 1).replace("/?", "/ws?")) as client:
         client.get("description")
         command(client, 1, "lease", who="Ann")
-        command(client, 2, "call", path="belt.run_at", arguments={"speed": 0.3})
-        touching(client, ["belt.run_at"], lambda: station.belt.setpoint.read() > 0.2)
+        command(client, 2, "call", path="sorter.belt.run_at", arguments={"speed": 0.3})
+        touching(client, ["sorter.belt.run_at"], lambda: station.sorter.belt.setpoint.read() > 0.2)
         process.kill()
-        eventually(lambda: station.belt.setpoint.read() == 0.0)
+        eventually(lambda: station.sorter.belt.setpoint.read() == 0.0)
         eventually(lambda: not station.reader.holder)
         texts = [event.text for event in station.events]
         assert texts.index("dead-man timeout") < texts.index(
@@ -183,11 +183,11 @@ def test_a_touch_that_answers_an_old_state_does_not_count(station: umo.RemoteSta
         client.get("description")
         first = client.get("state")["number"]
         command(client, 1, "lease")
-        command(client, 2, "write", path="diverter", value="ON")
+        command(client, 2, "write", path="sorter.diverter", value="ON")
 
         def gone() -> bool:
-            client.send(type="touch", number=first, held=["diverter"])
-            return station.diverter.read() == "OFF"
+            client.send(type="touch", number=first, held=["sorter.diverter"])
+            return station.sorter.diverter.read() == "OFF"
 
         eventually(gone)
 
@@ -198,10 +198,10 @@ def test_more_paths_are_held_than_one_command_can_carry(station: umo.RemoteStati
     with opened(served.socket) as client:
         client.get("description")
         command(client, 1, "lease")
-        command(client, 2, "write", path="diverter", value="ON")
-        touching(client, [*others, "diverter"], ran_on(station, 2.5))
+        command(client, 2, "write", path="sorter.diverter", value="ON")
+        touching(client, [*others, "sorter.diverter"], ran_on(station, 2.5))
         assert station.reader.holder
-        assert station.diverter.read() == "ON"
+        assert station.sorter.diverter.read() == "ON"
 
 
 @pytest.mark.full
@@ -254,7 +254,7 @@ def test_a_touch_without_meaning_is_answered_by_an_error(station: umo.RemoteStat
     with opened(served.socket) as client:
         client.get("description")
         command(client, 1, "lease")
-        for held in (None, "diverter", [1], ["x"] * 257):
+        for held in (None, "sorter.diverter", [1], ["x"] * 257):
             client.send(type="touch", number=1, held=held)
             assert "held must be up to 256 paths" in client.get("error")["text"]
 
@@ -296,10 +296,10 @@ def control(page: Any, path: str) -> Any:
 
 def jog(page: Any, station: umo.RemoteStation) -> None:
     """Press the button of the belt with the mouse, until it runs."""
-    control(page, "belt.run_at").get_by_label("belt.run_at speed").fill("0.3")
-    control(page, "belt.run_at").get_by_role("button", name="Hold").hover()
+    control(page, "sorter.belt.run_at").get_by_label("sorter.belt.run_at speed").fill("0.3")
+    control(page, "sorter.belt.run_at").get_by_role("button", name="Hold").hover()
     page.mouse.down()
-    eventually(lambda: station.belt.setpoint.read() > 0.2)
+    eventually(lambda: station.sorter.belt.setpoint.read() > 0.2)
 
 
 def answers(page: Any) -> str:
@@ -308,14 +308,14 @@ def answers(page: Any) -> str:
 
 def test_an_actuator_is_written_and_released(page: Any, station: umo.RemoteStation, served: Served) -> None:
     take_lease(page, served.url)
-    diverter = control(page, "diverter")
+    diverter = control(page, "sorter.diverter")
     diverter.get_by_role("button", name="ON").click()
-    eventually(lambda: station.diverter.read() == "ON")
+    eventually(lambda: station.sorter.diverter.read() == "ON")
     diverter.locator('[data-state="ON"][aria-pressed="true"]').wait_for()
     eventually(ran_on(station, 1.5))
-    assert station.diverter.read() == "ON"  # held by the page
+    assert station.sorter.diverter.read() == "ON"  # held by the page
     diverter.get_by_role("button", name="Release").click()
-    eventually(lambda: station.diverter.read() == "OFF")
+    eventually(lambda: station.sorter.diverter.read() == "OFF")
 
 
 @pytest.mark.parametrize("size", [(1280, 800), (800, 600), (390, 844)])
@@ -364,13 +364,13 @@ def test_a_refused_value_leaves_an_actuator_as_it_is_held(
     for name in ("LEASE_TIME", "TOUCH_TIME"):  # a browser on a busy computer may be silent for long
         monkeypatch.setattr(f"umo.page.page_client.{name}", PATIENCE)
     take_lease(page, served.url)
-    setpoint = control(page, "belt.setpoint")
+    setpoint = control(page, "sorter.belt.setpoint")
     setpoint.locator('input[type="number"]').fill("0.1")
     page.get_by_label("Filter").focus()  # a field that is left writes nothing
-    assert not answers(page).startswith("belt.setpoint")
+    assert not answers(page).startswith("sorter.belt.setpoint")
     setpoint.locator('input[type="number"]').fill("0.1")
     setpoint.get_by_role("button", name="Set").click()
-    eventually(lambda: station.belt.setpoint.read() > 0.09)
+    eventually(lambda: station.sorter.belt.setpoint.read() > 0.09)
     setpoint.locator('input[type="number"]').fill("99")
     setpoint.get_by_role("button", name="Set").hover()
     page.mouse.down()
@@ -378,14 +378,14 @@ def test_a_refused_value_leaves_an_actuator_as_it_is_held(
     page.mouse.up()
     eventually(lambda: "refused" in answers(page))
     eventually(ran_on(station, 1.5))
-    assert station.belt.setpoint.read() > 0.09
+    assert station.sorter.belt.setpoint.read() > 0.09
 
 
 def test_release_comes_after_whatever_the_slider_has_asked_for(
     page: Any, station: umo.RemoteStation, served: Served
 ) -> None:
     take_lease(page, served.url)
-    setpoint = control(page, "belt.setpoint")
+    setpoint = control(page, "sorter.belt.setpoint")
     setpoint.get_by_role("button", name="Set").click()
     eventually(lambda: setpoint.get_by_role("button", name="Release").is_enabled())
     setpoint.evaluate(
@@ -396,9 +396,9 @@ def test_release_comes_after_whatever_the_slider_has_asked_for(
             [...element.querySelectorAll("button")].find(({ textContent }) => textContent === "Release").click();
         }"""
     )
-    eventually(lambda: "release belt.setpoint: done" in answers(page))
+    eventually(lambda: "release sorter.belt.setpoint: done" in answers(page))
     eventually(ran_on(station, 0.5))
-    assert station.belt.setpoint.read() == 0.0
+    assert station.sorter.belt.setpoint.read() == 0.0
     assert setpoint.get_by_role("button", name="Release").is_disabled()
 
 
@@ -420,27 +420,27 @@ def test_a_jog_lasts_while_its_button_is_held(page: Any, station: umo.RemoteStat
     take_lease(page, served.url)
     jog(page, station)
     eventually(ran_on(station, 1.0))
-    assert station.belt.setpoint.read() > 0.2
+    assert station.sorter.belt.setpoint.read() > 0.2
     page.mouse.up()
-    eventually(lambda: station.belt.setpoint.read() == 0.0)
+    eventually(lambda: station.sorter.belt.setpoint.read() == 0.0)
 
 
 def test_a_jog_by_the_keyboard_ends_with_the_key_the_focus_or_the_view(
     page: Any, station: umo.RemoteStation, served: Served
 ) -> None:
     take_lease(page, served.url)
-    control(page, "belt.run_at").get_by_label("belt.run_at speed").fill("0.3")
+    control(page, "sorter.belt.run_at").get_by_label("sorter.belt.run_at speed").fill("0.3")
     ends = (
         lambda: page.keyboard.up("Space"),
         lambda: page.get_by_label("Filter").focus(),
         lambda: page.evaluate("document.querySelector('[data-view=scope]').click()"),
     )
     for end in ends:
-        control(page, "belt.run_at").get_by_role("button", name="Hold").focus()
+        control(page, "sorter.belt.run_at").get_by_role("button", name="Hold").focus()
         page.keyboard.down("Space")
-        eventually(lambda: station.belt.setpoint.read() > 0.2)
+        eventually(lambda: station.sorter.belt.setpoint.read() > 0.2)
         end()
-        eventually(lambda: station.belt.setpoint.read() == 0.0)
+        eventually(lambda: station.sorter.belt.setpoint.read() == 0.0)
         page.keyboard.up("Space")
 
 
@@ -448,7 +448,7 @@ def test_closing_the_tab_releases_a_jog(page: Any, station: umo.RemoteStation, s
     take_lease(page, served.url)
     jog(page, station)
     page.close()
-    eventually(lambda: station.belt.setpoint.read() == 0.0)
+    eventually(lambda: station.sorter.belt.setpoint.read() == 0.0)
     eventually(lambda: not station.reader.holder)
 
 
@@ -456,27 +456,27 @@ def test_a_lease_is_taken_over_by_a_second_click_and_its_holder_sees_it(
     page: Any, station: umo.RemoteStation, served: Served
 ) -> None:
     take_lease(page, served.url)
-    control(page, "diverter").get_by_role("button", name="ON").click()
-    eventually(lambda: station.diverter.read() == "ON")
+    control(page, "sorter.diverter").get_by_role("button", name="ON").click()
+    eventually(lambda: station.sorter.diverter.read() == "ON")
     other = page.context.new_page()
     other.goto(served.url + "#view=operate")
     other.get_by_label("Your name").fill("Ben")
     other.get_by_text("Ann (page, 127.0.0.1) has the lease.").wait_for()
-    assert control(other, "diverter").get_by_role("button", name="ON").is_disabled()
+    assert control(other, "sorter.diverter").get_by_role("button", name="ON").is_disabled()
     other.get_by_role("button", name="Take it over").click()
     assert station.reader.holder.startswith("Ann")
     other.get_by_role("button", name="Yes, take it over").click()
     other.get_by_text("You have the lease.").wait_for()
     page.get_by_text("Ben (page, 127.0.0.1) has the lease.").wait_for()
     assert "your lease: cancelled: Ben (page, 127.0.0.1) has taken it over" in answers(page)
-    assert control(page, "diverter").get_by_role("button", name="ON").is_disabled()
-    eventually(lambda: station.diverter.read() == "OFF")
+    assert control(page, "sorter.diverter").get_by_role("button", name="ON").is_disabled()
+    eventually(lambda: station.sorter.diverter.read() == "OFF")
     page.locator("[data-view=machine]").click()
     page.locator(".events li").first.wait_for()  # also in a view that is opened later
 
 
 def test_a_latched_interlock_is_acknowledged_under_the_lease_when_its_cause_is_gone(page: Any, tmp_path: Path) -> None:
-    with started(tmp_path, fault="emergency_stop stuck OPEN at 0.5 s for 0.5 s") as station, serving() as served:
+    with started(tmp_path, fault="sorter.emergency_stop stuck OPEN at 0.5 s for 0.5 s") as station, serving() as served:
         page.goto(served.url + "#view=operate")
         page.get_by_text("⊘ the emergency stop was pressed").first.wait_for()
         button = page.get_by_role("button", name="Acknowledge")
@@ -486,8 +486,8 @@ def test_a_latched_interlock_is_acknowledged_under_the_lease_when_its_cause_is_g
         button.click()
         button.wait_for(state="hidden")
         assert "acknowledge: done" in answers(page)
-        control(page, "diverter").get_by_role("button", name="ON").click()
-        eventually(lambda: station.diverter.read() == "ON")
+        control(page, "sorter.diverter").get_by_role("button", name="ON").click()
+        eventually(lambda: station.sorter.diverter.read() == "ON")
 
 
 def test_equipment_in_fault_is_told_with_its_reason_and_cleared_under_the_lease(page: Any, tmp_path: Path) -> None:
@@ -549,7 +549,7 @@ def test_in_automatic_mode_numbers_can_be_tuned_and_actuators_cannot_be_written(
         page.get_by_role("button", name="automatic").click()
         page.get_by_text("Automatic mode:").wait_for()
         assert station.mode == "automatic"
-        assert control(page, "diverter").get_by_role("button", name="ON").is_disabled()
+        assert control(page, "sorter.diverter").get_by_role("button", name="ON").is_disabled()
         assert control(page, "window").get_by_role("button", name="Set").is_enabled()
 
 
@@ -572,7 +572,7 @@ def test_a_read_only_page_has_no_stop_button_and_says_why_its_controls_are_off(
         page.get_by_text("This page is read-only.").wait_for()
         assert not page.get_by_role("button", name="Stop", exact=True).is_visible()
         assert not page.get_by_role("button", name="Take the lease").is_visible()
-        assert control(page, "diverter").get_by_role("button", name="ON").is_disabled()
+        assert control(page, "sorter.diverter").get_by_role("button", name="ON").is_disabled()
 
 
 def test_after_a_new_start_of_the_station_the_page_shows_it_and_the_lease_is_to_be_taken_again(
