@@ -338,7 +338,7 @@ def test_the_options_reach_application_and_plant(umo: Callable[..., Result], tmp
 @pytest.mark.parametrize(
     "options, status, message",
     [
-        ("--speed 1.5 --tolerance 8", 1, "belt.setpoint: 1.5 m/s is outside 0 to 1"),
+        ("--speed 1.5 --tolerance 8", 1, "speed: 1.5 m/s is outside 0 to 1"),
         ("--speed 0", 1, "0 m/s is 0 mm in a period: it must be above 0"),
         ("--tolerance 1 ", 1, "0.3 m/s is 0.6 mm in a period: it must be above 0, at most 0.5 mm"),
         ("--nominal 300", 2, "this must be within 20 to 250 mm"),

@@ -1,5 +1,6 @@
 """Sort parts by length."""
 
+from umo import Range
 from umo.control import until
 from umo.errors import CommandRefused, RangeError, TimeExpired
 from umo.operation import PackMLState
@@ -29,9 +30,10 @@ async def main(
         tolerance: largest deviation of an accepted part from it, mm.
         patience: time in which an operator must have the sorter go on after a fault, a stop, or without parts, s.
 
-    RangeError if the belt moves by more than half of the tolerance in a period: a length is measured no better.
-    PartsLost if not all parts were sorted.
+    RangeError if the drive has no such speed, or the belt moves by more than half of the tolerance in a period: a
+    length is measured no better. PartsLost if not all parts were sorted.
     """
+    Range.of(m.sorter.belt.setpoint).check("speed", speed)
     step = 1000.0 * speed * m.cycle.period
     if not 0 < step <= tolerance / 2:
         raise RangeError(f"{speed:g} m/s is {step:g} mm in a period: it must be above 0, at most {tolerance / 2:g} mm")
