@@ -95,7 +95,7 @@ def test_an_action_is_called_with_units_and_waited_for(conveyor: umo.Started) ->
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["call", "conveyor", "pusch"], "no action 'pusch' (did you mean 'push'?)"),
+        (["call", "conveyor", "pusch"], "no action 'pusch' (did you mean 'sorter.push'?)"),
         (
             ["call", "conveyor", "sorter.belt.run_at", "sped=1"],
             "'sped=1' is not one of its arguments (did you mean 'speed'?)",
@@ -111,7 +111,7 @@ def test_an_action_is_called_with_units_and_waited_for(conveyor: umo.Started) ->
         ),
         (["call", "conveyor", "sorter.belt.run_at"], "the argument speed is missing"),
         (["call", "conveyor", "sorter.belt.run_at", "speed=0", "speed=1"], "sorter.belt.run_at: speed is given twice"),
-        (["tune", "conveyor", "windows", "3"], "no tunable number 'windows' (did you mean 'window'?)"),
+        (["tune", "conveyor", "windows", "3"], "no tunable number 'windows' (did you mean 'sorter.window'?)"),
         (["tune", "conveyor", "sorter.window", "1 m"], "window: 1000 mm is outside 1 to 100"),
         (["tune", "conveyor", "sorter.window", "-0.5"], "window: -0.5 mm is outside 1 to 100"),
         (["tune", "conveyor", "sorter.window", "-5 1/h"], "window: '1/h' cannot be converted to 'mm'"),
@@ -129,7 +129,10 @@ def test_an_action_is_called_with_units_and_waited_for(conveyor: umo.Started) ->
         (["call", "conveyor", "sorter.belt.run_at", "-3"], "'-3' is not one of its arguments: speed=..."),
         (["mode", "conveyor", "automatisch"], "there is no mode 'automatisch'; there are: automatic, manual"),
         (["mode", "convejor"], "'convejor' is not running (did you mean 'conveyor'?)"),
-        (["acknowledge", "conveyor", "bolt"], "no object or signal 'bolt' (did you mean 'belt'?) in conveyor"),
+        (
+            ["acknowledge", "conveyor", "sorter.bolt"],
+            "no object or signal 'sorter.bolt' (did you mean 'sorter.belt'?) in conveyor",
+        ),
         (["clear", "conveyor", "*.setpont"], "no object or signal '*.setpont' (did you mean 'sorter.belt.setpoint'?)"),
         (["set", "conveyor", "sorter.entry", "COVERED"], "sorter.entry is a sensor; only actuators can be set"),
     ],
@@ -176,7 +179,7 @@ def test_an_acknowledgement_says_that_nothing_was_latched(conveyor: umo.Started)
     for words, said_of in (
         (["sorter.belt"], ["sorter.belt"]),
         ([], ["conveyor"]),
-        (["sorter.diverter", "*.setpoint"], ["sorter.diverter", "sorter.belt.setpoint"]),
+        (["sorter.diverter", "*.belt.setpoint"], ["sorter.diverter", "sorter.belt.setpoint"]),
     ):
         result = run("acknowledge", "conveyor", *words)
         assert result.exit_code == 0, said(result)
@@ -186,13 +189,13 @@ def test_an_acknowledgement_says_that_nothing_was_latched(conveyor: umo.Started)
 def test_a_number_is_tuned_and_how_to_keep_it_is_said(conveyor: umo.Started) -> None:
     result = run("tune", "conveyor", "sorter.window", "3.0123456789 cm")
     assert result.exit_code == 0, said(result)
-    assert result.stdout == "window  20 -> 30.123456789 mm\n"
-    assert "put window = 30.123456789 under [parameters] of the wiring" in said(result)
+    assert result.stdout == "sorter.window  20 -> 30.123456789 mm\n"
+    assert "put sorter.window = 30.123456789 under [parameters] of the wiring" in said(result)
     until(lambda: run("tune", "conveyor", "sorter.window").stdout == "sorter.window  30.123456789 mm\n")
     assert "1 to 100" in run("tune", "conveyor").stdout
     lines = run("tune", "conveyor", "--save").stdout
-    assert lines.startswith('[parameters]\n"window" = ')
-    assert tomllib.loads(lines)["parameters"] == {"window": 30.123456789000002}  # as the machine has it
+    assert lines.startswith('[parameters]\n"sorter.window" = ')
+    assert tomllib.loads(lines)["parameters"] == {"sorter.window": 30.123456789000002}  # as the machine has it
     assert run("tune", "conveyor", "sorter.window", "--save").exit_code == 2
 
 

@@ -226,7 +226,7 @@ def test_a_program_commands_a_running_station(tmp_path: Path) -> None:
         with umo.attach(started.pid) as station:
             until(lambda: station.reader.head > 5)
             assert station.mode == "manual"
-            assert {"belt", "push", "window"} <= set(dir(station))
+            assert {"belt", "push", "window"} <= set(dir(station.sorter))
             assert station.sorter.diverter.read() == "OFF"
             with pytest.raises(CommandRefused, match="nobody has the lease"):
                 station.sorter.push()
@@ -240,9 +240,9 @@ def test_a_program_commands_a_running_station(tmp_path: Path) -> None:
                 ):
                     other.lease("another").__enter__()
                 with pytest.raises(RangeError, match=r"window: 1000 mm is outside 1 to 100"):
-                    station.window = 1000.0
-                station.window = 30.0
-                assert station.window == 30.0  # at once
+                    station.sorter.window = 1000.0
+                station.sorter.window = 30.0
+                assert station.sorter.window == 30.0  # at once
                 station.sorter.diverter.write("ON")
                 until(lambda: station.sorter.diverter.read() == "ON")
                 assert station.sorter.diverter.inhibited == "taken by client: a test"
@@ -253,8 +253,8 @@ def test_a_program_commands_a_running_station(tmp_path: Path) -> None:
                 station.sorter.belt.run_at(0.0)
                 assert not lease.lost
             until(lambda: station.reader.holder == "")
-            with pytest.raises(AttributeError, match=r"the station has no 'bellt' \(did you mean 'belt'\?\)"):
-                station.bellt  # noqa: B018
+            with pytest.raises(AttributeError, match=r"sorter has no 'bellt' \(did you mean 'belt'\?\)"):
+                station.sorter.bellt  # noqa: B018
             frames = station.frames(0.05)
             assert set(frames) >= {"time", "sorter.belt.speed", "sorter.length"}
             station.stop("ann, a test (pid 1)")
