@@ -46,11 +46,8 @@ class Sorting(PackML):
     def refusal(self, command: str) -> str | None:
         if command in ("start", "unsuspend") and self.part.bin_full:
             return "the reject bin is full: empty it and call bin_emptied"
-        if command != "start":
-            return None
-        if (inhibited := self.part.belt.setpoint.inhibited) is not None:
-            return f"{inhibited}: release it and acknowledge"
-        return None if self.part.tracked else self.part.obstacle()
+        inhibited = self.part.belt.setpoint.inhibited
+        return f"{inhibited}: release it and acknowledge" if command == "start" and inhibited else None
 
     async def starting(self) -> None:
         belt, speed = self.part.belt, self.part.order.speed

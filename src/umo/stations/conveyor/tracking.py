@@ -35,8 +35,8 @@ class Part:
 class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
     """What is known of the parts on the belt. Parts are shorter than `distance` and do not touch each other.
 
-    What two barriers cannot tell apart: a barrier that is covered at the start is stuck, or a part lies there
-    (`obstacle`). A part is jammed at a barrier, or the exit barrier got stuck when a part was due, or the entry
+    What two barriers cannot tell apart: an entry barrier that stays covered at the start is stuck, or a part is jammed
+    there (BarrierStuck). A part is jammed at a barrier, or the exit barrier got stuck when a part was due, or the entry
     barrier got stuck and no part followed (Jam). The last part on the belt was taken away, or is jammed (PartMissing).
     """
 
@@ -65,6 +65,7 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
         self._between: deque[Part] = deque()  # the parts between the barriers, the foremost first
         self._pushes = 0  # under way; they overlap when parts follow each other closely
         self.length = nan  # of the last part measured
+        self._zero = 0.0  # position of the belt from which on parts are measured, mm
         self.fed_at = 0.0  # position of the belt when the last part came, mm
         self.jammed = False
 
@@ -107,18 +108,13 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
         """Whether no part is on the belt, and none came on `distance` and `spacing` of it."""
         return self.belt.position > self.fed_at + self.distance + self.spacing and not self.on_belt
 
-    def obstacle(self) -> str | None:
-        """Why the tracking cannot begin; None: it can."""
-        stuck = [barrier.path for barrier in (self.entry, self.exit) if covered(barrier)]
-        return f"the {stuck[0]} barrier is covered: stuck, or a part lies there" if stuck else None
-
     def track(self) -> None:
         """Measure, track and sort parts from now on, unless that is under way. What lies on the belt at the beginning
         was measured by nobody: it is pushed onto the chute."""
         self.fed_at = self.belt.position
         if not self.tracked:
-            self.belt.position = self.fed_at = 0.0
             self._between.clear()
+            self._zero = self.belt.position
             watch = (self._watch_stop(), self._watch_entry(), self._watch_exit(), self._clear_belt())
             self._tasks = [self.cycle.start(sequence) for sequence in watch]
 
@@ -135,12 +131,17 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
         raise EmergencyStop(f"{self.belt.setpoint.inhibited}: release it, acknowledge, and clear the belt")
 
     async def _clear_belt(self) -> None:
-        await self._push(until(lambda: self.belt.position >= self.diverter_at - self.window))
+        await self._push(until(lambda: self.belt.position >= self._zero + self.diverter_at - self.window))
 
     # A part on its way ---------------------------------------------------------------------------------
 
     async def _watch_entry(self) -> None:
-        """Measure the parts."""
+        """Measure the parts, the first one when what lies in the barrier has left it."""
+        limit = self.belt.position + self.spacing
+        await until(lambda: not covered(self.entry) or self.belt.position > limit)
+        if covered(self.entry):
+            raise BarrierStuck("the entry barrier stays covered at the start: stuck, or a part is jammed there")
+        self._zero = self.belt.position
         for number in count(1):
             await until(lambda: covered(self.entry))
             self.fed_at = self.belt.position
@@ -153,8 +154,8 @@ class Tracking(Compound, numbers={"length": Number("mm", shown=True)}):
 
     async def _watch_exit(self) -> None:
         """See the parts arrive and leave, once those that were not measured have left."""
-        await until(lambda: self.belt.position >= self.distance - self.window)
-        await until(lambda: not covered(self.exit) or self.belt.position >= self.distance + self.window)
+        await until(lambda: self.belt.position >= self._zero + self.distance - self.window)
+        await until(lambda: not covered(self.exit) or self.belt.position >= self._zero + self.distance + self.window)
         while True:
             await until(lambda: covered(self.exit) or self._overdue())
             if not covered(self.exit):
