@@ -80,7 +80,7 @@ class Sorted:
         self.to("start", S.EXECUTE)
 
     def finish(self) -> dict[str, Any]:
-        """Let the order be carried out: the result of the application."""
+        """Let the lot be carried out: the result of the application."""
         for _ in range(20_000):
             if self.task.done:
                 break
@@ -167,7 +167,7 @@ ACTING = [S.STARTING, S.EXECUTE, S.HOLDING, S.UNHOLDING, S.SUSPENDING, S.UNSUSPE
 
 @pytest.mark.parametrize("state", ACTING, ids=lambda each: each.name.lower())
 def test_a_failure_in_each_acting_state_is_aborted_and_can_be_cleared(state: PackMLState) -> None:
-    """What is on the belt is pushed onto the chute by the next start, and the order is completed."""
+    """What is on the belt is pushed onto the chute by the next start, and the lot is completed."""
     with sorting(patience=100.0, more=2) as run:
         if state is not S.STARTING:
             periods(run.m, 1_500)
@@ -178,7 +178,7 @@ def test_a_failure_in_each_acting_state_is_aborted_and_can_be_cleared(state: Pac
         periods(run.m, 100)
         on_belt = run.m.sorter.on_belt
         run.to("clear", S.STOPPED)
-        assert (run.unit.rejected, run.m.sorter.order.lost) == (len(on_belt), len(on_belt))
+        assert (run.unit.rejected, run.m.sorter.lot.lost) == (len(on_belt), len(on_belt))
         run.go_on()
         result = run.finish()
         assert run.unit.produced + run.unit.rejected == result["accepted"] + result["rejected"] == 8
@@ -198,7 +198,7 @@ def test_after_a_stop_or_an_abort_at_any_moment_no_part_that_was_not_measured_is
         run.to(command, state)
         periods(run.m, 500)
         on_belt = [part for part in run.plant.belt if part.front > 0.0 and (part.front + part.rear) / 2 < 470.0]
-        if run.m.sorter.order.done + len(run.m.sorter.on_belt) < 6:
+        if run.m.sorter.lot.done + len(run.m.sorter.on_belt) < 6:
             run.go_on()
             run.finish()
             assert [part for part in on_belt if part not in run.plant.rejected] == []
@@ -271,7 +271,7 @@ def test_after_the_emergency_stop_it_must_be_released_acknowledged_and_cleared()
 
 def test_an_order_that_an_operator_completes_early_ends_the_run_with_what_was_sorted() -> None:
     with sorting(parts=8) as run:
-        while len(run.m.sorter.order.measured) < 3:
+        while len(run.m.sorter.lot.measured) < 3:
             periods(run.m)
         run.unit.complete()
         assert len(run.finish()["lengths_mm"]) == 3

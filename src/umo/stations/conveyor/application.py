@@ -5,7 +5,7 @@ from umo.control import until
 from umo.errors import CommandRefused, RangeError, TimeExpired
 from umo.operation import PackMLState
 
-from .control import Conveyor, Order
+from .control import Conveyor, Lot
 from .errors import PartsLost
 
 STANDING = (PackMLState.STOPPED, PackMLState.IDLE, PackMLState.SUSPENDED, PackMLState.ABORTED)
@@ -38,13 +38,13 @@ async def main(
     if not 0 < step <= tolerance / 2:
         raise RangeError(f"{speed:g} m/s is {step:g} mm in a period: it must be above 0, at most {tolerance / 2:g} mm")
     m.cycle.progress("waiting for the first part", done=0, total=parts)
-    order = m.sorter.order = Order(parts, speed, nominal, tolerance)
+    lot = m.sorter.lot = Lot(parts, speed, nominal, tolerance)
     await start(m)
     await complete(m, patience)
     m.cycle.progress("done")
-    accepted = sum(part.accepted for part in order.measured)
-    lengths = [round(part.length, 1) for part in order.measured]
-    return {"accepted": accepted, "rejected": order.done - accepted, "lengths_mm": lengths}
+    accepted = sum(part.accepted for part in lot.measured)
+    lengths = [round(part.length, 1) for part in lot.measured]
+    return {"accepted": accepted, "rejected": lot.done - accepted, "lengths_mm": lengths}
 
 
 async def start(m: Conveyor) -> None:
@@ -60,11 +60,11 @@ async def start(m: Conveyor) -> None:
 
 async def complete(m: Conveyor, patience: float) -> None:
     """Wait until the sorter is complete. PartsLost if it stands for longer than `patience` in s."""
-    unit, order = m.sorter.unit, m.sorter.order
+    unit, lot = m.sorter.unit, m.sorter.lot
     while unit.state is not PackMLState.COMPLETE:
         await until(lambda: unit.state in (*STANDING, PackMLState.COMPLETE))
         try:
             await until(lambda: unit.state not in STANDING, timeout=patience)
         except TimeExpired:
-            left = f"{order.parts - order.done} of {order.parts} parts were not sorted"
+            left = f"{lot.parts - lot.done} of {lot.parts} parts were not sorted"
             raise PartsLost(f"{m.sorter.cause} ({left})") from None

@@ -15,11 +15,11 @@ from umo.states import OpenClosed
 from .belt import Beam, Belt, covered
 from .tracking import Part, Tracking
 
-__all__ = ["Beam", "Belt", "Conveyor", "Order", "Part", "Sorter", "Sorting", "covered"]
+__all__ = ["Beam", "Belt", "Conveyor", "Lot", "Part", "Sorter", "Sorting", "covered"]
 
 
 @dataclass
-class Order:
+class Lot:
     """What is to be sorted, and what was."""
 
     parts: int = 10
@@ -36,7 +36,7 @@ class Order:
 
 
 class Sorting(PackML):
-    """It sorts the parts of its order, and is complete then. Without parts, and with a full bin, it suspends itself.
+    """It sorts the parts of its lot, and is complete then. Without parts, and with a full bin, it suspends itself.
 
     While it is held or suspended, the belt stands; the parts on it stay known. A stop or a fault loses them.
     """
@@ -50,14 +50,14 @@ class Sorting(PackML):
         return f"{inhibited}: release it and acknowledge" if command == "start" and inhibited else None
 
     async def starting(self) -> None:
-        belt, speed = self.part.belt, self.part.order.speed
+        belt, speed = self.part.belt, self.part.lot.speed
         self.part.track()
         belt.run_at(speed)
         await until(lambda: value_of(belt.speed) >= 0.9 * speed)
 
     async def execute(self) -> None:
         part = self.part
-        while part.order.done < part.order.parts:
+        while part.lot.done < part.lot.parts:
             if part.starved or part.bin_full:
                 self.suspend()
             await next_period()
@@ -97,7 +97,7 @@ class Sorter(
     def setup(self) -> None:
         super().setup()
         self.unit = Sorting(self)
-        self.order = Order()
+        self.lot = Lot()
         self.in_bin = 0
 
     def interlocks(self) -> Iterator[Interlock]:
@@ -128,12 +128,12 @@ class Sorter(
         self.in_bin = 0
 
     def accepts(self, length: float) -> bool:
-        return abs(length - self.order.nominal) <= self.order.tolerance
+        return abs(length - self.lot.nominal) <= self.lot.tolerance
 
     def passed(self, part: Part) -> None:
-        order = self.order
-        order.measured.append(part)
-        self.cycle.progress(f"part {part.number} of {order.parts}: {part.length:.1f} mm", done=order.done)
+        lot = self.lot
+        lot.measured.append(part)
+        self.cycle.progress(f"part {part.number} of {lot.parts}: {part.length:.1f} mm", done=lot.done)
         if part.accepted:
             self.unit.produced += 1
         else:
@@ -142,7 +142,7 @@ class Sorter(
     def lose(self) -> None:
         """Where the parts on the belt are is known no longer: the next start pushes them onto the chute."""
         lost = len(self.forget())
-        self.order.lost += lost
+        self.lot.lost += lost
         self._reject(lost)
 
     def _reject(self, number: int) -> None:
