@@ -235,11 +235,11 @@ def test_a_flood_of_commands_is_refused_in_part_and_all_are_answered(
         command(client, 1, "lease")
         numbers = range(2, 102)
         for number in numbers:
-            client.send(type="command", id=number, do="tune", path="window", value=number % 50 + 1)
+            client.send(type="command", id=number, do="tune", path="sorter.window", value=number % 50 + 1)
         answered = [client.get("answer") for _ in numbers]
         assert {each["id"] for each in answered} == set(numbers)
         assert {each["text"] for each in answered if each["state"] == "refused"} == {"up to 2 commands at once"}
-        eventually(lambda: command(client, 1000, "tune", path="window", value=25)["state"] == "done")
+        eventually(lambda: command(client, 1000, "tune", path="sorter.window", value=25)["state"] == "done")
 
 
 @pytest.mark.full
@@ -324,7 +324,7 @@ def test_the_parts_of_a_control_stand_beside_one_another_within_its_part(
 ) -> None:
     page.set_viewport_size({"width": size[0], "height": size[1]})
     page.goto(served.url + "#view=operate")
-    control(page, "window").wait_for()
+    control(page, "sorter.window").wait_for()
     astray = """() => [...document.querySelectorAll(".control")].flatMap((control) => {
         const part = control.closest(".part").getBoundingClientRect();
         const boxes = [...control.children].map((each) => [each.className, each.getBoundingClientRect()]);
@@ -345,7 +345,7 @@ def test_a_wrong_value_is_refused_in_the_machine_s_own_words(
     page: Any, station: umo.RemoteStation, served: Served
 ) -> None:
     take_lease(page, served.url)
-    field = control(page, "window").locator('input[type="number"]')
+    field = control(page, "sorter.window").locator('input[type="number"]')
     field.fill("1000")
     field.press("Enter")
     eventually(lambda: "window: 1000 mm is outside 1 to 100" in answers(page))
@@ -353,9 +353,9 @@ def test_a_wrong_value_is_refused_in_the_machine_s_own_words(
         field.fill(f"{value:g}")
         field.press("Enter")
         eventually(lambda value=value: f"-> {value:g}" in answers(page))  # type: ignore[misc]
-    eventually(lambda: control(page, "window").get_by_label("window", exact=True).input_value() == "25")
-    control(page, "window").get_by_role("button", name="Undo").click()
-    eventually(lambda: station.window == 31.0)
+    eventually(lambda: control(page, "sorter.window").get_by_label("sorter.window", exact=True).input_value() == "25")
+    control(page, "sorter.window").get_by_role("button", name="Undo").click()
+    eventually(lambda: station.sorter.window == 31.0)
 
 
 def test_a_refused_value_leaves_an_actuator_as_it_is_held(
@@ -550,7 +550,7 @@ def test_in_automatic_mode_numbers_can_be_tuned_and_actuators_cannot_be_written(
         page.get_by_text("Automatic mode:").wait_for()
         assert station.mode == "automatic"
         assert control(page, "sorter.diverter").get_by_role("button", name="ON").is_disabled()
-        assert control(page, "window").get_by_role("button", name="Set").is_enabled()
+        assert control(page, "sorter.window").get_by_role("button", name="Set").is_enabled()
 
 
 def test_the_stop_button_is_in_every_view_and_ends_the_run_without_the_lease(page: Any, tmp_path: Path) -> None:

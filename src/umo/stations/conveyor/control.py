@@ -133,7 +133,7 @@ class Sorter(
     def passed(self, part: Part) -> None:
         lot = self.lot
         lot.measured.append(part)
-        self.cycle.progress(f"part {part.number} of {lot.parts}: {part.length:.1f} mm", done=lot.done)
+        self.cycle.progress(f"part {lot.done} of {lot.parts}: {part.length:.1f} mm", done=lot.done)
         if part.accepted:
             self.unit.produced += 1
         else:
