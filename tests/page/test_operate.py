@@ -479,7 +479,7 @@ def test_a_latched_interlock_is_acknowledged_under_the_lease_when_its_cause_is_g
     with started(tmp_path, fault="sorter.emergency_stop stuck OPEN at 0.5 s for 0.5 s") as station, serving() as served:
         page.goto(served.url + "#view=operate")
         page.get_by_text("⊘ the emergency stop was pressed").first.wait_for()
-        button = page.get_by_role("button", name="Acknowledge")
+        button = page.get_by_role("button", name="Acknowledge", exact=True)
         assert button.is_disabled()
         take_lease(page, served.url)
         eventually(lambda: station.frames(0.01)["time"][-1] > 1.1)
