@@ -113,7 +113,7 @@ class Sorter(
     @property
     def waits(self) -> bool:
         """Whether it is suspended because no parts come."""
-        return self.unit.state is PackMLState.SUSPENDED and self.starved
+        return self.starved and self.unit.state is PackMLState.SUSPENDED
 
     @property
     def cause(self) -> str:
