@@ -251,7 +251,7 @@ def test_check_says_how_many_actions_and_tunable_numbers_there_are(umo, tank: Pa
     control.write_text(re.sub(r" +@action.*\n|, tunable=True", "", control.read_text()))
     assert said(umo("check", "tank", "-w", "simulated")).startswith("ok: ")
     assert "5 objects on 1 driver, period 50 ms not looked at: modbus" in said(umo("check", "tank"))
-    assert "period 2 ms, 3 actions, 4 tunable numbers" in said(umo("check", "conveyor"))
+    assert "period 2 ms, 16 actions, 5 tunable numbers" in said(umo("check", "conveyor"))
 
 
 def test_check_says_what_a_timeout_above_a_second_costs(umo, tank: Path) -> None:
