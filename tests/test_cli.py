@@ -262,7 +262,7 @@ def test_check_says_how_many_actions_and_tunable_numbers_there_are(umo, tank: Pa
     control.write_text(re.sub(r" +@action.*\n|, tunable=True", "", control.read_text()))
     assert said(umo("check", "tank", "-w", "simulated")).startswith("ok: ")
     assert "5 objects on 1 driver, period 50 ms not looked at: modbus" in said(umo("check", "tank"))
-    assert "period 2 ms, 3 actions, 4 tunable numbers" in said(umo("check", "conveyor"))
+    assert "period 2 ms, 16 actions, 5 tunable numbers" in said(umo("check", "conveyor"))
 
 
 def test_check_says_what_a_timeout_above_a_second_costs(umo, tank: Path) -> None:
@@ -386,7 +386,7 @@ def test_where_a_station_runs_twice_its_pid_is_asked_for(umo, tank: Path) -> Non
 
 
 def test_set_says_that_a_limited_rate_takes_its_time(umo) -> None:
-    result = umo("set", "conveyor", "belt.setpoint", "200 mm/s", "--hold", "0.01")
+    result = umo("set", "conveyor", "sorter.belt.setpoint", "200 mm/s", "--hold", "0.01")
     assert result.exit_code == 0
     assert "(on its way to 0.20000 m/s: its slew rate is limited)" in result.output
 

@@ -206,13 +206,13 @@ ZTHETA = Trial(
 CONVEYOR = Trial(
     "conveyor",
     {},
-    {"parts": 4},
+    {"parts": 4, "patience": 0.5},
     {0.5: "starting", 2.2: "sorting"},
     lambda plant, channel: plant.outputs[channel.text],
     _parts_wrongly_sorted,
     watch=_watch_conveyor,
     unseen={
-        "diverter": (
+        "sorter.diverter": (
             ("stuck", "bit flip", "wrong length"),
             "no sensor sees the diverter, or the parts behind it",
         ),
