@@ -153,6 +153,7 @@ def test_whoever_would_drive_a_device_that_is_held_is_told_who_holds_it(umo, tan
         (["run", "zteta"], "no station 'zteta' (did you mean 'ztheta'?)"),
         (["run", "."], "no objects.py (`umo new DIR` makes one)"),
         (["run", "ztheta", "-w", "simulatd"], "no wiring 'simulatd' (did you mean 'simulated'?)"),
+        (["run", "conveyor", "--untl", "5 s"], "conveyor has no option --untl (did you mean 'until'?)"),
         (["get", "ztheta", "z.encodr"], "no object 'z.encodr' in Manipulator (did you mean 'z.encoder'?)"),
         (["get", "ztheta", "z"], "z is a compound object; name one of its parts: encoder, motor, encoder_zero"),
         (["set", "ztheta", "z.encoder", "1"], "z.encoder is a sensor; only actuators can be set"),

@@ -19,7 +19,7 @@ import umo
 from helpers import patient
 from helpers.waiting import until
 from umo.cli.app import app
-from umo.cli.values import state
+from umo.cli.values import argument, state
 from umo.process.start import LINUX
 from umo.remote import HeldLease
 from umo.remote.search import readers
@@ -84,6 +84,20 @@ def test_the_actions_are_listed_with_units_and_ranges(conveyor: umo.Started) -> 
     assert "Push whatever is before the diverter onto the chute." in result.stdout
 
 
+def test_a_choice_is_taken_in_small_letters_as_it_is_shown() -> None:
+    about = {"name": "mode", "kind": "choice", "choices": ["PRODUCTION", "MANUAL"]}
+    given = [argument("unit.change_mode", about, text) for text in ("manual", "PRODUCTION", "manuel")]
+    assert given == ["MANUAL", "PRODUCTION", "manuel"]  # the machine tells what is none
+
+
+def test_get_shows_signals_and_tunable_numbers_of_a_run(conveyor: umo.Started) -> None:
+    result = run("get", "conveyor", "length", "belt.deviation", "entry")
+    assert result.exit_code == 0, said(result)
+    paths = [line.split()[0] for line in result.stdout.splitlines()]
+    assert paths == ["length", "belt.deviation", "entry"]
+    assert "m/s  tunable" in result.stdout
+
+
 def test_an_action_is_called_with_units_and_waited_for(conveyor: umo.Started) -> None:
     result = run("call", "conveyor", "push")
     assert (result.exit_code, result.stderr) == (0, "push: done\n")  # and no progress of the application's
@@ -102,6 +116,10 @@ def test_an_action_is_called_with_units_and_waited_for(conveyor: umo.Started) ->
         (["call", "conveyor", "belt.run_at", "speed=3 kg"], "belt.run_at: speed: 'kg' cannot be converted to 'm/s'"),
         (["call", "conveyor", "belt.run_at"], "the argument speed is missing"),
         (["call", "conveyor", "belt.run_at", "speed=0", "speed=1"], "belt.run_at: speed is given twice"),
+        (["get", "conveyor", "lenght"], "no object 'lenght' (did you mean 'length'?)"),
+        (["get", "conveyor", "push"], "push is not an object"),
+        (["set", "conveyor", "length", "3"], "length is a number that is shown: it cannot be set"),
+        (["set", "conveyor", "window", "3"], "window is a number: `umo tune` changes it"),
         (["tune", "conveyor", "windows", "3"], "no tunable number 'windows' (did you mean 'window'?)"),
         (["tune", "conveyor", "window", "1 m"], "window: 1000 mm is outside 1 to 100"),
         (["tune", "conveyor", "window", "-0.5"], "window: -0.5 mm is outside 1 to 100"),
@@ -172,7 +190,7 @@ def test_a_number_is_tuned_and_how_to_keep_it_is_said(conveyor: umo.Started) -> 
     result = run("tune", "conveyor", "window", "3.0123456789 cm")
     assert result.exit_code == 0, said(result)
     assert result.stdout == "window  20 -> 30.123456789 mm\n"
-    assert "put window = 30.123456789 under [parameters] of the wiring" in said(result)
+    assert 'put "window" = 30.123456789 under [parameters] of the wiring' in said(result)
     until(lambda: run("tune", "conveyor", "window").stdout == "window  30.123456789 mm\n")
     assert "1 to 100" in run("tune", "conveyor").stdout
     lines = run("tune", "conveyor", "--save").stdout

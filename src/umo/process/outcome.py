@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import umo.errors as errors
-from umo.errors import StopError, UmoError, WiringError
+from umo.errors import AcknowledgeRequired, RecipeError, StopError, UmoError, WiringError
 from umo.exit_status import ExitStatus
 from umo.process.station import StationError
 from umo.text import Moment, in_a_line, in_brackets, place_of, str_of
@@ -149,8 +149,8 @@ def status_of(failure: BaseException) -> int:
 
 
 def message_of(failure: BaseException) -> str:
-    """What, when and where, in one line; in a second one what else failed. The mistakes in a wiring have a line
-    each."""
+    """What, when and where, in one line; in a second one what else failed. The mistakes in a wiring or in recipes, and
+    the devices that stand stopped, have a line each."""
     if isinstance(failure, StopError) and failure.__cause__ is not None:
         return "\n".join([message_of(failure.__cause__).partition("\n")[0], in_a_line(str_of(failure))])
     text = str_of(failure)
@@ -158,7 +158,7 @@ def message_of(failure: BaseException) -> str:
         text = f"{type(failure).__name__}: {text}" if text else type(failure).__name__
     first, _, more = text.partition("\n")
     first += in_brackets(_moment(failure), place_of(failure))
-    if isinstance(failure, WiringError) and more:
+    if isinstance(failure, WiringError | RecipeError | AcknowledgeRequired) and more:
         return f"{first}\n{more}"
     others = [more, *(note for note in _notes(failure) if not isinstance(note, Moment))]
     return "\n".join(filter(None, [first, "; ".join(filter(None, map(in_a_line, others)))]))
