@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from umo.cycle.events import ALARM, Event, Events
 from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition, owned_interlocks
+from umo.errors import UmoError
 from umo.objects import Compound, walk
 from umo.presentation.durations import duration
 
@@ -72,7 +73,13 @@ class Latched:
         """The interlocks of the connected machine."""
 
     def __call__(self) -> bool:
-        return self._number < len(self.inhibitions) and self.inhibitions[self._number].reason is not None
+        """Whether it inhibits; UmoError while its condition cannot be evaluated."""
+        if self._number >= len(self.inhibitions):
+            return False
+        inhibition = self.inhibitions[self._number]
+        if cause := inhibition.cause:
+            raise UmoError(cause)
+        return inhibition.reason is not None
 
 
 def _own_alarms(root: Compound) -> list[DeclaredAlarm]:
