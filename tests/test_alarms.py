@@ -267,6 +267,8 @@ def test_latched_interlocks_and_equipment_in_fault_have_alarms_where_a_class_has
             m.control()
             m.update()
             assert list(alarms.states) == states
+        told = [each.text for each in connection.machine.events if each.path == "cell.fault"]
+        assert told[0].startswith("unacknowledged (high): cell is in fault; ValueError: broken (")  # and why
         box.set("cell.level", 0)
         m.cell.cycle.clear()
         m.sample()
