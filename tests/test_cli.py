@@ -45,6 +45,7 @@ def test_a_run_places_all_parts_and_leaves_trace_plot_and_summary(umo, tmp_path:
         "state",
         "status",
         "failure",
+        "stopped_by",
         "progress",
         "equipment_faults",
         "periods",

@@ -9,10 +9,11 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import umo.errors as errors
+from umo.cycle.stopping import signal_name
 from umo.errors import AcknowledgeRequired, RecipeError, StopError, UmoError, WiringError
 from umo.exit_status import ExitStatus
 from umo.process.station import StationError
-from umo.text import Moment, in_a_line, in_brackets, place_of, str_of
+from umo.text import Moment, in_a_line, in_brackets, place_of, printable, str_of
 from umo.user_code import as_json
 
 USER_ERRORS = (
@@ -96,6 +97,11 @@ class Outcome:
         if self.unkept:
             return ExitStatus.NOT_RECORDED
         return ExitStatus.TIME_OVER if self.time_over else ExitStatus.DONE
+
+    @property
+    def stopper(self) -> str:
+        """The client or the signal that has requested the stop; "": none has."""
+        return "" if self.stopped_by is None else printable(self.stopped_who) or signal_name(self.stopped_by)
 
     def dump(self) -> dict[str, Any]:
         """As plain data, at most `MAX_BYTES` bytes as JSON, whatever the application returned. Long texts are cut, and
