@@ -56,6 +56,9 @@ def _list(path: Path, values: KeptValues) -> None:
     for number, entry in values.numbers.items():
         table.add_row(printable(number), _text(entry["value"]), shown_unit(entry["unit"]))
     out.print(table)
+    if states := values.sections.get(kept_file.STATES):
+        told = ", ".join(f"{part} {state}" for part, state in states.items())
+        out.print(f"in that period: {printable(told)}", soft_wrap=True)
     out.print(str(path), soft_wrap=True)
 
 
