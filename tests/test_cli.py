@@ -426,6 +426,12 @@ def test_a_tuned_band_holds_at_once_in_a_new_station(umo, tank: Path) -> None:
         assert (m.regulator.low, m.regulator.high) == (295.0, 305.0)
 
 
+def test_the_tests_of_new_stations_have_names_of_their_own_as_pytest_needs_them(umo, tank: Path) -> None:
+    assert umo("new", "my-press").exit_code == 0
+    found = [path.name for folder in (tank, tank.parent / "my-press") for path in (folder / "tests").glob("test_*.py")]
+    assert found == ["test_tank.py", "test_my_press.py"]
+
+
 def test_a_new_station_overwrites_nothing(umo, tank: Path) -> None:
     result = umo("new", "tank")
     assert result.exit_code == 2
