@@ -13,10 +13,11 @@ from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, Digital
 from umo.alarms import Alarm, AlarmState, Bad, High, In, Low, Operation, Priority, alarms_of
 from umo.alarms.engine import CHANGES_PER_PERIOD, AlarmRequest
 from umo.alarms.telling import LEFT_OUT, MOST_OF_ALL, MOST_OF_ONE
+from umo.control import value_of
 from umo.cycle.events import ALARM
 from umo.errors import DeclarationError
 from umo.states import HighLow, OnOff, PassFail
-from umo.testing import Scripted
+from umo.testing import Scripted, periods
 
 S = AlarmState
 FULL = Alarm(High("level", 80.0, deadband=10.0), "too full", priority=Priority.HIGH)
@@ -267,12 +268,36 @@ def test_latched_interlocks_and_equipment_in_fault_have_alarms_where_a_class_has
             m.control()
             m.update()
             assert list(alarms.states) == states
+        told = [each.text for each in connection.machine.events if each.path == "cell.fault"]
+        assert told[0].startswith("unacknowledged (high): cell is in fault; ValueError: broken (")  # and why
         box.set("cell.level", 0)
         m.cell.cycle.clear()
         m.sample()
         m.acknowledge()
         m.update()
         assert list(alarms.states) == [AlarmState.RETURNED, AlarmState.RETURNED]
+
+
+class Careful(Cell):
+    def interlocks(self) -> Iterator[Interlock]:
+        yield Interlock(lambda: value_of(self.level) > 60.0, [self.motor], "too high", latched=True)
+
+
+def test_the_alarm_of_an_interlock_that_cannot_be_evaluated_says_so_and_not_that_its_condition_is_true() -> None:
+    box = Scripted()
+    cell = Careful(motor=actuator(), level=sensor(resolution=1.0, on_error="mark", invalid_raws=[7]))
+    machine = Watched(timer=timer(), cell=cell)
+    connection = connect(machine, wired(machine, box))
+    with connection as m:
+        alarms: Any = connection.machine.alarms
+        number = alarms.paths.index("cell.interlock.0")
+        periods(m)
+        assert alarms.state_of(number) is AlarmState.NORMAL
+        box.set("cell.level", 7)
+        periods(m)
+        assert alarms.state_of(number) is AlarmState.BAD_UNACKNOWLEDGED
+        (told,) = [each.text for each in connection.machine.events if each.path == "cell.interlock.0"]
+        assert told == "bad unacknowledged (medium): too high; cannot be evaluated: cell.level is BAD"
 
 
 def test_states_of_an_earlier_run_are_gone_on_with(with_alarms: Any) -> None:

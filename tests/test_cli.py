@@ -45,6 +45,7 @@ def test_a_run_places_all_parts_and_leaves_trace_plot_and_summary(umo, tmp_path:
         "state",
         "status",
         "failure",
+        "stopped_by",
         "progress",
         "equipment_faults",
         "periods",
@@ -164,6 +165,7 @@ def test_whoever_would_drive_a_device_that_is_held_is_told_who_holds_it(umo, tan
         (["run", "zteta"], "no station 'zteta' (did you mean 'ztheta'?)"),
         (["run", "."], "no objects.py (`umo new DIR` makes one)"),
         (["run", "ztheta", "-w", "simulatd"], "no wiring 'simulatd' (did you mean 'simulated'?)"),
+        (["run", "conveyor", "--untl", "5 s"], "conveyor has no option --untl (did you mean 'until'?)"),
         (["get", "ztheta", "z.encodr"], "no object 'z.encodr' in Manipulator (did you mean 'z.encoder'?)"),
         (["get", "ztheta", "z"], "z is a compound object; name one of its parts: encoder, motor, encoder_zero"),
         (["set", "ztheta", "z.encoder", "1"], "z.encoder is a sensor; only actuators can be set"),
@@ -433,6 +435,12 @@ def test_a_tuned_band_holds_at_once_in_a_new_station(umo, tank: Path) -> None:
         m.band = 5.0
         periods(m)
         assert (m.regulator.low, m.regulator.high) == (295.0, 305.0)
+
+
+def test_the_tests_of_new_stations_have_names_of_their_own_as_pytest_needs_them(umo, tank: Path) -> None:
+    assert umo("new", "my-press").exit_code == 0
+    found = [path.name for folder in (tank, tank.parent / "my-press") for path in (folder / "tests").glob("test_*.py")]
+    assert found == ["test_tank.py", "test_my_press.py"]
 
 
 def test_a_new_station_overwrites_nothing(umo, tank: Path) -> None:

@@ -19,7 +19,7 @@ import umo
 from helpers import patient
 from helpers.waiting import until
 from umo.cli.app import app
-from umo.cli.values import state
+from umo.cli.values import argument, state
 from umo.process.start import LINUX
 from umo.remote import HeldLease
 from umo.remote.search import readers
@@ -84,6 +84,20 @@ def test_the_actions_are_listed_with_units_and_ranges(conveyor: umo.Started) -> 
     assert "Push whatever is before the diverter onto the chute." in result.stdout
 
 
+def test_a_choice_is_taken_in_small_letters_as_it_is_shown() -> None:
+    about = {"name": "mode", "kind": "choice", "choices": ["PRODUCTION", "MANUAL"]}
+    given = [argument("unit.change_mode", about, text) for text in ("manual", "PRODUCTION", "manuel")]
+    assert given == ["MANUAL", "PRODUCTION", "manuel"]  # the machine tells what is none
+
+
+def test_get_shows_signals_and_tunable_numbers_of_a_run(conveyor: umo.Started) -> None:
+    result = run("get", "conveyor", "sorter.length", "sorter.belt.deviation", "sorter.entry")
+    assert result.exit_code == 0, said(result)
+    paths = [line.split()[0] for line in result.stdout.splitlines()]
+    assert paths == ["sorter.length", "sorter.belt.deviation", "sorter.entry"]
+    assert "m/s  tunable" in result.stdout
+
+
 def test_an_action_is_called_with_units_and_waited_for(conveyor: umo.Started) -> None:
     result = run("call", "conveyor", "sorter.push")
     assert (result.exit_code, result.stderr) == (0, "sorter.push: done\n")  # and no progress of the application's
@@ -125,6 +139,10 @@ def test_an_action_is_called_with_units_and_waited_for(conveyor: umo.Started) ->
             ["set", "conveyor", "sorter.belt.setpont", "1"],
             "no object 'sorter.belt.setpont' (did you mean 'sorter.belt.setpoint'?)",
         ),
+        (["get", "conveyor", "sorter.lenght"], "no object 'sorter.lenght' (did you mean 'sorter.length'?)"),
+        (["get", "conveyor", "sorter.push"], "sorter.push is not an object"),
+        (["set", "conveyor", "sorter.length", "3"], "sorter.length is a number that is shown: it cannot be set"),
+        (["set", "conveyor", "sorter.window", "3"], "sorter.window is a number: `umo tune` changes it"),
         (["acknowledge", "conveior"], "'conveior' neither runs nor has stopped unsafely"),
         (["call", "conveyor", "sorter.belt.run_at", "-3"], "'-3' is not one of its arguments: speed=..."),
         (["mode", "conveyor", "automatisch"], "there is no mode 'automatisch'; there are: automatic, manual"),
@@ -190,7 +208,7 @@ def test_a_number_is_tuned_and_how_to_keep_it_is_said(conveyor: umo.Started) -> 
     result = run("tune", "conveyor", "sorter.window", "3.0123456789 cm")
     assert result.exit_code == 0, said(result)
     assert result.stdout == "sorter.window  20 -> 30.123456789 mm\n"
-    assert "put sorter.window = 30.123456789 under [parameters] of the wiring" in said(result)
+    assert 'put "sorter.window" = 30.123456789 under [parameters] of the wiring' in said(result)
     until(lambda: run("tune", "conveyor", "sorter.window").stdout == "sorter.window  30.123456789 mm\n")
     assert "1 to 100" in run("tune", "conveyor").stdout
     lines = run("tune", "conveyor", "--save").stdout

@@ -224,9 +224,9 @@ def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         [
             ("tank", os.getpid(), {"state": "running", "status": None}),
             ("tank", gone, {"state": "running", "status": None}),
-            ("tank", gone, {"status": 3}),
+            ("tank", gone, {"status": 3, "failure": "the level does not rise (at 3 s)"}),
             ("press", gone, {"status": 0}),
-            ("tank", gone, {"status": 0}),
+            ("tank", gone, {"status": 143, "failure": "", "stopped_by": "ann, umo stop (pid 3)"}),
         ]
     ):
         folder = tmp_path / "runs" / f"{station}-20260101-00000{number}"
@@ -277,9 +277,12 @@ def test_umo_runs_lists_and_prunes(umo: Umo, runs: Path) -> None:
     shown = umo("runs", "tank").stdout
     assert "tank-20260101-000002" in shown
     assert "ended, status 3" in shown
+    assert "the level does not rise (at 3 s)" in shown
+    assert "stopped by ann, umo stop (pid 3)" in shown
     assert "press" not in shown
     assert "removed: 2 runs" in umo("runs", "--prune", "1").stdout
-    assert umo("runs", "nobody").stdout == "no run in runs/\n"
+    assert umo("runs", "nobody").stdout == "no run of nobody in runs/\n"
+    assert umo("runs", "prss").stdout == "no run of prss in runs/ (did you mean 'press'?)\n"
 
 
 def test_a_run_removes_the_oldest_of_its_station_when_asked(umo: Umo, tank: Path) -> None:

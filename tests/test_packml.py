@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from helpers.machines import actuator, sensor, timer, wired
 from helpers.operator import Operator
-from umo import Compound, DigitalActuator, DigitalSensor, Number, connect
+from umo import Compound, DigitalActuator, DigitalSensor, Number, connect, published
 from umo.control import next_period, until, wait
 from umo.cycle.client_commands import Mode
 from umo.cycle.events import CommandState
@@ -616,6 +616,16 @@ def test_states_belong_to_equipment() -> None:
     machine = Plain(timer=timer())
     with pytest.raises(DeclarationError, match="unit: states belong to a part that is equipment"), connect(machine):
         pass
+
+
+def test_umo_ps_tells_the_states_of_parts(umo: Any) -> None:
+    rig = running()
+    with rig as (m, _), published(rig.connection, "line"):
+        periods(m)
+        assert "line: states: filler.unit stopped\n" in umo("ps").stdout
+        lead_to(m, S.IDLE)
+        (told,) = json.loads(umo("ps", "--json").stdout)["running"]
+        assert told["states"] == {"filler.unit": "idle"}
 
 
 def test_a_law_of_the_users_own_may_have_a_method_supervise() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from enum import Enum
 from math import inf, nan
@@ -118,6 +119,7 @@ def test_a_temperature_is_converted_with_its_offset() -> None:
         ({"amounts": [1.0]}, "must be a list of 2, not of 1"),
         ({"amounts": [1.0, 51.0]}, "outside"),
         ({"amounts": 3.0}, "must be a list, not 3.0"),
+        ({"hold": "20"}, """'20' is not a number in s, or a text such as "1.5 s\""""),
         ({"temperatur": 3.0}, "unknown key (did you mean 'temperature'?)"),
     ],
 )
@@ -252,7 +254,11 @@ def test_umo_check_refuses_a_wrong_recipe_with_its_line(umo: Callable[..., Resul
     (copied / "recipes" / "glue.toml").write_text("amounts = [40.0, 200.0]\ntemprature = 60\n")
     result = umo("check", str(copied))
     assert result.exit_code == 2
-    assert "glue.toml:1: amounts: 200 kg is outside 5 to 60" in result.output + result.stderr
+    lines = result.stderr.splitlines()
+    assert lines[0].startswith("umo: the recipes are refused (")
+    assert f"{copied}/recipes/glue.toml:1: amounts: 200 kg is outside 5 to 60" in lines
+    numbers = [int(found[1]) for line in lines if (found := re.search(r"glue\.toml:(\d+): ", line))]
+    assert numbers == [1, 2]  # a line each, in the order of the file
 
 
 def test_umo_recipes_finds_a_recipe_in_whichever_part_has_it(tmp_path: Path) -> None:

@@ -127,6 +127,8 @@ class RecordedRun:
     """"ended", "running", or "killed": its `umo run` has ended without a summary."""
     status: int | None
     """Exit status; None unless it has ended."""
+    how: str
+    """The failure, or who has stopped it; "": neither, or not known."""
     size: int
     """Bytes of its files."""
 
@@ -141,7 +143,14 @@ def recorded(station: str | None = None) -> Iterator[RecordedRun]:
         summary = _read(folder / "summary.json")
         status = summary.get("status") if isinstance(summary.get("status"), int) else None
         state = "ended" if status is not None else "running" if _lives(about) else "killed"
-        yield RecordedRun(folder, name, state, status, _size_of(folder))
+        yield RecordedRun(folder, name, state, status, _how(summary), _size_of(folder))
+
+
+def _how(summary: dict[str, Any]) -> str:
+    failure, by = (summary.get(key) for key in ("failure", "stopped_by"))
+    if isinstance(failure, str) and failure:
+        return failure
+    return f"stopped by {by}" if isinstance(by, str) and by else ""
 
 
 def prune(keep: int, station: str | None = None) -> list[RecordedRun]:

@@ -78,6 +78,7 @@ class RunSummary:
             "state": "running" if running else "ended",
             "status": None if running else self.outcome.status,
             "failure": self.failed,
+            "stopped_by": self.outcome.stopper,
             "progress": self.progress._asdict(),
             "equipment_faults": self._faults(),
             "periods": statistics.periods,

@@ -26,9 +26,9 @@ SYSTEMD = Path("/run/systemd/system")
 """It is there where systemd runs (sd_booted(3))."""
 REFUSED = {
     "acknowledge": "a service must not acknowledge an unsafe end by itself",
-    "fresh": "each start would forget what is kept; run it once by hand with --fresh",
     "fault": "faults are injected by hand",
     "fault_seed": "faults are injected by hand",
+    "fresh": "each start would put the kept values away; `umo run STATION --fresh` does it once, by hand",
     "full_traceback": "failure.txt in the run's folder has the traceback",
     "help_": "`umo run STATION --help` shows the options",
 }
@@ -79,11 +79,11 @@ def _command(station: str, found: Station, wiring: str | None, words: Sequence[s
     """The command line of the run, with absolute paths, and its plan."""
     from .station_options import parse
 
-    given, rest = _options_of_run(station, words)
+    given, rest, of_run = _options_of_run(station, words)
     for parameter, why in REFUSED.items():
         if given[parameter]:
             raise OptionError(f"--{parameter.strip('_').replace('_', '-').replace('full-', '')}: {why}")
-    options = parse(found, wiring, rest)
+    options = parse(found, wiring, rest, of_run)
     realtime = bool(given["realtime"] or given["manual"])
     plan = Plan(Job(station, wiring=wiring, options=options | ({"realtime": True} if realtime else {})))
     line = [sys.executable, "-P", "-m", "umo_command", "run"]
@@ -102,11 +102,11 @@ def _command(station: str, found: Station, wiring: str | None, words: Sequence[s
     return line, plan
 
 
-def _options_of_run(station: str, words: Sequence[str]) -> tuple[dict[str, Any], list[str]]:
-    """The parameters of `umo run`, checked as it does, and the words that are left for the station."""
+def _options_of_run(station: str, words: Sequence[str]) -> tuple[dict[str, Any], list[str], list[str]]:
+    """The parameters of `umo run`, checked as it does, the words that are left for the station, and its options."""
     import typer
 
-    from .shared import app
+    from .shared import app, options_of_command
     from .values import duration, size
 
     command = typer.main.get_command(app).commands["run"]  # type: ignore[attr-defined]
@@ -116,7 +116,7 @@ def _options_of_run(station: str, words: Sequence[str]) -> tuple[dict[str, Any],
         duration("--until", given["until"])
     if given["keep"] is not None:
         size("--keep", given["keep"], least=10**6)
-    return given, context.args
+    return given, context.args, options_of_command(context)
 
 
 def _name(name: str, *, given: bool) -> str:

@@ -79,6 +79,8 @@ def argument(path: str, about: dict[str, Any], text: str) -> Any:
         if text.lower() not in (*TRUE, *FALSE):
             raise RangeError(f"{name}: {text!r} is not true or false")
         return text.lower() in TRUE
+    if kind == "choice":  # as it is shown: `production`
+        return next((each for each in about["choices"] if each.casefold() == text.casefold()), text)
     return text
 
 

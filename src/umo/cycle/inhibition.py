@@ -53,6 +53,14 @@ class Inhibition:
         known = (self.interlock.reason, latched(self.interlock))
         return self.reason if self.reason in known else unevaluated(self.interlock)
 
+    @property
+    def cause(self) -> str:
+        """Why its condition cannot be evaluated; empty where it can be."""
+        if self.reason is None or self.reason == self.interlock.reason:
+            return ""
+        start = f"{unevaluated(self.interlock)}: "
+        return self.reason.removeprefix(start) if self.reason.startswith(start) else ""
+
     def acknowledge(self) -> None:
         """Free its actuators, unless its condition is still true."""
         if not self.held:

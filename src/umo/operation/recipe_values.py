@@ -12,7 +12,7 @@ from umo.errors import DeclarationError, RangeError, StateError
 from umo.objects.range import Range
 from umo.text import did_you_mean
 
-_MEASURE = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)\s*")
+_MEASURE = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:(?<=\s)|(?![\d.]))(\S.*?)\s*")
 ANY = Range("", -inf, inf)
 SEQUENCES = (list, tuple, Sequence)
 

@@ -8,6 +8,7 @@ import json
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
+from math import inf
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -74,7 +75,7 @@ R = TypeVar("R", bound=Recipe)
 
 def recipe_of(kind: type[R], name: str, given: Mapping[str, Any], file: str = "recipe", text: str = "") -> R:
     """The recipe with these values; RecipeError with all mistakes, with lines where `text` is that of the file."""
-    mistakes: list[Mistake] = []
+    mistakes: list[tuple[float, Mistake]] = []
     values: dict[str, Any] = {}
     hints = hints_of(kind)  # type: ignore[arg-type]
     fields = {each.name: each for each in _fields(kind)}
@@ -82,7 +83,7 @@ def recipe_of(kind: type[R], name: str, given: Mapping[str, Any], file: str = "r
 
     def mistake(key: str, message: str) -> None:
         line = lines.get((name, key)) or lines.get(("", key))
-        mistakes.append(Mistake(f"{file}:{line}" if line else file, key, message))
+        mistakes.append((line or inf, Mistake(f"{file}:{line}" if line else file, key, message)))
 
     if not NAME_FORM.fullmatch(name):
         mistake("", f"{name[:60]!r} is no name of a recipe")
@@ -99,7 +100,8 @@ def recipe_of(kind: type[R], name: str, given: Mapping[str, Any], file: str = "r
         except UmoError as error:
             mistake(key, str(error) if key in given else f"its default: {error}")
     if mistakes:
-        raise RecipeError(f"recipe {name} is refused", mistakes)
+        found = [each for _, each in sorted(mistakes, key=lambda each: each[0])]
+        raise RecipeError(f"recipe {name} is refused", found)
     return kind(name=name, **values)
 
 
