@@ -42,6 +42,11 @@ def _idle(part: Node) -> None:
     """The law of equipment in fault."""
 
 
+def _has_all(law: object, *names: str) -> bool:
+    """Whether its class has all of these methods."""
+    return all(callable(getattr(law.__class__, name, None)) for name in names)
+
+
 class Commanding(Protocol):
     """The clients that command a machine (`umo.cycle.client_control`), as far as it needs them."""
 
@@ -74,6 +79,16 @@ class Supervisor(Protocol):
 
     def describe(self) -> Mapping[str, Any]:
         """Its path, its states and its commands, as plain data."""
+
+
+class Book(Protocol):
+    """A law from which a client chooses what comes next, such as a book of recipes (`umo.operation.recipe_book`)."""
+
+    def choose(self, name: str, content: str = "") -> str:
+        """Choose one by its name."""
+
+    def describe(self) -> Mapping[str, Any]:
+        """What can be chosen, as plain data: `fields` (name, unit, bounds) and `recipes` (name, hash, values)."""
 
 
 class ConnectedMachine:
@@ -113,7 +128,7 @@ class ConnectedMachine:
         self.supervisors: list[Supervisor] = []
         """The laws that look after the sequences of their parts."""
         for _, path, law in laws_in(root):
-            if all(callable(getattr(law.__class__, name, None)) for name in ("begin", "supervise", "describe")):
+            if _has_all(law, "begin", "supervise", "describe"):
                 law.begin(path)
                 self.supervisors.append(law)
         self.events: Events = self.commands.events
@@ -180,6 +195,12 @@ class ConnectedMachine:
     def actions(self) -> dict[str, Action]:
         """The actions that may be called from outside, by path."""
         return actions_of(self.root)
+
+    @cached_property
+    def books(self) -> dict[str, Book]:
+        """The laws from which clients choose what comes next, by path."""
+        found = ((path, law) for _, path, law in laws_in(self.root))
+        return {path: law for path, law in found if _has_all(law, "choose", "next", "describe")}
 
     @property
     def running(self) -> bool:
