@@ -58,6 +58,9 @@ class Commanding(Protocol):
     def at_work(self) -> Sequences | None:
         """The sequences of the action that is being carried out at this moment: what it starts belongs here."""
 
+    def progress(self, text: str) -> None:
+        """What is at work tells its progress."""
+
     def end_in(self, compound: Compound, fault: Callable[[], EquipmentFault]) -> list[BaseException]:
         """End the actions and sequences of one compound; the errors of their cleaning up."""
 
@@ -380,6 +383,8 @@ class ConnectedMachine:
 
     def progress(self, text: str, done: int | None, total: int | None) -> None:
         self.frame.progress = self.frame.progress.then(text, done, total)
+        if self.clients is not None and self.clients.at_work is not None:
+            self.clients.progress(text)
 
     def tell(self, path: str, text: str) -> None:
         self.events.add(Event(self.clock.now, path, text))
