@@ -116,6 +116,7 @@ class Watched:
         return (
             told
             | {"twin": self.twin, "units": list(layout.units), "alarms": bool(layout.alarms)}
+            | {"books": [each | {"fields": list(map(as_shown, each["fields"]))} for each in layout.books]}
             | {"qualities": list(zip(SIGNS, WORDS, strict=True))}
         )
 

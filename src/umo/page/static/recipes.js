@@ -16,9 +16,6 @@ export function recipeText(value) {
   return typeof value === "number" ? numberText(value) : String(value ?? "-");
 }
 
-/** The books among these actions: the last name of the path is told apart. @param {Page.Book[]} books @param {string} path */
-export const isOfBook = (books, path) => books.some((book) => path.startsWith(`${book.path}.`));
-
 /** One book of recipes. */
 export class RecipePanel {
   /** @param {Page.Book} book @param {Feed} feed @param {Client} client */
@@ -30,7 +27,8 @@ export class RecipePanel {
     this._select = el("select", { "aria-label": `${book.path}: recipe`, onchange: () => this._mark() },
       ...book.recipes.map(({ name }) => el("option", { textContent: name, value: name })));
     this._choose = el("button", { textContent: "Choose for the next batch", type: "submit" });
-    this._plan = el("button", { textContent: "Follow the program", type: "button", title: "The batches that begin from now on have the recipes of the program", onclick: () => this._ask("follow_plan", {}, `${book.path}: follow the program`) });
+    const title = "The batches that begin from now on have the recipes of the program";
+    this._plan = el("button", { textContent: "Follow the program", type: "button", title, onclick: () => this._ask("follow_plan", {}, "the recipes of the program") });
     this._answer = el("p", { className: "answer", "aria-live": "polite" });
     const path = book.path.includes(".") ? ` of ${book.path}` : "";
     this.element = el("section", { className: "part recipes", "data-book": book.path, "aria-label": `Recipes${path}` },
@@ -61,14 +59,14 @@ export class RecipePanel {
   /** @param {Event} event */
   _submitted(event) {
     event.preventDefault();
-    this._ask("choose", { name: this._select.value }, `${this._book.path}: choose ${this._select.value}`);
+    this._ask("choose", { name: this._select.value }, this._select.value);
   }
 
   /** @param {string} action @param {Record<string, unknown>} given @param {string} what */
   async _ask(action, given, what) {
-    this._say("sent", `${what} …`);
-    const { state, text } = await this._client.ask({ do: "call", path: `${this._book.path}.${action}`, arguments: given }, what);
-    this._say(state, words({ what, path: "", state, text: text ?? "" }));
+    this._say("sent", `${what}: …`);
+    const { state, text } = await this._client.ask({ do: "call", path: `${this._book.path}.${action}`, arguments: given }, `${this._book.path}: ${what}`);
+    this._say(state, state === "done" ? `${what}: chosen for the batches that begin from now on` : words({ what, state, text: text ?? "" }));
   }
 
   /** @param {string} state @param {string} text */

@@ -1,8 +1,9 @@
 /** The states of a part: its state in large letters, its commands, the diagram, and the counts of products. */
 
+import { CallLine } from "./calls.js";
 import { ActionControl } from "./controls.js";
 import { el, setText } from "./dom.js";
-import { numberText } from "./presentation.js";
+import { numberText, valueText } from "./presentation.js";
 
 /**
  * @typedef {import("./feed.js").Feed} Feed
@@ -17,6 +18,7 @@ const HEIGHT = 34;
 const IN_MANUAL = ["stop", "abort", "clear"];  // possible in manual mode too
 const APART = ["stop", "abort"];  // set apart from the others
 const COUNTERS = ["produced", "rejected"];
+const OWN = ["state", "mode"];  // named values that have a place of their own
 
 /** @param {string} tag @param {Record<string, string | number>} attributes @param {(Node | string)[]} children @returns {SVGElement} */
 function svg(tag, attributes, ...children) {
@@ -81,6 +83,8 @@ export class StatesPanel {
     this._state = el("output", { className: "state-name" });
     this._counts = el("span", { className: "counts" });
     this._reason = el("p", { className: "reasons" });
+    this._line = new CallLine("", Object.keys(unit.commands).map((each) => `${unit.path}.${each}`), true);
+    this._named = (feed.description?.signals ?? []).filter(({ path, states }) => states && path.startsWith(`${unit.path}.`) && !OWN.includes(path.slice(unit.path.length + 1)));
     this._diagram = new Diagram(unit);
     const apart = this._buttons.filter(({ dataset }) => APART.includes(dataset.command ?? ""));
     const usual = this._buttons.filter((button) => !apart.includes(button));
@@ -89,6 +93,7 @@ export class StatesPanel {
       el("div", { className: "state-head" }, this._state, this._counts),
       this._reason,
       el("div", { className: "commands", role: "group", "aria-label": `Commands of ${unit.path}` }, ...usual, el("span", { className: "apart" }, ...apart)),
+      this._line.element,
       this._diagram.element,
       el("details", {}, el("summary", { textContent: "Mode and counters" }), ...this._others.map(({ element }) => element)));
   }
@@ -110,13 +115,15 @@ export class StatesPanel {
     const fault = feed.state?.faults?.[part] ?? "";
     setText(this._reason, fault && `✖ in fault: ${fault}`);
     this._reason.title = fault;
-    setText(this._counts, COUNTERS.map((each) => `${numberText(feed.latest(`${path}.${each}`)?.value)} ${each}`).join(", "));
+    const counts = COUNTERS.map((each) => `${numberText(feed.latest(`${path}.${each}`)?.value)} ${each}`);
+    setText(this._counts, [...this._named.map((entry) => `${entry.path.slice(path.length + 1)} ${valueText(entry, feed.latest(entry.path)?.value)}`), ...counts].join(", "));
+    this._line.refresh(feed, this._client);
     this._diagram.show(number, name);
     for (const button of this._buttons) {
       const command = button.dataset.command ?? "";
       const manual = this._client.manual && !IN_MANUAL.includes(command);
       button.disabled = !this._client.leased || manual || !(number in commands[command]);
     }
-    for (const each of this._others) each.refresh();
+    for (const each of this._others) each.refresh(feed);
   }
 }

@@ -55,6 +55,13 @@ declare namespace Page {
     commands: Record<string, Record<string, number>>;
   }
 
+  /** A book of recipes (umo/operation/recipe_book.py): what they consist of, and those that were read at the start. */
+  interface Book {
+    path: string;
+    fields: { name: string; unit?: string; look?: string; range?: string }[];
+    recipes: { name: string; hash: string; values: Record<string, unknown> }[];
+  }
+
   /** An alarm that is not normal (umo/frames/alarm_list.py); what can be done with it. */
   interface Alarm {
     path: string;
@@ -86,6 +93,7 @@ declare namespace Page {
     actions: Action[];
     tunables: Tunable[];
     units: Unit[];
+    books: Book[];
     /** Whether the machine has alarms. */
     alarms: boolean;
     twin: boolean;

@@ -1,0 +1,62 @@
+/** The lease and the mode: who may command, and how this page comes to it. */
+
+import { el, setText, store } from "./dom.js";
+
+/**
+ * @typedef {import("./feed.js").Feed} Feed
+ * @typedef {import("./client.js").Client} Client
+ */
+
+const MODES = ["automatic", "manual"];
+
+export class LeaseBar {
+  /** @param {Feed} feed @param {Client} client */
+  constructor(feed, client) {
+    this._feed = feed;
+    this._client = client;
+    /** @type {string | null} */
+    this._sure = null;
+    this._holder = el("span", { className: "holder" });
+    this._name = el("input", { type: "text", placeholder: "Your name", maxLength: 40, "aria-label": "Your name", value: store.get("name"), onchange: () => store.set("name", this._name.value) });
+    this._take = el("button", { onclick: () => this._taken() });
+    this._give = el("button", { textContent: "Give the lease back", onclick: () => client.giveBack() });
+    this._mode = MODES.map((mode) => el("button", { textContent: mode, "data-mode": mode, onclick: () => client.ask({ do: "mode", value: mode }, `mode ${mode}`) }));
+    this._why = el("span", { className: "hint" });
+    this.element = el("div", { className: "bar lease" }, this._holder, this._name, this._take, this._give,
+      el("span", { className: "modes", role: "group", "aria-label": "Mode" }, ...this._mode), this._why);
+  }
+
+  /** Taking over from another client needs a second click. */
+  _taken() {
+    const { holder } = this._client;
+    if (holder && this._sure !== holder) {
+      this._sure = holder;
+      this.refresh();
+      return;
+    }
+    this._sure = null;
+    this._client.take(this._name.value, Boolean(holder));
+  }
+
+  refresh() {
+    const client = this._client;
+    const { ended, station, state } = this._feed;
+    setText(this._holder, ended ? `${station} has ended.` : client.leased ? "You have the lease." : client.holder ? `${client.holder} has the lease.` : "Nobody has the lease.");
+    setText(this._take, !client.holder ? "Take the lease" : this._sure === client.holder ? `Yes, take it over from ${client.holder}` : "Take it over");
+    this._take.hidden = this._name.hidden = client.leased || !client.possible || ended;
+    this._give.hidden = !client.leased;
+    for (const button of this._mode) {
+      button.setAttribute("aria-pressed", String(button.dataset.mode === state?.mode));
+      button.disabled = !client.leased;
+    }
+    setText(this._why, ended ? "" : why(this._feed, client));
+  }
+}
+
+/** What keeps the controls from being used. @param {Feed} feed @param {Client} client */
+function why(feed, client) {
+  if (!feed.server?.operate) return "This page is read-only. `umo view --operate` lets it operate.";
+  if (!feed.state?.mode) return `${feed.station} takes no commands.`;
+  if (!client.leased) return "The controls need the lease.";
+  return client.manual ? "" : "Automatic mode: numbers can be tuned, and commands and actions given that are allowed beside the application.";
+}
