@@ -1,6 +1,6 @@
 /** What became of the last call of an action, whoever has called it; shown where it is called. */
 
-import { unquoted } from "./client.js";
+import { plain, unquoted } from "./client.js";
 import { el, setText } from "./dom.js";
 import { lasting } from "./presentation.js";
 
@@ -12,7 +12,6 @@ import { lasting } from "./presentation.js";
  */
 
 const SHOWN = 120;  // s for which the end of a call is shown
-const ERROR = /^[A-Z]\w+: /;  // the type of an error before its words
 
 /**
  * The last call of one of these actions: as the machine's events tell it, or, where it never came to the machine, as this page knows it.
@@ -42,8 +41,8 @@ export function callWords(call, now) {
   if (ended === null) return `${state === "sent" ? "sent" : `runs for ${lasting(Math.max(0, now - began))}`}${text ? `: ${text}` : ""}${by}`;
   if (now - ended > SHOWN) return "";
   const took = ended - began >= 1 ? ` after ${lasting(ended - began)}` : "";
-  const plain = state === "done" ? unquoted(text) : text.replace(ERROR, "");
-  return `${state}${took}${plain ? `: ${plain}` : ""}${by}`;
+  const said = state === "done" ? unquoted(text) : plain(text);
+  return `${state}${took}${said ? `: ${said}` : ""}${by}`;
 }
 
 /** The line of an action: what it does, and, for a while, what became of its last call. Its room stays the same. */

@@ -147,9 +147,12 @@ export class Client {
 
 /** An answer in words. @param {Pick<Asked, "what" | "state" | "text">} asked */
 export function words({ what, state, text }) {
-  const plain = state === "done" && text ? unquoted(text) : text.replace(/^[A-Z]\w+: /, "");
-  return [what, state === "sent" ? "…" : state, plain].filter(Boolean).join(": ");
+  const said = state === "done" && text ? unquoted(text) : plain(text);
+  return [what, state === "sent" ? "…" : state, said].filter(Boolean).join(": ");
 }
+
+/** An error without its type. @param {string} text */
+export const plain = (text) => text.replace(/^[A-Z]\w+: /, "");
 
 /** A result, which comes as JSON. @param {string} text */
 export function unquoted(text) {

@@ -2,7 +2,7 @@
 
 import { breakable, el, setText } from "./dom.js";
 import { CallLine } from "./calls.js";
-import { unquoted } from "./client.js";
+import { plain, unquoted } from "./client.js";
 import { NumberInput } from "./number.js";
 import { isBinary, numberText, shownQuality, unitOf, valueText } from "./presentation.js";
 
@@ -22,8 +22,8 @@ const sentence = (text) => text.split(/(?<=\.) /)[0].replaceAll("`", "");
 
 /** One actuator: named states, or a number; held until it is released. */
 export class ActuatorControl {
-  /** @param {Client} client @param {Page.Entry} entry */
-  constructor(client, entry) {
+  /** @param {Client} client @param {Page.Entry} entry @param {{inRow?: boolean}} how  `inRow`: beside the value and the name, on one line. */
+  constructor(client, entry, { inRow = false } = {}) {
     this._client = client;
     this._entry = entry;
     this.path = entry.path;
@@ -31,12 +31,18 @@ export class ActuatorControl {
     this._timer = null;
     this._newest = 0;
     this._release = el("button", { textContent: "Release", type: "button", title: "Send the default; the program may write it again", onclick: () => this._letGo() });
-    this._number = isBinary(entry) ? null : new NumberInput(entry, entry.path, { slide: (value) => this._slid(value), unit: false });
+    this._number = isBinary(entry) ? null : new NumberInput(entry, entry.path, { slide: inRow ? null : (value) => this._slid(value), unit: false });
     this._buttons = this._number ? [setButton()] : this._states();
     this._reason = el("small", { className: "reason" });
     this._word = el("small", { className: "word" });
     this.element = el("form", { className: "control actuator", "data-control": entry.path, noValidate: true, onsubmit: (/** @type {Event} */ event) => this._submitted(event) },
-      labelOf(name(entry.path), entry, this._reason, this._word), this._number?.element, el("span", { className: "buttons" }, ...this._buttons, this._release));
+      inRow ? null : labelOf(name(entry.path), entry, this._reason, this._word), this._number?.element, el("span", { className: "buttons" }, ...this._buttons, this._release));
+  }
+
+  /** Why the last value that this page gave was not taken; "": it was. */
+  get refusal() {
+    const last = this._client.asked.find(({ path }) => path === this.path);
+    return last && ["refused", "failed"].includes(last.state) ? `${last.what}: ${plain(last.text)}` : "";
   }
 
   _states() {

@@ -8,10 +8,12 @@ import { el, setText, store } from "./dom.js";
  */
 
 const MODES = ["automatic", "manual"];
+const AUTOMATIC = "Automatic mode: numbers can be tuned, and commands and actions given that are allowed beside the application.";
 
 export class LeaseBar {
-  /** @param {Feed} feed @param {Client} client */
-  constructor(feed, client) {
+  /** @param {Feed} feed @param {Client} client @param {string} [automatic]  What is said in automatic mode. */
+  constructor(feed, client, automatic = AUTOMATIC) {
+    this._automatic = automatic;
     this._feed = feed;
     this._client = client;
     /** @type {string | null} */
@@ -49,7 +51,7 @@ export class LeaseBar {
       button.setAttribute("aria-pressed", String(button.dataset.mode === state?.mode));
       button.disabled = !client.leased;
     }
-    setText(this._why, ended ? "" : why(this._feed, client));
+    setText(this._why, ended ? "" : why(this._feed, client) || (client.manual ? "" : this._automatic));
   }
 }
 
@@ -57,6 +59,5 @@ export class LeaseBar {
 function why(feed, client) {
   if (!feed.server?.operate) return "This page is read-only. `umo view --operate` lets it operate.";
   if (!feed.state?.mode) return `${feed.station} takes no commands.`;
-  if (!client.leased) return "The controls need the lease.";
-  return client.manual ? "" : "Automatic mode: numbers can be tuned, and commands and actions given that are allowed beside the application.";
+  return client.leased ? "" : "The controls need the lease.";
 }

@@ -151,6 +151,9 @@ declare namespace Page {
     start?: number;
   }
 
+  /** The least and the greatest values, by place in the entries. `full`: all that there are; `since`: s on the station's clock. */
+  interface Extremes { id: number; full: boolean; since: number | null; values: Record<number, [number, number]> }
+
   /** `command`: its number, which its events have too. */
   interface Answer { state: string; text: string; command?: number; lease?: number }
 
