@@ -125,12 +125,12 @@ class UnitStates:
             return f"{name} is not possible in manual mode: the application waits (`umo mode` changes it)"
         return self.refusal(name)
 
-    @action(harmless=True)
+    @action(harmless=True, apart=True)
     def stop(self) -> str:
         """To Stopped: an orderly end."""
         return self.command(STOP)
 
-    @action(harmless=True)
+    @action(harmless=True, apart=True)
     def abort(self) -> str:
         """To Aborted: outputs go to their defaults, the part is in fault until it is cleared."""
         return self.command(ABORT)

@@ -34,31 +34,33 @@ function fromEvents(told) {
   return { path: last.path, state: last.state, text: last.text, who: last.who, began: first.time, ended: last.state === "begun" ? null : last.time };
 }
 
-/** A call in words; "": it has ended long ago. @param {Call} call @param {number} now  s on the cycle's clock. */
-export function callWords(call, now) {
-  const { state, text, began, ended, who } = call;
-  const by = who ? ` (${who})` : "";
+/** A call in words; "": it has ended long ago. @param {Call} call @param {number} now  s on the cycle's clock. @param {string} own  The name of this page's client. */
+export function callWords(call, now, own = "") {
+  const { path, state, text, began, ended, who } = call;
+  const by = who && who !== own ? ` (${who})` : "";
   if (ended === null) return `${state === "sent" ? "sent" : `runs for ${lasting(Math.max(0, now - began))}`}${text ? `: ${text}` : ""}${by}`;
   if (now - ended > SHOWN) return "";
   const took = ended - began >= 1 ? ` after ${lasting(ended - began)}` : "";
-  const said = state === "done" ? unquoted(text) : plain(text);
+  const said = state === "done" ? unquoted(text) : plain(text).replace(`${path}: `, "");
   return `${state}${took}${said ? `: ${said}` : ""}${by}`;
 }
 
 /** The line of an action: what it does, and, for a while, what became of its last call. Its room stays the same. */
 export class CallLine {
-  /** @param {string} help @param {string[]} paths */
-  constructor(help, paths, named = false) {
+  /** @param {string} help @param {string[]} paths @param {{named?: boolean, quiet?: boolean}} how  `named`: the action is named; `quiet`: that it is done is not told. */
+  constructor(help, paths, { named = false, quiet = false } = {}) {
     this._help = help;
     this._paths = paths;
     this._named = named;
+    this._quiet = quiet;
     this.element = el("small", { className: "call", textContent: help, title: help });
   }
 
   /** Whether it runs. @param {Feed} feed @param {Client} client */
   refresh({ events, state, ended }, client) {
     const call = lastCall(this._paths, events, client.asked);
-    const text = call && !ended ? callWords(call, state?.time ?? 0) : "";
+    const told = call && !ended && !(this._quiet && call.state === "done");
+    const text = told ? callWords(call, state?.time ?? 0, client.leased ? client.holder : "") : "";
     const name = call && this._named ? `${call.path.slice(call.path.lastIndexOf(".") + 1)}: ` : "";
     setText(this.element, text ? name + text : this._help);
     this.element.title = text ? `${name}${text}\n${this._help}`.trim() : this._help;

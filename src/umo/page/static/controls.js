@@ -164,7 +164,7 @@ export class ActionControl {
     this._call = el("button", { textContent: name(action.path), title: action.help, type: "submit" });
     this._cancel = el("button", { textContent: "Cancel", type: "button", className: "cancel", onclick: () => client.ask({ do: "cancel", path: action.path }) });
     this._line = new CallLine(sentence(action.help), [action.path]);
-    this.element = el("form", { className: "control action", "data-control": action.path, noValidate: true, onsubmit: (/** @type {Event} */ event) => this._submitted(event) },
+    this.element = el("form", { className: `control action${action.apart ? " apart" : ""}`, "data-control": action.path, noValidate: true, onsubmit: (/** @type {Event} */ event) => this._submitted(event) },
       this._call, ...this._arguments.elements, this._cancel, this._line.element);
   }
 
@@ -199,7 +199,7 @@ export class JogControl {
     this._presses = 0;
     this._buttons = this._about && (this._about.minimum ?? -Infinity) < 0 ? [this._button("−", -1), this._button("+", 1)] : [this._button("Hold", 1)];
     this._speed = this._about && new NumberInput(this._about, `${action.path} ${this._about.name}`, { value: first(this._about) });
-    this._line = new CallLine("Hold the button.", [action.path]);
+    this._line = new CallLine("Hold the button.", [action.path], { quiet: true });
     this.element = el("div", { className: "control jog", "data-control": action.path },
       el("span", { className: "label" }, ...breakable(name(action.path))), el("span", { className: "buttons" }, ...this._buttons),
       this._about && this._speed && labelled(this._about, this._speed.element),

@@ -123,11 +123,13 @@ class Part {
   _fill() {
     const { objects, actions, tunables } = this._part;
     const hold = actions.filter((action) => action.dead_man);
-    const plain = actions.filter((action) => !action.dead_man);
+    const plain = actions.filter((action) => !action.dead_man && !action.apart);
+    const apart = actions.filter((action) => !action.dead_man && action.apart);
     /** @type {Record<string, Control[]>} */
     const sections = {
       "": objects.filter((entry) => !isActuator(entry) && entry.unit !== "sampling_period").map((entry) => new SensorControl(entry)),
       Actions: [...hold.map((action) => new JogControl(this._client, action)), ...plain.map((action) => new ActionControl(this._client, action))],
+      "Set apart": apart.map((action) => new ActionControl(this._client, action)),
       Actuators: objects.filter(isActuator).map((entry) => new ActuatorControl(this._client, entry)),
       "Tunable numbers": tunables.map((entry) => new TunableControl(this._client, entry)),
     };

@@ -16,7 +16,7 @@ const ROW = 58;
 const WIDTH = 96;
 const HEIGHT = 34;
 const IN_MANUAL = ["stop", "abort", "clear"];  // possible in manual mode too
-const APART = ["stop", "abort"];  // set apart from the others
+const WAYS_LEFT_OUT = ["stop", "abort"];  // they lead away from nearly every state
 const COUNTERS = ["produced", "rejected"];
 const OWN = ["state", "mode"];  // named values that have a place of their own
 
@@ -40,7 +40,7 @@ class Diagram {
     const places = Object.values(unit.places);
     const [columns, rows] = [0, 1].map((axis) => Math.max(...places.map((place) => place[axis])) + 1);
     const [width, height] = [columns * COLUMN - COLUMN + WIDTH + 8, rows * ROW - ROW + HEIGHT + 8];
-    const named = Object.entries(unit.commands).filter(([name]) => !APART.includes(name)).flatMap(([, targets]) => Object.entries(targets));
+    const named = Object.entries(unit.commands).filter(([name]) => !WAYS_LEFT_OUT.includes(name)).flatMap(([, targets]) => Object.entries(targets));
     const ways = [...Object.entries(unit.acting), ...named].map(([from, to]) => this._way(unit.places[from], unit.places[String(to)]));
     const boxes = Object.entries(unit.places).map(([number, place]) => this._box(unit, number, place));
     this.element = svg("svg", { class: "diagram", viewBox: `0 0 ${width} ${height}`, role: "img" }, ...ways, ...boxes);
@@ -83,10 +83,10 @@ export class StatesPanel {
     this._state = el("output", { className: "state-name" });
     this._counts = el("span", { className: "counts" });
     this._reason = el("p", { className: "reasons" });
-    this._line = new CallLine("", Object.keys(unit.commands).map((each) => `${unit.path}.${each}`), true);
+    this._line = new CallLine("", Object.keys(unit.commands).map((each) => `${unit.path}.${each}`), { named: true });
     this._named = (feed.description?.signals ?? []).filter(({ path, states }) => states && path.startsWith(`${unit.path}.`) && !OWN.includes(path.slice(unit.path.length + 1)));
     this._diagram = new Diagram(unit);
-    const apart = this._buttons.filter(({ dataset }) => APART.includes(dataset.command ?? ""));
+    const apart = this._buttons.filter(({ dataset }) => named.get(dataset.command ?? "")?.apart);
     const usual = this._buttons.filter((button) => !apart.includes(button));
     this.element = el("section", { className: "part states", "data-states": unit.path, "aria-label": unit.path },
       el("h3", { textContent: unit.part || unit.path }),

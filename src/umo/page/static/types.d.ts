@@ -40,7 +40,7 @@ declare namespace Page {
     required?: boolean;
   }
 
-  interface Action { path: string; help: string; arguments: Argument[]; harmless: boolean; dead_man: boolean }
+  interface Action { path: string; help: string; arguments: Argument[]; harmless: boolean; apart: boolean; dead_man: boolean }
 
   /** A state machine (umo/operation): states, and where commands lead, by the numbers of states. */
   interface Unit {
