@@ -81,8 +81,8 @@ def test_what_a_page_has_begun_ends_with_it(monkeypatch: pytest.MonkeyPatch) -> 
     from umo.page.watched_run import Watched
 
     alive: list[Extremes] = []
-    begin, end = Watched.begin_extremes, Watched.end_extremes
-    monkeypatch.setattr(Watched, "begin_extremes", lambda self: alive.append(found := begin(self)) or found)
+    begin, end = Watched.extremes_for, Watched.end_extremes
+    monkeypatch.setattr(Watched, "extremes_for", lambda self, anew: alive.append(found := begin(self, anew)) or found)
     monkeypatch.setattr(Watched, "end_extremes", lambda self, found: (end(self, found), alive.remove(found)))
     with running(), serving() as served:
         with opened(served.socket) as client:

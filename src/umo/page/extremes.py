@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from umo.frames.reader import Frames
 from umo.objects import Quality
-
-if TYPE_CHECKING:
-    from umo.page.watched_run import Watched
 
 MEASURED = (Quality.GOOD, Quality.OUT_OF_RANGE)
 """Qualities of values that count: what was held, never referenced or never read is no measurement."""
@@ -37,13 +34,11 @@ class Extremes:
 
 
 class ExtremesNews:
-    """What one page has not been told yet of a run. `id`: the page's number for it. `anew`: from now on, until `close`;
-    else since the server follows the run."""
+    """What one page has not been told yet of these extremes. `id`: the page's number for it."""
 
-    def __init__(self, id: int, watched: Watched, anew: bool) -> None:
+    def __init__(self, id: int, extremes: Extremes) -> None:
         self.id = id
-        self.extremes = extremes = watched.begin_extremes() if anew else watched.extremes
-        self._watched = watched
+        self.extremes = extremes
         self._least = self._greatest = np.full(len(extremes.least), np.nan)
         self._full = True
 
@@ -57,6 +52,3 @@ class ExtremesNews:
         told = {"type": "extremes", "id": self.id, "full": self._full, "since": self.extremes.since}
         self._least, self._greatest, self._full = least, greatest, False
         return told | {"values": {place: [least[place], greatest[place]] for place in places}}
-
-    def close(self) -> None:
-        self._watched.end_extremes(self.extremes)

@@ -199,7 +199,7 @@ class Session:
             self._subscribe(Subscription(watched, message), _key(message))
         elif kind == "extremes":
             self._end_extremes()
-            self._extremes = ExtremesNews(_key(message), watched, message.get("anew") is True)
+            self._extremes = ExtremesNews(_key(message), watched.extremes_for(message.get("anew") is True))
         elif kind == "window":
             head = {"id": message.get("id"), "window": True}
             self._ask(partial(HistoryPart.of(watched, message).window, head, pixels(message)))
@@ -249,8 +249,8 @@ class Session:
         self._live.clear()
 
     def _end_extremes(self) -> None:
-        if self._extremes is not None:
-            self._extremes.close()
+        if self._extremes is not None and self._watched is not None:
+            self._watched.end_extremes(self._extremes.extremes)
         self._extremes = None
 
     def _stop(self, key: int) -> None:

@@ -104,8 +104,10 @@ class Watched:
     def _new_extremes(self) -> Extremes:
         return Extremes(len(self.reader.layout.objects), len(self.reader.layout.signals))
 
-    def begin_extremes(self) -> Extremes:
-        """Extremes from now on, until `end_extremes`."""
+    def extremes_for(self, anew: bool) -> Extremes:
+        """Since this server follows the run; `anew`: from now on, until `end_extremes`."""
+        if not anew:
+            return self.extremes
         self._more_extremes.append(self._new_extremes())
         return self._more_extremes[-1]
 
