@@ -469,6 +469,7 @@ def test_a_latched_interlock_is_acknowledged_under_the_lease_when_its_cause_is_g
         page.goto(served.url + "#view=operate")
         page.get_by_text("⊘ the emergency stop was pressed").first.wait_for()
         button = page.get_by_role("button", name="Acknowledge")
+        button.wait_for()  # when its cause is gone
         assert button.is_disabled()
         take_lease(page, served.url)
         eventually(lambda: station.frames(0.01)["time"][-1] > 1.1)

@@ -8,7 +8,7 @@ import { el, setText, store } from "./dom.js";
  */
 
 const MODES = ["automatic", "manual"];
-const AUTOMATIC = "Automatic mode: numbers can be tuned, and commands and actions given that are allowed beside the application.";
+const AUTOMATIC = "Automatic mode: the program has the actuators; the commands of the parts, recipes, numbers and some actions can be used. Manual mode has all.";
 
 export class LeaseBar {
   /** @param {Feed} feed @param {Client} client @param {string} [automatic]  What is said in automatic mode. */
@@ -59,5 +59,5 @@ export class LeaseBar {
 function why(feed, client) {
   if (!feed.server?.operate) return "This page is read-only. `umo view --operate` lets it operate.";
   if (!feed.state?.mode) return `${feed.station} takes no commands.`;
-  return client.leased ? "" : "The controls need the lease.";
+  return client.leased ? "" : "The controls need the lease: give your name and take it. One commands at a time, and everybody sees who.";
 }

@@ -110,13 +110,13 @@ export class StatesPanel {
     const value = feed.latest(`${path}.state`)?.value ?? null;
     const number = value === null ? "" : String(value);
     const name = states[number] ?? "unknown";
-    setText(this._state, feed.ended ? `${name} (last value)` : name);
+    setText(this._state, name);
     this._state.dataset.state = name;
     const fault = feed.state?.faults?.[part] ?? "";
     setText(this._reason, fault && `✖ in fault: ${fault}`);
     this._reason.title = fault;
     const counts = COUNTERS.map((each) => `${numberText(feed.latest(`${path}.${each}`)?.value)} ${each}`);
-    setText(this._counts, [...this._named.map((entry) => `${entry.path.slice(path.length + 1)} ${valueText(entry, feed.latest(entry.path)?.value)}`), ...counts].join(", "));
+    setText(this._counts, [...(feed.ended ? ["last values"] : []), ...this._named.map((entry) => `${entry.path.slice(path.length + 1)} ${valueText(entry, feed.latest(entry.path)?.value)}`), ...counts].join(", "));
     this._line.refresh(feed, this._client);
     this._diagram.show(number, name);
     for (const button of this._buttons) {
