@@ -46,7 +46,8 @@ def test_an_actuator_is_written_from_its_row_under_the_lease(page: Any, tmp_path
         before = written.bounding_box()
         written.locator('input[type="number"]').fill("99")
         written.locator('input[type="number"]').press("Enter")
-        written.get_by_text("99 m/s is outside").wait_for()
+        page.locator(".lease").get_by_text("99 m/s is outside").wait_for()
+        assert "99 m/s is outside" in written.inner_text()
         assert written.bounding_box() == before  # nothing moves
         written.get_by_role("button", name="Release").click()
         eventually(lambda: station.belt.setpoint.read() == 0.0)

@@ -42,7 +42,7 @@ export class ActuatorControl {
   /** Why the last value that this page gave was not taken; "": it was. */
   get refusal() {
     const last = this._client.asked.find(({ path }) => path === this.path);
-    return last && ["refused", "failed"].includes(last.state) ? `${last.what}: ${plain(last.text)}` : "";
+    return last && ["refused", "failed"].includes(last.state) ? plain(last.text).replace(`${this.path}: `, "") : "";
   }
 
   _states() {

@@ -1,5 +1,6 @@
 /** The lease and the mode: who may command, and how this page comes to it. */
 
+import { words } from "./client.js";
 import { el, setText, store } from "./dom.js";
 
 /**
@@ -11,9 +12,10 @@ const MODES = ["automatic", "manual"];
 const AUTOMATIC = "Automatic mode: the program has the actuators; the commands of the parts, recipes, numbers and some actions can be used. Manual mode has all.";
 
 export class LeaseBar {
-  /** @param {Feed} feed @param {Client} client @param {string} [automatic]  What is said in automatic mode. */
-  constructor(feed, client, automatic = AUTOMATIC) {
+  /** @param {Feed} feed @param {Client} client @param {{automatic?: string, answers?: boolean}} [how]  `automatic`: what is said in automatic mode; `answers`: whether a refusal is told here. */
+  constructor(feed, client, { automatic = AUTOMATIC, answers = false } = {}) {
     this._automatic = automatic;
+    this._answers = answers;
     this._feed = feed;
     this._client = client;
     /** @type {string | null} */
@@ -51,7 +53,10 @@ export class LeaseBar {
       button.setAttribute("aria-pressed", String(button.dataset.mode === state?.mode));
       button.disabled = !client.leased;
     }
-    setText(this._why, ended ? "" : why(this._feed, client) || (client.manual ? "" : this._automatic));
+    const [last] = client.asked;
+    const refused = this._answers && last && ["refused", "failed"].includes(last.state);
+    setText(this._why, refused ? `✕ ${words(last)}` : ended ? "" : why(this._feed, client) || (client.manual ? "" : this._automatic));
+    this._why.classList.toggle("failed", Boolean(refused));
   }
 }
 

@@ -46,7 +46,7 @@ export class View {
     this._filter = el("input", { type: "search", placeholder: "Filter", "aria-label": "Filter", value: address.get("filter") ?? "", oninput: () => this._filtered() });
     this._body = el("tbody");
     this._table = el("table", { className: "objects" }, this._head(), this._body);
-    this._lease = new LeaseBar(feed, client, "Automatic mode: the actuators belong to the program.");
+    this._lease = new LeaseBar(feed, client, { automatic: "Automatic mode: the actuators belong to the program.", answers: true });
     const options = Object.entries(COLUMNS).map(([name, title]) => this._option(name, title));
     this._anew = el("button", { textContent: "Anew", title: "Least and greatest values from now on, on this page", onclick: () => this._follow(true) });
     this._since = el("span", { className: "hint" });
