@@ -194,7 +194,7 @@ class ClientActions:
         """The action that is being carried out says this of its progress. It is told now and then."""
         for each in self._running:
             if each.started is self.at_work:
-                each.progress = text
+                each.progress = text[:EVENT_TEXT_BYTES]
 
     def _tell_progress(self, each: _Action) -> None:
         """As another event that it has begun: its end is still to come."""

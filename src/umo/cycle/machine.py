@@ -384,7 +384,7 @@ class ConnectedMachine:
     def progress(self, text: str, done: int | None, total: int | None) -> None:
         self.frame.progress = self.frame.progress.then(text, done, total)
         if self.clients is not None and self.clients.at_work is not None:
-            self.clients.progress(text)
+            self.clients.progress(self.frame.progress.text)
 
     def tell(self, path: str, text: str) -> None:
         self.events.add(Event(self.clock.now, path, text))
