@@ -138,3 +138,34 @@ def test_an_action_tells_its_progress_and_its_end_where_it_was_started(page: Any
         soak.get_by_text("refused: duration: -1 s is outside 0 to 36000").wait_for()
         assert control(page, "switch_off").bounding_box() == before
         assert station.running
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_nothing_moves_when_the_lease_is_taken_an_alarm_comes_and_a_command_is_answered(
+    page: Any, tmp_path: Path, width: int
+) -> None:
+    boxes = """[...document.querySelectorAll(".commands button, .choose button, .control button")].map((each) => {
+        const box = each.getBoundingClientRect();
+        return [each.textContent, box.x, box.y + document.querySelector("section.operate").scrollTop, box.width];
+    })"""
+    page.set_viewport_size({"width": width, "height": 900})
+    fault = "reactors.1.level disconnect at 8 s"
+    with started(tmp_path, "batch", fault=fault) as station, serving() as served:
+        page.goto(served.url + "#view=operate")
+        page.locator("[data-states='reactors.1.unit'] .state-name[data-state='idle']").wait_for()
+        page.locator("[data-control='reactors.0.heater']").wait_for()
+        page.wait_for_timeout(300)
+        before = page.evaluate(boxes)
+        assert not station.faults
+        page.locator("[data-states='reactors.1.unit'] .state-name[data-state='aborted']").wait_for()
+        page.get_by_text("Alarms: 1 standing").wait_for()
+        assert page.evaluate(boxes) == before
+        page.get_by_label("Your name").fill("Ann")
+        page.get_by_role("button", name="Take the lease").click()
+        page.get_by_text("You have the lease.").wait_for()
+        leased = page.evaluate(boxes)
+        page.locator("[data-states='reactors.1.unit']").get_by_role("button", name="clear").click()
+        page.get_by_text("it cannot be cleared").first.wait_for()
+        assert page.evaluate(boxes) == leased
+        if width > 1000:
+            assert leased == before
