@@ -82,7 +82,7 @@ def test_what_is_not_good_stands_first_and_no_row_moves_under_the_pointer(page: 
         page.locator('tr[data-path="reactors.1.level"]:is([data-quality="stale"], [data-quality="bad"])').wait_for()
         assert page.evaluate(paths) == before
         page.mouse.move(5, 5)
-        eventually(lambda: page.evaluate(paths)[:2] == ["Not good", "reactors.1.level"])
+        eventually(lambda: page.evaluate(paths)[:2] == ["Not good now, or shortly before", "reactors.1.level"])
         eventually(lambda: station.frames(0.01)["time"][-1] > 5.5)
         station.lease("a test").__enter__()
         station.clear("reactors.1")

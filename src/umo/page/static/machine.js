@@ -50,7 +50,7 @@ export class View {
     const options = Object.entries(COLUMNS).map(([name, title]) => this._option(name, title));
     this._anew = el("button", { textContent: "Anew", title: "Least and greatest values from now on, on this page", onclick: () => this._follow(true) });
     this._since = el("span", { className: "hint" });
-    this._hint = el("span", { className: "hint" });
+    this._hint = el("span", { className: "hint told" });
     this._panel = new Panel(feed);
     const scroll = el("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": "Objects and signals" }, this._table);
     for (const event of ["pointermove", "pointerdown", "pointerleave", "keydown"]) this._table.addEventListener(event, ({ type }) => { this._touched = type === "pointerleave" ? 0 : now(); });
@@ -97,7 +97,7 @@ export class View {
     this._rows = [];
     this._byPlace = new Map();
     this._body.replaceChildren();
-    this._section(places.filter((place) => first.has(place)), "Not good");
+    this._section(places.filter((place) => first.has(place)), "Not good now, or shortly before");
     this._section(places.filter((place) => !first.has(place)), "");
     setText(this._hint, wanted ? `${places.length} of ${this.paths.length}` : "");
   }
