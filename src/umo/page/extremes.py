@@ -9,8 +9,8 @@ import numpy as np
 from umo.frames.reader import Frames
 from umo.objects import Quality
 
-MEASURED = (Quality.GOOD, Quality.OUT_OF_RANGE)
-"""Qualities of values that count: what was held, never referenced or never read is no measurement."""
+MEASURED = Quality.OUT_OF_RANGE
+"""The worst quality of values that count: what was held, never referenced or never read is no measurement."""
 
 
 class Extremes:
@@ -26,9 +26,9 @@ class Extremes:
         """Frames with at least one in them."""
         if self.since is None:
             self.since = float(frames["time"][0])
-        objects = np.where(np.isin(frames["quality"], MEASURED), frames["values"], np.nan)
-        values = np.concatenate([objects, frames["signals"]], axis=1)
-        values[~np.isfinite(values)] = np.nan
+        values = np.concatenate([frames["values"], frames["signals"]], axis=1)
+        values[:, : frames["quality"].shape[1]][frames["quality"] > MEASURED] = np.nan
+        values[np.isinf(values)] = np.nan
         self.least = np.fmin(self.least, np.fmin.reduce(values, axis=0))
         self.greatest = np.fmax(self.greatest, np.fmax.reduce(values, axis=0))
 
