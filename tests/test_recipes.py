@@ -205,6 +205,41 @@ def test_a_refused_choice_leaves_the_earlier_one(book: RecipeBook[Batch], conten
     assert book.chosen is before
 
 
+def test_the_plan_is_followed_again_when_the_choice_is_forgotten(book: RecipeBook[Batch]) -> None:
+    book.choose("b")
+    assert book.next("a").name == "b"
+    book.follow_plan()
+    assert (book.chosen, book.next("a").name) == (None, "a")
+
+
+def test_the_numbers_of_recipes_have_the_names_of_what_they_stand_for(book: RecipeBook[Batch]) -> None:
+    names = book.numbers["choice"].names
+    assert names[book.choice] == "the program's own"
+    for choice, expected in (
+        (("b",), "b"),
+        (("b", '{"temperature": 41}'), "b, other values"),
+        (("b", '{"temperature": 40}'), "b"),
+        (("trial", '{"temperature": 41}'), "another one"),
+    ):
+        book.choose(*choice)
+        assert names[book.choice] == expected
+        assert book.begun == 0
+    book.next()
+    assert book.numbers["begun"].names[book.begun] == "another one"
+    book.begin()
+    assert book.numbers["begun"].names[book.begun] == "none"
+
+
+def test_a_book_describes_its_recipes_with_units_and_bounds(book: RecipeBook[Batch]) -> None:
+    about = book.describe()
+    assert json.loads(json.dumps(about)) == about
+    fields = {each["name"]: each for each in about["fields"]}
+    assert fields["amounts"] == {"name": "amounts", "unit": "kg", "minimum": 0.0, "maximum": 50.0}
+    assert fields["note"] == {"name": "note"}
+    assert [each["name"] for each in about["recipes"]] == ["a", "b"]
+    assert about["recipes"][1]["values"]["temperature"] == 40.0
+
+
 def test_what_was_used_is_recorded_and_bounded(book: RecipeBook[Batch]) -> None:
     for number in range(MAX_RECORDED + 5):
         book.choose("b", json.dumps({"temperature": 30.0 + number / 10}))
@@ -223,8 +258,11 @@ def test_a_client_changes_the_recipe_of_a_running_station_between_batches(monkey
     with umo.start(brewing.machine, brewing.WIRING, brewing.main) as started:
         until(lambda: started.poll() or started.values.get("heater") == 20.0)
         with umo.attach(started.pid) as station, station.lease("a test"):
+            assert [each["path"] for each in station.reader.layout.books] == ["book"]
+            assert station.book.choice == "the program's own"
             answer = station.book.choose("strong")
             until(lambda: started.poll() or started.values["heater"] == 70.0)
+            assert (station.book.choice, station.book.begun) == ("strong", "strong")
             with pytest.raises(UmoError, match="heat: 101 % is outside 0 to 100"):
                 station.book.choose("hot", '{"heat": 101}')
             station.book.choose("edited", '{"heat": 55.5}')

@@ -3,29 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import umo
-from helpers.patient import patient
 from umo.process.start import LINUX
 
-from .conftest import PATIENCE, Client, Served, eventually, opened, running, serving, viewing
+from .conftest import (
+    PATIENCE,
+    Client,
+    Served,
+    control,
+    eventually,
+    opened,
+    running,
+    serving,
+    started,
+    take_lease,
+    viewing,
+)
 
 pytestmark = pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")
-
-
-@contextmanager
-def started(folder: Path, name: str = "conveyor", **options: Any) -> Iterator[umo.RemoteStation]:
-    """A station in manual mode, attached to."""
-    with umo.start(name, patient(name, folder), manual=True, realtime=True, **options) as process:
-        eventually(lambda: process.stage.name == "RUNNING")
-        with umo.attach(process.pid) as station:
-            eventually(lambda: station.reader.head > 5)
-            yield station
 
 
 @pytest.fixture(scope="module")
@@ -273,13 +273,6 @@ def page(page: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
     return page
 
 
-def take_lease(page: Any, url: str, name: str = "Ann") -> None:
-    page.goto(url + "#view=operate")
-    page.get_by_label("Your name").fill(name)
-    page.get_by_role("button", name="Take the lease").click()
-    page.get_by_text("You have the lease.").wait_for()
-
-
 def take_again(page: Any) -> None:
     """More than once where the page does not answer in time to keep the lease, as on a busy computer."""
     held, take = page.get_by_text("You have the lease."), page.get_by_role("button", name="Take the lease")
@@ -291,10 +284,6 @@ def take_again(page: Any) -> None:
         return bool(held.is_visible())
 
     eventually(taken)
-
-
-def control(page: Any, path: str) -> Any:
-    return page.locator(f'[data-control="{path}"]')
 
 
 def jog(page: Any, station: umo.RemoteStation) -> None:
@@ -483,6 +472,7 @@ def test_a_latched_interlock_is_acknowledged_under_the_lease_when_its_cause_is_g
         page.goto(served.url + "#view=operate")
         page.get_by_text("⊘ the emergency stop was pressed").first.wait_for()
         button = page.get_by_role("button", name="Acknowledge", exact=True)
+        button.wait_for()  # when its cause is gone
         assert button.is_disabled()
         take_lease(page, served.url)
         eventually(lambda: station.frames(0.01)["time"][-1] > 1.1)

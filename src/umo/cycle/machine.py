@@ -44,6 +44,11 @@ def _idle(part: Node) -> None:
     """The law of equipment in fault."""
 
 
+def _has_all(law: object, *names: str) -> bool:
+    """Whether its class has all of these methods."""
+    return all(callable(getattr(law.__class__, name, None)) for name in names)
+
+
 class Commanding(Protocol):
     """The clients that command a machine (`umo.cycle.client_control`), as far as it needs them."""
 
@@ -54,6 +59,9 @@ class Commanding(Protocol):
     @property
     def at_work(self) -> Sequences | None:
         """The sequences of the action that is being carried out at this moment: what it starts belongs here."""
+
+    def progress(self, text: str) -> None:
+        """What is at work tells its progress."""
 
     def end_in(self, compound: Compound, fault: Callable[[], EquipmentFault]) -> list[BaseException]:
         """End the actions and sequences of one compound; the errors of their cleaning up."""
@@ -83,6 +91,16 @@ class Supervisor(Protocol):
 
     def describe(self) -> Mapping[str, Any]:
         """Its path, its states and its commands, as plain data."""
+
+
+class Book(Protocol):
+    """A law from which a client chooses what comes next, such as a book of recipes (`umo.operation.recipe_book`)."""
+
+    def choose(self, name: str, content: str = "") -> str:
+        """Choose one by its name."""
+
+    def describe(self) -> Mapping[str, Any]:
+        """What can be chosen, as plain data: `fields` (name, unit, bounds) and `recipes` (name, hash, values)."""
 
 
 class ConnectedMachine:
@@ -122,7 +140,7 @@ class ConnectedMachine:
         self.supervisors: list[Supervisor] = []
         """The laws that look after the sequences of their parts."""
         for _, path, law in laws_in(root):
-            if all(callable(getattr(law.__class__, name, None)) for name in SUPERVISES):
+            if _has_all(law, *SUPERVISES):
                 law.begin(path)
                 self.supervisors.append(law)
         self.events: Events = self.commands.events
@@ -189,6 +207,12 @@ class ConnectedMachine:
     def actions(self) -> dict[str, Action]:
         """The actions that may be called from outside, by path."""
         return actions_of(self.root)
+
+    @cached_property
+    def books(self) -> dict[str, Book]:
+        """The laws from which clients choose what comes next, by path."""
+        found = ((path, law) for _, path, law in laws_in(self.root))
+        return {path: law for path, law in found if _has_all(law, "choose", "next", "describe")}
 
     @property
     def running(self) -> bool:
@@ -385,6 +409,8 @@ class ConnectedMachine:
 
     def progress(self, text: str, done: int | None, total: int | None) -> None:
         self.frame.progress = self.frame.progress.then(text, done, total)
+        if self.clients is not None and self.clients.at_work is not None:
+            self.clients.progress(self.frame.progress.text)
 
     def tell(self, path: str, text: str) -> None:
         self.events.add(Event(self.clock.now, path, text))

@@ -74,6 +74,7 @@ def published(
             tuple(each.describe() for each in machine.equipment.all),
             alarms=() if machine.alarms is None else tuple(each.describe() for each in machine.alarms.declared),
             units=tuple(dict(each.describe()) for each in machine.supervisors),
+            books=tuple({"path": path, **each.describe()} for path, each in machine.books.items()),
         )
         ring = Ring(machine, phases, layout, ends, tunables=list(machine.tunables.values()))
         undo.callback(ring.close)

@@ -101,8 +101,8 @@ class MachineNumber(NamedTuple):
 
     @property
     def states(self) -> Mapping[int, str]:
-        """The names of the values of an Enum by their numbers; empty for any other number."""
-        return states_of(self.kind) if isinstance(self.kind, EnumMeta) else {}
+        """The names of the values of an Enum by their numbers, or those that are declared; empty for a plain number."""
+        return states_of(self.kind) if isinstance(self.kind, EnumMeta) else self.declared.names
 
     def describe(self) -> dict[str, Any]:
         """As plain data."""

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from typing_extensions import dataclass_transform
 
 from umo.errors import DeclarationError, Mistake, RecipeError, UmoError
-from umo.operation.recipe_values import plain, value_for
+from umo.operation.recipe_values import plain, range_of, value_for
 from umo.signature import hints_of
 from umo.text import did_you_mean
 
@@ -169,6 +169,13 @@ def _lines(text: str) -> dict[tuple[str, str], int]:
         elif match := _KEY.match(line):
             found.setdefault((table, next(filter(None, match.groups()), "")), number)
     return found
+
+
+def describe_fields(kind: type[Recipe]) -> list[dict[str, Any]]:
+    """Name, unit and bounds of each value, as plain data."""
+    hints = hints_of(kind)  # type: ignore[arg-type]
+    limits = ((each.name, range_of(hints[each.name])) for each in _fields(kind))
+    return [{"name": name, **({} if found is None else found.describe())} for name, found in limits]
 
 
 def _default(field: dataclasses.Field[Any]) -> Any:

@@ -136,12 +136,12 @@ class UnitStates:
         cause = error.text if error else f"`refusal` gives {briefly(why, MAX_RESULT_TEXT)}, which is not a text"
         return None if name in (STOP, ABORT) else f"whether {name} is possible cannot be told: {cause}"
 
-    @action(harmless=True)
+    @action(harmless=True, apart=True)
     def stop(self) -> str:
         """To Stopped: an orderly end."""
         return self.command(STOP)
 
-    @action(harmless=True)
+    @action(harmless=True, apart=True)
     def abort(self) -> str:
         """To Aborted: outputs go to their defaults, the part is in fault until it is cleared."""
         return self.command(ABORT)

@@ -70,7 +70,7 @@ export class Feed {
     this.misses = [];
     /** @type {Map<Kind, Set<() => void>>} */
     this._listeners = new Map();
-    /** @type {Map<number, {listener: (points: Page.Points) => void, begin: () => void}>} */
+    /** @type {Map<number, {listener: (news: any) => void, begin: () => void}>} */
     this._subscriptions = new Map();
     /** @type {Map<number, {resolve: (message: any) => void, reject: (error: Error) => void, onBegun: (message: any) => void}>} */
     this._waiting = new Map();
@@ -167,6 +167,9 @@ export class Feed {
     this._emit("state");
   }
 
+  /** @param {Page.Extremes} message */
+  _on_extremes(message) { this._subscriptions.get(message.id)?.listener(message); }
+
   /** @param {{id: number, text: string}} message */
   _on_error(message) {
     if (!this._answer(message, true)) console.warn(message.text);
@@ -231,11 +234,19 @@ export class Feed {
    * @param {(points: Page.Points) => void} listener
    */
   subscribe(request, listener) {
-    const id = ++this._id;
-    const begin = () => {
+    return this._follow(listener, (id) => {
       const known = request.paths.every((path) => this._index.has(path));
-      if (this.connected && this.description && known) this._send({ type: "live", id, ...request });
-    };
+      if (known) this._send({ type: "live", id, ...request });
+    });
+  }
+
+  /** The least and the greatest values of the run, when they change, until `close`. `anew`: from now on. @param {boolean} anew @param {(extremes: Page.Extremes) => void} listener */
+  followExtremes(anew, listener) { return this._follow(listener, (id) => this._send({ type: "extremes", id, anew })); }
+
+  /** @param {(news: any) => void} listener @param {(id: number) => void} ask  Whenever there is a run. */
+  _follow(listener, ask) {
+    const id = ++this._id;
+    const begin = () => { if (this.connected && this.description) ask(id); };
     this._subscriptions.set(id, { listener, begin });
     begin();
     return {
