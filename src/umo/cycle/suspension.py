@@ -160,20 +160,13 @@ class Suspension:
                 what = "held"
             else:
                 what = STOPPED
-                self._to_default(slot, item)
+                image.bring_to_rest(slot)
             found[what].append(item.path)
         self._tell_what_drives(found)
 
     def _stop_noting(self) -> None:
         self._machine.commands.note_writes(False)
         self._by_others, self._failed = set(), set()
-
-    def _to_default(self, slot: int, item: Actuator) -> None:
-        image = self._machine.image
-        self._machine.commands.rest(slot)
-        image.set_default(slot)
-        if not item.synchronous:
-            image.try_send(slot)  # a default that the device does not accept is sent again
 
     def _tell_what_drives(self, found: dict[str, list[str]]) -> None:
         said = [*self._said, *(f"{what}: {some(paths)}" for what, paths in found.items() if paths)]

@@ -9,8 +9,10 @@ from typing import Any, ClassVar
 from umo.control import next_period
 from umo.errors import CommandRefused, DeclarationError, TaskFailed
 from umo.objects import Compound, Number, action
+from umo.objects.laws import laws_in
 from umo.objects.link import Task
 from umo.operation.model import ABORT, CLEAR, STOP, StateModel, UnitMode, sequence_name, title
+from umo.operation.resting import Resting
 from umo.operation.unit_checks import check_excluded, check_sequences
 from umo.user_code import attempt, briefly
 
@@ -64,6 +66,7 @@ class UnitStates:
         """The sequence of an acting state."""
         self._work: Task | None = None
         """The sequence of `execute`; it waits in the states in `model.waiting`."""
+        self._resting = Resting(part, [])
 
     # States --------------------------------------------------------------------------------------------
 
@@ -174,6 +177,8 @@ class UnitStates:
             what = "is the machine itself" if part._parent is None else "is not declared so"
             raise DeclarationError(f"{path}: states belong to a part that is equipment ({need}); {part!r} {what}")
         self.path, self._state, self._task, self._work = path, self.model.first, None, None
+        others = [owner for owner, _, law in laws_in(part) if isinstance(law, UnitStates) and owner is not part]
+        self._resting = Resting(part, others)
 
     def supervise(self) -> None:
         """Follow what has happened: the end of a fault, the end of a sequence."""
@@ -218,12 +223,24 @@ class UnitStates:
         task, self._task = self._task, None
         if task is not None:
             task.cancel()
+        self._rest_or_go_on(state)
         if self._work is None:
             return
         self._work.paused = state in self.model.waiting
         if state is not self.model.execute and not self._work.paused:
             work, self._work = self._work, None
             work.cancel()
+
+    def _rest_or_go_on(self, state: IntEnum) -> None:
+        """What is driven goes to its default on the way to a state of waiting, unless a sequence of the part says what
+        becomes of it; it is restored when the work goes on."""
+        model = self.model
+        if state is model.execute:
+            self._resting.end()
+        elif state not in model.waiting:
+            self._resting.forget()
+        elif model.acting.get(state) in model.waiting and not self._is_overridden(state):
+            self._resting.begin()
 
     def _fail(self) -> None:
         """Abort: the part is in fault, its outputs are at their defaults."""
