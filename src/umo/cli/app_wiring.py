@@ -62,7 +62,7 @@ def recipes(
     from .recipe_list import choose_recipe, show_recipes
 
     found = find(station)
-    return show_recipes(found) if name is None else choose_recipe(found, str(station), name, take)
+    return show_recipes(found, str(station)) if name is None else choose_recipe(found, str(station), name, take)
 
 
 @command(

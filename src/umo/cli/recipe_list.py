@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
-from umo.errors import OptionError, RecipeError
+from umo.errors import OptionError, RecipeError, UmoError
 from umo.objects import actions_of
 from umo.operation.recipe_book import RecipeBook, books_of
 from umo.operation.recipe_values import unit_of
 from umo.operation.recipes import Recipe
+from umo.presentation.value_text import value_text
 from umo.process.station import Station
 from umo.remote.remote_objects import call_action
+from umo.remote.search import find_running
 from umo.signature import hints_of
 from umo.text import did_you_mean
 
@@ -19,17 +22,31 @@ from .commanding import leased, station_of
 from .console import out
 
 
-def show_recipes(station: Station) -> int:
-    """Print every recipe with its values and units."""
+def show_recipes(station: Station, running: str) -> int:
+    """Print every recipe with its values and units; of a station that runs, which was begun last and which is next."""
     found = books_of(station.machine())
     if not found:
         raise OptionError(f"{station.name} has no recipes")
-    for book in found.values():
+    for path, book in found.items():
+        if now := _now(running, path):
+            out.print(now, soft_wrap=True, markup=False)
         for recipe in book.recipes.values():
             out.print(f"{recipe.name}  {recipe.hash}", soft_wrap=True, markup=False)
             for key, value in recipe.values.items():
                 out.print(f"  {key} = {_text(recipe, key, value)}", soft_wrap=True, markup=False)
     return 0
+
+
+def _now(running: str, path: str) -> str:
+    """The recipes of a running station that were begun last and are chosen, in words; "": it does not run."""
+    with suppress(UmoError), find_running(running) as reader:
+        frame, places = reader.latest(), {each["path"]: place for place, each in enumerate(reader.layout.signals)}
+        if frame is None or f"{path}.choice" not in places:
+            return ""
+        found = (places[f"{path}.{name}"] for name in ("begun", "choice"))
+        begun, choice = (value_text(reader.layout.signals[each], float(frame["signals"][each])) for each in found)
+        return f"{reader.title}: begun last: {begun}; for the next batch: {choice}"
+    return ""
 
 
 def choose_recipe(station: Station, running: str, name: str, over: bool) -> int:
