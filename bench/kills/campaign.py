@@ -119,6 +119,7 @@ def _try(kind: Kind, number: int, seed: int, later: ThreadPoolExecutor) -> Futur
     for again in range(AGAIN):
         folder, box = _place()
         run = Run(how, box, folder, kind.setting)
+        run.moments = Random(f"{kind.name} {number} {seed} power")
         if kind.beforehand is not None:
             box.fault(*kind.beforehand)
         try:
@@ -166,6 +167,7 @@ def _look_again(found: Try, run: Run, left: int, moment: float) -> Try:
         came = _named(run.box.values) or "an output"
         found.unsafe = _join(found.unsafe, f"{came} left its default within {AFTERWARDS:g} s after the end")
         found.ms = None
+    found.wrong = _join(found.wrong, run.wrong_start())
     _clear(run)
     return found
 
