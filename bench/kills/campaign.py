@@ -40,6 +40,8 @@ class Try:
     wrong: str = ""
     """A status that is not right or that nothing was said of, or a good reading that the box never had."""
     said: str = ""
+    kept_age: float = 0.0
+    """s from the period of which values were kept to the last one."""
 
     def __str__(self) -> str:
         what = "; ".join(filter(None, (self.unsafe, self.wrong)))
@@ -155,6 +157,7 @@ def _judge(kind: Kind, found: Try, run: Run, moment: int) -> tuple[Try, Run, int
     if run.status in (1, 2, 3) and not found.said:
         found.wrong = _join(found.wrong, f"status {run.status} without a word")
     found.wrong = _join(found.wrong, run.wrong_kept())
+    found.kept_age = run.kept_age
     if run.wrong_readings:
         found.wrong = _join(found.wrong, f"{run.wrong_readings} good readings were not the box's")
     return found, run, left, again

@@ -1,4 +1,4 @@
-"""What is kept over a restart: whether it is one moment of the run, at most so long ago, and what the next run takes."""
+"""What is kept over a restart: whether it is one moment of the run, not too long ago, and what the next run takes."""
 
 from __future__ import annotations
 
@@ -9,21 +9,18 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from bench.kills.station.cells import PERIODS
 from bench.kills.station.journal import COLUMNS, FIRST, MOMENT, NUMBER, ROWS, SIZE, TAKEN_OVER
 from umo.alarms.alarm_states import AlarmState
 from umo.process import kept_file
 from umo.process.kept_file import KeptValues
 from umo.states import OnOff
 
-MAX_LATE = 220
-"""Periods of 5 ms between the last one and that of the kept values at most: the keeper's second, and its look."""
-INTERVAL = 1.0
-"""s: the age of what is kept at most, where every process is killed at once, beside the time of the disk."""
-LOOK = 0.1
-"""s in which a keeper may not have come to run on a computer that others use."""
-CALLS = 7
-"""The calls of a disk of each write."""
+MAX_LATE = 200
+"""Periods of 5 ms between the last one and that of the kept values at most."""
+MAX_AGE = 1.0
+"""s: the age of what is kept at most, where every process is killed at once, beside the time of a slow disk."""
+CALLS = 10
+"""The calls of a disk of each write, about."""
 MOST_SAID = 200
 """Characters of what is wrong at most."""
 Row = dict[str, dict[str, float]]
@@ -110,6 +107,12 @@ class Journal:
         return {section: {path: next(rest) for path in paths} for section, paths in names.items()}
 
 
+def age(values: KeptValues | str | None, journal: Journal) -> float:
+    """s from the period of what is kept to the last one; 0 where there is no such."""
+    found = journal.at(values.period) if isinstance(values, KeptValues) else None
+    return 0.0 if found is None else journal.last()[1] - found[0]
+
+
 def wrong_moment(values: KeptValues | str | None, journal: Journal, allowed: float) -> str:
     """What is wrong with what is kept of an operated machine. `allowed`: the age in s that it may have; 0: it is of the
     last period."""
@@ -122,11 +125,12 @@ def wrong_moment(values: KeptValues | str | None, journal: Journal, allowed: flo
         return values
     if (found := journal.at(values.period)) is None:
         return f"kept values of the period {values.period}, which the machine did not have"
-    began, expected = found
+    _, expected = found
     if wrong := _difference(_of_file(values), expected):
         return f"kept values are not those of their period: {wrong}"
     if allowed:
-        return f"kept values {moment - began:.2f} s old" if moment - began > allowed else ""
+        old = age(values, journal)
+        return f"kept values {old:.2f} s old" if old > allowed else ""
     return f"kept values of {last - values.period} periods before the last" if last - values.period > 1 else ""
 
 
@@ -186,6 +190,3 @@ def cut_power(folder: Path, certain: Path, moments: Random) -> None:
         file.unlink()
         if (synced := certain / file.name).exists():
             file.write_bytes(synced.read_bytes())
-
-
-__all__ = ["Journal", "cut_power", "read", "wrong_moment", "wrong_numbers", "wrong_start", "PERIODS"]

@@ -245,8 +245,8 @@ KEPT += [
         takes=1.5,
     )
 ]
-AGED = {"least": 0.2, "most": 2.5}
-"""s that an operated machine runs before it is struck."""
+AGED, AGED_MORE = (0.2, 2.0), (1.0, 3.2)
+"""s that an operated machine runs before it is struck; the longer where its last values are not written."""
 ALL = ("keeper", "guardian", "standby", "control")
 OPERATED = Setting(operated=True)
 SLOW_DISK = replace(OPERATED, disk_pause=0.04)
@@ -255,7 +255,8 @@ EVERYTHING = replace(OPERATED, keeper_killed=True)
 
 def _operated(name: str, strike: Strike, statuses: Sequence[int], count: int, setting: Setting = OPERATED) -> Kind:
     resets = not setting.keeper_killed
-    return Kind(f"operated: {name}", aged(strike, **AGED), statuses, count, setting=setting, resets=resets, takes=1.3)
+    struck = aged(strike, *(AGED if resets else AGED_MORE))
+    return Kind(f"operated: {name}", struck, statuses, count, setting=setting, resets=resets, takes=1.3)
 
 
 AT_WORK = [

@@ -45,7 +45,9 @@ max_age = "200 ms"
 AGES = {False: 1000, True: 300}
 """Age in ms that no good reading may have, on the cycle and off it: what the wiring allows, and time in which this
 process did not run."""
-OF_PARTS = "".join(f'"{part}.{item}" = {{ driver = "simulated" }}\n' for part in ("filler", "brewer") for item in ("valve", "speed"))
+OF_PARTS = "".join(
+    f'"{part}.{item}" = {{ driver = "simulated" }}\n' for part in ("filler", "brewer") for item in ("valve", "speed")
+)
 AFTERWARDS = 40
 """Periods of the run that takes over what another one has kept."""
 WIRES = {"motors": (2, "holding"), "valves": (10, "coil"), "switches": (8, "discrete"), "counts": (4, "input")}
@@ -92,8 +94,11 @@ class Run:
     """The processes of one machine."""
 
     journal: kept.Journal | None = None
+    _client: subprocess.Popen[bytes] | None = None
     moments = Random(0)
     """For what a power cut leaves."""
+    kept_age = 0.0
+    """s from the period of what was kept to the last one; known after `wrong_kept`."""
 
     def __init__(self, how: How, box: Box, folder: Path, setting: Setting) -> None:
         self.how, self.box, self.folder, self.setting = how, box, folder, setting
@@ -116,6 +121,11 @@ class Run:
                 stdout=said,
                 stderr=said,
                 start_new_session=True,  # a Ctrl-C at this terminal is for the campaign
+            )
+        if setting.operated:
+            del environment[FILE]  # it is no process of the machine's
+            self._client = subprocess.Popen(
+                [sys.executable, str(HERE / "client.py")], env=environment, stderr=subprocess.DEVNULL
             )
 
     # Its processes ---------------------------------------------------------------------------------------
@@ -199,9 +209,10 @@ class Run:
             return ""
         if setting.power_cut:
             kept.cut_power(self.folder, self._certain, self.moments)
-        slow = 2 * kept.CALLS * setting.disk_pause
-        allowed = kept.INTERVAL + kept.LOOK + slow if setting.keeper_killed else 0.0
-        return kept.wrong_moment(kept.read(self.folder), self.journal, allowed)
+        allowed = kept.MAX_AGE + kept.CALLS * setting.disk_pause if setting.keeper_killed else 0.0
+        values = kept.read(self.folder)
+        self.kept_age = kept.age(values, self.journal) if self.journal.begun else 0.0
+        return kept.wrong_moment(values, self.journal, allowed)
 
     def wrong_start(self) -> str:
         """What is wrong with a run of the same station after this one: it has not taken over what was kept, or does not
@@ -237,6 +248,9 @@ class Run:
         """End what is left of it."""
         processes.end_marked(self._mark)
         self.starter.wait()
+        if self._client is not None:
+            self._client.kill()
+            self._client.wait()
 
     def _operated(self) -> dict[str, str]:
         """The environment of a machine with a journal."""

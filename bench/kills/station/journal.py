@@ -24,7 +24,8 @@ FILE = "KILLS_JOURNAL"
 ROWS, COLUMNS = 4096, 128
 """Rows of the file, the first one apart; 64-bit floats of a row."""
 NUMBER, MOMENT, FIRST = 0, 1, 2
-"""Columns of a row: the number of the period, 0: not whole; CLOCK_MONOTONIC in s; from the third on the names in the file beside it."""
+"""Columns of a row: the number of the period, 0: not whole; CLOCK_MONOTONIC in s; from the third on the values of which
+the names are in the file beside it."""
 SIZE = 8 * COLUMNS * (ROWS + 1)
 TAKEN_OVER = 0
 """The first row: what the machine has taken over from its last run, before it changes any of it."""

@@ -77,14 +77,14 @@ def machine() -> Machine:
 
 def parts() -> dict[str, Any]:
     """The objects of a machine, by name."""
-    return dict(
-        timer=DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False),
-        motors=[
+    return {
+        "timer": DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False),
+        "motors": [
             DigitalActuator("V", default=0.0, minimum=0.0, maximum=10.0, resolution=0.01, limits="clamp")
             for _ in range(2)
         ],
-        valves=[BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF) for _ in range(10)],
-        switches=[BinarySensor(ZeroOne, one=ZeroOne.ONE) for _ in range(8)],
-        clock=DigitalSensor("count", minimum=0.0, maximum=65_535.0, resolution=1.0),
-        counts=[DigitalSensor("count", minimum=0.0, maximum=65_535.0, resolution=1.0) for _ in range(4)],
-    )
+        "valves": [BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF) for _ in range(10)],
+        "switches": [BinarySensor(ZeroOne, one=ZeroOne.ONE) for _ in range(8)],
+        "clock": DigitalSensor("count", minimum=0.0, maximum=65_535.0, resolution=1.0),
+        "counts": [DigitalSensor("count", minimum=0.0, maximum=65_535.0, resolution=1.0) for _ in range(4)],
+    }

@@ -15,6 +15,7 @@ from umo.alarms.engine import AlarmRequest
 from umo.control import next_period
 from umo.errors import CommandRefused, TaskFailed
 from umo.operation import PackML, Procedure, UnitMode
+from umo.operation.model import ABORT, STOP
 from umo.operation.unit_states import UnitStates
 from umo.states import OnOff
 
@@ -46,6 +47,7 @@ class Work:
     async def execute(self) -> None:
         while self.chance.random() < 0.95:
             await self._some_periods()
+            await next_period()
             if self.chance.random() < 0.2:
                 self.rejected += 1
             else:
@@ -153,6 +155,9 @@ class Operated(
         chance = self.chance
         try:
             if chance.random() < COMMANDED:
+                forward = [name for name in unit.possible if name not in (STOP, ABORT)]
+                unit.command(chance.choice(forward or list(unit.model.commands)))
+            if chance.random() < SHIFTED:
                 unit.command(chance.choice(list(unit.model.commands)))
             if chance.random() < SHIFTED:
                 unit.change_mode(chance.choice(list(UnitMode)))
