@@ -81,12 +81,12 @@ class Conditions:
         """Number of periods after which each of the user's functions was called."""
         return turns_of(len(self._free))
 
-    def hold(self, alarm: int) -> None:
-        """Its condition was true before the first evaluation: it ends by its deadband."""
+    def hold(self, alarm: int, result: int) -> None:
+        """Its condition had this result, TRUE or BAD, before the first evaluation: a threshold ends by its deadband."""
         if alarm < len(self._limited):
             self._before[alarm], self._now[alarm] = True, self._bounds[alarm, 1]
         else:
-            self.results[alarm] = TRUE
+            self.results[alarm] = result
 
     def evaluate(self) -> None:
         """Bring `results` up to date. It raises nothing."""
@@ -130,11 +130,11 @@ class Conditions:
                     continue
                 cause = f"it gives {as_json(found, MAX_RESULT_TEXT)}, which is not True or False"
             except BaseException as error:
-                if self.results[alarm] == BAD and not is_interrupt(error):
+                if self.results[alarm] == BAD and alarm in self.causes and not is_interrupt(error):
                     forget_frames(error)  # its text costs more than a condition may
                     continue
                 cause = told(error).text
-            if self.results[alarm] != BAD:
+            if self.results[alarm] != BAD or alarm not in self.causes:
                 self.results[alarm], self.causes[alarm] = BAD, cause
 
 

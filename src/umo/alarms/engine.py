@@ -85,7 +85,7 @@ class AlarmEngine:
             self.states[row] = number
             if result := RESULTS.get(AlarmState(number), FALSE):
                 self._seen[row] = self._counting[row] = result
-                self._conditions.hold(row)
+                self._conditions.hold(row, result)
 
     def look(self) -> None:
         """Once per period, after the laws. It raises nothing."""
