@@ -248,7 +248,8 @@ KEPT += [
 AGED, AGED_MORE = (0.2, 2.0), (1.0, 3.2)
 """s that an operated machine runs before it is struck; the longer where its last values are not written."""
 ALL = ("keeper", "guardian", "standby", "control")
-OPERATED = Setting(operated=True)
+OPERATED = Setting(operated=True, timeout="300 ms")
+"""The machine, its operator and the run that takes over share the computer with the box."""
 SLOW_DISK = replace(OPERATED, disk_pause=0.04)
 EVERYTHING = replace(OPERATED, keeper_killed=True)
 

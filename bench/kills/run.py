@@ -224,7 +224,7 @@ class Run:
             self.box.cells[cell] = 0
         self.box.heal()
         last = self.box.cells[PERIODS] + AFTERWARDS
-        setting = Setting(operated=True, arguments=("--periods", str(last)))
+        setting = Setting(operated=True, timeout="300 ms", arguments=("--periods", str(last)))
         run = Run(How.PROGRAM, self.box, self.folder, setting)
         try:
             if not run.wait_end(START_LIMIT) or run.status:
