@@ -92,6 +92,7 @@ class Traced(UnitStates):
 
     async def execute(self) -> None:
         part = self.part
+        part.calls += 1
         part.alive["execute"] += 1
         try:
             while "execute" not in part.may_end:
@@ -131,8 +132,8 @@ class Part(Compound, equipment=True):
         """The sequences that run."""
         self.may_end: set[str] = set()
         self.must_fail: set[str] = set()
-        self.steps = self.rejected = 0
-        """The periods in which `execute` was at work, and its bad products."""
+        self.calls = self.steps = self.rejected = 0
+        """The calls of `execute`, the periods in which it was at work, and its bad products."""
 
 
 class Plant(Compound):
@@ -176,6 +177,8 @@ class Case:
         """The steps, and the products rejected, when the counts were last set to 0."""
         self.seen = 0
         """The steps of the period before."""
+        self.call = 0
+        """The call of `execute` that was under way then; 0: none."""
         self.wrong: list[str] = []
 
     def __enter__(self) -> Case:
@@ -217,8 +220,15 @@ class Case:
         assert (part.cycle.fault is not None) is (state.name == "ABORTED")
         running = +part.alive
         works = state.name in ("EXECUTE", "RUNNING")
-        assert set(running) <= {"execute" if works else state.name.lower(), *(["execute"] if state.name in WAITING else [])}
+        assert set(running) <= {
+            "execute" if works else state.name.lower(),
+            *(["execute"] if state.name in WAITING else []),
+        }
         assert set(running.values()) <= {1}
+        if self.call and (works or state.name in WAITING):
+            assert part.calls == self.call
+            assert running["execute"] or "execute" in part.may_end | part.must_fail
+        self.call = part.calls if running["execute"] else 0
         worked = part.steps - self.seen
         self.seen = part.steps
         assert worked == 0 or (worked == 1 and works and not self.manual)
@@ -343,6 +353,8 @@ class Case:
         possible = [each for each in COMMANDS[self.base] if self.target(each) and each not in ("stop", "abort")]
         if step in others:
             others[step]()
+        elif step == "go on" and self.manual:
+            self.change_machine()
         elif step in ("go", "go on"):
             self.command((possible or ["stop"])[-1 if step == "go" else 0], by_client)
         else:
@@ -350,7 +362,7 @@ class Case:
 
 
 OTHERS = (
-    *["go", "go on", "end"] * 5, "end of execute", "error", "error of execute", "fault", "clear it", "change mode",
+    *["go", "go on", "end"] * 12, "end of execute", "error", "error of execute", "fault", "clear it", "change mode",
     "manual or automatic", "reset counters", "wait",
 )  # fmt: skip
 
@@ -361,21 +373,26 @@ def check(base: Any, steps: Sequence[tuple[str, bool]]) -> None:
         for step, by_client in steps:
             case.do(step, by_client)
         case.settle()
-    assert case.unit.state is case.names["ABORTED" if case.expected == "ABORTED" else "STOPPED"] or not case.part.cycle.connected
+    assert (
+        case.unit.state is case.names["ABORTED" if case.expected == "ABORTED" else "STOPPED"]
+        or not case.part.cycle.connected
+    )
     assert (case.box.get("part.motor"), +case.part.alive) == (0, Counter())
 
 
 def steps_of(base: Any) -> Any:
-    return some.lists(some.tuples(some.sampled_from([*COMMANDS[base], *OTHERS]), some.booleans()), min_size=10, max_size=40)
+    return some.lists(
+        some.tuples(some.sampled_from([*COMMANDS[base], *OTHERS]), some.booleans()), min_size=20, max_size=60
+    )
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(steps_of(PackML))
 def test_the_state_of_packml_that_is_shown_is_the_one_that_is(steps: list[tuple[str, bool]]) -> None:
     check(PackML, steps)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(steps_of(Procedure))
 def test_the_state_of_a_procedure_that_is_shown_is_the_one_that_is(steps: list[tuple[str, bool]]) -> None:
     check(Procedure, steps)
