@@ -1,4 +1,4 @@
-"""Parts with states under anything at random: commands, ends and errors of sequences, faults, modes of unit and machine.
+"""Parts with states under anything at random: commands, ends and errors of sequences, faults, modes.
 
 In each period: the state in the frame is the one that the standard leads to, and the one whose sequence runs; counts
 are right; what is in fault is at its defaults.
@@ -253,7 +253,7 @@ class Case:
     # Where it has to be ----------------------------------------------------------------------------------
 
     def target(self, cause: str) -> str | None:
-        """Where a command leads; None: it is refused. Where an end leads (""): past states that the mode does not have."""
+        """Where a command leads; None: it is refused. An end ("") leads past states that the mode does not have."""
         then = self.table.get((self.expected, cause))
         if then is None or (cause and self.manual and cause not in ("stop", "abort", "clear")):
             return None
@@ -373,17 +373,12 @@ def check(base: Any, steps: Sequence[tuple[str, bool]]) -> None:
         for step, by_client in steps:
             case.do(step, by_client)
         case.settle()
-    assert (
-        case.unit.state is case.names["ABORTED" if case.expected == "ABORTED" else "STOPPED"]
-        or not case.part.cycle.connected
-    )
     assert (case.box.get("part.motor"), +case.part.alive) == (0, Counter())
 
 
 def steps_of(base: Any) -> Any:
-    return some.lists(
-        some.tuples(some.sampled_from([*COMMANDS[base], *OTHERS]), some.booleans()), min_size=20, max_size=60
-    )
+    step = some.sampled_from([*COMMANDS[base], *OTHERS])
+    return some.lists(some.tuples(step, some.booleans()), min_size=20, max_size=60)
 
 
 @settings(max_examples=20, deadline=None)
