@@ -50,6 +50,8 @@ OF_PARTS = "".join(
 )
 AFTERWARDS = 40
 """Periods of the run that takes over what another one has kept."""
+TRIES = 3
+"""Such runs at most: one may fail as the box, a process of this busy computer, does not answer in time."""
 WIRES = {"motors": (2, "holding"), "valves": (10, "coil"), "switches": (8, "discrete"), "counts": (4, "input")}
 
 
@@ -219,20 +221,28 @@ class Run:
         keep its own last period. "": nothing."""
         if self.journal is None or not self.journal.begun:
             return ""
-        values = kept.read(self.folder)
+        for _ in range(TRIES):
+            values = kept.read(self.folder)
+            run = self._next_run()
+            try:
+                ended = run.wait_end(START_LIMIT)
+                assert run.journal is not None
+                if run.journal.begun and (wrong := kept.wrong_start(values, run.journal) or run.wrong_kept()):
+                    return wrong
+                if ended and run.status == 0:
+                    return ""
+            finally:
+                run.close()
+        return f"the next run did not end as it must, but with the status {run.status}: {run.said()}"
+
+    def _next_run(self) -> Run:
+        """Some periods of the same station, at the same box."""
         for cell in (CONTROL, GUARDIAN):
             self.box.cells[cell] = 0
         self.box.heal()
-        last = self.box.cells[PERIODS] + AFTERWARDS
-        setting = Setting(operated=True, timeout="300 ms", arguments=("--periods", str(last)))
-        run = Run(How.PROGRAM, self.box, self.folder, setting)
-        try:
-            if not run.wait_end(START_LIMIT) or run.status:
-                return f"the next run did not end as it must, but with the status {run.status}: {run.said()}"
-            assert run.journal is not None
-            return kept.wrong_start(values, run.journal) or run.wrong_kept()
-        finally:
-            run.close()
+        last = str(self.box.cells[PERIODS] + AFTERWARDS)
+        setting = Setting(operated=True, timeout="300 ms", arguments=("--periods", last))
+        return Run(How.PROGRAM, self.box, self.folder, setting)
 
     def said(self) -> str:
         """The last of what it has written that is not a table, in one line."""
