@@ -84,8 +84,11 @@ def test_each_kind_of_defect_is_told_apart() -> None:
     assert matrix.judged(trial, run, "timer", "noise")[0] == "TRACEBACK"
     run.error, run.stopped = AxisError("stopped while it hung"), True
     assert matrix.judged(trial, run, "timer", "noise")[0] == "HANG"
+    run.seen[matrix.SHOWN] = "idle is shown, in fault"
+    assert matrix.judged(trial, run, "timer", "noise") == ("WRONG", "idle is shown, in fault")
     run.levels["sorter.belt.run"] = 1
     assert matrix.judged(trial, run, "timer", "noise") == ("UNSAFE", "not at the default: sorter.belt.run")
+    del run.seen[matrix.SHOWN]
     assert matrix.judged(trial, run, "sorter.belt.run", "stuck")[0] == "HANG", "it was sent its default"
     run.sent["sorter.belt.run"] = 1
     assert matrix.judged(trial, run, "sorter.belt.run", "stuck")[0] == "UNSAFE"

@@ -130,11 +130,11 @@ class Conditions:
                     continue
                 cause = f"it gives {briefly(found, MAX_RESULT_TEXT)}, which is not True or False"
             except BaseException as error:
-                if self.results[alarm] == BAD and not is_interrupt(error):
+                if self.results[alarm] == BAD and alarm in self.causes and not is_interrupt(error):
                     forget_frames(error)  # its text costs more than a condition may
                     continue
                 cause = told(error).text
-            if self.results[alarm] != BAD:
+            if self.results[alarm] != BAD or alarm not in self.causes:
                 self.results[alarm], self.causes[alarm] = BAD, cause
 
 

@@ -117,7 +117,8 @@ def load(data: bytes) -> KeptValues:
             raise TypeError
         for entry in values.numbers.values():
             entry["value"], entry["unit"] + entry["type"]
-        if not all(isinstance(state, int) for state in values.sections.get(ALARMS, {}).values()):
+        alarms, states = (values.sections.get(name, {}).values() for name in (ALARMS, STATES))
+        if not all(type(number) is int for number in alarms) or not all(isinstance(name, str) for name in states):
             raise TypeError
         time.localtime(float(values.utc)), int(values.period), int(values.pid)
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
