@@ -1,4 +1,4 @@
-"""The state of an axis in the words of PLCopen (Motion Control part 1, section 2.1), and what others must know of it."""
+"""The state of an axis in the words of PLCopen (Motion Control part 1, section 2.1); what others must know of it."""
 
 from __future__ import annotations
 
