@@ -70,6 +70,8 @@ class Host:
         self._find: Find = (lambda: find_running(station)) if find is None else find
         self._faces, self._interval, self._read_only = faces, 1.0 / rate, read_only
         self._dead_bands, self._say = dead_bands, say
+        self.told = 0
+        """Number of calls of `frames` so far, of all faces."""
         self._run: Run | None = None
         self._found = asyncio.Event()
 
@@ -185,6 +187,7 @@ class Host:
             over, waiting = run.over, run.looked  # before the look: the last one is told, too
             if (new := changes.take()) is not None:
                 await face.frames(new)
+                self.told += 1
             if events := run.reader.events(event):
                 event = events[-1].number + 1
                 await face.events(events)
