@@ -78,6 +78,9 @@ class Face(ABC):
     takes_commands: ClassVar[bool] = True
     """Whether the protocol has commands at all."""
 
+    address = ""
+    """Where clients reach it, once it is open."""
+
     async def open(self) -> None:
         """Called once, before anything else: open the server, or the connection. UmoError if that cannot be."""
         return

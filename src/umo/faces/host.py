@@ -66,10 +66,12 @@ class FaceHost:
         dead_bands: Mapping[str, float] = MappingProxyType({}),
         say: Callable[[str], object] = log.info,
         find: Find | None = None,
+        opened: Callable[[], object] = lambda: None,
     ) -> None:
+        """`opened` is called when every face can be reached."""
         self._find: Find = (lambda: find_running(station)) if find is None else find
         self._faces, self._interval, self._read_only = faces, 1.0 / rate, read_only
-        self._dead_bands, self._say = dead_bands, say
+        self._dead_bands, self._say, self._opened = dead_bands, say, opened
         self.told = 0
         """Number of calls of `frames` so far, of all faces."""
         self._run: Run | None = None
@@ -82,6 +84,7 @@ class FaceHost:
             for _, face in self._faces:
                 await face.open()
                 opened.append(face)
+            self._opened()
             tasks = [asyncio.create_task(self._serve(name, face)) for name, face in self._faces]
             try:
                 await self._look()

@@ -55,8 +55,6 @@ class Prometheus(Face):
         self._metrics = Metrics()
         self._server: MetricsServer | None = None
         self._serving: asyncio.Task[None] | None = None
-        self.address = ""
-        """Where it is reached."""
 
     async def open(self) -> None:
         registry = CollectorRegistry()
