@@ -12,7 +12,7 @@ from helpers.operator import Operator
 from umo import Compound, DigitalSensor, connect
 from umo.alarms import Alarm, AlarmState, High, Priority
 from umo.cycle.client_commands import Mode
-from umo.cycle.events import CommandState
+from umo.cycle.events import ALARM, CommandState
 from umo.frames.alarm_list import alarm_rows, alarms_text
 from umo.testing import Scripted
 
@@ -88,6 +88,33 @@ def test_one_is_acknowledged_by_its_path_and_several_by_a_pattern(rig: Rig) -> N
         "tanks.1.flooded": "acknowledged",
     }
     assert [row.who for row in rig.rows if row.path == "tanks.0.full"] == ["ann"]
+
+
+def test_commands_in_one_period_are_carried_out_one_after_another(rig: Rig) -> None:
+    rig.flood(0)
+    rig.flood(0, level=10)
+    assert rig.states()["tanks.0.flooded"] == "latched unacknowledged"
+    rig.ann.do("lease")
+    commands = [rig.ann.send(do, "tanks.0.flooded", 60.0) for do in ("acknowledge alarm", "reset alarm", "shelve")]
+    rig.ann.run()
+    assert {rig.ann.answer(each).state for each in commands} == {CommandState.DONE}
+    told = [event.text.partition(" (")[0] for event in rig.ann.events if event.asked == ALARM and event.who == "ann"]
+    assert told == ["latched acknowledged", "normal", "shelved"]
+
+
+def test_many_are_reset_at_once_after_they_were_acknowledged() -> None:
+    box, machine = Scripted(), Plant(timer=timer(), tanks=[Tank(level=sensor(resolution=1.0)) for _ in range(60)])
+    with connect(machine, wired(machine, box)) as m:
+        ann = Operator(m)
+        ann.do("lease", seconds=5.0)
+        for level in (95, 10):
+            for number in range(60):
+                box.set(f"tanks.{number}.level", level)
+            ann.run(10)
+        assert ann.do("acknowledge alarm").text.endswith('and 118 others"')
+        assert ann.do("reset alarm").text.endswith('and 58 others"')
+        ann.run(10)
+        assert not ann.machine.alarms.states.any()
 
 
 def test_what_cannot_be_done_is_refused_with_the_state(rig: Rig) -> None:

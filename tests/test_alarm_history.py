@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import stat
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,7 +16,9 @@ from umo.alarms.alarm_file import AlarmRecord
 from umo.cycle.events import ALARM, FAULT, Event
 from umo.errors import UmoError
 from umo.frames.reader import NumberedEvent
-from umo.process.alarm_history import AlarmHistory
+from umo.process.alarm_history import LOST, AlarmHistory
+
+fcntl = pytest.importorskip("fcntl")
 
 
 def record(number: int, text: str = "unacknowledged (high): too full") -> AlarmRecord:
@@ -34,6 +38,12 @@ def test_what_was_written_is_read_in_order(file: Path) -> None:
     assert alarm_file.read(file) == [record(0), record(1), record(2)]
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the sticky bit of a file")
+def test_an_old_history_is_left_alone_by_what_cleans_var_tmp(file: Path) -> None:
+    alarm_file.append(file, [record(0)])
+    assert stat.S_IMODE(file.stat().st_mode) == 0o1644
+
+
 def test_two_generations_are_kept_and_no_more(file: Path) -> None:
     long = "x" * 1000
     for number in range(4 * alarm_file.MAX_BYTES // 1000):
@@ -44,6 +54,41 @@ def test_two_generations_are_kept_and_no_more(file: Path) -> None:
     numbers = [each.time for each in alarm_file.read(file)]
     assert numbers == sorted(numbers)
     assert numbers[-1] == 4 * alarm_file.MAX_BYTES // 1000 - 1
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits of files as on Linux")
+def test_a_disk_that_becomes_full_is_told_and_takes_no_half_of_the_changes(file: Path) -> None:
+    resource = pytest.importorskip("resource")
+    alarm_file.append(file, [record(0)])
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (file.stat().st_size + 150, before[1]))
+    try:
+        with pytest.raises(OSError, match="File too large"):
+            alarm_file.append(file, [record(1), record(2)])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert alarm_file.read(file) == [record(0)]
+    alarm_file.append(file, [record(1), record(2)])
+    assert alarm_file.read(file) == [record(0), record(1), record(2)]
+
+
+def test_a_writer_that_waited_while_another_began_a_new_generation_writes_to_that(
+    file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    long, flock = "x" * 1000, fcntl.flock
+    for number in range(alarm_file.MAX_BYTES // 1100):
+        alarm_file.append(file, [record(number, long)])
+
+    def meanwhile(stream: Any, operation: int) -> None:
+        monkeypatch.setattr(fcntl, "flock", flock)
+        for number in range(500, 700):
+            alarm_file.append(file, [record(number, long)])
+        flock(stream, operation)
+
+    before = alarm_file.read(file)
+    monkeypatch.setattr(fcntl, "flock", meanwhile)
+    alarm_file.append(file, [record(1000, long)])
+    assert alarm_file.read(file) == [*before, *(record(number, long) for number in [*range(500, 700), 1000])]
 
 
 def test_a_file_that_is_cut_at_any_byte_loses_the_cut_record_only(file: Path) -> None:
@@ -106,6 +151,17 @@ def test_a_change_is_noted_once(file: Path) -> None:
     history.take(frames(ALARM_CHANGE), FRAME)
     history.take(frames(ALARM_CHANGE, ALARM_CHANGE), FRAME)
     assert len(alarm_file.read(file)) == 2
+
+
+def test_events_that_were_gone_leave_a_line_with_their_number(file: Path) -> None:
+    reader = frames(*[ALARM_CHANGE] * 9)
+    events = reader.events
+    reader.events = lambda start: events(max(start, 5))  # of the others nothing is left
+    history = AlarmHistory(2)
+    history.take(reader, FRAME)
+    first, *others = alarm_file.read(file)
+    assert first == AlarmRecord(993.0, 3.0, "", LOST.format(3), "")
+    assert (len(others), history.next) == (4, 9)
 
 
 def test_a_station_without_alarms_has_no_history(file: Path) -> None:

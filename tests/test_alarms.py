@@ -11,11 +11,14 @@ import pytest
 from helpers.machines import actuator, relay, sensor, switch, timer, wired
 from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Interlock, connect
 from umo.alarms import Alarm, AlarmState, Bad, High, In, Low, Operation, Priority, alarms_of
+from umo.alarms.conditions import FREE_PER_PERIOD
 from umo.alarms.engine import CHANGES_PER_PERIOD, AlarmRequest
+from umo.alarms.telling import LEFT_OUT, MOST_OF_ALL, MOST_OF_ONE
+from umo.control import value_of
 from umo.cycle.events import ALARM
 from umo.errors import DeclarationError
 from umo.states import HighLow, OnOff, PassFail
-from umo.testing import Scripted
+from umo.testing import Scripted, periods
 
 S = AlarmState
 FULL = Alarm(High("level", 80.0, deadband=10.0), "too full", priority=Priority.HIGH)
@@ -266,12 +269,36 @@ def test_latched_interlocks_and_equipment_in_fault_have_alarms_where_a_class_has
             m.control()
             m.update()
             assert list(alarms.states) == states
+        told = [each.text for each in connection.machine.events if each.path == "cell.fault"]
+        assert told[0].startswith("unacknowledged (high): cell is in fault; ValueError: broken (")  # and why
         box.set("cell.level", 0)
         m.cell.cycle.clear()
         m.sample()
         m.acknowledge()
         m.update()
         assert list(alarms.states) == [AlarmState.RETURNED, AlarmState.RETURNED]
+
+
+class Careful(Cell):
+    def interlocks(self) -> Iterator[Interlock]:
+        yield Interlock(lambda: value_of(self.level) > 60.0, [self.motor], "too high", latched=True)
+
+
+def test_the_alarm_of_an_interlock_that_cannot_be_evaluated_says_so_and_not_that_its_condition_is_true() -> None:
+    box = Scripted()
+    cell = Careful(motor=actuator(), level=sensor(resolution=1.0, on_error="mark", invalid_raws=[7]))
+    machine = Watched(timer=timer(), cell=cell)
+    connection = connect(machine, wired(machine, box))
+    with connection as m:
+        alarms: Any = connection.machine.alarms
+        number = alarms.paths.index("cell.interlock.0")
+        periods(m)
+        assert alarms.state_of(number) is AlarmState.NORMAL
+        box.set("cell.level", 7)
+        periods(m)
+        assert alarms.state_of(number) is AlarmState.BAD_UNACKNOWLEDGED
+        (told,) = [each.text for each in connection.machine.events if each.path == "cell.interlock.0"]
+        assert told == "bad unacknowledged (medium): too high; cannot be evaluated: cell.level is BAD"
 
 
 def test_states_of_an_earlier_run_are_gone_on_with(with_alarms: Any) -> None:
@@ -288,6 +315,17 @@ def test_states_of_an_earlier_run_are_gone_on_with(with_alarms: Any) -> None:
     ]
     rig.periods(level=65)
     assert rig.state("full") is S.NORMAL
+
+
+def test_a_condition_that_could_not_be_evaluated_is_gone_on_with_though_its_turn_comes_later(with_alarms: Any) -> None:
+    rig = with_alarms({f"odd{i}": Alarm(lambda tank: tank.odd[0], "odd") for i in range(2 * FREE_PER_PERIOD)})
+    rig.engine.restore(dict.fromkeys(rig.engine.paths[-2 * FREE_PER_PERIOD :], S.BAD_ACKNOWLEDGED))
+    rig.periods(4)
+    assert {rig.state(f"odd{i}") for i in range(2 * FREE_PER_PERIOD)} == {S.BAD_ACKNOWLEDGED}
+    assert rig.told == []
+    rig.m.odd = [False]
+    rig.periods(4)
+    assert rig.state("odd0") is rig.state(f"odd{2 * FREE_PER_PERIOD - 1}") is S.NORMAL
 
 
 @pytest.mark.parametrize("number", [-1, 77, S.SHELVED, S.LATCHED_ACKNOWLEDGED])
@@ -348,3 +386,39 @@ def test_what_is_wrong_by_itself_is_refused_at_once(make: Any, words: str) -> No
 def test_what_a_class_declares_is_a_mapping_of_names(alarms: Any) -> None:
     with pytest.raises(DeclarationError, match="alarms of Tank"):
         alarms_of(tank(alarms))
+
+
+# An alarm that comes and goes all the time ---------------------------------------------------------------
+
+
+def test_of_an_alarm_that_comes_and_goes_a_few_changes_are_told_and_its_last_state(with_alarms: Any) -> None:
+    rig = with_alarms({"full": Alarm(High("level", 80.0), "too full", acknowledge=False)})
+    for number in range(401):  # periods of 1 ms
+        rig.periods(level=90 if number % 2 == 0 else 50)
+    assert len(rig.told) == MOST_OF_ONE
+    rig.periods(1000)
+    *_, last = rig.told
+    assert len(rig.told) == MOST_OF_ONE + 1
+    assert last == (
+        "full",
+        f"acknowledged (medium): too full; {401 - MOST_OF_ONE - 1} changes before this one are left out",
+        "",
+    )
+
+
+def test_what_a_client_does_is_always_told(with_alarms: Any) -> None:
+    rig = with_alarms({"full": Alarm(High("level", 80.0), "too full")})
+    for number in range(20):
+        rig.periods(level=90 if number % 2 == 0 else 50)
+    rig.ask("full", Operation.ACKNOWLEDGE)
+    rig.periods()
+    assert rig.told[-1][2] == "ann"
+
+
+def test_an_avalanche_leaves_room_for_other_events_and_every_state_is_told_in_the_end(with_alarms: Any) -> None:
+    rig = with_alarms({f"full{number}": Alarm(High("level", 80.0), "too full") for number in range(300)})
+    rig.periods(50, level=90)
+    assert len(rig.told) == MOST_OF_ALL
+    rig.periods(1100)
+    assert sorted(path for path, *_ in rig.told) == sorted(["full", *(f"full{number}" for number in range(300))])
+    assert not any(LEFT_OUT in text for _, text, _ in rig.told)

@@ -96,4 +96,5 @@ def test_options_that_do_not_go_together_are_a_mistake(reader: Reader, words: li
 
 
 def test_without_a_history_it_is_said(reader: Reader) -> None:
-    assert "no history of alarms of vat" in CliRunner().invoke(app, ["alarms", "vat", "--history"]).stdout
+    for name in ("vat", str(reader.about["pid"])):
+        assert "no history of alarms of vat" in CliRunner().invoke(app, ["alarms", name, "--history"]).stdout

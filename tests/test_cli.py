@@ -45,6 +45,7 @@ def test_a_run_places_all_parts_and_leaves_trace_plot_and_summary(umo, tmp_path:
         "state",
         "status",
         "failure",
+        "stopped_by",
         "progress",
         "equipment_faults",
         "periods",
@@ -101,13 +102,24 @@ def test_a_summary_in_no_folder_is_refused_before_anything_runs(umo, tank: Path)
     assert not (tank.parent / "runs").exists()
 
 
+def test_a_summary_where_nothing_may_be_written_is_refused_before_anything_runs(
+    umo, tank: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    access = os.access
+    monkeypatch.setattr("os.access", lambda path, mode: Path(path) != Path("closed") and access(path, mode))
+    Path("closed").mkdir()
+    result = umo("run", "tank", "--summary", "closed/sum.json")
+    assert (result.exit_code, "--summary closed/sum.json: cannot be written" in said(result)) == (2, True)
+    assert not (tank.parent / "runs").exists()
+
+
 def test_a_summary_that_cannot_be_written_is_said_and_the_status_is_not_0(umo, tank: Path) -> None:
     full = Path("/dev/full")
     if not full.exists():
         pytest.skip("there is no /dev/full here to stand for a full disk")
     result = umo("run", "tank", "--no-record", "--summary", "/dev/full")
     assert result.exit_code == 4
-    assert "the summary could not be written" in said(result)
+    assert "/dev/full could not be written: [Errno 28]" in said(result)
     assert "No space left" in said(result)
 
 
@@ -153,6 +165,7 @@ def test_whoever_would_drive_a_device_that_is_held_is_told_who_holds_it(umo, tan
         (["run", "zteta"], "no station 'zteta' (did you mean 'ztheta'?)"),
         (["run", "."], "no objects.py (`umo new DIR` makes one)"),
         (["run", "ztheta", "-w", "simulatd"], "no wiring 'simulatd' (did you mean 'simulated'?)"),
+        (["run", "conveyor", "--untl", "5 s"], "conveyor has no option --untl (did you mean 'until'?)"),
         (["get", "ztheta", "z.encodr"], "no object 'z.encodr' in Manipulator (did you mean 'z.encoder'?)"),
         (["get", "ztheta", "z"], "z is a compound object; name one of its parts: encoder, motor, encoder_zero"),
         (["set", "ztheta", "z.encoder", "1"], "z.encoder is a sensor; only actuators can be set"),
@@ -251,7 +264,7 @@ def test_check_says_how_many_actions_and_tunable_numbers_there_are(umo, tank: Pa
     control.write_text(re.sub(r" +@action.*\n|, tunable=True", "", control.read_text()))
     assert said(umo("check", "tank", "-w", "simulated")).startswith("ok: ")
     assert "5 objects on 1 driver, period 50 ms not looked at: modbus" in said(umo("check", "tank"))
-    assert "period 2 ms, 3 actions, 4 tunable numbers" in said(umo("check", "conveyor"))
+    assert "period 2 ms, 16 actions, 5 tunable numbers" in said(umo("check", "conveyor"))
 
 
 def test_check_says_what_a_timeout_above_a_second_costs(umo, tank: Path) -> None:
@@ -375,7 +388,7 @@ def test_where_a_station_runs_twice_its_pid_is_asked_for(umo, tank: Path) -> Non
 
 
 def test_set_says_that_a_limited_rate_takes_its_time(umo) -> None:
-    result = umo("set", "conveyor", "belt.setpoint", "200 mm/s", "--hold", "0.01")
+    result = umo("set", "conveyor", "sorter.belt.setpoint", "200 mm/s", "--hold", "0.01")
     assert result.exit_code == 0
     assert "(on its way to 0.20000 m/s: its slew rate is limited)" in result.output
 
@@ -422,6 +435,12 @@ def test_a_tuned_band_holds_at_once_in_a_new_station(umo, tank: Path) -> None:
         m.band = 5.0
         periods(m)
         assert (m.regulator.low, m.regulator.high) == (295.0, 305.0)
+
+
+def test_the_tests_of_new_stations_have_names_of_their_own_as_pytest_needs_them(umo, tank: Path) -> None:
+    assert umo("new", "my-press").exit_code == 0
+    found = [path.name for folder in (tank, tank.parent / "my-press") for path in (folder / "tests").glob("test_*.py")]
+    assert found == ["test_tank.py", "test_my_press.py"]
 
 
 def test_a_new_station_overwrites_nothing(umo, tank: Path) -> None:

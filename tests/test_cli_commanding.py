@@ -19,7 +19,7 @@ import umo
 from helpers import patient
 from helpers.waiting import until
 from umo.cli.app import app
-from umo.cli.values import state
+from umo.cli.values import argument, state
 from umo.process.start import LINUX
 from umo.remote import HeldLease
 from umo.remote.search import readers
@@ -52,7 +52,7 @@ def conveyor(started: tuple[umo.Started, dict[str, str]], monkeypatch: pytest.Mo
     return started[0]
 
 
-HELD = [["set", "conveyor", "diverter", "ON"], ["call", "conveyor", "belt.run_at", "speed=0.1"]]
+HELD = [["set", "conveyor", "sorter.diverter", "ON"], ["call", "conveyor", "sorter.belt.run_at", "speed=0.1"]]
 """Commands that hold something until Ctrl-C."""
 
 
@@ -84,39 +84,75 @@ def test_the_actions_are_listed_with_units_and_ranges(conveyor: umo.Started) -> 
     assert "Push whatever is before the diverter onto the chute." in result.stdout
 
 
+def test_a_choice_is_taken_in_small_letters_as_it_is_shown() -> None:
+    about = {"name": "mode", "kind": "choice", "choices": ["PRODUCTION", "MANUAL"]}
+    given = [argument("unit.change_mode", about, text) for text in ("manual", "PRODUCTION", "manuel")]
+    assert given == ["MANUAL", "PRODUCTION", "manuel"]  # the machine tells what is none
+
+
+def test_get_shows_signals_and_tunable_numbers_of_a_run(conveyor: umo.Started) -> None:
+    result = run("get", "conveyor", "sorter.length", "sorter.belt.deviation", "sorter.entry")
+    assert result.exit_code == 0, said(result)
+    paths = [line.split()[0] for line in result.stdout.splitlines()]
+    assert paths == ["sorter.length", "sorter.belt.deviation", "sorter.entry"]
+    assert "m/s  tunable" in result.stdout
+
+
 def test_an_action_is_called_with_units_and_waited_for(conveyor: umo.Started) -> None:
-    result = run("call", "conveyor", "push")
-    assert (result.exit_code, result.stderr) == (0, "push: done\n")  # and no progress of the application's
-    result = run("call", "conveyor", "belt.run_at", "speed=200 mm/s", "--hold", "0.3")
-    assert (result.exit_code, result.stderr) == (0, "belt.run_at: has begun\nbelt.run_at: released\n")
-    assert run("call", "conveyor", "belt.halt").exit_code == 0
+    result = run("call", "conveyor", "sorter.push")
+    assert (result.exit_code, result.stderr) == (0, "sorter.push: done\n")  # and no progress of the application's
+    result = run("call", "conveyor", "sorter.belt.run_at", "speed=200 mm/s", "--hold", "0.3")
+    assert (result.exit_code, result.stderr) == (0, "sorter.belt.run_at: has begun\nsorter.belt.run_at: released\n")
+    assert run("call", "conveyor", "sorter.belt.halt").exit_code == 0
 
 
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["call", "conveyor", "pusch"], "no action 'pusch' (did you mean 'push'?)"),
-        (["call", "conveyor", "belt.run_at", "sped=1"], "'sped=1' is not one of its arguments (did you mean 'speed'?)"),
-        (["call", "conveyor", "belt.run_at", "speed=3"], "belt.run_at: speed: 3 m/s is outside 0 to 1"),
-        (["call", "conveyor", "belt.run_at", "speed=fast"], "belt.run_at: speed: 'fast' is not a number in m/s"),
-        (["call", "conveyor", "belt.run_at", "speed=3 kg"], "belt.run_at: speed: 'kg' cannot be converted to 'm/s'"),
-        (["call", "conveyor", "belt.run_at"], "the argument speed is missing"),
-        (["call", "conveyor", "belt.run_at", "speed=0", "speed=1"], "belt.run_at: speed is given twice"),
-        (["tune", "conveyor", "windows", "3"], "no tunable number 'windows' (did you mean 'window'?)"),
-        (["tune", "conveyor", "window", "1 m"], "window: 1000 mm is outside 1 to 100"),
-        (["tune", "conveyor", "window", "-0.5"], "window: -0.5 mm is outside 1 to 100"),
-        (["tune", "conveyor", "window", "-5 1/h"], "window: '1/h' cannot be converted to 'mm'"),
-        (["set", "conveyor", "belt.setpoint", "-.5"], "belt.setpoint: -0.5 m/s is outside 0 to 1"),
-        (["call", "conveyor", "belt.run_at", "speed=-3"], "belt.run_at: speed: -3 m/s is outside 0 to 1"),
-        (["call", "conveyor", "push", "--hold", "1"], "push ends by itself; --hold is for dead-man actions"),
-        (["set", "conveyor", "belt.setpont", "1"], "no object 'belt.setpont' (did you mean 'belt.setpoint'?)"),
+        (["call", "conveyor", "pusch"], "no action 'pusch' (did you mean 'sorter.push'?)"),
+        (
+            ["call", "conveyor", "sorter.belt.run_at", "sped=1"],
+            "'sped=1' is not one of its arguments (did you mean 'speed'?)",
+        ),
+        (["call", "conveyor", "sorter.belt.run_at", "speed=3"], "sorter.belt.run_at: speed: 3 m/s is outside 0 to 1"),
+        (
+            ["call", "conveyor", "sorter.belt.run_at", "speed=fast"],
+            "sorter.belt.run_at: speed: 'fast' is not a number in m/s",
+        ),
+        (
+            ["call", "conveyor", "sorter.belt.run_at", "speed=3 kg"],
+            "sorter.belt.run_at: speed: 'kg' cannot be converted to 'm/s'",
+        ),
+        (["call", "conveyor", "sorter.belt.run_at"], "the argument speed is missing"),
+        (["call", "conveyor", "sorter.belt.run_at", "speed=0", "speed=1"], "sorter.belt.run_at: speed is given twice"),
+        (["tune", "conveyor", "windows", "3"], "no tunable number 'windows' (did you mean 'sorter.window'?)"),
+        (["tune", "conveyor", "sorter.window", "1 m"], "window: 1000 mm is outside 1 to 100"),
+        (["tune", "conveyor", "sorter.window", "-0.5"], "window: -0.5 mm is outside 1 to 100"),
+        (["tune", "conveyor", "sorter.window", "-5 1/h"], "window: '1/h' cannot be converted to 'mm'"),
+        (["set", "conveyor", "sorter.belt.setpoint", "-.5"], "sorter.belt.setpoint: -0.5 m/s is outside 0 to 1"),
+        (["call", "conveyor", "sorter.belt.run_at", "speed=-3"], "sorter.belt.run_at: speed: -3 m/s is outside 0 to 1"),
+        (
+            ["call", "conveyor", "sorter.push", "--hold", "1"],
+            "sorter.push ends by itself; --hold is for dead-man actions",
+        ),
+        (
+            ["set", "conveyor", "sorter.belt.setpont", "1"],
+            "no object 'sorter.belt.setpont' (did you mean 'sorter.belt.setpoint'?)",
+        ),
+        (["get", "conveyor", "sorter.lenght"], "no object 'sorter.lenght' (did you mean 'sorter.length'?)"),
+        (["get", "conveyor", "sorter.push"], "sorter.push is not an object"),
+        (["set", "conveyor", "sorter.length", "3"], "sorter.length is a number that is shown: it cannot be set"),
+        (["set", "conveyor", "sorter.window", "3"], "sorter.window is a number: `umo tune` changes it"),
         (["acknowledge", "conveior"], "'conveior' neither runs nor has stopped unsafely"),
-        (["call", "conveyor", "belt.run_at", "-3"], "'-3' is not one of its arguments: speed=..."),
+        (["call", "conveyor", "sorter.belt.run_at", "-3"], "'-3' is not one of its arguments: speed=..."),
         (["mode", "conveyor", "automatisch"], "there is no mode 'automatisch'; there are: automatic, manual"),
         (["mode", "convejor"], "'convejor' is not running (did you mean 'conveyor'?)"),
-        (["acknowledge", "conveyor", "bolt"], "no object or signal 'bolt' (did you mean 'belt'?) in conveyor"),
-        (["clear", "conveyor", "*.setpont"], "no object or signal '*.setpont' (did you mean 'belt.setpoint'?)"),
-        (["set", "conveyor", "entry", "COVERED"], "entry is a sensor; only actuators can be set"),
+        (
+            ["acknowledge", "conveyor", "sorter.bolt"],
+            "no object or signal 'sorter.bolt' (did you mean 'sorter.belt'?) in conveyor",
+        ),
+        (["clear", "conveyor", "*.setpont"], "no object or signal '*.setpont' (did you mean 'sorter.belt.setpoint'?)"),
+        (["set", "conveyor", "sorter.entry", "COVERED"], "sorter.entry is a sensor; only actuators can be set"),
     ],
 )
 def test_a_mistake_is_said_in_a_line_with_status_2(conveyor: umo.Started, words: list[str], text: str) -> None:
@@ -159,9 +195,9 @@ def test_an_unsafe_end_is_not_acknowledged_where_a_station_of_the_name_runs(
 
 def test_an_acknowledgement_says_that_nothing_was_latched(conveyor: umo.Started) -> None:
     for words, said_of in (
-        (["belt"], ["belt"]),
+        (["sorter.belt"], ["sorter.belt"]),
         ([], ["conveyor"]),
-        (["diverter", "*.setpoint"], ["diverter", "belt.setpoint"]),
+        (["sorter.diverter", "*.belt.setpoint"], ["sorter.diverter", "sorter.belt.setpoint"]),
     ):
         result = run("acknowledge", "conveyor", *words)
         assert result.exit_code == 0, said(result)
@@ -169,22 +205,22 @@ def test_an_acknowledgement_says_that_nothing_was_latched(conveyor: umo.Started)
 
 
 def test_a_number_is_tuned_and_how_to_keep_it_is_said(conveyor: umo.Started) -> None:
-    result = run("tune", "conveyor", "window", "3.0123456789 cm")
+    result = run("tune", "conveyor", "sorter.window", "3.0123456789 cm")
     assert result.exit_code == 0, said(result)
-    assert result.stdout == "window  20 -> 30.123456789 mm\n"
-    assert "put window = 30.123456789 under [parameters] of the wiring" in said(result)
-    until(lambda: run("tune", "conveyor", "window").stdout == "window  30.123456789 mm\n")
+    assert result.stdout == "sorter.window  20 -> 30.123456789 mm\n"
+    assert 'put "sorter.window" = 30.123456789 under [parameters] of the wiring' in said(result)
+    until(lambda: run("tune", "conveyor", "sorter.window").stdout == "sorter.window  30.123456789 mm\n")
     assert "1 to 100" in run("tune", "conveyor").stdout
     lines = run("tune", "conveyor", "--save").stdout
-    assert lines.startswith('[parameters]\n"window" = ')
-    assert tomllib.loads(lines)["parameters"] == {"window": 30.123456789000002}  # as the machine has it
-    assert run("tune", "conveyor", "window", "--save").exit_code == 2
+    assert lines.startswith('[parameters]\n"sorter.window" = ')
+    assert tomllib.loads(lines)["parameters"] == {"sorter.window": 30.123456789000002}  # as the machine has it
+    assert run("tune", "conveyor", "sorter.window", "--save").exit_code == 2
 
 
 def test_an_actuator_of_a_running_station_is_taken_and_given_back(conveyor: umo.Started) -> None:
-    result = run("set", "conveyor", "diverter", "ON", "--hold", "0.1")
+    result = run("set", "conveyor", "sorter.diverter", "ON", "--hold", "0.1")
     assert result.exit_code == 0, said(result)
-    assert "diverter  released: " in result.stdout
+    assert "sorter.diverter  released: " in result.stdout
 
 
 @pytest.mark.parametrize("words", HELD)
@@ -228,16 +264,16 @@ def test_a_state_with_the_very_letters_comes_first() -> None:
 
 def test_what_was_never_held_has_not_ended(conveyor: umo.Started) -> None:
     with umo.attach(conveyor.pid) as station, station.lease() as lease:
-        assert lease.ended("diverter") == ""
+        assert lease.ended("sorter.diverter") == ""
 
 
 def test_the_lease_of_another_client_is_shown_and_taken_over_only_on_demand(conveyor: umo.Started) -> None:
     with umo.attach(conveyor.pid) as station, station.lease("somebody else"):
         assert "lease: somebody else" in run("mode", "conveyor").stdout
-        result = run("call", "conveyor", "push")
+        result = run("call", "conveyor", "sorter.push")
         text = "umo: somebody else has the lease; take it over with --take, or wait until it is given back"
         assert (result.exit_code, said(result)) == (2, text)
-        assert run("call", "conveyor", "push", "--take").exit_code == 0
+        assert run("call", "conveyor", "sorter.push", "--take").exit_code == 0
     events = [event for event in umo.attach(conveyor.pid).events if event.who.endswith("else")]
     assert json.dumps([event.asked for event in events][:1]) == '["lease"]'
 
@@ -279,7 +315,7 @@ def test_a_station_is_stopped_and_a_command_that_holds_something_ends(
     with umo.start("conveyor", patient.conveyor(tmp_path), manual=True, realtime=True) as started:
         until(lambda: started.poll(0.01) or (started.frames is not None and started.frames.head > 5))
         result = run(*HELD[0])
-        assert said(result).endswith("umo: diverter is held no longer: conveyor has ended")
+        assert said(result).endswith("umo: sorter.diverter is held no longer: conveyor has ended")
         assert result.exit_code == 2
         (result,) = stopped
         assert result.exit_code == 0, said(result)

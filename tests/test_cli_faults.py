@@ -14,14 +14,14 @@ from umo.wiring import resolve
 
 def test_a_run_with_a_fault_says_so(umo, tmp_path):
     result = umo(
-        "run", "conveyor", "--parts", "2", "--fault", "belt.speed stuck at 1 s", "--fault", "entry noise 0 % at 1 s",
-        "--fault-seed", "3", "--summary", "s.json",
+        "run", "conveyor", "--parts", "2", "--fault", "sorter.belt.speed stuck at 1 s",
+        "--fault", "sorter.entry noise 0 % at 1 s", "--fault-seed", "3", "--summary", "s.json",
     )  # fmt: skip
     assert result.exit_code == 1
     assert result.stdout.count("injected fault") == 2
-    assert "belt.speed stuck at 1 s" in result.stdout
+    assert "sorter.belt.speed stuck at 1 s" in result.stdout
     assert "the drive runs at" in result.stderr
-    faults = ["belt.speed stuck at 1 s", "entry noise 0 % at 1 s"]
+    faults = ["sorter.belt.speed stuck at 1 s", "sorter.entry noise 0 % at 1 s"]
     assert json.loads((tmp_path / "s.json").read_text())["injected_faults"] == faults
     (folder,) = (tmp_path / "runs").iterdir()
     assert (folder / "trace.csv").read_text().splitlines()[0].endswith(",injected_faults[]")
@@ -30,20 +30,20 @@ def test_a_run_with_a_fault_says_so(umo, tmp_path):
 def test_the_faults_of_a_wiring_are_checked(umo, tmp_path: Path):
     file = find("conveyor").wirings["simulated"]
     text = file.read_text().replace('".plant:Plant"', '"umo.stations.conveyor.plant:Plant"')
-    for fault, status in (("belt.speed stuck at 1 s", 0), ("belt.speed stuck at 1 litre", 2)):
+    for fault, status in (("sorter.belt.speed stuck at 1 s", 0), ("sorter.belt.speed stuck at 1 litre", 2)):
         changed = tmp_path / "faulty.toml"
         changed.write_text(f'faults = ["{fault}"]\nfault_seed = 4\n{text}')
         assert tomllib.loads(changed.read_text())
         result = umo("check", "conveyor", "-w", str(changed))
         assert result.exit_code == status, result.stderr
-    assert "faults: fault 'belt.speed stuck at 1 litre'" in result.stderr
+    assert "faults: fault 'sorter.belt.speed stuck at 1 litre'" in result.stderr
 
 
 def test_a_plant_that_is_served_has_its_faults_on_its_own_time():
     station = find("conveyor")
     machine, now = station.machine(), [0.0]
-    wired = resolve(machine, station.wirings["simulated"], {"fault": ["emergency_stop stuck OPEN at 10 ms"]})
-    slot = [wire.item.path for wire in wired.wires].index("emergency_stop")
+    wired = resolve(machine, station.wirings["simulated"], {"fault": ["sorter.emergency_stop stuck OPEN at 10 ms"]})
+    slot = [wire.item.path for wire in wired.wires].index("sorter.emergency_stop")
     with Simulation(wired, lambda: now[0]) as plant:
         seen = []
         for _ in range(8):
@@ -59,20 +59,23 @@ def test_a_box_of_a_wiring_with_faults_is_served_without_them():
     text = tomllib.loads(station.wirings["modbus"].read_text())
     plant = resolve(machine, station.wirings["simulated"])
     (plain,) = register_maps(plant, resolve(machine, text))
-    (found,) = register_maps(plant, resolve(machine, text | {"faults": ["entry stuck at 1 s"]}))
+    (found,) = register_maps(plant, resolve(machine, text | {"faults": ["sorter.entry stuck at 1 s"]}))
     assert [point.slot for point in found.points] == [point.slot for point in plain.points]
 
 
 def test_umo_plant_refuses_a_wrong_fault(umo):
-    result = umo("plant", "conveyor", "--port", "0", "--fault", "belt.sped stuck")
+    result = umo("plant", "conveyor", "--port", "0", "--fault", "sorter.belt.sped stuck")
     assert result.exit_code == 2
-    assert "did you mean 'belt.speed'?" in result.stderr
+    assert "did you mean 'sorter.belt.speed'?" in result.stderr
 
 
 def test_a_fault_of_the_command_line_is_blamed_on_it(umo):
-    result = umo("run", "conveyor", "--fault", "belt.sped stuck")
+    result = umo("run", "conveyor", "--fault", "sorter.belt.sped stuck")
     assert result.exit_code == 2
-    assert "1 mistake in --fault\n--fault 'belt.sped stuck': no object or driver 'belt.sped'" in result.stderr
+    assert (
+        "1 mistake in --fault\n--fault 'sorter.belt.sped stuck': no object or driver 'sorter.belt.sped'"
+        in result.stderr
+    )
     assert ".toml" not in result.stderr
 
 

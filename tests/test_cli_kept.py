@@ -64,6 +64,14 @@ def umo(*words: str) -> Any:
     return CliRunner().invoke(app, list(words))
 
 
+def test_the_states_of_parts_are_shown(press: Path) -> None:
+    path = kept_file.path_of("press", "simulated")
+    sections = {"numbers": {}, "states": {"a.unit": "running", "b.unit": "held"}}
+    with kept_file.locked(path, 1.0):
+        kept_file.write(path, kept_file.dump(KeptValues("press", "simulated", sections=sections)))
+    assert "in that period: a.unit running, b.unit held\n" in umo("kept", "press").stdout
+
+
 RUN = ("run", "press", "--no-record")
 
 

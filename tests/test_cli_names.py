@@ -49,7 +49,8 @@ def test_get_and_set_know_a_run_whose_folder_is_elsewhere(umo: Any, tank: Path, 
         for name in ("mill", "../mill", str(elsewhere), str(os.getpid())):
             assert umo("get", name, "inlet").stdout == "inlet  CLOSED  ● good\n"
             assert umo("mode", name).stdout == "mill  takes no commands\n"
-        assert umo("get", "mill", "regulator").stderr == "umo: regulator is not an object\n"  # a law, which has none
+        law = "umo: regulator is not an object; name one of its numbers: regulator.low and regulator.high\n"
+        assert umo("get", "mill", "regulator").stderr == law
 
 
 @pytest.mark.parametrize(

@@ -498,6 +498,36 @@ def test_an_action_runs_to_its_end_and_its_result_is_told(rig: Rig) -> None:
     assert rig.call("count").text == "1"
 
 
+class Stacker(Press):
+    """Its control and an action, with a sequence that it starts, tell progress in each period."""
+
+    def control(self) -> None:
+        super().control()
+        self.cycle.progress("pressing")
+
+    @action
+    async def stack(self, layers: Literal["few", "many"]) -> None:
+        """Stack layers."""
+        await self.cycle.start(self.pile({"few": 10, "many": 110}[layers]))
+
+    async def pile(self, layers: int) -> None:
+        for layer in range(layers):
+            self.cycle.progress(f"layer {layer}")
+            await next_period()
+
+
+@pytest.mark.parametrize(("layers", "told"), [("few", ["0"]), ("many", ["0", "50", "100"])])
+def test_the_progress_that_an_action_tells_is_told_as_its_own_now_and_then(layers: str, told: list[str]) -> None:
+    with Rig(kind=Stacker) as rig:
+        rig.do("lease")
+        number = rig.call("stack", layers=layers).command
+        for _ in range(130):
+            rig.keep()
+        events = [event for event in rig.events if event.command == number]
+        assert [event.state for event in events] == [*[CommandState.BEGUN] * (1 + len(told)), CommandState.DONE]
+        assert [event.text for event in events] == ["", *(f"layer {layer}" for layer in told), ""]
+
+
 def test_a_sequence_that_an_action_starts_goes_on_while_the_application_waits(rig: Rig) -> None:
     rig.call("start_another")
     rig.periods(8)

@@ -94,6 +94,19 @@ def test_what_is_not_written_any_more_goes_to_its_default_once(synchronous: bool
         assert "not written for 0.005 s" in event.text
 
 
+@pytest.mark.usefixtures("each_way")
+@pytest.mark.parametrize("synchronous", [True, False])
+def test_nothing_is_told_of_a_default_that_is_not_written_again(synchronous: bool) -> None:
+    m = press(heater=actuator(expires="5 ms", synchronous=synchronous))
+    connection = connect(m, wiring())
+    with connection:
+        m.heater.write(4.0)
+        periods(m)
+        m.heater.write(0.0)
+        periods(m, 20)
+        assert (m.heater.read(), list(connection.machine.events)) == (0.0, [])
+
+
 def test_commands_that_expire_together_do_so_in_the_order_declared() -> None:
     m = press(ram=actuator(expires="2 ms", synchronous=False), lamp=relay(expires="2 ms"))
     connection = connect(m, wiring())

@@ -151,7 +151,7 @@ class Model:
             self.active[name] = holds or (name == "blind" and self.active[name])
         for act in self.acts.values():
             if act.path not in due and act.expires and act.age is not None and act.age >= EXPIRES:
-                self.events.append(act.path)
+                self.events += [act.path] * (not at_default(act))  # where it is, nothing happens that is to be told
                 act.wanted, act.age = act.default, None
                 if not act.synchronous:
                     due.add(act.path)

@@ -5,16 +5,21 @@ from __future__ import annotations
 import errno
 import json
 import os
+import signal
 import stat
+import sys
 import tempfile
 from pathlib import Path
 
 import pytest
 
+from helpers import process_box
+from helpers.runs import Run
 from umo import UmoError
 from umo.errors import AcknowledgeRequired
+from umo.exit_status import ExitStatus
 from umo.system import device_record, folders
-from umo.system.device_record import DeviceRecord, all_standing, standing
+from umo.system.device_record import DeviceClaim, DeviceRecord, all_standing, standing
 
 DEVICE = "bus 1"
 ROOT = hasattr(os, "geteuid") and os.geteuid() == 0
@@ -46,6 +51,73 @@ def test_an_unsafe_end_is_told_to_the_next_start_until_it_is_acknowledged() -> N
     second.begin(True)
     second.finish()
     DeviceRecord([DEVICE], "press", "bench").begin(False)
+
+
+# Devices of other names ---------------------------------------------------------------------------------
+
+
+def launched(device: str, launch: str = "press with rig") -> DeviceRecord:
+    return DeviceRecord([device], "press", "rig", launch)
+
+
+def test_an_unsafe_end_is_told_though_the_device_has_another_name_after_a_restart() -> None:
+    """As where a link in /dev leads to another file, or a host has another address."""
+    launched("serial /dev/ttyUSB0").begin(False)
+    with pytest.raises(AcknowledgeRequired, match=r"on serial /dev/ttyUSB0 was started"):
+        launched("serial /dev/ttyUSB1").begin(False)
+    second = launched("serial /dev/ttyUSB1")
+    second.begin(True)
+    second.abandon()
+    assert [each.device for each in all_standing()] == ["serial /dev/ttyUSB0"]
+    second.begin(True)
+    second.stopped("killed", [])
+    assert [each.device for each in all_standing()] == ["serial /dev/ttyUSB1"]
+
+
+def test_an_unsafe_end_that_was_acknowledged_is_gone_after_a_safe_one() -> None:
+    launched("serial /dev/ttyUSB0").begin(False)
+    second = launched("serial /dev/ttyUSB1")
+    second.begin(True)
+    second.finish()
+    assert all_standing() == []
+
+
+@pytest.mark.parametrize("launch", ["press with other options", ""])
+def test_another_launch_of_a_station_has_devices_of_its_own(launch: str) -> None:
+    launched("bus 1", launch).begin(False)
+    launched("bus 2").begin(False)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="what holds devices is Linux's")
+def test_a_run_of_the_same_launch_that_goes_on_is_no_unsafe_end() -> None:
+    first = DeviceClaim(["bus 1"], "press", "rig", launch="press with rig")
+    second = DeviceClaim(["bus 2"], "press", "rig", launch="press with rig")
+    second.finish()
+    first.finish()
+    assert all_standing() == []
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
+def test_a_supervisor_does_not_start_a_machine_that_stands_stopped_though_its_device_has_another_name(
+    tmp_path: Path,
+) -> None:
+    link = tmp_path / "by-id"
+    for name in ("ttyUSB0", "ttyUSB1"):
+        process_box.Cells(tmp_path / name)
+    link.symlink_to("ttyUSB0")
+    run = Run(process_box.wiring(link), "forever").until_running()
+    for pid in (run.standby, run.guardian, run.control):
+        os.kill(pid, signal.SIGKILL)
+    run.until_all_ended()
+    run.channel.close()
+    link.unlink()
+    link.symlink_to("ttyUSB1")
+    outcome = Run(process_box.wiring(link)).outcome()
+    assert (outcome.status, outcome.driven) == (ExitStatus.MISTAKE, False)
+    assert outcome.failure is not None
+    assert "ttyUSB0" in outcome.failure.message
+    assert Run(process_box.wiring(link), acknowledge=True).outcome().status == 0
+    assert all_standing() == []
 
 
 def test_each_device_of_a_run_stands_by_itself() -> None:

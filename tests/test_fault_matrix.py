@@ -16,12 +16,12 @@ def declared(station: str) -> set[tuple[str, str]]:
 
 
 SOME = [  # the quick ones: test-all runs all of them
-    ("conveyor", "belt.speed stuck at 2.2 s", "stopped"),
-    ("conveyor", "belt.run disconnect at 0.5 s", "not reached"),
-    ("conveyor", "diverter stuck at 0.5 s", "not seen"),
-    ("conveyor", "entry wrong length at 2.2 s", "stopped"),
+    ("conveyor", "sorter.belt.speed stuck at 2.2 s", "stopped"),
+    ("conveyor", "sorter.belt.run disconnect at 0.5 s", "not reached"),
+    ("conveyor", "sorter.diverter stuck at 0.5 s", "not seen"),
+    ("conveyor", "sorter.entry wrong length at 2.2 s", "stopped"),
     ("conveyor", "timer bit flip at 0.5 s", "stopped"),
-    ("conveyor", "belt.speed noise at 0.5 s", "ok"),
+    ("conveyor", "sorter.belt.speed noise at 0.5 s", "ok"),
     ("furnace", "zones.2.temperature disconnect at 5 s", "degraded"),
     ("furnace", "zones.1.heater stuck at 5 s", "stopped"),
     ("furnace", "timer out of range at 70 s", "stopped"),
@@ -44,7 +44,7 @@ def test_a_station_ends_a_fault_as_it_should(station: str, fault: str, verdict: 
 def test_a_run_that_forks_when_the_fault_begins_ends_as_one_with_the_fault_from_its_start() -> None:
     """In every word of the result or the error."""
     kinds = ("stuck", "noise", "bit flip", "disconnect")
-    forked = matrix.all_tried([cell for cell in matrix.cells("conveyor", "belt.speed") if cell.kind in kinds], 1)
+    forked = matrix.all_tried([cell for cell in matrix.cells("conveyor", "sorter.belt.speed") if cell.kind in kinds], 1)
     assert {(cell.kind, cell.moment) for cell in forked} >= {("stuck", 0.5), ("stuck", 2.2), ("disconnect", 0.5)}
     for cell in forked:
         alone = matrix.tried(cell, 200_000)
@@ -66,11 +66,11 @@ def test_no_fault_on_an_object_of_a_station_ends_in_a_defect(station: str) -> No
 
 def test_the_page_has_a_row_for_an_object_with_a_word_for_each_moment_and_the_reasons() -> None:
     kinds = {("stuck", 0.5): "stopped", ("stuck", 2.2): "ok", ("noise", 0.5): "ok", ("bit flip", 0.5): "not seen"}
-    done = [matrix.Cell("conveyor", "diverter", *kind, verdict=verdict) for kind, verdict in kinds.items()]
+    done = [matrix.Cell("conveyor", "sorter.diverter", *kind, verdict=verdict) for kind, verdict in kinds.items()]
     page = matrix.page(done)
     assert [line[3:] for line in page.splitlines() if line.startswith("## ")] == list(matrix.TRIALS)
-    assert "| diverter | stopped, ok | ok | - | - | not seen | - | - | - | - | - | - |" in page
-    assert "- `diverter`: no sensor sees the diverter, or the parts behind it." in page
+    assert "| sorter.diverter | stopped, ok | ok | - | - | not seen | - | - | - | - | - | - |" in page
+    assert "- `sorter.diverter`: no sensor sees the diverter, or the parts behind it." in page
 
 
 def test_each_kind_of_defect_is_told_apart() -> None:
@@ -84,19 +84,22 @@ def test_each_kind_of_defect_is_told_apart() -> None:
     assert matrix.judged(trial, run, "timer", "noise")[0] == "TRACEBACK"
     run.error, run.stopped = AxisError("stopped while it hung"), True
     assert matrix.judged(trial, run, "timer", "noise")[0] == "HANG"
-    run.levels["belt.run"] = 1
-    assert matrix.judged(trial, run, "timer", "noise") == ("UNSAFE", "not at the default: belt.run")
-    assert matrix.judged(trial, run, "belt.run", "stuck")[0] == "HANG", "it was sent its default"
-    run.sent["belt.run"] = 1
-    assert matrix.judged(trial, run, "belt.run", "stuck")[0] == "UNSAFE"
+    run.seen[matrix.SHOWN] = "idle is shown, in fault"
+    assert matrix.judged(trial, run, "timer", "noise") == ("WRONG", "idle is shown, in fault")
+    run.levels["sorter.belt.run"] = 1
+    assert matrix.judged(trial, run, "timer", "noise") == ("UNSAFE", "not at the default: sorter.belt.run")
+    del run.seen[matrix.SHOWN]
+    assert matrix.judged(trial, run, "sorter.belt.run", "stuck")[0] == "HANG", "it was sent its default"
+    run.sent["sorter.belt.run"] = 1
+    assert matrix.judged(trial, run, "sorter.belt.run", "stuck")[0] == "UNSAFE"
     assert matrix.tried(next(iter(matrix.cells("conveyor"))), 10).verdict == "HANG"
 
 
 def test_an_actuator_without_a_fault_that_is_not_reached_is_a_defect() -> None:
     trial = matrix.TRIALS["conveyor"]
-    run = matrix.carried_out(trial, ["belt.run disconnect at 0.5 s"], 100_000)
-    assert matrix.judged(trial, run, "belt.run", "disconnect")[0] == "not reached"
-    assert matrix.judged(trial, run, "entry", "disconnect") == ("UNSAFE", "not at the default: belt.run")
+    run = matrix.carried_out(trial, ["sorter.belt.run disconnect at 0.5 s"], 100_000)
+    assert matrix.judged(trial, run, "sorter.belt.run", "disconnect")[0] == "not reached"
+    assert matrix.judged(trial, run, "sorter.entry", "disconnect") == ("UNSAFE", "not at the default: sorter.belt.run")
 
 
 def test_a_length_that_is_not_that_of_the_part_is_a_wrong_result() -> None:

@@ -16,7 +16,7 @@ from umo import Compound, DigitalSensor, Number, connect, published
 from umo.alarms import Alarm, alarm_file
 from umo.frames import Reader
 from umo.process import kept_file
-from umo.process.keeper import HELD_BY_ANOTHER, Told, Writer, keep
+from umo.process.keeper import HELD_BY_ANOTHER, INTERVAL, Told, Writer, keep
 from umo.process.kept_file import KeptValues
 from umo.testing import periods
 
@@ -84,6 +84,24 @@ def test_each_look_writes_the_last_frame_if_what_is_kept_has_changed(bench: Benc
     assert values.numbers == {"count": {"value": 2, "unit": "", "type": "int"}}
     assert (values.station, values.wiring, values.pid) == ("press", "simulated", bench.reader.about["pid"])
     assert values.period in (5, 6)  # of the last change
+
+
+def test_the_time_of_the_disk_does_not_delay_the_next_look(bench: Bench) -> None:
+    now, waits = 100.0, []
+
+    def is_gone(within: float) -> bool:
+        nonlocal now
+        waits.append(within)
+        now += within
+        count(bench, len(waits))()
+        return len(waits) == 4
+
+    def slow(path: Path, data: bytes) -> None:
+        nonlocal now
+        now += (0.2, 0.5, 3.0, 0.0)[len(waits) - 1]
+
+    keep(bench.reader, Writer(bench.path, KeptValues("press", "simulated"), bench.told, slow), is_gone, lambda: now)
+    assert waits == pytest.approx([INTERVAL, INTERVAL - 0.2, INTERVAL - 0.5, 0.0])
 
 
 def test_the_last_frame_is_written_when_the_writer_is_gone(bench: Bench) -> None:

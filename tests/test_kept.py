@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import KW_ONLY
 from enum import Enum, IntEnum
 from math import inf, nan
+from types import SimpleNamespace
 from typing import Annotated, Any
 
 import pytest
@@ -100,6 +101,32 @@ def test_setup_finds_the_kept_value_of_a_field() -> None:
     with connection as m:
         assert m.law.top == 50.0
     assert (m.length, m.count) == (2.0, 1)  # as the declaration has it
+
+
+class Mill(Compound, numbers=lambda mill: {"speed": Number("", 0.0, mill.fastest, tunable=True, kept=True)}):
+    timer: DigitalSensor
+    fastest: Annotated[float, Number("", 50.0, 300.0, kept=True)] = 100.0
+    speed: float = 10.0
+
+
+@pytest.mark.parametrize(
+    ("fastest", "kept", "speed", "refused"),
+    [
+        (200.0, {"speed": 150.0}, 150.0, []),
+        (200.0, {"speed": 250.0}, 10.0, ["speed"]),
+        (100.0, {"speed": 150.0, "fastest": 200.0}, 150.0, []),
+        (100.0, {"speed": 90.0, "fastest": 400.0}, 90.0, ["fastest"]),
+        (100.0, {"speed": 90.0, "fastest": 60.0}, 10.0, ["fastest", "speed"]),
+    ],
+)
+def test_the_range_of_a_kept_value_may_depend_on_a_parameter_or_on_another_kept_value(
+    fastest: float, kept: dict[str, float], speed: float, refused: list[str]
+) -> None:
+    wire = {"timer": {"driver": "simulated", "period": "1 ms"}}
+    connection = connect(Mill(timer=timer()), {"parameters": {"fastest": fastest}, "wire": wire})
+    connection.kept = entries(**kept)
+    with connection as m:
+        assert (m.speed, sorted(connection.not_restored)) == (speed, refused)
 
 
 def test_a_kept_value_counts_after_the_parameter_of_the_wiring() -> None:
@@ -245,3 +272,8 @@ def test_an_alarm_that_nobody_has_acknowledged_is_still_to_be_acknowledged_in_th
         states = dict(zip(engine.paths, map(AlarmState, engine.states.tolist()), strict=True))
     assert {path for path, state in states.items() if state} == {"reactors.1.fault"}
     assert states["reactors.1.fault"] is AlarmState.RETURNED  # its condition is over
+
+
+def test_a_unit_whose_state_is_not_shown_keeps_no_state() -> None:
+    layout: Any = SimpleNamespace(signals=[], alarms=[], units=[{"path": "filler.unit"}])
+    assert sections_of(layout) == {}

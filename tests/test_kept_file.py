@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import json
 import os
+import stat
 import sys
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
-from umo.process import kept_file
+from umo.process import kept_file, kept_values
 from umo.process.kept_file import KeptFileError, KeptValues
 
 VALUES = KeptValues(
@@ -25,7 +27,9 @@ VALUES = KeptValues(
         "on": {"value": True, "unit": "", "type": "bool"},
         "name": {"value": "FAST", "unit": "", "type": "Enum"},
         "none": {"value": None, "unit": "mm", "type": "float"},
-    }},
+    },
+    "alarms": {"full": 1, "filler.fault": 4, "many.12": 9},
+    "states": {"filler.unit": "unholding", "brewer.unit": "aborted"}},
 )  # fmt: skip
 DATA = kept_file.dump(VALUES)
 
@@ -38,10 +42,35 @@ def test_what_is_written_is_read_again_to_the_last_digit(tmp_path: Path) -> None
     assert path.stat().st_mode & 0o777 == 0o600 or sys.platform == "win32"
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the sticky bit of a file")
+def test_old_files_are_left_alone_by_what_cleans_var_tmp(tmp_path: Path) -> None:
+    path = tmp_path / "kept" / "kept.json"
+    with kept_file.locked(path, 1.0):
+        kept_file.write(path, DATA)
+    assert [stat.S_IMODE(file.stat().st_mode) for file in (path, kept_file.lock_of(path))] == [0o1600, 0o1600]
+
+
 def test_every_beginning_of_a_file_is_refused() -> None:
     for end in range(len(DATA)):
         with pytest.raises(KeptFileError):
             kept_file.load(DATA[:end])
+
+
+def test_a_file_cut_at_every_byte_costs_all_its_values_and_the_next_run_keeps_its_own(tmp_path: Path) -> None:
+    job = SimpleNamespace(fresh=False)
+    plan: Any = SimpleNamespace(name="press", wiring_name="modbus", place="/machines/press", job=job)
+    path = kept_values.file_of(plan)
+    said: list[str] = []
+    assert path is not None
+    os.close(kept_file.lock_file(path))
+    for end in range(len(DATA)):
+        path.write_bytes(DATA[:end])
+        assert kept_values.take_over(plan, said.append) == {}
+        assert said[-1].startswith("the kept values of the last run are lost: it is ")
+    kept_file.write(path, DATA)
+    assert kept_values.take_over(plan, said.append) == VALUES.sections
+    assert len(said) == len(DATA)
+    assert len([*path.parent.glob("*.aside-*")]) == kept_file.MAX_ASIDE
 
 
 def test_every_end_of_a_file_is_refused() -> None:
@@ -77,9 +106,13 @@ FOREIGN: list[Any] = [
     {"version": 1, **asdict(VALUES), "utc": 1e300},
     {"version": 1, **asdict(VALUES), "sections": []},
     {"version": 1, **asdict(VALUES), "sections": {"numbers": [1]}},
+    {"version": 1, **asdict(VALUES), "sections": {"alarms": {"worn": []}}},
     {"version": 1, **asdict(VALUES), "sections": {"numbers": {"count": 3}}},
     {"version": 1, **asdict(VALUES), "sections": {"numbers": {"count": {"value": 3}}}},
     {"version": 1, **asdict(VALUES), "sections": {"numbers": {"count": NUMBER | {"unit": 3}}}},
+    {"version": 1, **asdict(VALUES), "sections": {"alarms": {"full": [1]}}},
+    {"version": 1, **asdict(VALUES), "sections": {"alarms": {"full": True}}},
+    {"version": 1, **asdict(VALUES), "sections": {"states": {"filler.unit": 6}}},
 ]
 
 
@@ -137,9 +170,9 @@ class Disk:
     """A file system that goes down after some calls. Of a file that was not synced any beginning may be left; a name
     that was given, while its folder was not synced, may be given or not. It writes a few bytes at a time."""
 
-    def __init__(self, calls: int, fails: bool = False) -> None:
+    def __init__(self, calls: int, fails: bool = False, first: bool = False) -> None:
         self.calls, self.fails = calls, fails
-        self.names = [{"kept.json": 0}]
+        self.names: list[dict[str, int]] = [{} if first else {"kept.json": 0}]
         """What the folder may hold on the disk, the last one is what processes see."""
         self.files = [bytearray(b"old")]
         self.synced = [3]
@@ -183,21 +216,24 @@ class Disk:
         names[new.name] = names.pop(old.name)
         self.names.append(names)
 
-    def left(self) -> Iterator[bytes]:
-        """Whatever may be found under the name afterwards."""
+    def left(self) -> Iterator[bytes | None]:
+        """Whatever may be found under the name afterwards; None: nothing."""
         for names in self.names:
-            number = names["kept.json"]
+            if (number := names.get("kept.json")) is None:
+                yield None
+                continue
             for end in range(self.synced[number], len(self.files[number]) + 1):
                 yield bytes(self.files[number][:end])
 
 
-def test_whenever_the_computer_goes_down_the_old_file_is_left_whole_or_the_new_one() -> None:
+@pytest.mark.parametrize("old", [b"old", None], ids=["old", "none"])
+def test_whenever_the_computer_goes_down_the_old_file_is_left_whole_or_the_new_one(old: bytes | None) -> None:
     for calls in range(100):
-        disk = Disk(calls)
+        disk = Disk(calls, first=old is None)
         try:
             kept_file.write(Path("kept.json"), DATA, disk)
         except Down:
-            assert set(disk.left()) <= {b"old", DATA}
+            assert set(disk.left()) <= {old, DATA}
         else:
             assert set(disk.left()) == {DATA}
             assert calls > 10

@@ -78,6 +78,13 @@ def test_what_is_kept_is_there_in_the_next_run(tmp_path: Path, cells: Cells) -> 
     assert assert_one_moment(kept()) > first
 
 
+def test_a_file_that_was_copied_from_another_computer_is_taken(tmp_path: Path, cells: Cells) -> None:
+    start(tmp_path, "count").outcome()
+    first = assert_one_moment(kept())
+    kept_file.lock_of(file()).unlink()
+    assert start(tmp_path, "count").outcome().result == first
+
+
 def test_a_fresh_run_starts_with_its_defaults_and_leaves_the_old_file_under_another_name(
     tmp_path: Path, cells: Cells
 ) -> None:

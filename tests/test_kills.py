@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import socket
 import struct
 from collections.abc import Iterator
@@ -9,10 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from bench.kills import box, campaign
+from bench.kills import box, campaign, kept
 from bench.kills.box import Box
 from bench.kills.kinds import KINDS, possible
+from bench.kills.station.journal import COLUMNS, SIZE
 from helpers.waiting import until
+from umo.process.kept_file import KeptValues
 
 needs_box = pytest.mark.skipif(box.missing() is not None, reason=str(box.missing()))
 SHORT = [
@@ -33,6 +36,7 @@ SHORT = [
     "pids.max reached: control killed",
     "0 to 3 descriptors left: control killed",
     "box: byte count 200 of bits",
+    "operated: SIGKILL of keeper and control",
 ]
 CHOSEN = {kind.name: kind for kind in KINDS if kind.name in SHORT}
 
@@ -104,3 +108,62 @@ def test_a_fault_that_is_not_carried_out_changes_no_output(own_box, name):
         write_coil(connection, 1, True)
         assert own_box.values[:4] == [0, 1, 0, 0]
         assert own_box.met == 1
+
+
+# What is kept -------------------------------------------------------------------------------------------
+
+
+def row(number: int, moment: float, count: int, state: int, alarm: int) -> bytes:
+    return struct.pack(f"<{COLUMNS}d", number, moment, count, state, alarm, *[0] * (COLUMNS - 5))
+
+
+def values(number: int, count: int, state: str, alarm: int) -> KeptValues:
+    sections = {
+        "numbers": {"count": {"value": count, "unit": "", "type": "int"}},
+        "alarms": {"full": alarm} if alarm else {},
+        "states": {"filler.unit": state},
+    }
+    return KeptValues("station", "box", period=number, sections=sections)
+
+
+@pytest.fixture
+def journal(tmp_path: Path) -> Iterator[kept.Journal]:
+    """Of two periods, the second one 1.5 s later."""
+    found = kept.Journal(tmp_path / "0.rows")
+    names = {"numbers": ["count"], "states": ["filler.unit"], "alarms": ["full"]}
+    found.file.with_suffix(".json").write_text(json.dumps(names))
+    rows = [row(1, 10.0, 5, 2, 0), row(0, 0.0, 0, 0, 0), row(1, 11.0, 6, 6, 1), row(2, 12.5, 7, 11, 0)]
+    with found.file.open("r+b") as opened:
+        opened.write(b"".join(rows))
+    assert found.file.stat().st_size == SIZE
+    yield found
+    found.close()
+
+
+@pytest.mark.parametrize(
+    ("found", "allowed", "wrong"),
+    [
+        (values(2, 7, "held", 0), 0.0, ""),
+        (values(1, 6, "execute", 1), 0.0, ""),  # the journal is written before the frame
+        (values(1, 6, "execute", 1), 2.0, ""),
+        (values(1, 6, "execute", 1), 1.0, "kept values 1.50 s old"),
+        (values(2, 7, "held", 1), 0.0, "kept values are not those of their period: alarms full 1 in place of 0.0"),
+        (values(2, 7, "execute", 0), 0.0, "kept values are not those of their period: states filler.unit execute"),
+        (values(2, 6, "held", 0), 0.0, "kept values are not those of their period: numbers count 6.0 in place of 7.0"),
+        (values(9, 7, "held", 0), 0.0, "kept values of the period 9, which the machine did not have"),
+        (None, 1.0, "nothing was kept"),
+        ("it is torn", 1.0, "it is torn"),
+    ],
+)
+def test_what_is_kept_of_no_moment_or_of_an_old_one_is_told(
+    journal: kept.Journal, found: KeptValues | str | None, allowed: float, wrong: str
+) -> None:
+    told = kept.wrong_moment(found, journal, allowed)
+    assert told.startswith(wrong) if wrong else told == ""
+
+
+def test_what_the_next_run_has_not_taken_over_is_told(journal: kept.Journal) -> None:
+    """A shelved alarm begins as normal, units stopped."""
+    assert kept.wrong_start(values(9, 5, "execute", 6), journal) == ""
+    wrong = kept.wrong_start(values(9, 4, "execute", 1), journal)
+    assert wrong == "the next run has not taken over: numbers count 4.0 in place of 5.0, alarms full 1 in place of 0.0"

@@ -54,6 +54,39 @@ def test_one_that_comes_when_it_is_given_back_does_not_overtake_one_that_waits()
     assert [line for line in log if line.endswith("has it")] == ["a has it", "b has it", "a has it"]
 
 
+@pytest.mark.parametrize("within", [False, True])
+def test_one_that_is_paused_while_it_waits_keeps_no_other_from_it_and_keeps_its_place(within):
+    lock, log = Lock(), list[str]()
+    with Cycle() as cycle:
+        cycle.start(uses(lock, 1, log, "a"))
+        waits = uses(lock, 1, log, "b")
+        held = cycle.start(together(waits) if within else waits)
+        cycle.steps(1)
+        held.paused = True
+        cycle.steps(3)
+        assert not lock.locked
+        cycle.start(uses(lock, 2, log, "c"))
+        cycle.start(uses(lock, 1, log, "d"))
+        cycle.steps(1)
+        held.paused = False
+        cycle.steps(10)
+    assert [line[0] for line in log if line.endswith("has it")] == ["a", "c", "b", "d"]
+    assert not lock.locked
+
+
+def test_one_that_was_paused_has_a_free_lock_when_it_goes_on():
+    lock, log = Lock(), list[str]()
+    with Cycle() as cycle:
+        cycle.start(uses(lock, 1, log, "a"))
+        held = cycle.start(uses(lock, 1, log, "b"))
+        cycle.steps(1)
+        held.paused = True
+        cycle.steps(5)
+        held.paused = False
+        cycle.steps(4)
+    assert log[-1] == "b gave it back"
+
+
 def test_an_error_in_the_block_gives_it_back():
     lock, log = Lock(), list[str]()
     with Cycle() as cycle:

@@ -22,6 +22,7 @@ from umo.cli.run_folder import RunSummary, TraceFile
 from umo.cycle.stage import Progress
 from umo.cycle.trace import Statistics, Trace
 from umo.latency import blackbox
+from umo.system.processes import identity
 
 Umo = Callable[..., Result]
 PERIOD = 0.1
@@ -223,9 +224,9 @@ def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         [
             ("tank", os.getpid(), {"state": "running", "status": None}),
             ("tank", gone, {"state": "running", "status": None}),
-            ("tank", gone, {"status": 3}),
+            ("tank", gone, {"status": 3, "failure": "the level does not rise (at 3 s)"}),
             ("press", gone, {"status": 0}),
-            ("tank", gone, {"status": 0}),
+            ("tank", gone, {"status": 143, "failure": "", "stopped_by": "ann, umo stop (pid 3)"}),
         ]
     ):
         folder = tmp_path / "runs" / f"{station}-20260101-00000{number}"
@@ -244,6 +245,25 @@ def test_the_oldest_runs_are_removed_but_for_one_that_goes_on(runs: Path) -> Non
     assert left == {"tank-20260101-000000", "tank-20260101-000004", "press-20260101-000003", "other"}
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="what tells processes apart is Linux's")
+def test_a_killed_run_whose_number_another_process_has_got_is_removed(runs: Path) -> None:
+    process = identity(os.getpid())
+    for number, own in ((5, process), (6, f"another boot {process}")):
+        folder = runs / f"tank-20260101-00000{number}"
+        folder.mkdir()
+        (folder / "run.json").write_text(json.dumps({"station": "tank", "pid": os.getpid(), "process": own}))
+    assert [run.state for run in recorded("tank")][-2:] == ["running", "killed"]
+    prune(0, "tank")
+    assert {path.name for path in runs.glob("tank-*")} == {"tank-20260101-000000", "tank-20260101-000005"}
+
+
+def test_a_run_says_which_process_it_is(umo: Umo, tank: Path) -> None:
+    assert umo("run", "tank", "--no-plot", "--until", "1").exit_code == 124
+    (folder,) = (tank.parent / "runs").iterdir()
+    about = json.loads((folder / "run.json").read_text())
+    assert (about["pid"], about["process"]) == (os.getpid(), identity(os.getpid()))
+
+
 def test_what_is_no_run_is_never_removed_nor_what_a_link_names(runs: Path, tmp_path: Path) -> None:
     (tmp_path / "precious").mkdir()
     (tmp_path / "precious" / "run.json").write_text(json.dumps({"station": "tank", "pid": 0}))
@@ -257,9 +277,12 @@ def test_umo_runs_lists_and_prunes(umo: Umo, runs: Path) -> None:
     shown = umo("runs", "tank").stdout
     assert "tank-20260101-000002" in shown
     assert "ended, status 3" in shown
+    assert "the level does not rise (at 3 s)" in shown
+    assert "stopped by ann, umo stop (pid 3)" in shown
     assert "press" not in shown
     assert "removed: 2 runs" in umo("runs", "--prune", "1").stdout
-    assert umo("runs", "nobody").stdout == "no run in runs/\n"
+    assert umo("runs", "nobody").stdout == "no run of nobody in runs/\n"
+    assert umo("runs", "prss").stdout == "no run of prss in runs/ (did you mean 'press'?)\n"
 
 
 def test_a_run_removes_the_oldest_of_its_station_when_asked(umo: Umo, tank: Path) -> None:

@@ -524,16 +524,16 @@ def test_the_cells_of_the_page_do_in_a_notebook_what_it_says(tmp_path: Path) -> 
     started = 'umo.start("conveyor", '
     assert started in cells[1]
     cells[1] = cells[1].replace(started, f'umo.start("conveyor", {str(conveyor(tmp_path))!r}, ')
-    complete = "from IPython import get_ipython\nprint(get_ipython().complete('station[\"belt.s')[1])"
+    complete = "from IPython import get_ipython\nprint(get_ipython().complete('station[\"sorter.belt.s')[1])"
     cells.insert(3, f"{complete}\nrun")
     outputs = executed(cells)
     (belt,) = outputs[1]
-    assert Table(belt["data"]["text/html"]).rows["belt.speed"]["wiring"] == "plant:drive:speed"
+    assert Table(belt["data"]["text/html"]).rows["sorter.belt.speed"]["wiring"] == "plant:drive:speed"
     table, scope = outputs[2]
-    assert Table(table["data"]["text/html"]).rows["diverter"]["value"] == "OFF"
+    assert Table(table["data"]["text/html"]).rows["sorter.diverter"]["value"] == "OFF"
     assert "state: ended" in Table(table["data"]["text/html"]).heading, "it was kept up to date to the end"
     assert "view: stopped" in Table(scope["data"]["text/html"]).heading
     completed = next(each for each in outputs[3] if each.get("name") == "stdout")
     (run,) = (each for each in outputs[3] if "data" in each)
-    assert "belt.speed" in completed["text"]
+    assert "sorter.belt.speed" in completed["text"]
     assert "state: running · mode: manual" in Table(run["data"]["text/html"]).heading

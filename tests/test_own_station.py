@@ -11,7 +11,7 @@ from umo.testing import station
 
 
 def test_a_test_finds_its_station_and_the_stations_own_classes(tank: Path) -> None:
-    found = station(str(tank / "tests" / "test_station.py"))
+    found = station(str(tank / "tests" / "test_tank.py"))
     assert found.path == tank == station(tank / "plant.py").path
     machine = found.machine()
     assert type(machine) is found.load("control").Tank

@@ -16,11 +16,14 @@ from hypothesis import strategies as st
 
 from helpers.machines import actuator, sensor, timer, wired
 from helpers.operator import Operator
-from umo import Compound, DigitalActuator, DigitalSensor, connect
+from umo import Compound, DigitalActuator, DigitalSensor, Number, connect, published
 from umo.control import next_period, until, wait
+from umo.cycle.client_commands import Mode
 from umo.cycle.events import CommandState
 from umo.errors import CommandRefused, DeclarationError, EquipmentFault, TaskFailed
+from umo.objects import action
 from umo.operation import PackML, PackMLState, Procedure, ProcedureState, UnitMode
+from umo.operation.model import sequence_name
 from umo.operation.packml import PACKML
 from umo.testing import Scripted, periods
 
@@ -306,6 +309,59 @@ def test_a_fault_of_the_equipment_is_aborted_and_its_clearing_leads_to_stopped()
         assert unit.state is S.STOPPED
 
 
+class Fragile(Unit):
+    """It fails in its law when it is told to."""
+
+    broken = False
+
+    def control(self) -> None:
+        if self.broken:
+            self.broken = False
+            raise ValueError("broken")
+
+
+@pytest.mark.parametrize("at", [S.IDLE, S.EXECUTE, S.HELD, S.HOLDING], ids=lambda each: each.name.lower())
+def test_a_fault_that_is_cleared_before_the_next_period_is_aborted_all_the_same(at: PackMLState) -> None:
+    machine = Plant(filler=Fragile(motor=actuator(), level=sensor()), timer=timer())
+    with connect(machine, wired(machine, Scripted())) as m:
+        periods(m)
+        lead_to(m, at)
+        ann = Operator(m)
+        ann.do("lease", seconds=5.0)
+        m.filler.broken = True
+        ann.run()
+        assert m.filler.unit.state is S.ABORTED
+        ann.do("clear")  # taken before the states are looked at
+        assert m.filler.unit.state is S.CLEARING
+        assert "state: aborted" in ann.notes
+        finish(m)
+        assert m.filler.unit.state is S.STOPPED
+        assert m.filler.begun.count("execute") == m.filler.ended.count("execute")
+
+
+def test_an_error_in_supervise_is_a_fault_of_its_part_and_told_once() -> None:
+    class Odd(PackML):
+        async def execute(self) -> None:
+            self.part.motor.write(5.0)  # type: ignore[attr-defined]
+            await super().execute()
+
+        def supervise(self) -> None:
+            super().supervise()
+            if self.part.open:  # type: ignore[attr-defined]
+                raise ValueError("odd")
+
+    with running(Odd) as (m, unit):
+        unit.reset()
+        periods(m)
+        unit.start()
+        periods(m, 3)
+        assert m.filler.motor.read() == 5.0
+        m.filler.open = {"x"}
+        periods(m, 20)
+        assert (unit.state, m.filler.motor.read()) == (S.ABORTED, 0.0)
+        assert sum("odd" in event.text for event in m._machine.events) == 1
+
+
 def test_a_fault_that_cannot_be_cleared_stays() -> None:
     case = running()
     with case as (m, unit):
@@ -342,6 +398,23 @@ def test_a_refusal_of_the_part_is_an_interlock_on_a_transition() -> None:
         assert unit.state is S.IDLE
 
 
+@pytest.mark.parametrize("wrong", [lambda: 1 / 0, lambda: False])
+def test_a_refusal_that_fails_refuses_all_but_stop_and_abort(wrong: Any) -> None:
+    class Guarded(PackML):
+        def refusal(self, command: str) -> str | None:
+            return wrong() if command != "reset" else None
+
+    with running(Guarded) as (m, unit):
+        unit.reset()
+        periods(m)
+        assert unit.possible == ["stop", "abort"]
+        with pytest.raises(CommandRefused, match="whether start is possible cannot be told: "):
+            unit.start()
+        unit.abort()
+        periods(m)
+        assert unit.state is S.ABORTED
+
+
 def test_a_mode_without_a_state_refuses_the_command_that_leads_there_and_passes_acting_states() -> None:
     class Serviced(PackML):
         excluded = {UnitMode.MAINTENANCE: [S.SUSPENDING, S.STARTING]}
@@ -360,6 +433,37 @@ def test_a_mode_without_a_state_refuses_the_command_that_leads_there_and_passes_
         unit.stop()
         periods(m)
         assert unit.state is S.STOPPED
+
+
+def test_no_command_leads_to_a_state_that_the_mode_does_not_have_also_not_by_an_acting_one() -> None:
+    class Serviced(PackML):
+        excluded = {UnitMode.MAINTENANCE: [S.HELD, S.COMPLETE]}
+
+    with running(Serviced) as (m, unit):
+        unit.change_mode(UnitMode.MAINTENANCE)
+        for command in ("reset", "start"):
+            unit.command(command)
+            periods(m, 2)
+        assert unit.possible == ["suspend", "stop", "abort"]
+        with pytest.raises(CommandRefused, match="hold is not possible in the mode maintenance"):
+            unit.hold()
+
+
+@pytest.mark.parametrize(
+    ("model", "excluded", "words"),
+    [
+        (PackML, {UnitMode.MANUAL: [S.ABORTING]}, "every mode has the state aborting"),
+        (PackML, {UnitMode.MANUAL: [S.STOPPING]}, "every mode has the state stopping"),
+        (PackML, {UnitMode.MANUAL: (S.CLEARING,)}, "every mode has the state clearing"),
+        (Procedure, {UnitMode.MANUAL: [ProcedureState.STOPPED]}, "every mode has the state stopped"),
+        (Procedure, {UnitMode.MANUAL: [S.HELD]}, "HELD: 11> is not a state of ISA-88"),
+        (PackML, {UnitMode.MANUAL: S.HELD}, "a UnitMode with a list of states"),
+        (PackML, {"manual": [S.HELD]}, "a UnitMode with a list of states"),
+    ],
+)
+def test_what_a_mode_cannot_lack_is_refused(model: Any, excluded: Any, words: str) -> None:
+    with pytest.raises(DeclarationError, match=words):
+        type("Odd", (model,), {"excluded": excluded})
 
 
 def test_the_mode_is_changed_only_where_the_unit_stands_still() -> None:
@@ -407,6 +511,50 @@ def test_in_manual_mode_the_states_wait_but_stop_and_abort_are_possible() -> Non
         assert m.filler.cycle.fault == "aborted by a command"
 
 
+@pytest.mark.parametrize("end", ["stop", "abort", "a client's action"])
+def test_what_a_sequence_closes_that_was_ended_in_manual_mode_is_not_driven_again(end: str) -> None:
+    class Driving(PackML):
+        async def execute(self) -> None:
+            await self.part.beside.cycle.start(self.drive())  # type: ignore[attr-defined]
+
+        async def drive(self) -> None:
+            self.part.motor.write(5.0)
+            self.part.beside.motor.write(4.0)  # type: ignore[attr-defined]
+            try:
+                await super().execute()
+            finally:
+                self.part.motor.write(0.0)
+                self.part.beside.motor.write(0.0)  # type: ignore[attr-defined]
+
+        @action
+        def drop(self) -> None:
+            assert self._work is not None
+            self._work.cancel()
+
+    class Pair(Plant):
+        beside: Unit
+
+    filler, beside = (Unit(motor=actuator(), level=sensor(), states=each) for each in (Driving, PackML))
+    machine = Pair(filler=filler, timer=timer(), beside=beside)
+    with connect(machine, wired(machine, Scripted())) as m:
+        filler.beside = beside  # type: ignore[attr-defined]
+        ann = Operator(m)
+        ann.do("lease", seconds=1000.0)
+        for command in ("reset", "start"):
+            ann.call(f"filler.unit.{command}")
+            ann.run(3)
+        motors = filler.motor, beside.motor
+        assert [each.read() for each in motors] == [5.0, 4.0]
+        ann.mode("manual")
+        ann.run(3)
+        ann.call("filler.unit.drop" if end == "a client's action" else f"filler.unit.{end}")
+        ann.run(3)
+        ann.mode("automatic")
+        ann.run(5)
+        assert ann.clients.mode is Mode.AUTOMATIC
+        assert [each.read() for each in motors] == [0.0, 0.0]
+
+
 def test_actions_of_a_unit_are_described_in_the_order_of_their_declaration() -> None:
     with running() as (m, _):
         names = [path.rpartition(".")[2] for path in m._machine.actions]
@@ -428,6 +576,17 @@ def test_the_state_is_a_signal_with_names() -> None:
         unit.reset()
         periods(m)
         assert seen[-1] == S.RESETTING
+
+
+def test_a_subclass_adds_its_numbers_to_those_of_every_unit() -> None:
+    class Fast(PackML):
+        numbers = {"speed": Number("rpm", 0.0, 9.0, shown=True)}
+        speed = 3.0
+
+    case = running(Fast)
+    with case:
+        shown = [each.path.rpartition(".")[2] for each in case.connection.machine.frame.signals]
+        assert shown == ["state", "mode", "produced", "rejected", "speed"]
 
 
 # Declarations -------------------------------------------------------------------------------------------
@@ -457,6 +616,16 @@ def test_states_belong_to_equipment() -> None:
     machine = Plain(timer=timer())
     with pytest.raises(DeclarationError, match="unit: states belong to a part that is equipment"), connect(machine):
         pass
+
+
+def test_umo_ps_tells_the_states_of_parts(umo: Any) -> None:
+    rig = running()
+    with rig as (m, _), published(rig.connection, "line"):
+        periods(m)
+        assert "line: states: filler.unit stopped\n" in umo("ps").stdout
+        lead_to(m, S.IDLE)
+        (told,) = json.loads(umo("ps", "--json").stdout)["running"]
+        assert told["states"] == {"filler.unit": "idle"}
 
 
 def test_a_law_of_the_users_own_may_have_a_method_supervise() -> None:
@@ -511,6 +680,66 @@ def test_the_work_of_a_procedure_is_execute() -> None:
 
 
 # Anything at random -------------------------------------------------------------------------------------
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.sampled_from([*PACKML.commands, "open", "close", "law", "clear it", "automatic", "manual", "odd", "wait"]),
+        max_size=40,
+    )
+)
+def test_what_clients_faults_and_modes_do_together_leaves_nothing_driven_and_can_be_ended(steps: list[str]) -> None:
+    class Driving(Gated):
+        async def execute(self) -> None:
+            self.part.motor.write(5.0)
+            try:
+                await self._gate("execute")
+            finally:
+                odd, self.part.odd = self.part.odd, False
+                if odd:
+                    raise ValueError("in its cleaning up")
+
+    machine = Plant(filler=Fragile(motor=actuator(), level=sensor(), states=Driving), timer=timer())
+    with connect(machine, wired(machine, Scripted())) as m:
+        part, unit, ann = m.filler, m.filler.unit, Operator(m)
+        ann.do("lease", seconds=1000.0)
+        sequences = {sequence_name(PACKML, each) for each in PACKML.acting}
+        part.odd = False
+        for step in steps:
+            match step:
+                case "open" | "close":
+                    part.open = sequences if step == "open" else set()
+                case "law":
+                    part.broken = True
+                case "odd":
+                    part.odd = True
+                case "clear it":
+                    ann.send("clear")
+                case "automatic" | "manual":
+                    ann.send("mode", value=step)
+                case "wait":
+                    pass
+                case _:
+                    ann.send("call", f"filler.unit.{step}")
+            before = part.cycle.fault
+            ann.run()
+            if before is not None and part.cycle.fault is None:
+                assert unit.state in (S.CLEARING, S.STOPPED)
+            if part.cycle.fault is not None:
+                assert (unit.state, part.motor.read(), unit._work) == (S.ABORTED, 0.0, None)
+            assert unit._work is None or unit.state in (S.EXECUTE, *PACKML.waiting)
+        part.open, part.odd = sequences, False
+        ann.mode("automatic")
+        for _ in range(3):
+            ann.run(3)
+            part.cycle.clear()
+        ann.run(3)
+        if "stop" in unit.possible:
+            unit.stop()
+            ann.run(3)
+        assert unit.state is S.STOPPED
+        assert len(part.begun) == len(part.ended)
 
 
 @settings(max_examples=60, deadline=None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from enum import Enum
 from math import inf, nan
@@ -19,8 +20,10 @@ import umo
 from helpers import brewing
 from helpers.waiting import until
 from umo import Number
+from umo.cli import recipe_list
+from umo.cli.recipe_list import _named
 from umo.cycle.events import CommandState
-from umo.errors import RecipeError, UmoError
+from umo.errors import DeclarationError, RecipeError, UmoError
 from umo.operation.recipe_book import MAX_RECORDED, RecipeBook
 from umo.operation.recipes import Recipe, read_recipes, recipe_from_content, recipe_of
 from umo.process.station import find
@@ -117,11 +120,29 @@ def test_a_temperature_is_converted_with_its_offset() -> None:
         ({"amounts": [1.0]}, "must be a list of 2, not of 1"),
         ({"amounts": [1.0, 51.0]}, "outside"),
         ({"amounts": 3.0}, "must be a list, not 3.0"),
+        ({"hold": "20"}, """'20' is not a number in s, or a text such as "1.5 s\""""),
         ({"temperatur": 3.0}, "unknown key (did you mean 'temperature'?)"),
     ],
 )
 def test_a_wrong_value_is_told(values: dict[str, Any], message: str) -> None:
     assert message in refused(**values)
+
+
+def test_a_default_is_checked_and_of_its_type() -> None:
+    class Odd(Recipe):
+        hold: Annotated[float, Number("s", 0.0, 10.0)] = 50.0
+        speed: Annotated[float, Number("rpm", 0.0, 10.0)] = 1
+
+    with pytest.raises(RecipeError, match=r"hold: its default: 50 s is outside 0 to 10"):
+        recipe_of(Odd, "one", {})
+    left_out, given_it = recipe_of(Odd, "one", {"hold": 1}), recipe_of(Odd, "one", {"hold": 1, "speed": 1})
+    assert left_out.hash == given_it.hash
+
+
+@pytest.mark.parametrize("name", ["name", "values", "content", "hash"])
+def test_a_field_with_the_name_of_what_every_recipe_has_is_refused(name: str) -> None:
+    with pytest.raises(DeclarationError, match=rf"Odd\.{name}: every recipe has a '{name}'"):
+        type("Odd", (Recipe,), {"__annotations__": {name: str}})
 
 
 def test_all_mistakes_of_all_files_are_told_with_their_lines(tmp_path: Path) -> None:
@@ -185,6 +206,41 @@ def test_a_refused_choice_leaves_the_earlier_one(book: RecipeBook[Batch], conten
     assert book.chosen is before
 
 
+def test_the_plan_is_followed_again_when_the_choice_is_forgotten(book: RecipeBook[Batch]) -> None:
+    book.choose("b")
+    assert book.next("a").name == "b"
+    book.follow_plan()
+    assert (book.chosen, book.next("a").name) == (None, "a")
+
+
+def test_the_numbers_of_recipes_have_the_names_of_what_they_stand_for(book: RecipeBook[Batch]) -> None:
+    names = book.numbers["choice"].names
+    assert names[book.choice] == "the program's own"
+    for choice, expected in (
+        (("b",), "b"),
+        (("b", '{"temperature": 41}'), "b, other values"),
+        (("b", '{"temperature": 40}'), "b"),
+        (("trial", '{"temperature": 41}'), "another one"),
+    ):
+        book.choose(*choice)
+        assert names[book.choice] == expected
+        assert book.begun == 0
+    book.next()
+    assert book.numbers["begun"].names[book.begun] == "another one"
+    book.begin()
+    assert book.numbers["begun"].names[book.begun] == "none"
+
+
+def test_a_book_describes_its_recipes_with_units_and_bounds(book: RecipeBook[Batch]) -> None:
+    about = book.describe()
+    assert json.loads(json.dumps(about)) == about
+    fields = {each["name"]: each for each in about["fields"]}
+    assert fields["amounts"] == {"name": "amounts", "unit": "kg", "minimum": 0.0, "maximum": 50.0}
+    assert fields["note"] == {"name": "note"}
+    assert [each["name"] for each in about["recipes"]] == ["a", "b"]
+    assert about["recipes"][1]["values"]["temperature"] == 40.0
+
+
 def test_what_was_used_is_recorded_and_bounded(book: RecipeBook[Batch]) -> None:
     for number in range(MAX_RECORDED + 5):
         book.choose("b", json.dumps({"temperature": 30.0 + number / 10}))
@@ -203,8 +259,12 @@ def test_a_client_changes_the_recipe_of_a_running_station_between_batches(monkey
     with umo.start(brewing.machine, brewing.WIRING, brewing.main) as started:
         until(lambda: started.poll() or started.values.get("heater") == 20.0)
         with umo.attach(started.pid) as station, station.lease("a test"):
+            assert [each["path"] for each in station.reader.layout.books] == ["book"]
+            assert station.book.choice == "the program's own"
             answer = station.book.choose("strong")
             until(lambda: started.poll() or started.values["heater"] == 70.0)
+            assert (station.book.choice, station.book.begun) == ("strong", "strong")
+            assert recipe_list._now(str(started.pid), "book").endswith("begun last: strong; for the next batch: strong")
             with pytest.raises(UmoError, match="heat: 101 % is outside 0 to 100"):
                 station.book.choose("hot", '{"heat": 101}')
             station.book.choose("edited", '{"heat": 55.5}')
@@ -234,7 +294,26 @@ def test_umo_check_refuses_a_wrong_recipe_with_its_line(umo: Callable[..., Resul
     (copied / "recipes" / "glue.toml").write_text("amounts = [40.0, 200.0]\ntemprature = 60\n")
     result = umo("check", str(copied))
     assert result.exit_code == 2
-    assert "glue.toml:1: amounts: 200 kg is outside 5 to 60" in result.output + result.stderr
+    lines = result.stderr.splitlines()
+    assert lines[0].startswith("umo: the recipes are refused (")
+    assert f"{copied}/recipes/glue.toml:1: amounts: 200 kg is outside 5 to 60" in lines
+    numbers = [int(found[1]) for line in lines if (found := re.search(r"glue\.toml:(\d+): ", line))]
+    assert numbers == [1, 2]  # a line each, in the order of the file
+
+
+def test_umo_recipes_finds_a_recipe_in_whichever_part_has_it(tmp_path: Path) -> None:
+    books = {}
+    for part, names in {"mixer": "ab", "oven": "bc"}.items():
+        (tmp_path / part).mkdir()
+        for name in names:
+            (tmp_path / part / f"{name}.toml").write_text("temperature = 30\n")
+        books[f"{part}.book"] = RecipeBook(Batch, tmp_path / part)
+    station = find("batch")
+    assert _named(station, books, "c")[0] == "oven.book"
+    with pytest.raises(RecipeError, match=r"several parts have a recipe 'b': umo call batch mixer.book.choose"):
+        _named(station, books, "b")
+    with pytest.raises(RecipeError, match="no recipe 'd'; known: a, b, c"):
+        _named(station, books, "d")
 
 
 @pytest.mark.parametrize(

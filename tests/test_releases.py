@@ -18,7 +18,7 @@ from umo.testing import periods, put
 HELD: dict[tuple[str, str], tuple[dict[str, float], str]] = {
     ("ztheta", "z.jog"): ({"velocity": 1000.0}, "z.disable"),
     ("ztheta", "theta.jog"): ({"velocity": 1.0}, "theta.disable"),
-    ("conveyor", "belt.run_at"): ({"speed": 0.2}, "belt.halt"),
+    ("conveyor", "sorter.belt.run_at"): ({"speed": 0.2}, "sorter.belt.halt"),
 }
 """Of what ships: station and held action, its arguments, and the action that switches off."""
 STEPS = ["hold", "hold the other way", "switch off", "let go", "give back", "wait", "keep"]
@@ -39,7 +39,7 @@ def test_what_is_switched_off_stays_off_whatever_is_released(station: str, path:
     machine: Any = stations()[station]()
     with connect(machine) as m:
         if station == "conveyor":
-            put(m.emergency_stop, OpenClosed.CLOSED)
+            put(m.sorter.emergency_stop, OpenClosed.CLOSED)
         letters = Letters()
         clock = m._machine.clock
         clients = m._machine.clients = ClientControl(m._machine, letters, letters, Mode.MANUAL, lambda: 1.0 + clock.now)

@@ -226,10 +226,10 @@ def test_a_program_commands_a_running_station(tmp_path: Path) -> None:
         with umo.attach(started.pid) as station:
             until(lambda: station.reader.head > 5)
             assert station.mode == "manual"
-            assert {"belt", "push", "window"} <= set(dir(station))
-            assert station.diverter.read() == "OFF"
+            assert {"belt", "push", "window"} <= set(dir(station.sorter))
+            assert station.sorter.diverter.read() == "OFF"
             with pytest.raises(CommandRefused, match="nobody has the lease"):
-                station.push()
+                station.sorter.push()
             with station.lease("a test") as lease:
                 assert station.reader.holder == "a test"
                 with (
@@ -240,23 +240,23 @@ def test_a_program_commands_a_running_station(tmp_path: Path) -> None:
                 ):
                     other.lease("another").__enter__()
                 with pytest.raises(RangeError, match=r"window: 1000 mm is outside 1 to 100"):
-                    station.window = 1000.0
-                station.window = 30.0
-                assert station.window == 30.0  # at once
-                station.diverter.write("ON")
-                until(lambda: station.diverter.read() == "ON")
-                assert station.diverter.inhibited == "taken by client: a test"
-                station.diverter.release()
-                until(lambda: station.diverter.read() == "OFF")
-                station.belt.run_at(0.2)
-                until(lambda: station.belt.speed.read() > 0.1)
-                station.belt.run_at(0.0)
+                    station.sorter.window = 1000.0
+                station.sorter.window = 30.0
+                assert station.sorter.window == 30.0  # at once
+                station.sorter.diverter.write("ON")
+                until(lambda: station.sorter.diverter.read() == "ON")
+                assert station.sorter.diverter.inhibited == "taken by client: a test"
+                station.sorter.diverter.release()
+                until(lambda: station.sorter.diverter.read() == "OFF")
+                station.sorter.belt.run_at(0.2)
+                until(lambda: station.sorter.belt.speed.read() > 0.1)
+                station.sorter.belt.run_at(0.0)
                 assert not lease.lost
             until(lambda: station.reader.holder == "")
-            with pytest.raises(AttributeError, match=r"the station has no 'bellt' \(did you mean 'belt'\?\)"):
-                station.bellt  # noqa: B018
+            with pytest.raises(AttributeError, match=r"sorter has no 'bellt' \(did you mean 'belt'\?\)"):
+                station.sorter.bellt  # noqa: B018
             frames = station.frames(0.05)
-            assert set(frames) >= {"time", "belt.speed", "length"}
+            assert set(frames) >= {"time", "sorter.belt.speed", "sorter.length"}
             station.stop("ann, a test (pid 1)")
             until(lambda: not station.running)
             asked, end = station.events[-2:]
@@ -273,7 +273,7 @@ def test_what_a_killed_client_held_goes_to_its_default_and_its_lease_ends(tmp_pa
     code = (
         "import sys, time, umo\nstation = umo.attach(int(sys.argv[1]))\n"
         "with station.lease('a client', seconds=1.0):\n"
-        "    station.diverter.write('ON')\n    station.belt.run_at(0.3)\n"
+        "    station.sorter.diverter.write('ON')\n    station.sorter.belt.run_at(0.3)\n"
         "    print('held', flush=True)\n    time.sleep(60)\n"
     )
     with umo.start("conveyor", conveyor(tmp_path), manual=True, realtime=True) as started:
@@ -282,10 +282,10 @@ def test_what_a_killed_client_held_goes_to_its_default_and_its_lease_ends(tmp_pa
         assert client.stdout is not None
         assert client.stdout.readline() == b"held\n"
         with umo.attach(started.pid) as station:
-            until(lambda: station.diverter.read() == "ON" and station.belt.setpoint.read() > 0.2)
+            until(lambda: station.sorter.diverter.read() == "ON" and station.sorter.belt.setpoint.read() > 0.2)
             client.send_signal(signal.SIGKILL)
             client.communicate()
-            until(lambda: station.diverter.read() == "OFF" and station.belt.setpoint.read() == 0.0, 5.0)
+            until(lambda: station.sorter.diverter.read() == "OFF" and station.sorter.belt.setpoint.read() == 0.0, 5.0)
             until(lambda: station.reader.holder == "", 5.0)
             texts = [event.text for event in station.events]
             assert "dead-man timeout" in texts
@@ -296,10 +296,10 @@ def test_what_is_held_lasts_under_a_lease_that_is_seldom_renewed(tmp_path: Path)
     with umo.start("conveyor", conveyor(tmp_path), manual=True, realtime=True) as started:
         until(lambda: started.stage.name == "RUNNING")
         with umo.attach(started.pid) as station, station.lease(seconds=30.0) as lease:
-            station.diverter.write("ON")
+            station.sorter.diverter.write("ON")
             now = station.frames(0.01)["time"][-1]
             until(lambda: station.frames(0.01)["time"][-1] > now + 3 * DEAD_MAN_TIME)
-            assert station.diverter.read() == "ON"
+            assert station.sorter.diverter.read() == "ON"
             started.stop()  # a lease that ends with its station ends without a word
             until(lambda: lease.lost)
 
@@ -309,11 +309,11 @@ def test_a_station_that_is_closed_gives_its_lease_back(tmp_path: Path) -> None:
         until(lambda: started.stage.name == "RUNNING")
         station = umo.attach(started.pid)
         with station.lease():
-            station.diverter.write("ON")
+            station.sorter.diverter.write("ON")
             station.close()
         with umo.attach(started.pid) as again:
             assert again.reader.holder == ""
-            until(lambda: again.diverter.read() == "OFF")
+            until(lambda: again.sorter.diverter.read() == "OFF")
 
 
 @pytest.mark.parametrize("seconds", [0.1, 61.0, nan])
@@ -336,7 +336,7 @@ def test_the_application_waits_until_the_mode_is_automatic(tmp_path: Path) -> No
                 station.mode = "automatic"
                 until(lambda: station.progress.text != "")
                 with pytest.raises(CommandRefused, match="in manual mode only"):
-                    station.diverter.write("ON")
+                    station.sorter.diverter.write("ON")
 
 
 def test_the_events_are_in_the_description_of_the_ring_and_readable_by_it_alone() -> None:

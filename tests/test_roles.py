@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -77,6 +79,16 @@ def test_a_file_that_is_wrong_allows_nothing_but_to_stop_and_says_why(tmp_path: 
     roles = Roles.load(file)
     assert roles.allowed("ann", "stop") is None
     assert words in str(roles.allowed("ann", "tune"))
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes in folders")
+@pytest.mark.parametrize("make", [lambda file: file.symlink_to("none.toml"), lambda file: os.mkfifo(file), Path.mkdir])
+def test_what_stands_in_place_of_the_file_allows_nothing_and_blocks_nobody(
+    tmp_path: Path, make: Callable[[Path], object]
+) -> None:
+    make(file := tmp_path / "roles.toml")
+    assert Roles.load(file).allowed("ann", "tune") is not None
+    assert Roles.load(file).allowed("ann", "stop") is None
 
 
 def test_the_file_is_in_the_users_settings(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -306,6 +306,15 @@ def test_a_run_in_real_time_ends_at_its_time_limit(umo: Umo, quick: Path) -> Non
     assert "umo: ended at 0.3 s (--until)" in said(result)
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time needs Linux")
+def test_a_run_without_frames_is_not_recorded(umo: Umo, quick: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (quick / "application.py").write_text(FOR_EVER)
+    monkeypatch.setenv("UMO_FRAMES", "/proc/none")
+    result = umo("run", "tank", "--realtime", "--until", "300 ms", "--no-plot")
+    assert "this run cannot be watched or traced, and keeps no values: no folder for frames" in said(result)
+    assert result.exit_code == 4
+
+
 @pytest.mark.parametrize("text", ["0", "nan", "soon", "3 mm"])
 def test_a_time_limit_that_is_none_is_refused(umo: Umo, quick: Path, text: str) -> None:
     result = umo("run", "tank", "--until", text)

@@ -58,6 +58,12 @@ def test_the_unit_runs_the_station_as_it_was_checked(umo: Umo, tank: Path) -> No
     assert section(result.stdout)["WorkingDirectory"] == str(tank.parent)
 
 
+def test_a_wiring_of_devices_on_the_network_waits_for_it(umo: Umo, tank: Path) -> None:
+    waits = section(umo("service", "tank", "-w", "modbus").stdout, "Unit")
+    assert waits["After"] == waits["Wants"] == "network-online.target"
+    assert "After" not in section(umo("service", "tank").stdout, "Unit")
+
+
 def test_a_wiring_in_virtual_time_is_run_in_real_time(umo: Umo, tank: Path) -> None:
     assert "--realtime" in section(umo("service", "tank").stdout)["ExecStart"]
     assert section(umo("service", "tank", "--manual").stdout)["ExecStart"].count("--realtime") == 0
@@ -75,8 +81,10 @@ def test_options_of_the_run_are_not_given_twice(umo: Umo, tank: Path) -> None:
         (("tank", "-w", "modbuss"), "no wiring 'modbuss' (did you mean 'modbus'?)"),
         (("tonk",), "no station 'tonk'"),
         (("tank", "--levle", "3"), "tank has no option --levle (did you mean 'level'?)"),
+        (("tank", "--kep", "3"), "tank has no option --kep (did you mean 'keep'?)"),
         (("tank", "--acknowledge"), "--acknowledge: a service must not acknowledge an unsafe end by itself"),
         (("tank", "--fault", "level stuck at 1 s"), "--fault: faults are injected by hand"),
+        (("tank", "--fresh"), "--fresh: each start would put the kept values away"),
         (("tank", "--keep", "much"), "--keep: 'much' is not a size"),
         (("tank", "--until", "soon"), "--until"),
         (("tank", "--no-record", "--keep-runs", "3"), "leave out --no-record"),
@@ -98,13 +106,18 @@ def test_where_systemd_is_absent_the_same_is_shown_for_the_foreground(
     result = umo("service", "tank")
     assert "systemd does not run here; the same in the foreground" in result.stderr
     assert f"cd {tank.parent} && {section(result.stdout)['ExecStart'].split()[0]}" in " ".join(result.stderr.split())
+    assert "must not start it again after any end" in " ".join(result.stderr.split())
+    said = " ".join(umo("service", "tank", "-w", "modbus").stderr.split())
+    assert "must not start it again after status 2, 3 or 4" in said
 
 
 def test_where_systemd_runs_the_next_steps_are_shown(umo: Umo, tank: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(service, "SYSTEMD", tank)
     said = umo("service", "tank", "-o", "a.service").stderr
     assert "sudo cp a.service /etc/systemd/system/umo-tank.service && sudo systemctl daemon-reload" in said
-    assert "enable-linger" in umo("service", "tank", "--user").stderr
+    assert "survives a logout: loginctl enable-linger" in umo("service", "tank", "--user").stderr
+    assert "sudo loginctl enable-linger operator" in umo("service", "tank", "--as", "operator").stderr
+    assert "enable-linger" not in umo("service", "tank", "--as", "root").stderr
 
 
 def test_a_unit_for_the_users_own_manager_names_neither_user_nor_groups(umo: Umo, tank: Path) -> None:
@@ -177,19 +190,25 @@ def test_a_folder_that_would_become_read_only_stays_writable() -> None:
 
 def test_groups_that_are_there_are_named_and_others_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(service_hints, "_is_there", lambda group: group != "iio")
-    kinds = {"gpio": "gpio /dev/none", "serial": "serial /dev/none", "tcp": "tcp 1.2.3.4:502", "iio": "iio iio:device9"}
-    groups, missing = groups_for(kinds)
+    groups, missing = groups_for(["gpio /dev/none", "serial /dev/none", "tcp 1.2.3.4:502", "iio iio:device9"])
     assert groups == ["dialout", "gpio"]
     assert len(missing) == 1
     assert "there is no group iio here" in missing[0]
     assert 'SUBSYSTEM=="iio", GROUP="iio"' in missing[0]
 
 
+def test_each_device_of_a_kind_has_its_own_group(monkeypatch: pytest.MonkeyPatch) -> None:
+    owners = {"serial /dev/ttyAMA0": "tty", "serial /dev/ttyUSB0": "dialout"}
+    monkeypatch.setattr(service_hints, "_is_there", lambda group: True)
+    monkeypatch.setattr(service_hints, "_owner", owners.get)
+    assert groups_for(owners) == (["dialout", "tty"], [])
+
+
 def test_a_raspberry_pi_is_told_its_overlays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(service_hints, "MODEL", tmp_path / "model")
-    assert service_hints.hints({"i2c": ""}) == []
+    assert service_hints.hints(["i2c /dev/i2c-1 address 0x48"]) == []
     (tmp_path / "model").write_bytes(b"Raspberry Pi 5 Model B Rev 1.0\0")
-    said = service_hints.hints({"i2c": ""})
+    said = service_hints.hints(["i2c /dev/i2c-1 address 0x48"])
     assert "dtparam=i2c_arm=on" in said[0]
     assert "isolcpus=3" in said[1]
 

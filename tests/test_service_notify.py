@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import KW_ONLY
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -17,12 +18,16 @@ from typing import cast
 import pytest
 
 import umo
+from helpers.machines import timer
+from umo import Compound, DigitalSensor, connect, published
+from umo.alarms import Alarm
 from umo.cycle.stage import Stage
 from umo.frames import Reader
 from umo.process.run_state import RunState
 from umo.process.service_report import ServiceReport
 from umo.system import notify
 from umo.system.notify import ServiceManager
+from umo.testing import periods
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time needs Linux")
 LIMIT = 30.0
@@ -170,6 +175,63 @@ def test_the_stop_is_told_once_and_nothing_after_it(supervisor: Supervisor) -> N
     state.enter(Stage.RUNNING)
     report.look()
     assert messages(supervisor) == ["STOPPING=1\nSTATUS=stopping: every actuator goes to its default"]
+
+
+def test_a_message_for_which_the_manager_has_no_room_is_sent_as_soon_as_it_has(supervisor: Supervisor) -> None:
+    state, time = RunState(), Time()
+    other = ServiceManager(supervisor.address)
+    report = ServiceReport(ServiceManager(supervisor.address, 10.0), state, lambda: None, time)
+
+    def full() -> None:
+        messages(supervisor)
+        while other.tell("STATUS=of another service"):
+            pass
+
+    full()
+    state.enter(Stage.RUNNING)
+    report.look()
+    messages(supervisor)
+    time.now += 1.0
+    report.look()
+    assert messages(supervisor) == [notify.READY, notify.ALIVE, "STATUS=running"]
+    full()
+    report.stopping("now")
+    messages(supervisor)
+    report.stopping("now")
+    assert messages(supervisor) == ["STOPPING=1\nSTATUS=stopping: now"]
+
+
+class Vat(Compound, alarms={"full": Alarm(lambda vat: vat.level > 80.0, "too full")}):
+    timer: DigitalSensor
+    _: KW_ONLY
+    level: float = 0.0
+
+
+def test_the_status_is_put_in_words_only_where_something_has_changed(
+    supervisor: Supervisor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("UMO_FRAMES", str(tmp_path / "frames"))
+    state, time, calls = RunState(), Time(), []
+    state.enter(Stage.RUNNING)
+    facts = Reader.facts
+    monkeypatch.setattr(Reader, "facts", lambda self, frame: calls.append(0) or facts(self, frame))  # type: ignore[func-returns-value]
+    connection = connect(Vat(timer=timer()))
+    with connection as m, published(connection, "vat") as ring, Reader(ring.path) as reader:
+        report = ServiceReport(ServiceManager(supervisor.address), state, lambda: reader, time)
+
+        def told(level: float) -> str:
+            m.level = level
+            periods(m, 3)
+            messages(supervisor)
+            for _ in range(3):
+                report.look()
+                time.now += 1.0
+            return "".join(messages(supervisor))
+
+        assert "STATUS=" in told(0.0)
+        assert told(90.0) == "STATUS=full: too full (medium, unacknowledged)"
+        assert (told(90.0), len(calls)) == ("", 2)
+        assert told(0.0) == "STATUS=full: too full (medium, returned)"
 
 
 @pytest.mark.parametrize(("frame", "first"), [({}, [notify.READY]), (None, [])])

@@ -22,6 +22,7 @@ from umo import (
     published,
     run,
 )
+from umo.alarms import Alarm
 from umo.control import next_period
 from umo.cycle.columns import Source
 from umo.cycle.frame import Signal
@@ -380,6 +381,26 @@ def test_a_condition_that_gives_no_bool_inhibits_and_says_so(holds: Any) -> None
 
     with connect(Guarded(timer=timer(), motor=actuator(), encoder=sensor(), valve=relay(), limit=switch())) as m:
         assert "which is not True or False" in str(m.motor.inhibited)
+
+
+def test_a_wrong_result_is_told_by_its_type_and_is_not_written_out_in_every_period() -> None:
+    class Large:
+        shown = 0
+
+        def __repr__(self) -> str:
+            Large.shown += 1  # of an array of 1000 numbers this takes 7 ms
+            return "0, " * 1000
+
+    class Guarded(Bench, alarms={"odd": Alarm(lambda _: [Large()], "odd")}):
+        def interlocks(self) -> Iterator[Interlock]:
+            yield Interlock(lambda: Large(), [self.motor], "it must not")
+
+    with connect(Guarded(timer=timer(), motor=actuator(), encoder=sensor(), valve=relay(), limit=switch())) as m:
+        periods(m, 5)
+        told = [event.text for event in m._machine.events if event.path == "odd"]
+        assert "it gives an object of the type list, which is not True or False" in told[0]
+        assert "it gives an object of the type Large, which" in str(m.motor.inhibited)
+    assert Large.shown == 0
 
 
 def test_frames_show_the_failed_period_with_its_resets_and_then_the_end() -> None:

@@ -28,7 +28,8 @@ from typing import Any
 
 import numpy as np
 
-from umo import UmoError
+from umo import Quality, UmoError
+from umo.alarms import AlarmState
 from umo.cycle import connect, drive
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Channel, Direction, Driver
@@ -38,6 +39,7 @@ from umo.drivers.faults.wrapper import FaultyDriver
 from umo.drivers.off_cycle import OffCycle
 from umo.errors import StopError, WiringError
 from umo.objects import Binary, atoms
+from umo.operation import ProcedureState
 from umo.process.outcome import message_of, plain
 from umo.process.station import find
 from umo.testing.faults import KINDS
@@ -62,6 +64,9 @@ LOUD = KINDS_OF_DRIVERS
 AGAIN = ("stuck", "wrong length")
 """Kinds that depend on the level at the moment. The others are tried at a later moment only if the run ended before it:
 a fault lasts to the end."""
+SHOWN = "shown"
+"""What an observer kept of a state or an alarm that was shown and was not so."""
+ACTIVE = (AlarmState.UNACKNOWLEDGED, AlarmState.ACKNOWLEDGED)
 DEFECTS = ("WRONG", "HANG", "TRACEBACK", "UNSAFE")
 WORDS = {
     "ok": "the work was done, and the plant agrees",
@@ -177,6 +182,29 @@ def _zones_not_good(run: Run) -> str:
     return ", ".join(wrong)
 
 
+def _watch_batch(run: Run) -> None:
+    """The first of what is shown of a reactor that is not so."""
+    if SHOWN not in run.seen and (wrong := "; ".join(filter(None, map(_not_so, run.machine.reactors)))):
+        run.seen[SHOWN] = wrong
+
+
+def _not_so(reactor: Any) -> str:
+    """What the frame says of the state and the alarms of a reactor, and is not so; "": all is so."""
+    machine, path, fault = reactor._machine, reactor._path, reactor.cycle.fault is not None
+    signals = {each.path: value for each, value in zip(machine.frame.signals, machine.frame.signal_values, strict=True)}
+    alarms = dict(zip(machine.alarms.paths, machine.alarms.states.tolist(), strict=True))
+    state, temperature = ProcedureState(int(signals[f"{path}.unit.state"])), reactor.temperature
+    hot = alarms[f"{path}.hot"] in ACTIVE
+    if state is not reactor.unit.state or (state is ProcedureState.ABORTED) is not fault:
+        return f"{path}: {state.name} is shown, {'in' if fault else 'without a'} fault"
+    if (alarms[f"{path}.fault"] in ACTIVE) is not fault:
+        return f"{path}: the alarm of its fault is not that of {reactor.cycle.fault}"
+    value = temperature.read()
+    if temperature.quality is Quality.GOOD and hot is not (value > 95.0) and not 94.0 <= value <= 95.0:
+        return f"{path}: the alarm of {value:g} degC is {'' if hot else 'not '}active"
+    return ""
+
+
 def _batches_not_good(run: Run) -> str:
     report = run.reports[DRIVER]
     if report["good"] != run.result["made"]:
@@ -206,13 +234,13 @@ ZTHETA = Trial(
 CONVEYOR = Trial(
     "conveyor",
     {},
-    {"parts": 4},
+    {"parts": 4, "patience": 0.5},
     {0.5: "starting", 2.2: "sorting"},
     lambda plant, channel: plant.outputs[channel.text],
     _parts_wrongly_sorted,
     watch=_watch_conveyor,
     unseen={
-        "diverter": (
+        "sorter.diverter": (
             ("stuck", "bit flip", "wrong length"),
             "no sensor sees the diverter, or the parts behind it",
         ),
@@ -246,6 +274,7 @@ BATCH = Trial(
     lambda plant, channel: plant.levels[channel.text],
     _batches_not_good,
     degraded=lambda run: bool(run.result["batches_dumped"]),
+    watch=_watch_batch,
     unseen={
         "reactors.*.stirrer": (("stuck", "drift", "out of range"), "no sensor sees the stirrer turn"),
         "reactors.*.temperature": (
@@ -395,6 +424,8 @@ def judged(trial: Trial, run: Run, path: str, kind: str) -> tuple[str, str]:
     """The verdict of a cell, and the detail."""
     if left := not_at_default(run, path, kind):
         return "UNSAFE", f"not at the default: {', '.join(left)}"
+    if SHOWN in run.seen:
+        return "WRONG", run.seen[SHOWN]
     if run.stopped:
         return "HANG", f"after {run.periods} periods"
     if run.error is not None:

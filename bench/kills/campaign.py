@@ -40,6 +40,8 @@ class Try:
     wrong: str = ""
     """A status that is not right or that nothing was said of, or a good reading that the box never had."""
     said: str = ""
+    kept_age: float = 0.0
+    """s from the period of which values were kept to the last one."""
 
     def __str__(self) -> str:
         what = "; ".join(filter(None, (self.unsafe, self.wrong)))
@@ -119,6 +121,7 @@ def _try(kind: Kind, number: int, seed: int, later: ThreadPoolExecutor) -> Futur
     for again in range(AGAIN):
         folder, box = _place()
         run = Run(how, box, folder, kind.setting)
+        run.moments = Random(f"{kind.name} {number} {seed} power")
         if kind.beforehand is not None:
             box.fault(*kind.beforehand)
         try:
@@ -154,6 +157,7 @@ def _judge(kind: Kind, found: Try, run: Run, moment: int) -> tuple[Try, Run, int
     if run.status in (1, 2, 3) and not found.said:
         found.wrong = _join(found.wrong, f"status {run.status} without a word")
     found.wrong = _join(found.wrong, run.wrong_kept())
+    found.kept_age = run.kept_age
     if run.wrong_readings:
         found.wrong = _join(found.wrong, f"{run.wrong_readings} good readings were not the box's")
     return found, run, left, again
@@ -166,6 +170,7 @@ def _look_again(found: Try, run: Run, left: int, moment: float) -> Try:
         came = _named(run.box.values) or "an output"
         found.unsafe = _join(found.unsafe, f"{came} left its default within {AFTERWARDS:g} s after the end")
         found.ms = None
+    found.wrong = _join(found.wrong, run.wrong_start())
     _clear(run)
     return found
 

@@ -28,6 +28,7 @@ from bench.kills.strikes import (
     one,
     standby_killed_then_both,
     starting,
+    stopped_then_killed,
     stopping,
     then_stopped,
     together,
@@ -244,7 +245,39 @@ KEPT += [
         takes=1.5,
     )
 ]
-KINDS = KILLS + TOGETHER + WORKERS + KEPT + NEIGHBOURS + STOPS + DEVICE + WANT + PROTOCOL
+AGED, AGED_MORE = (0.2, 2.0), (1.0, 3.2)
+"""s that an operated machine runs before it is struck; the longer where its last values are not written."""
+ALL = ("keeper", "guardian", "standby", "control")
+OPERATED = Setting(operated=True, timeout="300 ms")
+"""The machine, its operator and the run that takes over share the computer with the box."""
+SLOW_DISK = replace(OPERATED, disk_pause=0.04)
+EVERYTHING = replace(OPERATED, keeper_killed=True)
+
+
+def _operated(name: str, strike: Strike, statuses: Sequence[int], count: int, setting: Setting = OPERATED) -> Kind:
+    resets = not setting.keeper_killed
+    struck = aged(strike, *(AGED if resets else AGED_MORE))
+    return Kind(f"operated: {name}", struck, statuses, count, setting=setting, resets=resets, takes=1.3)
+
+
+AT_WORK = [
+    _operated("SIGKILL of control", one("control", KILL), LOST, 40),
+    _operated("SIGKILL of the guardian", one("guardian", KILL), LOST, 20),
+    _operated("SIGKILL of guardian and control", together("guardian", "control"), LOST, 30),
+    _operated("SIGKILL of control, then the guardian", together("control", "guardian", apart=SHORTLY), LOST, 20),
+    _operated("SIGKILL of the keeper, TERM", then_stopped(together("keeper")), (-TERM,), 20),
+    _operated("SIGKILL of keeper and control", together("keeper", "control"), LOST, 20),
+    _operated("SIGKILL of the starter", one("starter", KILL), KILLED, 10),
+    _operated("SIGSTOP, SIGKILL of control", stopped_then_killed("control"), LOST, 15),
+    _operated("SIGSTOP, SIGKILL of guardian and control", stopped_then_killed("guardian", "control"), LOST, 15),
+    _operated("SIGSTOP, SIGKILL of keeper and control", stopped_then_killed("keeper", "control"), LOST, 10),
+    _operated("slow disk, SIGKILL of control", one("control", KILL), LOST, 20, SLOW_DISK),
+    _operated("SIGKILL of all but the starter", together(*ALL), (1, 3), 30, EVERYTHING),
+    _operated("power cut", together(*ALL), (1, 3), 40, replace(EVERYTHING, power_cut=True)),
+    _operated("power cut, slow disk", together(*ALL), (1, 3), 30, replace(EVERYTHING, power_cut=True, disk_pause=0.04)),
+    _operated("TERM", one("starter", TERM), (-TERM,), 10),
+]
+KINDS = KILLS + TOGETHER + WORKERS + KEPT + AT_WORK + NEIGHBOURS + STOPS + DEVICE + WANT + PROTOCOL
 
 
 def possible(kind: Kind) -> bool:

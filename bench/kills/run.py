@@ -11,13 +11,14 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import cache
 from pathlib import Path
+from random import Random
 from time import monotonic, sleep
 
 import umo
-from bench.kills import processes
+from bench.kills import kept, processes
 from bench.kills.box import Box
-from bench.kills.station.cells import CONTROL, FILE, GUARDIAN, KEPT, MAX_AGE, PERIODS, WRONG
-from umo.process import kept_file
+from bench.kills.station import disk, journal
+from bench.kills.station.cells import CONTROL, FILE, GUARDIAN, KEPT, MAX_AGE, OPERATED, PERIODS, WRONG
 
 HERE = Path(__file__).parent
 NOBODY = 65534
@@ -41,11 +42,16 @@ off_cycle = true
 period = "20 ms"
 max_age = "200 ms"
 """
-MAX_LATE = 220
-"""Periods of 5 ms between the last one and that of the kept values at most: the keeper's second, and its look."""
 AGES = {False: 1000, True: 300}
 """Age in ms that no good reading may have, on the cycle and off it: what the wiring allows, and time in which this
 process did not run."""
+OF_PARTS = "".join(
+    f'"{part}.{item}" = {{ driver = "simulated" }}\n' for part in ("filler", "brewer") for item in ("valve", "speed")
+)
+AFTERWARDS = 40
+"""Periods of the run that takes over what another one has kept."""
+TRIES = 3
+"""Such runs at most: one may fail as the box, a process of this busy computer, does not answer in time."""
 WIRES = {"motors": (2, "holding"), "valves": (10, "coil"), "switches": (8, "discrete"), "counts": (4, "input")}
 
 
@@ -67,8 +73,14 @@ class Setting:
     """Whether a worker process serves the box."""
     kept: bool = False
     """Whether the machine has kept numbers."""
+    operated: bool = False
+    """Whether it has all that can be kept, and a journal."""
     keeper_killed: bool = False
     """Whether nobody is left who writes the last values: then a run shorter than a second may have kept none."""
+    disk_pause: float = 0.0
+    """s that each call of the disk under the kept values takes."""
+    power_cut: bool = False
+    """Whether of the kept values that is left which is on the disk after a power cut."""
     nohup: bool = False
     plain: bool = False
     """Whether it runs as a user without privileges."""
@@ -83,14 +95,23 @@ class NotStruck(Exception):
 class Run:
     """The processes of one machine."""
 
+    journal: kept.Journal | None = None
+    _client: subprocess.Popen[bytes] | None = None
+    moments = Random(0)
+    """For what a power cut leaves."""
+    kept_age = 0.0
+    """s from the period of what was kept to the last one; known after `wrong_kept`."""
+
     def __init__(self, how: How, box: Box, folder: Path, setting: Setting) -> None:
         self.how, self.box, self.folder, self.setting = how, box, folder, setting
         self._said = folder / "said.txt"
+        self._certain = folder / "certain"
         station = _write_station(folder, box.port, setting)
         box.cells[MAX_AGE] = AGES[setting.off_cycle]
         own = {"UMO_STATE": folder / "state", "UMO_FRAMES": folder / "frames", FILE: box.file}
         environment = os.environ | {name: str(path) for name, path in own.items()} | {"PYTHONPATH": _path()}
         environment |= {KEPT: "1"} if setting.kept else {}
+        environment |= self._operated() if setting.operated else {}
         if setting.plain:
             _hand_over(folder)
         with self._said.open("wb") as said:
@@ -102,6 +123,11 @@ class Run:
                 stdout=said,
                 stderr=said,
                 start_new_session=True,  # a Ctrl-C at this terminal is for the campaign
+            )
+        if setting.operated:
+            del environment[FILE]  # it is no process of the machine's
+            self._client = subprocess.Popen(
+                [sys.executable, str(HERE / "client.py")], env=environment, stderr=subprocess.DEVNULL
             )
 
     # Its processes ---------------------------------------------------------------------------------------
@@ -178,24 +204,45 @@ class Run:
 
     def wrong_kept(self) -> str:
         """What is wrong with the file of kept values: it is not of one moment, or of one too long ago. "": nothing."""
-        if not self.setting.kept:
+        setting = self.setting
+        if setting.kept:
+            return kept.wrong_numbers(kept.read(self.folder), self.box.cells[PERIODS], setting.keeper_killed)
+        if self.journal is None:
             return ""
-        if not (files := list(self.folder.glob("state/*/kept/*.json"))):
-            early = self.setting.keeper_killed and self.box.cells[PERIODS] <= MAX_LATE
-            return "" if early else "nothing was kept"
-        try:
-            values = kept_file.read(files[0])
-        except kept_file.KeptFileError as error:
-            return f"the file of kept values: {error}"
-        assert values is not None
-        found = {path: entry["value"] for path, entry in values.numbers.items()}
-        count = int(found["count"])
-        odd = count % 2 == 1
-        one_moment = {"count": count, "double": 2.0 * count, "odd": odd, "state": "ON" if odd else "OFF"}
-        if found != one_moment:
-            return f"kept values of several moments: {found}"
-        late = self.box.cells[PERIODS] - count
-        return f"kept values of {late} periods before the end" if late > MAX_LATE else ""
+        if setting.power_cut:
+            kept.cut_power(self.folder, self._certain, self.moments)
+        allowed = kept.MAX_AGE + kept.CALLS * setting.disk_pause if setting.keeper_killed else 0.0
+        values = kept.read(self.folder)
+        self.kept_age = kept.age(values, self.journal) if self.journal.begun else 0.0
+        return kept.wrong_moment(values, self.journal, allowed)
+
+    def wrong_start(self) -> str:
+        """What is wrong with a run of the same station after this one: it has not taken over what was kept, or does not
+        keep its own last period. "": nothing."""
+        if self.journal is None or not self.journal.begun:
+            return ""
+        for _ in range(TRIES):
+            values = kept.read(self.folder)
+            run = self._next_run()
+            try:
+                ended = run.wait_end(START_LIMIT)
+                assert run.journal is not None
+                if run.journal.begun and (wrong := kept.wrong_start(values, run.journal) or run.wrong_kept()):
+                    return wrong
+                if ended and run.status == 0:
+                    return ""
+            finally:
+                run.close()
+        return f"the next run did not end as it must, but with the status {run.status}: {run.said()}"
+
+    def _next_run(self) -> Run:
+        """Some periods of the same station, at the same box."""
+        for cell in (CONTROL, GUARDIAN):
+            self.box.cells[cell] = 0
+        self.box.heal()
+        last = str(self.box.cells[PERIODS] + AFTERWARDS)
+        setting = Setting(operated=True, timeout="300 ms", arguments=("--periods", last))
+        return Run(How.PROGRAM, self.box, self.folder, setting)
 
     def said(self) -> str:
         """The last of what it has written that is not a table, in one line."""
@@ -211,11 +258,25 @@ class Run:
         """End what is left of it."""
         processes.end_marked(self._mark)
         self.starter.wait()
+        if self._client is not None:
+            self._client.kill()
+            self._client.wait()
+
+    def _operated(self) -> dict[str, str]:
+        """The environment of a machine with a journal."""
+        self._certain.mkdir(exist_ok=True)
+        self.journal = kept.Journal(self.folder / f"{len([*self.folder.glob('*.rows')])}.rows")
+        return {
+            KEPT: OPERATED,
+            journal.FILE: str(self.journal.file),
+            disk.FOLDER: str(self._certain),
+            disk.PAUSE: str(self.setting.disk_pause),
+        }
 
 
 def _write_station(folder: Path, port: int, setting: Setting) -> Path:
     station = folder / "station"
-    (station / "wiring").mkdir(parents=True)
+    (station / "wiring").mkdir(parents=True, exist_ok=True)
     for file in (HERE / "station").glob("*.py"):
         shutil.copy(file, station)
     more = OFF_CYCLE if setting.off_cycle else ""
@@ -223,6 +284,7 @@ def _write_station(folder: Path, port: int, setting: Setting) -> Path:
     for name, (count, table) in WIRES.items():
         text += "".join(f'"{name}.{i}" = {{ driver = "box", channel = "{table}:{i}" }}\n' for i in range(count))
     text += f'clock = {{ driver = "box", channel = "input:{WIRES["counts"][0]}" }}\n'
+    text += OF_PARTS if setting.operated else ""
     (station / "wiring" / "box.toml").write_text(text)
     return station
 

@@ -47,6 +47,8 @@ def run(console: Console, *, quick: bool, only: str = "", seed: int = campaign.S
         rows = campaign.measure(kinds, share, seed, said)
     console.print(grid(rows))
     unsafe, wrong = (sum(len(getattr(row, what)) for row in rows) for what in ("unsafe", "wrong"))
+    if oldest := max(one.kept_age for row in rows for one in row.tries):
+        console.print(f"where all were killed at once, kept values were up to {oldest:.2f} s old")
     console.print(f"{total} tries: {unsafe} unsafe, {wrong} not as they must be")
     return 1 if unsafe or wrong else 0
 
@@ -58,7 +60,7 @@ def grid(rows: list[Row]) -> Table:
         table.add_column(name, justify="right")
     for row in rows:
         table.add_row(row.kind.name, str(len(row.tries)), *_times(row), _bad(row.wrong), _bad(row.unsafe))
-    table.caption = "wrong: the exit status, or a good reading that was not the box's"
+    table.caption = "wrong: the exit status, a good reading that was not the box's, or what was kept"
     return table
 
 

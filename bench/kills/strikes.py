@@ -65,6 +65,17 @@ def together(*which: str, number: int = KILL, apart: tuple[float, float] = (0.0,
     return strike
 
 
+def stopped_then_killed(*which: str) -> Strike:
+    """Some of them stand still for a moment, and are killed."""
+
+    def strike(run: Run, moments: Random) -> int:
+        together(*which, number=STOP)(run, moments)
+        sleep(moments.uniform(0.0, 0.3))
+        return together(*which)(run, moments)
+
+    return strike
+
+
 def aged(strike: Strike, least: float = 0.5, most: float = 2.5) -> Strike:
     """The machine runs for so many s before."""
 

@@ -108,6 +108,13 @@ def as_json(result: Any, longest: int) -> str:
     return _cut(f"<{type(result).__name__}, which cannot be shown: {error.text}>" if error else shown, longest)
 
 
+def briefly(result: Any, longest: int) -> str:
+    """A wrong result in a few words, quick however large it is: a plain value as JSON, of anything else its type."""
+    if result is None or isinstance(result, bool | int | float | str):
+        return as_json(result, longest)
+    return f"an object of the type {type(result).__name__}"
+
+
 def _cut(text: str, longest: int) -> str:
     """A text as JSON; its end is left out and its length said where it does not fit."""
     found, room = json.dumps(text[: longest + 1]), longest

@@ -225,7 +225,7 @@ class Box(Driver):
         self._cells: Cells | None = None
 
     def devices(self) -> list[str]:
-        return [f"file {self._file}"]
+        return [f"file {os.path.realpath(self._file)}"]
 
     def channel(self, text: str) -> Channel:
         return Channel(text, Direction.OUTPUT if text in OUTPUTS else Direction.INPUT, 32, signed=True)

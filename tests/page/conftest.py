@@ -18,7 +18,9 @@ from typing import Any
 
 import pytest
 
+import umo
 from helpers.machines import bench, wired
+from helpers.patient import patient
 from umo import connect, published
 from umo.testing import Scripted, VirtualTimer, periods
 
@@ -36,6 +38,16 @@ def eventually(condition: Callable[[], Any], seconds: float = PATIENCE) -> Any:
             return found
         assert time.monotonic() < until, "the condition did not become true in time"
         time.sleep(0.02)
+
+
+@contextmanager
+def started(folder: Path, name: str = "conveyor", **options: Any) -> Iterator[umo.RemoteStation]:
+    """A station in manual mode, attached to."""
+    with umo.start(name, patient(name, folder), manual=True, realtime=True, **options) as process:
+        eventually(lambda: process.stage.name == "RUNNING")
+        with umo.attach(process.pid) as station:
+            eventually(lambda: station.reader.head > 5)
+            yield station
 
 
 def search(feed: Any) -> None:
@@ -197,3 +209,14 @@ def page(chromium: Any) -> Iterator[Any]:
     context.close()
     allowed = ("ERR_CONNECTION_REFUSED", "WebSocket connection to")  # while a test has stopped the server
     assert [fault for fault in faults if "blob:" not in fault and not any(each in fault for each in allowed)] == []
+
+
+def take_lease(page: Any, url: str, name: str = "Ann") -> None:
+    page.goto(url + "#view=operate")
+    page.get_by_label("Your name").fill(name)
+    page.get_by_role("button", name="Take the lease").click()
+    page.get_by_text("You have the lease.").wait_for()
+
+
+def control(page: Any, path: str) -> Any:
+    return page.locator(f'[data-control="{path}"]')

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import re
 import signal
@@ -104,67 +103,14 @@ def test_the_scope_asks_for_measured_values_when_it_has_got_the_last_ones(
         eventually(lambda: page.locator('.legend tr[data-path="encoder"] td').nth(5).inner_text() == "7.0")
 
 
-WRITTEN = """{  // what is written on a canvas, with its left, top, right and bottom
-    const { clearRect, fillText } = CanvasRenderingContext2D.prototype;
-    Object.assign(CanvasRenderingContext2D.prototype, {
-        clearRect(...area) {
-            this.canvas.written = [];
-            clearRect.apply(this, area);
-        },
-        fillText(text, x, y, ...more) {
-            const size = this.measureText(text), at = this.getTransform();
-            const corners = [
-                [x - size.actualBoundingBoxLeft, y - size.actualBoundingBoxAscent],
-                [x + size.actualBoundingBoxRight, y + size.actualBoundingBoxDescent],
-            ].map(([x, y]) => at.transformPoint(new DOMPoint(x, y)));
-            const [xs, ys] = [corners.map(({ x }) => x), corners.map(({ y }) => y)];
-            const box = [Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys)];
-            if (text.trim()) this.canvas.written?.push({ text, box });
-            fillText.call(this, text, x, y, ...more);
-        },
-    });
-}"""
-
-
-def written(page: Any) -> dict[str, list[float]]:
-    """Texts on the chart with their boxes, in pixels of its canvas."""
-    found = page.evaluate("document.querySelector('.u-wrap canvas')?.written ?? []")
-    return {each["text"]: each["box"] for each in found}
-
-
-@pytest.mark.parametrize("width", [390, 1280])
-def test_the_texts_of_the_axes_are_whole_and_none_covers_another(page: Any, width: int) -> None:
-    page.set_viewport_size({"width": width, "height": 844})
-    page.add_init_script(WRITTEN)
-    with running(box=Scripted({"encoder": [-147_866, -147_871] * 2000}), count=2000), serving() as served:
-        page.goto(served.url + "#traces=encoder,motor&span=1")
-        texts = eventually(lambda: "-73933.0" in (found := written(page)) and "motor [V]" in found and found)
-        for (one, a), (other, b) in itertools.combinations(texts.items(), 2):
-            apart = a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
-            assert apart, f"{one} and {other}"
-        assert min(box[0] for box in texts.values()) >= 0
-        assert max(box[2] for box in texts.values()) <= page.evaluate("document.querySelector('.u-wrap canvas').width")
-
-
-def test_the_axis_of_a_constant_is_a_band_about_it_between_round_numbers(page: Any) -> None:
-    page.add_init_script(WRITTEN)
-    with running(box=Scripted({"encoder": [227] * 5000}), count=2000), serving() as served:
-        page.goto(served.url + "#traces=encoder&span=1")
-        numbers = eventually(lambda: [float(text) for text in written(page) if re.fullmatch(r"-?[\d.]+", text)])
-        value = float(str(page.locator('.legend tr[data-path="encoder"] td').first.inner_text()).split()[0])
-        assert min(numbers) < value < max(numbers)
-        assert max(numbers) - min(numbers) < value / 2
-        assert all(len(f"{number:g}") <= 4 for number in numbers)
-
-
 def test_of_a_state_the_share_of_time_and_the_changes_are_shown(page: Any) -> None:
     with (
         running(box=Scripted({"encoder": range(1, 5000), "limit": [0, 0, 0, 1] * 1000}), count=1000),
         serving() as served,
     ):
-        page.goto(served.url + "#traces=limit&span=10")
+        page.goto(served.url + "#traces=limit&span=1")
         cells = page.locator('.legend tr[data-path="limit"] td')
-        eventually(lambda: cells.nth(4).inner_text() == "FAIL 25.0 % of the time, changes: 499")
+        eventually(lambda: cells.nth(4).inner_text() == "FAIL 25.0 % of the time, changes: 500")
 
 
 def test_the_wheel_changes_the_time_shown_and_a_drag_zooms_in(page: Any) -> None:

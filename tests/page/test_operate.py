@@ -3,29 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import umo
-from helpers.patient import patient
 from umo.process.start import LINUX
 
-from .conftest import PATIENCE, Client, Served, eventually, opened, running, serving, viewing
+from .conftest import (
+    PATIENCE,
+    Client,
+    Served,
+    control,
+    eventually,
+    opened,
+    running,
+    serving,
+    started,
+    take_lease,
+    viewing,
+)
 
 pytestmark = pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")
-
-
-@contextmanager
-def started(folder: Path, name: str = "conveyor", **options: Any) -> Iterator[umo.RemoteStation]:
-    """A station in manual mode, attached to."""
-    with umo.start(name, patient(name, folder), manual=True, realtime=True, **options) as process:
-        eventually(lambda: process.stage.name == "RUNNING")
-        with umo.attach(process.pid) as station:
-            eventually(lambda: station.reader.head > 5)
-            yield station
 
 
 @pytest.fixture(scope="module")
@@ -114,9 +114,12 @@ def test_roles_bind_a_page_of_another_computer(
         refused = command(client, 1, "lease", who="Eve")
         assert (refused["state"], refused["text"]) == ("refused", "Eve may see; lease needs the role tune")
         assert command(client, 2, "lease", who=" bob ")["state"] == "done"
-        refused = command(client, 3, "shelve", path="belt", value=60.0)
+        refused = command(client, 3, "shelve", path="sorter.belt", value=60.0)
         assert (refused["state"], refused["text"]) == ("refused", "bob may operate; shelve needs the role maintain")
         assert command(client, 4, "acknowledge")["state"] == "done"
+        (tmp_path / "umo" / "roles.toml").write_text('[users]\nbob = "see"\n')
+        assert command(client, 5, "lease", who="bob")["state"] == "refused"
+        assert command(client, 6, "acknowledge")["state"] == "refused"
 
 
 def test_what_a_page_holds_lasts_as_long_as_it_touches_and_then_its_lease_ends(
@@ -130,12 +133,12 @@ def test_what_a_page_holds_lasts_as_long_as_it_touches_and_then_its_lease_ends(
 
         def lasts(number: int) -> bool:
             command(client, number, "lease", who="Ann\n")
-            assert command(client, number + 1, "write", path="diverter", value="ON")["state"] == "done"
-            touching(client, ["diverter"], ran_on(station, 1.5))
-            return station.diverter.read() == "ON"
+            assert command(client, number + 1, "write", path="sorter.diverter", value="ON")["state"] == "done"
+            touching(client, ["sorter.diverter"], ran_on(station, 1.5))
+            return station.sorter.diverter.read() == "ON"
 
         assert any(map(lasts, range(2, 12, 2)))  # not each time: on a busy computer the page may touch too late
-        eventually(lambda: station.diverter.read() == "OFF")
+        eventually(lambda: station.sorter.diverter.read() == "OFF")
         assert station.reader.holder
         eventually(lambda: not station.reader.holder)
 
@@ -144,11 +147,11 @@ def test_a_page_that_is_closed_gives_its_lease_back_at_once(station: umo.RemoteS
     with opened(served.socket) as client:
         client.get("description")
         command(client, 1, "lease")
-        command(client, 2, "call", path="belt.run_at", arguments={"speed": 0.3})
-        eventually(lambda: station.belt.setpoint.read() > 0.2)
+        command(client, 2, "call", path="sorter.belt.run_at", arguments={"speed": 0.3})
+        eventually(lambda: station.sorter.belt.setpoint.read() > 0.2)
     eventually(lambda: not station.reader.holder)
     assert [event.text for event in station.events if event.who][-2:] == ["the lease was given back", ""]
-    eventually(lambda: station.belt.setpoint.read() == 0.0 and station.belt.run.read() == "OFF")
+    eventually(lambda: station.sorter.belt.setpoint.read() == 0.0 and station.sorter.belt.run.read() == "OFF")
 
 
 def test_a_page_cannot_command_with_the_lease_of_another(station: umo.RemoteStation, served: Served) -> None:
@@ -156,10 +159,10 @@ def test_a_page_cannot_command_with_the_lease_of_another(station: umo.RemoteStat
         for client in (first, second):
             client.get("description")
         command(first, 1, "lease", who="Ann")
-        found = command(second, 1, "write", path="diverter", value="ON")
+        found = command(second, 1, "write", path="sorter.diverter", value="ON")
         assert (found["state"], found["text"]) == ("refused", "LeaseHeld: Ann (page, 127.0.0.1) has the lease")
         assert command(second, 2, "lease", who="Ben", over=True)["state"] == "done"
-        assert command(first, 2, "write", path="diverter", value="ON")["state"] == "refused"
+        assert command(first, 2, "write", path="sorter.diverter", value="ON")["state"] == "refused"
 
 
 @pytest.mark.full
@@ -167,10 +170,10 @@ def test_what_a_page_jogs_ends_when_its_server_is_killed(station: umo.RemoteStat
     with viewing() as (process, address), opened(address.replace("http", "ws", 1).replace("/?", "/ws?")) as client:
         client.get("description")
         command(client, 1, "lease", who="Ann")
-        command(client, 2, "call", path="belt.run_at", arguments={"speed": 0.3})
-        touching(client, ["belt.run_at"], lambda: station.belt.setpoint.read() > 0.2)
+        command(client, 2, "call", path="sorter.belt.run_at", arguments={"speed": 0.3})
+        touching(client, ["sorter.belt.run_at"], lambda: station.sorter.belt.setpoint.read() > 0.2)
         process.kill()
-        eventually(lambda: station.belt.setpoint.read() == 0.0)
+        eventually(lambda: station.sorter.belt.setpoint.read() == 0.0)
         eventually(lambda: not station.reader.holder)
         texts = [event.text for event in station.events]
         assert texts.index("dead-man timeout") < texts.index(
@@ -183,11 +186,11 @@ def test_a_touch_that_answers_an_old_state_does_not_count(station: umo.RemoteSta
         client.get("description")
         first = client.get("state")["number"]
         command(client, 1, "lease")
-        command(client, 2, "write", path="diverter", value="ON")
+        command(client, 2, "write", path="sorter.diverter", value="ON")
 
         def gone() -> bool:
-            client.send(type="touch", number=first, held=["diverter"])
-            return station.diverter.read() == "OFF"
+            client.send(type="touch", number=first, held=["sorter.diverter"])
+            return station.sorter.diverter.read() == "OFF"
 
         eventually(gone)
 
@@ -198,10 +201,10 @@ def test_more_paths_are_held_than_one_command_can_carry(station: umo.RemoteStati
     with opened(served.socket) as client:
         client.get("description")
         command(client, 1, "lease")
-        command(client, 2, "write", path="diverter", value="ON")
-        touching(client, [*others, "diverter"], ran_on(station, 2.5))
+        command(client, 2, "write", path="sorter.diverter", value="ON")
+        touching(client, [*others, "sorter.diverter"], ran_on(station, 2.5))
         assert station.reader.holder
-        assert station.diverter.read() == "ON"
+        assert station.sorter.diverter.read() == "ON"
 
 
 @pytest.mark.full
@@ -235,11 +238,11 @@ def test_a_flood_of_commands_is_refused_in_part_and_all_are_answered(
         command(client, 1, "lease")
         numbers = range(2, 102)
         for number in numbers:
-            client.send(type="command", id=number, do="tune", path="window", value=number % 50 + 1)
+            client.send(type="command", id=number, do="tune", path="sorter.window", value=number % 50 + 1)
         answered = [client.get("answer") for _ in numbers]
         assert {each["id"] for each in answered} == set(numbers)
         assert {each["text"] for each in answered if each["state"] == "refused"} == {"up to 2 commands at once"}
-        eventually(lambda: command(client, 1000, "tune", path="window", value=25)["state"] == "done")
+        eventually(lambda: command(client, 1000, "tune", path="sorter.window", value=25)["state"] == "done")
 
 
 @pytest.mark.full
@@ -254,7 +257,7 @@ def test_a_touch_without_meaning_is_answered_by_an_error(station: umo.RemoteStat
     with opened(served.socket) as client:
         client.get("description")
         command(client, 1, "lease")
-        for held in (None, "diverter", [1], ["x"] * 257):
+        for held in (None, "sorter.diverter", [1], ["x"] * 257):
             client.send(type="touch", number=1, held=held)
             assert "held must be up to 256 paths" in client.get("error")["text"]
 
@@ -270,13 +273,6 @@ def page(page: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
     return page
 
 
-def take_lease(page: Any, url: str, name: str = "Ann") -> None:
-    page.goto(url + "#view=operate")
-    page.get_by_label("Your name").fill(name)
-    page.get_by_role("button", name="Take the lease").click()
-    page.get_by_text("You have the lease.").wait_for()
-
-
 def take_again(page: Any) -> None:
     """More than once where the page does not answer in time to keep the lease, as on a busy computer."""
     held, take = page.get_by_text("You have the lease."), page.get_by_role("button", name="Take the lease")
@@ -290,16 +286,12 @@ def take_again(page: Any) -> None:
     eventually(taken)
 
 
-def control(page: Any, path: str) -> Any:
-    return page.locator(f'[data-control="{path}"]')
-
-
 def jog(page: Any, station: umo.RemoteStation) -> None:
     """Press the button of the belt with the mouse, until it runs."""
-    control(page, "belt.run_at").get_by_label("belt.run_at speed").fill("0.3")
-    control(page, "belt.run_at").get_by_role("button", name="Hold").hover()
+    control(page, "sorter.belt.run_at").get_by_label("sorter.belt.run_at speed").fill("0.3")
+    control(page, "sorter.belt.run_at").get_by_role("button", name="Hold").hover()
     page.mouse.down()
-    eventually(lambda: station.belt.setpoint.read() > 0.2)
+    eventually(lambda: station.sorter.belt.setpoint.read() > 0.2)
 
 
 def answers(page: Any) -> str:
@@ -308,14 +300,14 @@ def answers(page: Any) -> str:
 
 def test_an_actuator_is_written_and_released(page: Any, station: umo.RemoteStation, served: Served) -> None:
     take_lease(page, served.url)
-    diverter = control(page, "diverter")
+    diverter = control(page, "sorter.diverter")
     diverter.get_by_role("button", name="ON").click()
-    eventually(lambda: station.diverter.read() == "ON")
+    eventually(lambda: station.sorter.diverter.read() == "ON")
     diverter.locator('[data-state="ON"][aria-pressed="true"]').wait_for()
     eventually(ran_on(station, 1.5))
-    assert station.diverter.read() == "ON"  # held by the page
+    assert station.sorter.diverter.read() == "ON"  # held by the page
     diverter.get_by_role("button", name="Release").click()
-    eventually(lambda: station.diverter.read() == "OFF")
+    eventually(lambda: station.sorter.diverter.read() == "OFF")
 
 
 @pytest.mark.parametrize("size", [(1280, 800), (800, 600), (390, 844)])
@@ -324,7 +316,7 @@ def test_the_parts_of_a_control_stand_beside_one_another_within_its_part(
 ) -> None:
     page.set_viewport_size({"width": size[0], "height": size[1]})
     page.goto(served.url + "#view=operate")
-    control(page, "window").wait_for()
+    control(page, "sorter.window").wait_for()
     astray = """() => [...document.querySelectorAll(".control")].flatMap((control) => {
         const part = control.closest(".part").getBoundingClientRect();
         const boxes = [...control.children].map((each) => [each.className, each.getBoundingClientRect()]);
@@ -345,7 +337,7 @@ def test_a_wrong_value_is_refused_in_the_machine_s_own_words(
     page: Any, station: umo.RemoteStation, served: Served
 ) -> None:
     take_lease(page, served.url)
-    field = control(page, "window").locator('input[type="number"]')
+    field = control(page, "sorter.window").locator('input[type="number"]')
     field.fill("1000")
     field.press("Enter")
     eventually(lambda: "window: 1000 mm is outside 1 to 100" in answers(page))
@@ -353,9 +345,9 @@ def test_a_wrong_value_is_refused_in_the_machine_s_own_words(
         field.fill(f"{value:g}")
         field.press("Enter")
         eventually(lambda value=value: f"-> {value:g}" in answers(page))  # type: ignore[misc]
-    eventually(lambda: control(page, "window").get_by_label("window", exact=True).input_value() == "25")
-    control(page, "window").get_by_role("button", name="Undo").click()
-    eventually(lambda: station.window == 31.0)
+    eventually(lambda: control(page, "sorter.window").get_by_label("sorter.window", exact=True).input_value() == "25")
+    control(page, "sorter.window").get_by_role("button", name="Undo").click()
+    eventually(lambda: station.sorter.window == 31.0)
 
 
 def test_a_refused_value_leaves_an_actuator_as_it_is_held(
@@ -364,13 +356,13 @@ def test_a_refused_value_leaves_an_actuator_as_it_is_held(
     for name in ("LEASE_TIME", "TOUCH_TIME"):  # a browser on a busy computer may be silent for long
         monkeypatch.setattr(f"umo.page.page_client.{name}", PATIENCE)
     take_lease(page, served.url)
-    setpoint = control(page, "belt.setpoint")
+    setpoint = control(page, "sorter.belt.setpoint")
     setpoint.locator('input[type="number"]').fill("0.1")
     page.get_by_label("Filter").focus()  # a field that is left writes nothing
-    assert not answers(page).startswith("belt.setpoint")
+    assert not answers(page).startswith("sorter.belt.setpoint")
     setpoint.locator('input[type="number"]').fill("0.1")
     setpoint.get_by_role("button", name="Set").click()
-    eventually(lambda: station.belt.setpoint.read() > 0.09)
+    eventually(lambda: station.sorter.belt.setpoint.read() > 0.09)
     setpoint.locator('input[type="number"]').fill("99")
     setpoint.get_by_role("button", name="Set").hover()
     page.mouse.down()
@@ -378,14 +370,14 @@ def test_a_refused_value_leaves_an_actuator_as_it_is_held(
     page.mouse.up()
     eventually(lambda: "refused" in answers(page))
     eventually(ran_on(station, 1.5))
-    assert station.belt.setpoint.read() > 0.09
+    assert station.sorter.belt.setpoint.read() > 0.09
 
 
 def test_release_comes_after_whatever_the_slider_has_asked_for(
     page: Any, station: umo.RemoteStation, served: Served
 ) -> None:
     take_lease(page, served.url)
-    setpoint = control(page, "belt.setpoint")
+    setpoint = control(page, "sorter.belt.setpoint")
     setpoint.get_by_role("button", name="Set").click()
     eventually(lambda: setpoint.get_by_role("button", name="Release").is_enabled())
     setpoint.evaluate(
@@ -396,9 +388,9 @@ def test_release_comes_after_whatever_the_slider_has_asked_for(
             [...element.querySelectorAll("button")].find(({ textContent }) => textContent === "Release").click();
         }"""
     )
-    eventually(lambda: "release belt.setpoint: done" in answers(page))
+    eventually(lambda: "release sorter.belt.setpoint: done" in answers(page))
     eventually(ran_on(station, 0.5))
-    assert station.belt.setpoint.read() == 0.0
+    assert station.sorter.belt.setpoint.read() == 0.0
     assert setpoint.get_by_role("button", name="Release").is_disabled()
 
 
@@ -420,27 +412,27 @@ def test_a_jog_lasts_while_its_button_is_held(page: Any, station: umo.RemoteStat
     take_lease(page, served.url)
     jog(page, station)
     eventually(ran_on(station, 1.0))
-    assert station.belt.setpoint.read() > 0.2
+    assert station.sorter.belt.setpoint.read() > 0.2
     page.mouse.up()
-    eventually(lambda: station.belt.setpoint.read() == 0.0)
+    eventually(lambda: station.sorter.belt.setpoint.read() == 0.0)
 
 
 def test_a_jog_by_the_keyboard_ends_with_the_key_the_focus_or_the_view(
     page: Any, station: umo.RemoteStation, served: Served
 ) -> None:
     take_lease(page, served.url)
-    control(page, "belt.run_at").get_by_label("belt.run_at speed").fill("0.3")
+    control(page, "sorter.belt.run_at").get_by_label("sorter.belt.run_at speed").fill("0.3")
     ends = (
         lambda: page.keyboard.up("Space"),
         lambda: page.get_by_label("Filter").focus(),
         lambda: page.evaluate("document.querySelector('[data-view=scope]').click()"),
     )
     for end in ends:
-        control(page, "belt.run_at").get_by_role("button", name="Hold").focus()
+        control(page, "sorter.belt.run_at").get_by_role("button", name="Hold").focus()
         page.keyboard.down("Space")
-        eventually(lambda: station.belt.setpoint.read() > 0.2)
+        eventually(lambda: station.sorter.belt.setpoint.read() > 0.2)
         end()
-        eventually(lambda: station.belt.setpoint.read() == 0.0)
+        eventually(lambda: station.sorter.belt.setpoint.read() == 0.0)
         page.keyboard.up("Space")
 
 
@@ -448,7 +440,7 @@ def test_closing_the_tab_releases_a_jog(page: Any, station: umo.RemoteStation, s
     take_lease(page, served.url)
     jog(page, station)
     page.close()
-    eventually(lambda: station.belt.setpoint.read() == 0.0)
+    eventually(lambda: station.sorter.belt.setpoint.read() == 0.0)
     eventually(lambda: not station.reader.holder)
 
 
@@ -456,38 +448,39 @@ def test_a_lease_is_taken_over_by_a_second_click_and_its_holder_sees_it(
     page: Any, station: umo.RemoteStation, served: Served
 ) -> None:
     take_lease(page, served.url)
-    control(page, "diverter").get_by_role("button", name="ON").click()
-    eventually(lambda: station.diverter.read() == "ON")
+    control(page, "sorter.diverter").get_by_role("button", name="ON").click()
+    eventually(lambda: station.sorter.diverter.read() == "ON")
     other = page.context.new_page()
     other.goto(served.url + "#view=operate")
     other.get_by_label("Your name").fill("Ben")
     other.get_by_text("Ann (page, 127.0.0.1) has the lease.").wait_for()
-    assert control(other, "diverter").get_by_role("button", name="ON").is_disabled()
+    assert control(other, "sorter.diverter").get_by_role("button", name="ON").is_disabled()
     other.get_by_role("button", name="Take it over").click()
     assert station.reader.holder.startswith("Ann")
     other.get_by_role("button", name="Yes, take it over").click()
     other.get_by_text("You have the lease.").wait_for()
     page.get_by_text("Ben (page, 127.0.0.1) has the lease.").wait_for()
     assert "your lease: cancelled: Ben (page, 127.0.0.1) has taken it over" in answers(page)
-    assert control(page, "diverter").get_by_role("button", name="ON").is_disabled()
-    eventually(lambda: station.diverter.read() == "OFF")
+    assert control(page, "sorter.diverter").get_by_role("button", name="ON").is_disabled()
+    eventually(lambda: station.sorter.diverter.read() == "OFF")
     page.locator("[data-view=machine]").click()
     page.locator(".events li").first.wait_for()  # also in a view that is opened later
 
 
 def test_a_latched_interlock_is_acknowledged_under_the_lease_when_its_cause_is_gone(page: Any, tmp_path: Path) -> None:
-    with started(tmp_path, fault="emergency_stop stuck OPEN at 0.5 s for 0.5 s") as station, serving() as served:
+    with started(tmp_path, fault="sorter.emergency_stop stuck OPEN at 0.5 s for 0.5 s") as station, serving() as served:
         page.goto(served.url + "#view=operate")
         page.get_by_text("⊘ the emergency stop was pressed").first.wait_for()
-        button = page.get_by_role("button", name="Acknowledge")
+        button = page.get_by_role("button", name="Acknowledge", exact=True)
+        button.wait_for()  # when its cause is gone
         assert button.is_disabled()
         take_lease(page, served.url)
         eventually(lambda: station.frames(0.01)["time"][-1] > 1.1)
         button.click()
         button.wait_for(state="hidden")
         assert "acknowledge: done" in answers(page)
-        control(page, "diverter").get_by_role("button", name="ON").click()
-        eventually(lambda: station.diverter.read() == "ON")
+        control(page, "sorter.diverter").get_by_role("button", name="ON").click()
+        eventually(lambda: station.sorter.diverter.read() == "ON")
 
 
 def test_equipment_in_fault_is_told_with_its_reason_and_cleared_under_the_lease(page: Any, tmp_path: Path) -> None:
@@ -549,8 +542,8 @@ def test_in_automatic_mode_numbers_can_be_tuned_and_actuators_cannot_be_written(
         page.get_by_role("button", name="automatic").click()
         page.get_by_text("Automatic mode:").wait_for()
         assert station.mode == "automatic"
-        assert control(page, "diverter").get_by_role("button", name="ON").is_disabled()
-        assert control(page, "window").get_by_role("button", name="Set").is_enabled()
+        assert control(page, "sorter.diverter").get_by_role("button", name="ON").is_disabled()
+        assert control(page, "sorter.window").get_by_role("button", name="Set").is_enabled()
 
 
 def test_the_stop_button_is_in_every_view_and_ends_the_run_without_the_lease(page: Any, tmp_path: Path) -> None:
@@ -572,7 +565,7 @@ def test_a_read_only_page_has_no_stop_button_and_says_why_its_controls_are_off(
         page.get_by_text("This page is read-only.").wait_for()
         assert not page.get_by_role("button", name="Stop", exact=True).is_visible()
         assert not page.get_by_role("button", name="Take the lease").is_visible()
-        assert control(page, "diverter").get_by_role("button", name="ON").is_disabled()
+        assert control(page, "sorter.diverter").get_by_role("button", name="ON").is_disabled()
 
 
 def test_after_a_new_start_of_the_station_the_page_shows_it_and_the_lease_is_to_be_taken_again(

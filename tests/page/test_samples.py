@@ -52,6 +52,13 @@ def test_of_a_run_in_real_time_each_sample_has_its_utc() -> None:
     assert lines[1:] == ["0.0,2023-11-14T22:13:20.250000Z,0.0", "1.5,2023-11-14T22:13:21.750000Z,0.0"]
 
 
+def test_the_utc_of_a_sample_is_rounded_to_a_microsecond() -> None:
+    history = History(1, 0.001)
+    history.add(np.arange(1000) * 0.001, np.zeros((1000, 1)))
+    lines = "".join(csv_of(stretch(history, [{"path": "motor"}], 0.0, 2.0, utc=1_711_523_487.05))).splitlines()[1:]
+    assert all(line.split(",")[1].endswith("000Z") for line in lines)
+
+
 def test_only_the_samples_between_the_times_are_told() -> None:
     history = History(1, 0.001)
     times = np.arange(5000) * 0.001

@@ -232,8 +232,8 @@ RUN = """() => {  // 10 s of belt at 0.3 m/s; a part of 90 mm at 5 s, another of
     past.times = Array.from({ length: 1001 }, (_, i) => i / 100);
     const covered = (t) => (t >= 5 && t < 5.3) || (t >= 5.6 && t < 5.8);
     for (const path of test.view().scene.paths) past.columns[path] = past.times.map(() => 0);
-    past.columns["belt.speed"] = past.times.map(() => 0.3);
-    past.columns.entry = past.times.map((t) => (covered(t) ? 1 : 0));
+    past.columns["sorter.belt.speed"] = past.times.map(() => 0.3);
+    past.columns["sorter.entry"] = past.times.map((t) => (covered(t) ? 1 : 0));
     return test.set({});
 }"""
 SETTLED = """async (time) => {

@@ -75,6 +75,27 @@ def test_the_run_that_is_named_is_shown_first_and_a_name_of_several_is_refused(
         assert "2 runs of press are going on; give the pid" in refused(umo("view", "press", "--port", "0"))
 
 
+def test_a_mistake_in_the_roles_is_told_when_other_computers_may_operate(
+    umo: Umo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "umo").mkdir()
+    (tmp_path / "umo" / "roles.toml").write_text('[users]\nann = "maintian"\n')
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+
+    def serve(options: Options, listening: socket.socket, ready: Callable[[], None]) -> None:
+        listening.close()
+        ready()
+
+    monkeypatch.setattr("umo.page.server.serve", serve)
+    monkeypatch.setattr("umo.cli.page.drop_realtime", lambda: None)
+    words = ("view", "--host", "0.0.0.0", "--token", "long enough", "--port", "0")
+    told = "other users may only look and stop: "
+    result = umo(*words, "--operate")
+    assert told in " ".join(result.stderr.split())
+    assert "ann: no role 'maintian' (did you mean 'maintain'?)" in " ".join(result.stderr.split())
+    assert told not in " ".join(umo(*words).stderr.split())
+
+
 def test_an_address_of_another_computer_is_refused(umo: Umo) -> None:
     assert "cannot listen at 192.0.2.1" in refused(umo("view", "--host", "192.0.2.1", "--token", "long enough"))
 

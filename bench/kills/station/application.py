@@ -15,6 +15,7 @@ async def main(m: Machine, periods: int = 0, fork: int = 0, loop: int = 0) -> No
     m.cells = cells()
     m.cells[GUARDIAN] = os.getppid()
     m.cells[CONTROL] = os.getpid()
+    m.begin()
     await until(lambda: m.cells[PERIODS] >= (fork or loop or periods) > 0)
     if fork:
         os.fork()  # the child goes on with all that follows

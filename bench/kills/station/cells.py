@@ -16,7 +16,8 @@ NAME, OUTPUT, CELLS = 12, 16, 64
 FILE = "KILLS_BOX"
 """The environment variable that names the file."""
 KEPT = "KILLS_KEPT"
-"""The one that is set where the machine has kept numbers."""
+"""The one that is set where the machine has kept numbers: to `OPERATED` where it has all that can be kept."""
+OPERATED = "operated"
 
 
 def cells() -> Any:

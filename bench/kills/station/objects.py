@@ -11,7 +11,8 @@ from typing import Annotated, Any
 from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Number, Quality
 from umo.states import OnOff, ZeroOne
 
-from .cells import CLOCK, KEPT, MAX_AGE, PERIODS, WRONG
+from . import disk
+from .cells import CLOCK, KEPT, MAX_AGE, OPERATED, PERIODS, WRONG
 
 
 class Machine(Compound):
@@ -23,6 +24,9 @@ class Machine(Compound):
     clock: DigitalSensor
 
     cells: Any = None
+
+    def begin(self) -> None:
+        """The application has begun."""
 
     def control(self) -> None:
         if self.cells is None:  # the application has not begun
@@ -63,15 +67,24 @@ class Keeping(Machine):
 
 
 def machine() -> Machine:
-    kind = Keeping if os.environ.get(KEPT) else Machine
-    return kind(
-        timer=DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False),
-        motors=[
+    disk.replace_it()  # a keeper is forked from the process that declares the machine
+    if os.environ.get(KEPT) == OPERATED:
+        from .operated import operated  # the others have no alarms and units
+
+        return operated(parts())
+    return (Keeping if os.environ.get(KEPT) else Machine)(**parts())
+
+
+def parts() -> dict[str, Any]:
+    """The objects of a machine, by name."""
+    return {
+        "timer": DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False),
+        "motors": [
             DigitalActuator("V", default=0.0, minimum=0.0, maximum=10.0, resolution=0.01, limits="clamp")
             for _ in range(2)
         ],
-        valves=[BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF) for _ in range(10)],
-        switches=[BinarySensor(ZeroOne, one=ZeroOne.ONE) for _ in range(8)],
-        clock=DigitalSensor("count", minimum=0.0, maximum=65_535.0, resolution=1.0),
-        counts=[DigitalSensor("count", minimum=0.0, maximum=65_535.0, resolution=1.0) for _ in range(4)],
-    )
+        "valves": [BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF) for _ in range(10)],
+        "switches": [BinarySensor(ZeroOne, one=ZeroOne.ONE) for _ in range(8)],
+        "clock": DigitalSensor("count", minimum=0.0, maximum=65_535.0, resolution=1.0),
+        "counts": [DigitalSensor("count", minimum=0.0, maximum=65_535.0, resolution=1.0) for _ in range(4)],
+    }

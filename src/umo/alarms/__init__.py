@@ -1,7 +1,7 @@
 """Alarms after ISA-18.2 and IEC 62682: declared on compounds with the class keyword `alarms`."""
 
 from umo.alarms.alarm_states import AlarmState, Operation
-from umo.alarms.collecting import DeclaredAlarm, alarms_of, has_alarms
+from umo.alarms.collecting import DeclaredAlarm, alarms_of
 from umo.alarms.declaration import Alarm, Bad, High, In, Low, Priority
 from umo.alarms.engine import AlarmEngine
 
@@ -17,5 +17,4 @@ __all__ = [
     "Operation",
     "Priority",
     "alarms_of",
-    "has_alarms",
 ]

@@ -6,16 +6,19 @@ of at most `MAX_BYTES`. A line that is torn or foreign costs only itself.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from io import FileIO
 from math import isfinite
 from pathlib import Path
 from typing import NamedTuple
 
 from umo.errors import UmoError
 from umo.system import folders
-from umo.system.device_record import state_folder
+from umo.system.device_record import STICKY_MODE, state_folder
 
 try:
     import fcntl
@@ -28,6 +31,9 @@ MAX_BYTES = 1 << 20
 """Bytes of a file at most; then it becomes the older generation."""
 MAX_NAME = 100
 """Length of a station's name in the name of a file, characters."""
+
+TRIES = 100
+"""Number of times that a file is opened again as another writer has begun a new one."""
 
 
 class AlarmRecord(NamedTuple):
@@ -51,29 +57,52 @@ def file_of(station: str) -> Path:
 
 
 def append(file: Path, records: Iterable[AlarmRecord]) -> None:
-    """Add records at the end, in one write. OSError if they cannot be written."""
+    """Add records at the end, all or none of them. OSError if they cannot be written."""
     data = "".join(f"{json.dumps(record._asdict())}\n" for record in records).encode()[-MAX_BYTES:]
     if not data:
         return
-    with open(os.open(file, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW, 0o644), "r+b", buffering=0) as stream:
-        if fcntl is not None:
-            fcntl.flock(stream, fcntl.LOCK_EX)  # several runs of a station
+    with _opened(file) as stream:
         size = os.fstat(stream.fileno()).st_size
         if size + len(data) <= MAX_BYTES:
-            if size and os.pread(stream.fileno(), 1, size - 1) != b"\n":
-                data = b"\n" + data  # the last writer did not come to its end
-            stream.write(data)
+            torn = size and os.pread(stream.fileno(), 1, size - 1) != b"\n"  # the last writer did not come to its end
+            _write(stream, b"\n" + data if torn else data, size)
             return
         os.replace(file, older(file))
-    append_new(file, data)
+        with _opened(file) as fresh:
+            _write(fresh, data, 0)
 
 
-def append_new(file: Path, data: bytes) -> None:
-    """Begin a new generation."""
-    with open(
-        os.open(file, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW, 0o644), "ab", buffering=0
-    ) as stream:
-        stream.write(data)
+@contextmanager
+def _opened(file: Path) -> Iterator[FileIO]:
+    """The file of this name, for one writer at a time: several runs of a station write to it."""
+    for _ in range(TRIES):
+        number = os.open(file, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW, STICKY_MODE)
+        with FileIO(number, "r+") as stream:
+            if fcntl is not None:
+                fcntl.flock(stream, fcntl.LOCK_EX)
+            if _is_at(file, number):
+                yield stream
+                return
+    raise OSError(errno.EBUSY, "others write to it", str(file))
+
+
+def _is_at(file: Path, number: int) -> bool:
+    """Whether an open file still has this name: another writer may have begun a new generation."""
+    try:
+        return os.path.samestat(os.stat(file, follow_symlinks=False), os.fstat(number))
+    except FileNotFoundError:
+        return False
+
+
+def _write(stream: FileIO, data: bytes, size: int) -> None:
+    """A full disk takes a part of the data, and says so in the next write only."""
+    try:
+        while data:
+            data = data[stream.write(data) or 0 :]
+    except OSError:
+        with suppress(OSError):
+            stream.truncate(size)
+        raise
 
 
 def older(file: Path) -> Path:

@@ -58,6 +58,8 @@ _S, _O = AlarmState, Operation
 TO_BE_ACKNOWLEDGED = frozenset((_S.UNACKNOWLEDGED, _S.RETURNED, _S.LATCHED_UNACKNOWLEDGED, _S.BAD_UNACKNOWLEDGED))
 """The states from which an acknowledgement leads on."""
 PUT_AWAY = frozenset((_S.SHELVED, _S.OUT_OF_SERVICE))
+PUTTING_AWAY = frozenset((_O.SHELVE, _O.UNSHELVE, _O.REMOVE, _O.RETURN))
+"""The operations that lead to these states, or out of them."""
 ANNUNCIATED = frozenset(AlarmState) - PUT_AWAY - {_S.NORMAL}
 """The states that an operator is shown."""
 

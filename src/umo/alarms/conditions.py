@@ -13,7 +13,7 @@ from umo.errors import forget_frames
 from umo.objects.atomic import Atomic
 from umo.objects.quality import Quality
 from umo.objects.scaling import ByteArray, FloatArray
-from umo.user_code import as_json, is_interrupt, told
+from umo.user_code import briefly, is_interrupt, told
 
 FREE_PER_PERIOD = 20
 """Number of the user's functions that are called in a period at most."""
@@ -81,12 +81,12 @@ class Conditions:
         """Number of periods after which each of the user's functions was called."""
         return turns_of(len(self._free))
 
-    def hold(self, alarm: int) -> None:
-        """Its condition was true before the first evaluation: it ends by its deadband."""
+    def hold(self, alarm: int, result: int) -> None:
+        """Its condition had this result, TRUE or BAD, before the first evaluation. A threshold ends by its deadband."""
         if alarm < len(self._limited):
             self._before[alarm], self._now[alarm] = True, self._bounds[alarm, 1]
         else:
-            self.results[alarm] = TRUE
+            self.results[alarm] = result
 
     def evaluate(self) -> None:
         """Bring `results` up to date. It raises nothing."""
@@ -128,13 +128,13 @@ class Conditions:
                 if isinstance(found, np.bool_):
                     self.results[alarm] = bool(found)
                     continue
-                cause = f"it gives {as_json(found, MAX_RESULT_TEXT)}, which is not True or False"
+                cause = f"it gives {briefly(found, MAX_RESULT_TEXT)}, which is not True or False"
             except BaseException as error:
-                if self.results[alarm] == BAD and not is_interrupt(error):
+                if self.results[alarm] == BAD and alarm in self.causes and not is_interrupt(error):
                     forget_frames(error)  # its text costs more than a condition may
                     continue
                 cause = told(error).text
-            if self.results[alarm] != BAD:
+            if self.results[alarm] != BAD or alarm not in self.causes:
                 self.results[alarm], self.causes[alarm] = BAD, cause
 
 

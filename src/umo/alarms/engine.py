@@ -7,9 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from umo.alarms.alarm_states import PUT_AWAY, AlarmState, Operation, transitions
+from umo.alarms.alarm_states import PUT_AWAY, PUTTING_AWAY, AlarmState, Operation, transitions
 from umo.alarms.collecting import DeclaredAlarm
 from umo.alarms.conditions import BAD, FALSE, NEVER, TRUE, AlarmImage, Conditions
+from umo.alarms.telling import Telling
 
 CHANGES_PER_PERIOD = 20
 """Number of the changes of conditions, of delays that end, and of operations of clients, each, that are carried out in
@@ -52,7 +53,10 @@ class AlarmEngine:
         self.states = image.columns.alarms
         """The number of the `AlarmState` of each alarm."""
         self._conditions = Conditions(declared, image)
-        self._now, self._tell = now, tell
+        self._now = now
+        self._telling = Telling(len(self.declared), lambda row, text, who: tell(self.paths[row], text, who))
+        self._words = [""] * len(self.declared)
+        """The words of the last change of each."""
         self._tables = [transitions(each.alarm.latch, each.alarm.acknowledge) for each in declared]
         count = len(self.declared)
         self._seen = np.zeros(count, np.uint8)
@@ -66,7 +70,8 @@ class AlarmEngine:
         """The first of these times."""
         self._last = -1
         """The alarm whose change was taken note of last."""
-        self._requests: dict[int, AlarmRequest] = {}
+        self._requests: dict[int, list[AlarmRequest]] = {}
+        """What clients have asked for and was not carried out yet, by alarm."""
 
     @property
     def turns(self) -> int:
@@ -85,7 +90,7 @@ class AlarmEngine:
             self.states[row] = number
             if result := RESULTS.get(AlarmState(number), FALSE):
                 self._seen[row] = self._counting[row] = result
-                self._conditions.hold(row)
+                self._conditions.hold(row, result)
 
     def look(self) -> None:
         """Once per period, after the laws. It raises nothing."""
@@ -102,7 +107,7 @@ class AlarmEngine:
             self._obey()
             changed = True
         if changed:
-            self._next = float(min(self._due.min(), self._until.min()))
+            self._next = float(min(self._due.min(), self._until.min(), self._telling.due.min()))
 
     # By conditions -------------------------------------------------------------------------------------
 
@@ -141,27 +146,38 @@ class AlarmEngine:
             self._count(row, int(self._seen[row]))
         for row in np.flatnonzero(self._until <= now)[:CHANGES_PER_PERIOD].tolist():
             self._carry_out(row, AlarmRequest(Operation.UNSHELVE, "", words="its time is over"))
+        for row in np.flatnonzero(self._telling.due <= now)[:CHANGES_PER_PERIOD].tolist():
+            self._telling.tell_state(row, self._text(row), now)
 
     # By clients ----------------------------------------------------------------------------------------
 
     def accepts(self, row: int, operation: Operation) -> bool:
-        """Whether an operation would change the alarm as it is now; of a shelf the time too."""
-        return (self.state_of(row), operation) in self._tables[row]
+        """Whether an operation would change the alarm, as it is when all that was asked for is done; of a shelf the
+        time too."""
+        table, state = self._tables[row], self.state_of(row)
+        for each in self._requests.get(row, ()):
+            state = table.get((state, each.operation), state)
+        return (state, operation) in table
 
     def state_of(self, row: int) -> AlarmState:
         return AlarmState(int(self.states[row]))
 
     def request(self, row: int, request: AlarmRequest) -> None:
-        """Carry it out at the next looks. The last request for an alarm counts."""
-        self._requests[row] = request
+        """Carry it out at the next looks, in the order asked. Of those that put an alarm away, or bring it back, the
+        last one counts."""
+        waiting = self._requests.get(row, [])
+        if request.operation in PUTTING_AWAY:
+            waiting = [each for each in waiting if each.operation not in PUTTING_AWAY]
+        self._requests[row] = [*waiting, request]
 
     def _obey(self) -> None:
         for row in list(self._requests)[:CHANGES_PER_PERIOD]:
-            self._carry_out(row, self._requests.pop(row))
+            for each in self._requests.pop(row):
+                self._carry_out(row, each)
 
     def _carry_out(self, row: int, request: AlarmRequest) -> None:
         operation = request.operation
-        if not self.accepts(row, operation):
+        if (self.state_of(row), operation) not in self._tables[row]:
             return  # it has changed since
         self._until[row] = self._now() + request.seconds if operation is Operation.SHELVE else NEVER
         put_away = self.state_of(row) in PUT_AWAY
@@ -180,7 +196,11 @@ class AlarmEngine:
         self.states[row] = state
         if operation is Operation.CANNOT_EVALUATE:
             words = f"cannot be evaluated: {self._conditions.causes.get(row, '')}"
-        self._tell(self.paths[row], told_text(state, self.declared[row], words), who)
+        self._words[row] = words
+        self._telling.change(row, self._text(row), who, self._now())
+
+    def _text(self, row: int) -> str:
+        return told_text(self.state_of(row), self.declared[row], self._words[row])
 
 
 def told_text(state: AlarmState, declared: DeclaredAlarm, words: str = "") -> str:

@@ -53,8 +53,8 @@ def alarms_or_history(
         return
     if options != AlarmOptions() or lasting is not None or as_json:
         raise OptionError("--history stands alone")
-    if name is None:
-        with attach(None) as reader:
+    if name is None or name.isdigit():  # a pid
+        with attach(name) as reader:
             name = str(reader.about["station"])
     show_history(name)
 

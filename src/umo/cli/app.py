@@ -23,6 +23,7 @@ from .shared import (
     WiringName,
     app,
     finite,
+    options_of_command,
 )
 
 __all__ = ["app"]
@@ -100,7 +101,7 @@ def run(
     from .station_options import parse
     from .values import duration, size
 
-    options = parse(find(name), wiring, context.args) | _injected(fault, fault_seed)
+    options = parse(find(name), wiring, context.args, options_of_command(context)) | _injected(fault, fault_seed)
     options |= {"realtime": True} if realtime or manual else {}
     end = None if until is None else duration("--until", until)
     job = Job(name, wiring=wiring, options=options, acknowledge=acknowledge, manual=manual, until=end, fresh=fresh)

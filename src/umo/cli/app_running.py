@@ -217,7 +217,7 @@ def kept(
     work(station, wiring, forget)
 
 
-@command(epilog="Examples: umo acknowledge conveyor  |  umo acknowledge conveyor belt diverter")
+@command(epilog="Examples: umo acknowledge conveyor  |  umo acknowledge conveyor sorter.belt sorter.diverter")
 def acknowledge(
     station: Annotated[
         str,

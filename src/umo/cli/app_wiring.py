@@ -62,7 +62,7 @@ def recipes(
     from .recipe_list import choose_recipe, show_recipes
 
     found = find(station)
-    return show_recipes(found) if name is None else choose_recipe(found, str(station), name, take)
+    return show_recipes(found, str(station)) if name is None else choose_recipe(found, str(station), name, take)
 
 
 @command(
@@ -96,13 +96,16 @@ def tree(
 )
 def get(
     station: StationName,
-    paths: Annotated[list[str], typer.Argument(metavar="PATH...", help="Objects, such as z.encoder.")],
+    paths: Annotated[
+        list[str],
+        typer.Argument(metavar="PATH...", help="Objects, such as z.encoder; of a station that runs also signals."),
+    ],
     wiring: WiringName = None,
     unit: Annotated[str | None, typer.Option(help="Show digital values in this unit.")] = None,
     acknowledge: Acknowledge = False,
 ) -> None:
     """Read objects by path: from the frames if the station is running, wherever its folder is (its pid, where several
-    runs go on).
+    runs go on), and there signals and tunable numbers too.
 
     Otherwise its devices are opened for this reading: every actuator goes to its default before and after it. Options
     of the machine follow the station's name.

@@ -26,7 +26,7 @@ from umo.system.processes import user_name
 from umo.text import add_note, did_you_mean, printable, some
 
 from .console import err, out, say
-from .kept import save_tuned
+from .kept import save_tuned, toml_line
 from .progress_line import OneLine
 from .ps import attach, how_ended, how_to_clear
 from .values import argument, number, state
@@ -210,17 +210,21 @@ def tune(name: str, path: str | None, text: str | None, over: bool, save: bool =
         if path in station.reader.kept:
             err.print("it is declared kept: the next run has it", soft_wrap=True)
             return
-        keep = f"put {path} = {given} under [parameters] of the wiring"
+        keep = f"put {toml_line(path, given)} under [parameters] of the wiring"
         err.print(f"until the run ends; to keep it, {keep}", soft_wrap=True)
 
 
 def get_running(reader: Reader, paths: Sequence[str], unit: str | None) -> None:
-    """Print objects of a station that runs, all of the same period."""
+    """Print objects, signals and tunable numbers of a station that runs, all of the same period."""
     with RemoteStation(reader) as station:
-        items = [_object(station, path) for path in paths]
+        shown = {str(row.about["path"]): place for place, row in enumerate(reader.rows(None))}
+        for path in paths:
+            if path not in shown:
+                raise _no_object(station, path, list(shown))
+        places = [shown[path] for path in paths]
         if (frame := reader.latest()) is None:
             raise FramesError(f"{reader.about['station']} is running but has not finished a period yet")
-        rows = [converted(row, unit) for row in reader.rows(frame, (reader.index(item.path) for item in items))]
+        rows = [converted(row, unit) for row in reader.rows(frame, places)]
         width = max(map(len, paths))
         for row in rows:
             out.print(sentence_of(row, width), soft_wrap=True)
@@ -230,16 +234,27 @@ def get_running(reader: Reader, paths: Sequence[str], unit: str | None) -> None:
 
 def _object(station: RemoteStation, path: str) -> RemoteObject:
     """An object of a station that runs; PathError if the path is not one's."""
+    reader = station.reader
+    if path not in reader.paths:
+        if path in reader.tunables():
+            raise PathError(f"{path} is a number: `umo tune` changes it")
+        raise _no_object(station, path, reader.paths)
+    item: RemoteObject = station[path]
+    return item
+
+
+def _no_object(station: RemoteStation, path: str, known: Sequence[str]) -> PathError:
+    """Why a path names nothing of what is known: the nearest of it, or what there is below the path."""
     try:
         item = station[path]
     except AttributeError:
-        raise PathError(f"no object {path!r}{did_you_mean(path, station.reader.paths)}") from None
-    if isinstance(item, RemoteObject):
-        return item
-    known = [each for each in station.reader.paths if each.startswith(f"{path}.")]
-    if not known:  # an action, a number, a law
-        raise PathError(f"{path} is not an object")
-    raise PathError(f"{path} is a compound object; name one of its parts: {some(known)}")
+        return PathError(f"no object {path!r}{did_you_mean(path, known)}")
+    if below := [each for each in known if each.startswith(f"{path}.")]:
+        of_objects = any(each.startswith(f"{path}.") for each in station.reader.paths)
+        what = "a compound object" if of_objects else "not an object"
+        return PathError(f"{path} is {what}; name one of its {'parts' if of_objects else 'numbers'}: {some(below)}")
+    shown = "a number that is shown: it cannot be set" if isinstance(item, float | str) else "not an object"
+    return PathError(f"{path} is {shown}")
 
 
 def set_running(reader: Reader, path: str, text: str, hold: float | None, over: bool) -> int:

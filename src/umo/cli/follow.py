@@ -79,6 +79,8 @@ def follow(
                 break
             started.poll(POLL_TIMEOUT)
         elapsed = 0.0 if begun is None else time.perf_counter() - begun
+    if outcome.driven and begun is None:  # there was no memory, or no folder, for the frames
+        frame.whole = False
     if outcome.unsafe:  # what the control process had no more time to say
         outcome.simulated = frame.time
     if lost:

@@ -56,6 +56,9 @@ def _list(path: Path, values: KeptValues) -> None:
     for number, entry in values.numbers.items():
         table.add_row(printable(number), _text(entry["value"]), shown_unit(entry["unit"]))
     out.print(table)
+    if states := values.sections.get(kept_file.STATES):
+        told = ", ".join(f"{part} {state}" for part, state in states.items())
+        out.print(f"in that period: {printable(told)}", soft_wrap=True)
     out.print(str(path), soft_wrap=True)
 
 
@@ -92,18 +95,14 @@ def save_tuned(reader: Reader) -> None:
     for path in tuned:
         if path in kept:
             err.print(f"{path} is declared kept: the next run has it without a line in the wiring", soft_wrap=True)
-    lines = [f"{_key(path)} = {_number(value)}" for path, value in tuned.items() if path not in kept]
+    lines = [toml_line(path, repr(value)) for path, value in tuned.items() if path not in kept]
     if lines:
         out.print("[parameters]", *lines, sep="\n", markup=False, highlight=False, soft_wrap=True)
     elif not tuned:
         err.print(f"nothing was tuned in {reader.about['station']} since it was started", soft_wrap=True)
 
 
-def _key(path: str) -> str:
+def toml_line(path: str, number: str) -> str:
+    """The line of `[parameters]` that gives a number its value: valid TOML for every path."""
     text = path.replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{text}"'
-
-
-def _number(value: float) -> str:
-    """A float of TOML: `repr` has every digit."""
-    return repr(value)
+    return f'"{text}" = {number}'

@@ -17,6 +17,7 @@ from typing import Any
 from umo.cycle import Frame
 from umo.cycle.trace import Trace, lines
 from umo.errors import text_of
+from umo.system.processes import identity
 
 from .console import say
 from .run_folder import RUNS, TRACE_PAUSE, RunSummary, whole
@@ -126,6 +127,8 @@ class RecordedRun:
     """"ended", "running", or "killed": its `umo run` has ended without a summary."""
     status: int | None
     """Exit status; None unless it has ended."""
+    how: str
+    """The failure, or who has stopped it; "": neither, or not known."""
     size: int
     """Bytes of its files."""
 
@@ -139,8 +142,15 @@ def recorded(station: str | None = None) -> Iterator[RecordedRun]:
             continue
         summary = _read(folder / "summary.json")
         status = summary.get("status") if isinstance(summary.get("status"), int) else None
-        state = "ended" if status is not None else "running" if _lives(about.get("pid")) else "killed"
-        yield RecordedRun(folder, name, state, status, _size_of(folder))
+        state = "ended" if status is not None else "running" if _lives(about) else "killed"
+        yield RecordedRun(folder, name, state, status, _how(summary), _size_of(folder))
+
+
+def _how(summary: dict[str, Any]) -> str:
+    failure, by = (summary.get(key) for key in ("failure", "stopped_by"))
+    if isinstance(failure, str) and failure:
+        return failure
+    return f"stopped by {by}" if isinstance(by, str) and by else ""
 
 
 def prune(keep: int, station: str | None = None) -> list[RecordedRun]:
@@ -181,8 +191,10 @@ def _read(path: Path) -> dict[str, Any]:
     return data if isinstance(data, dict) else {}
 
 
-def _lives(pid: object) -> bool:
-    """Whether there is a process of this number."""
+def _lives(about: dict[str, Any]) -> bool:
+    """Whether the process of a run lives. Another one may have got its number, after a restart of the computer above
+    all: a service has nearly the same ones at each boot."""
+    pid, process = about.get("pid"), about.get("process")
     if not isinstance(pid, int) or pid <= 0:
         return False
     try:
@@ -190,5 +202,5 @@ def _lives(pid: object) -> bool:
     except (ProcessLookupError, OverflowError):
         return False
     except OSError:  # another user's
-        return True
-    return True
+        pass
+    return not process or process == identity(pid)

@@ -34,6 +34,8 @@ def make_station(directory: Path) -> None:
     try:
         with as_file(files("umo.cli") / "template" / "station") as template:
             shutil.copytree(template, directory, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
+        module = re.sub(r"\W", "_", directory.resolve().name)  # pytest takes no two modules of one name
+        (directory / "tests" / "test_station.py").rename(directory / "tests" / f"test_{module}.py")
     except OSError as error:
         raise StationError(f"{directory} cannot be written: {error}") from error
     out.print(

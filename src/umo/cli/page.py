@@ -18,6 +18,7 @@ from umo.process.station import StationError, find, shipped
 from umo.remote.search import meant_by, several_runs, station_name
 from umo.system.folders import written
 from umo.system.realtime import drop_realtime
+from umo.system.roles import Roles
 from umo.text import did_you_mean, printable
 
 from .console import out, say
@@ -152,6 +153,8 @@ def _warn(choice: ViewOptions, operate: bool) -> None:
     say(f"warning: whoever reaches {choice.host} and has the token can {may}")
     if choice.certificate is None:
         say("warning: without --certificate and --key the token can be read on the network")
+    if operate and (mistake := Roles.load().mistake):
+        say(f"warning: other users may only look and stop: {mistake}")
 
 
 def _opening() -> Path:

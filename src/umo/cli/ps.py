@@ -18,7 +18,7 @@ from umo.presentation.run_facts import ALARMS, FREE, IN_FAULT, fault_texts, sinc
 from umo.remote import search
 from umo.system.device_lock import is_held
 from umo.system.device_record import Ended, all_standing
-from umo.text import printable
+from umo.text import printable, some
 from umo.wiring.patterns import chosen
 
 from .console import out, plain_table, say
@@ -68,6 +68,8 @@ def _remark(data: dict[str, Any], facts: dict[str, str], ambiguous: bool) -> Non
     for title in ("progress", "lease", "driven", ALARMS):
         if facts.get(title) and facts[title] != FREE:
             out.print(f"{name}: {title}: {facts[title]}", soft_wrap=True)
+    if states := [f"{path} {state}" for path, state in data["states"].items()]:
+        out.print(f"{name}: states: {some(states)}", soft_wrap=True)
     faults: dict[str, str] = data["in_fault"]
     for text in fault_texts(faults):
         out.print(f"{name}: {IN_FAULT}: {text}", style="red", soft_wrap=True)
@@ -141,6 +143,7 @@ def _told(reader: Reader) -> tuple[dict[str, Any], dict[str, str]]:
         "period_s": about["period"],
         "periods": reader.head,
         "missed": reader.missed,
+        "states": {printable(path): printable(state) for path, state in reader.unit_states(frame).items()},
         "in_fault": {printable(path): printable(reason) for path, reason in reader.faults(frame).items()},
         "alarms": [
             {"path": printable(row.path), "state": str(row.state), "priority": str(row.priority), "text": row.text}

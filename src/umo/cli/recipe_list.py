@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
-from umo.errors import OptionError, RecipeError
+from umo.errors import OptionError, RecipeError, UmoError
 from umo.objects import actions_of
 from umo.operation.recipe_book import RecipeBook, books_of
 from umo.operation.recipe_values import unit_of
 from umo.operation.recipes import Recipe
+from umo.presentation.value_text import value_text
 from umo.process.station import Station
 from umo.remote.remote_objects import call_action
+from umo.remote.search import find_running
 from umo.signature import hints_of
 from umo.text import did_you_mean
 
@@ -18,12 +22,14 @@ from .commanding import leased, station_of
 from .console import out
 
 
-def show_recipes(station: Station) -> int:
-    """Print every recipe with its values and units."""
+def show_recipes(station: Station, running: str) -> int:
+    """Print every recipe with its values and units; of a station that runs, which was begun last and which is next."""
     found = books_of(station.machine())
     if not found:
         raise OptionError(f"{station.name} has no recipes")
-    for book in found.values():
+    for path, book in found.items():
+        if now := _now(running, path):
+            out.print(now, soft_wrap=True, markup=False)
         for recipe in book.recipes.values():
             out.print(f"{recipe.name}  {recipe.hash}", soft_wrap=True, markup=False)
             for key, value in recipe.values.items():
@@ -31,26 +37,41 @@ def show_recipes(station: Station) -> int:
     return 0
 
 
+def _now(running: str, path: str) -> str:
+    """The recipes of a running station that were begun last and are chosen, in words; "": it does not run."""
+    with suppress(UmoError), find_running(running) as reader:
+        frame, places = reader.latest(), {each["path"]: place for place, each in enumerate(reader.layout.signals)}
+        if frame is None or f"{path}.choice" not in places:
+            return ""
+        found = (places[f"{path}.{name}"] for name in ("begun", "choice"))
+        begun, choice = (value_text(reader.layout.signals[each], float(frame["signals"][each])) for each in found)
+        return f"{reader.title}: begun last: {begun}; for the next batch: {choice}"
+    return ""
+
+
 def choose_recipe(station: Station, running: str, name: str, over: bool) -> int:
     """Choose a recipe for the next batch of a running station; its file is read now, in this process."""
     machine = station.machine()
-    known = actions_of(machine)
-    for path, book in books_of(machine).items():
-        recipe = _of(book, name)
-        action = known[f"{path}.choose"].describe()
-        with station_of(running) as remote, leased(remote, over):
-            chosen = call_action(remote, action, {"name": name, "content": recipe.content})
-        out.print(f"chosen for the next batch: {chosen}", soft_wrap=True, markup=False)
-        return 0
-    raise OptionError(f"{station.name} has no recipes")
+    path, recipe = _named(station, books_of(machine), name)
+    action = actions_of(machine)[f"{path}.choose"].describe()
+    with station_of(running) as remote, leased(remote, over):
+        chosen = call_action(remote, action, {"name": name, "content": recipe.content})
+    out.print(f"chosen for the next batch: {chosen}", soft_wrap=True, markup=False)
+    return 0
 
 
-def _of(book: RecipeBook[Any], name: str) -> Recipe:
-    if name not in book.recipes:
-        known = ", ".join(book.recipes)
-        raise RecipeError(f"no recipe {name!r}{did_you_mean(name, book.recipes)}; known: {known}")
-    recipe: Recipe = book.recipes[name]
-    return recipe
+def _named(station: Station, books: Mapping[str, RecipeBook[Any]], name: str) -> tuple[str, Recipe]:
+    """The path of the book that has this recipe, and the recipe."""
+    if not books:
+        raise OptionError(f"{station.name} has no recipes")
+    found = [(path, book.recipes[name]) for path, book in books.items() if name in book.recipes]
+    if not found:
+        known = list(dict.fromkeys(each for book in books.values() for each in book.recipes))
+        raise RecipeError(f"no recipe {name!r}{did_you_mean(name, known)}; known: {', '.join(known)}")
+    if len(found) > 1:
+        ways = " | ".join(f"umo call {station.name} {path}.choose name={name}" for path, _ in found)
+        raise RecipeError(f"several parts have a recipe {name!r}: {ways}")
+    return found[0]
 
 
 def _text(recipe: Recipe, key: str, value: Any) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from umo.cycle import Frame, connect, drive
-from umo.cycle.stopping import TimeLimit, signal_name
+from umo.cycle.stopping import TimeLimit
 from umo.cycle.trace import Statistics, Trace
 from umo.errors import text_of
 from umo.exit_status import ExitStatus
@@ -20,7 +20,6 @@ from umo.process import kept_values
 from umo.process.job import Job, Plan
 from umo.process.outcome import Failed, Outcome, plain, plain_reports
 from umo.process.start import LINUX
-from umo.text import printable
 
 from .console import err, out, say
 from .follow import RingFrame, follow
@@ -132,8 +131,7 @@ def _say_how_it_ended(outcome: Outcome, full_traceback: bool) -> None:
     if outcome.failure is not None:
         _fail(outcome.failure, full_traceback)
     elif outcome.stopped_by is not None:
-        who = printable(outcome.stopped_who) or signal_name(outcome.stopped_by)
-        say(f"stopped by {who}; every actuator is at its default")
+        say(f"stopped by {outcome.stopper}; every actuator is at its default")
     elif outcome.time_over:
         say(f"ended at {outcome.simulated:g} s (--until); every actuator is at its default")
 
@@ -181,7 +179,7 @@ def _write_summary(result: RunSummary, summary: Path) -> bool:
     try:
         result.save(summary)
     except OSError as error:
-        say(f"the summary could not be written: {error}")
+        say(f"{summary} could not be written: {text_of(error)}", "red")
         return False
     return True
 

@@ -31,6 +31,7 @@ from umo.presentation.durations import duration
 from umo.presentation.run_facts import clock_text
 from umo.process.job import Plan
 from umo.process.outcome import Outcome
+from umo.system.processes import identity
 from umo.text import printable
 from umo.wiring.json_values import as_plain
 
@@ -77,6 +78,7 @@ class RunSummary:
             "state": "running" if running else "ended",
             "status": None if running else self.outcome.status,
             "failure": self.failed,
+            "stopped_by": self.outcome.stopper,
             "progress": self.progress._asdict(),
             "equipment_faults": self._faults(),
             "periods": statistics.periods,
@@ -184,7 +186,8 @@ class RunFolder:
         now, job = datetime.now(), plan.job
         about: dict[str, Any] = {"station": plan.name, "wiring": job.wiring or plan.wiring_name or None}
         about |= {"options": job.options, "manual": job.manual, "until": job.until}
-        about |= {"started": now.astimezone().isoformat(), "pid": os.getpid(), "command": sys.argv}
+        about |= {"started": now.astimezone().isoformat(), "pid": os.getpid(), "process": identity(os.getpid())}
+        about |= {"command": sys.argv}
         folder, alone = None, not RUNS.exists()
         try:
             folder = cls(_new_folder(f"{plan.name}-{now:%Y%m%d-%H%M%S}"), alone)

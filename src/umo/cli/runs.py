@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from umo.text import did_you_mean, printable
+
 from .console import out, plain_table
 from .long_runs import RecordedRun, prune, recorded
 from .run_folder import RUNS
@@ -14,14 +16,21 @@ def show_runs(station: str | None, keep: int | None) -> None:
         out.print(f"removed: {len(removed)} runs, {_megabytes(sum(run.size for run in removed))}")
     found = list(recorded(station))
     if not found:
-        out.print(f"no run in {RUNS}/")
+        out.print(_none(station))
         return
     table = plain_table()
-    for title in ("run", "state", "size"):
-        table.add_column(title)
+    for title in ("run", "state", "size", "how it ended"):
+        table.add_column(title, overflow="fold")
     for run in found:
-        table.add_row(run.path.name, _state(run), _megabytes(run.size))
+        table.add_row(run.path.name, _state(run), _megabytes(run.size), printable(run.how))
     out.print(table)
+
+
+def _none(station: str | None) -> str:
+    others = {run.station for run in recorded()} if station is not None else set()
+    if station is None or not others:
+        return f"no run in {RUNS}/"
+    return f"no run of {printable(station)} in {RUNS}/{did_you_mean(station, others)}"
 
 
 def _state(run: RecordedRun) -> str:

@@ -28,6 +28,7 @@ REFUSED = {
     "acknowledge": "a service must not acknowledge an unsafe end by itself",
     "fault": "faults are injected by hand",
     "fault_seed": "faults are injected by hand",
+    "fresh": "each start would put the kept values away; `umo run STATION --fresh` does it once, by hand",
     "full_traceback": "failure.txt in the run's folder has the traceback",
     "help_": "`umo run STATION --help` shows the options",
 }
@@ -53,8 +54,7 @@ def write_unit(
         raise OptionError("give --as or --user, not both")
     found = find(station)
     command, plan = _command(station, found, wiring, words)
-    kinds = {device.partition(" ")[0]: device for device in plan.wired.devices}
-    groups, missing = groups_for(kinds)
+    groups, missing = groups_for(plan.wired.devices)
     unit = ServiceUnit(
         _name(name or f"umo-{found.name}", given=name is not None),
         f"umo run {plan.name}" + (f", {plan.wiring_name}" if plan.wiring_name else ""),
@@ -71,7 +71,7 @@ def write_unit(
         out.file.flush()
     else:
         output.write_text(text, encoding="utf-8")
-    for line in [*_next_steps(unit, output), *missing, *hints(kinds), *_standing(plan)]:
+    for line in [*_next_steps(unit, output), *missing, *hints(plan.wired.devices), *_standing(plan)]:
         say(line)
 
 
@@ -79,11 +79,11 @@ def _command(station: str, found: Station, wiring: str | None, words: Sequence[s
     """The command line of the run, with absolute paths, and its plan."""
     from .station_options import parse
 
-    given, rest = _options_of_run(station, words)
+    given, rest, of_run = _options_of_run(station, words)
     for parameter, why in REFUSED.items():
         if given[parameter]:
             raise OptionError(f"--{parameter.strip('_').replace('_', '-').replace('full-', '')}: {why}")
-    options = parse(found, wiring, rest)
+    options = parse(found, wiring, rest, of_run)
     realtime = bool(given["realtime"] or given["manual"])
     plan = Plan(Job(station, wiring=wiring, options=options | ({"realtime": True} if realtime else {})))
     line = [sys.executable, "-P", "-m", "umo_command", "run"]
@@ -102,11 +102,11 @@ def _command(station: str, found: Station, wiring: str | None, words: Sequence[s
     return line, plan
 
 
-def _options_of_run(station: str, words: Sequence[str]) -> tuple[dict[str, Any], list[str]]:
-    """The parameters of `umo run`, checked as it does, and the words that are left for the station."""
+def _options_of_run(station: str, words: Sequence[str]) -> tuple[dict[str, Any], list[str], list[str]]:
+    """The parameters of `umo run`, checked as it does, the words that are left for the station, and its options."""
     import typer
 
-    from .shared import app
+    from .shared import app, options_of_command
     from .values import duration, size
 
     command = typer.main.get_command(app).commands["run"]  # type: ignore[attr-defined]
@@ -116,7 +116,7 @@ def _options_of_run(station: str, words: Sequence[str]) -> tuple[dict[str, Any],
         duration("--until", given["until"])
     if given["keep"] is not None:
         size("--keep", given["keep"], least=10**6)
-    return given, context.args
+    return given, context.args, options_of_command(context)
 
 
 def _name(name: str, *, given: bool) -> str:
@@ -136,9 +136,10 @@ def _next_steps(unit: ServiceUnit, output: Path | None) -> list[str]:
     file = f"{unit.name}.service"
     if not SYSTEMD.is_dir():
         line = f"cd {shlex.quote(unit.folder)} && {shlex.join(unit.command)}"
+        never = "after status 2, 3 or 4" if unit.wired.hardware else "after any end: how a run ended is not recorded"
         return [
             f"systemd does not run here; the same in the foreground, for any supervisor: {line}",
-            "a supervisor must not start it again after status 2, 3 or 4 (docs/howto-run-as-a-service.md)",
+            f"a supervisor must not start it again {never} (docs/howto-run-as-a-service.md)",
         ]
     own = " --user" if unit.user is None else ""
     folder, sudo = ("~/.config/systemd/user", "") if own else ("/etc/systemd/system", "sudo ")
@@ -149,10 +150,12 @@ def _next_steps(unit: ServiceUnit, output: Path | None) -> list[str]:
         f"{sudo}systemctl{own} enable --now {file}",
     ]
     linger = "it starts at boot, and survives a logout: loginctl enable-linger"
+    stays = f"`umo ps` finds it after the last logout of {unit.user} too: sudo loginctl enable-linger {unit.user}"
     return [
         f"next: {' && '.join(steps)}",
         f"then: systemctl{own} status {unit.name}; journalctl{own} -u {unit.name} -f; umo ps",
         *([f"{linger}; real-time priority: LimitRTPRIO of user@.service"] if own else []),
+        *([stays] if unit.user not in (None, "root") else []),
     ]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable
 from pathlib import Path
 
 GROUPS = {"gpio": "gpio", "i2c": "i2c", "spi": "spi", "serial": "dialout", "iio": "iio", "counter": "counter"}
@@ -19,18 +19,20 @@ OVERLAYS = {
 """Lines of config.txt by the kind of device."""
 
 
-def groups_for(kinds: Mapping[str, str]) -> tuple[list[str], list[str]]:
-    """The supplementary groups for these kinds of devices, each with one of them: that of the device file where it is
-    there, else the usual one. The second list has a line for each that this computer does not have: a unit that names
-    one does not start."""
-    wanted = {kind: _owner(device) or GROUPS[kind] for kind, device in kinds.items() if kind in GROUPS}
-    missing = {kind: group for kind, group in wanted.items() if not _is_there(group)}
-    groups = sorted({group for kind, group in wanted.items() if kind not in missing})
-    return groups, [_advice(kind, group) for kind, group in missing.items()]
+def groups_for(devices: Iterable[str]) -> tuple[list[str], list[str]]:
+    """The supplementary groups for these devices: of each that of the device file where it is there, else the usual one
+    of its kind. The second list has a line for each that this computer does not have: a unit that names one does not
+    start."""
+    kinds = [(device.partition(" ")[0], device) for device in devices]
+    wanted = {(kind, _owner(device) or GROUPS[kind]) for kind, device in kinds if kind in GROUPS}
+    missing = sorted(each for each in wanted if not _is_there(each[1]))
+    groups = sorted({group for _, group in wanted.difference(missing)})
+    return groups, [_advice(kind, group) for kind, group in missing]
 
 
-def hints(kinds: Mapping[str, str]) -> list[str]:
+def hints(devices: Iterable[str]) -> list[str]:
     """What to set on a Raspberry Pi; nothing elsewhere."""
+    kinds = {device.partition(" ")[0] for device in devices}
     try:
         model = MODEL.read_bytes().decode(errors="replace").rstrip("\0")
     except OSError:

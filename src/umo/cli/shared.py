@@ -70,10 +70,14 @@ def in_a_line(error: Any) -> str:
     where = "umo" if context is None else context.command_path
     text = " ".join(error.format_message().split()).rstrip(".")
     if option := getattr(error, "option_name", "") if text.startswith("No such option") else "":
-        known = [each for parameter in context.command.params for each in parameter.opts if each[:1] == "-"]
-        text = f"No such option: {option}{did_you_mean(option, known)}"
+        text = f"No such option: {option}{did_you_mean(option, options_of_command(context))}"
     text = re.sub(r"\. Did you mean (.*)\?$", r" (did you mean \1?)", text)
     return f"{where}: {text[:1].lower()}{text[1:]}; `{where} --help` shows what it takes"
+
+
+def options_of_command(context: Any) -> list[str]:
+    """The options of a command by its context, as they are written: `--until`."""
+    return [each for parameter in context.command.params for each in parameter.opts if each[:1] == "-"]
 
 
 app = typer.Typer(

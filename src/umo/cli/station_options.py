@@ -85,11 +85,17 @@ def machine_with(station: Station, given: Mapping[str, Any]) -> Compound:
 
 
 def parse(
-    station: Station, wiring: str | None, arguments: Sequence[str], *, application: bool = True
+    station: Station,
+    wiring: str | None,
+    arguments: Sequence[str],
+    command: Sequence[str] = (),
+    *,
+    application: bool = True,
 ) -> dict[str, Any]:
-    """The values of a station's options; OptionError for what it does not take."""
+    """The values of a station's options; OptionError for what it does not take. `command`: the options of the command
+    itself, one of which may have been meant."""
     options = options_of(station, wiring, application=application)
-    return values_of(station.name, options, arguments)
+    return values_of(station.name, options, arguments, command)
 
 
 def options_of_driver(cls: type[Driver], name: str) -> list[Option]:
@@ -97,11 +103,13 @@ def options_of_driver(cls: type[Driver], name: str) -> list[Option]:
     return [_option(each, name, cls) for each in parameters_of(cls).values() if is_plain(each.annotation)]
 
 
-def values_of(name: str, options: Sequence[Option], arguments: Sequence[str]) -> dict[str, Any]:
+def values_of(
+    name: str, options: Sequence[Option], arguments: Sequence[str], command: Sequence[str] = ()
+) -> dict[str, Any]:
     """The values of these options of a station or a driver; OptionError for what it does not take."""
     given, others = _parse(name, options, arguments)
     if others:
-        raise OptionError(_unknown(name, options, others[0]))
+        raise OptionError(_unknown(name, options, others[0], command))
     return given
 
 
@@ -142,12 +150,12 @@ def _nearest(error: click.ClickException) -> str:
     return did_you_mean(given[1], map(str, choice.choices)) if given and isinstance(choice, click.Choice) else ""
 
 
-def _unknown(taker: str, options: Sequence[Option], argument: str) -> str:
+def _unknown(taker: str, options: Sequence[Option], argument: str, command: Sequence[str] = ()) -> str:
     if not argument.startswith("-"):
         return f"{taker}: unexpected argument {argument!r}"
     flags = [option.flag for option in options]
     name = argument.partition("=")[0]
-    near = did_you_mean(name.lstrip("-"), [flag.lstrip("-") for flag in flags])
+    near = did_you_mean(name.lstrip("-"), [flag.lstrip("-") for flag in (*flags, *command)])
     known = f"; it has: {', '.join(flags)}" if flags else ""
     return f"{taker} has no option {name}{near}{known}"
 

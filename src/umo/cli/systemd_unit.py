@@ -16,6 +16,7 @@ from umo.errors import OptionError
 from umo.exit_status import ExitStatus
 from umo.process.frame_watcher import BLACK_BOX_TIMEOUT
 from umo.process.hang_detection import REPORTING_LIMIT, STARTING_LIMIT, STARVED_LIMITS
+from umo.process.keeper import LAST_TIMEOUT
 from umo.process.reset import DEATH_TIMEOUT
 from umo.wiring.process_table import longest_period
 from umo.wiring.wired import Wired
@@ -71,7 +72,7 @@ class ServiceUnit:
         return "\n".join(f"[{title}]\n" + "".join(f"{line}\n" for line in lines) for title, lines in sections.items())
 
     def _unit(self) -> list[str]:
-        uses_network = any(each.partition(" ")[0] in ("tcp", "udp") for each in self.wired.devices)
+        uses_network = any({"tcp", "udp"} & {*each.split()[:2]} for each in self.wired.devices)  # "modbus tcp host:502"
         network = ["Wants=network-online.target", "After=network-online.target"]
         return [
             f"Description={plain(self.description)}",
@@ -151,11 +152,12 @@ def start_limit(wired: Wired) -> int:
 
 def stop_limit(wired: Wired) -> int:
     """s from the request to stop to the end of the last process, at most: a stop in a step of connecting, a control
-    process that hangs, a reset that is tried for as long as the wiring says, and then once more, the record."""
+    process that hangs, a reset that is tried for as long as the wiring says, and then once more, kept values, the
+    record."""
     process = wired.process
     until_dead = STARTING_LIMIT + 2 * longest_period(wired) + STARVED_LIMITS * process.hang_timeout + DEATH_TIMEOUT
     reset = 2 * process.reset_for + settling(wired) + DEATH_TIMEOUT + REPORTING_LIMIT
-    return math.ceil(until_dead + reset + BLACK_BOX_TIMEOUT + RECORD_TIME)
+    return math.ceil(until_dead + reset + BLACK_BOX_TIMEOUT + LAST_TIMEOUT + RECORD_TIME)
 
 
 def quoted(word: str, *, variables: bool = True) -> str:

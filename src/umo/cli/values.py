@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -78,10 +79,16 @@ def argument(path: str, about: dict[str, Any], text: str) -> Any:
         if text.lower() not in (*TRUE, *FALSE):
             raise RangeError(f"{name}: {text!r} is not true or false")
         return text.lower() in TRUE
+    if kind == "choice":  # as it is shown: `production`
+        return next((each for each in about["choices"] if each.casefold() == text.casefold()), text)
     return text
 
 
 def check_file(option: str, file: Path | None) -> None:
     """RangeError if nothing can be written there: before anything runs."""
-    if file is not None and (file.is_dir() or not file.parent.is_dir()):
+    if file is None:
+        return
+    if file.is_dir() or not file.parent.is_dir():
         raise RangeError(f"{option} {file}: {'is a folder' if file.is_dir() else f'there is no folder {file.parent}'}")
+    if not os.access(file if file.exists() else file.parent, os.W_OK):
+        raise RangeError(f"{option} {file}: cannot be written")

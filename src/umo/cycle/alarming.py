@@ -9,14 +9,17 @@ from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-from umo.cycle.events import ALARM, Event, Events
+from umo.cycle.events import ALARM, Event
 from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition, owned_interlocks
+from umo.errors import UmoError
 from umo.objects import Compound, walk
 from umo.presentation.durations import duration
 
 if TYPE_CHECKING:
     from umo.alarms import AlarmEngine, DeclaredAlarm
+    from umo.cycle.command_stage import CommandStage
+    from umo.cycle.equipment import Equipment
 
 
 def declared_alarms(root: Compound) -> list[DeclaredAlarm]:
@@ -31,19 +34,23 @@ def declared_alarms(root: Compound) -> list[DeclaredAlarm]:
 
 
 def engine_of(
-    declared: Sequence[DeclaredAlarm], image: Image, inhibitions: Sequence[Inhibition], events: Events
+    declared: Sequence[DeclaredAlarm], image: Image, commands: CommandStage, equipment: Sequence[Equipment]
 ) -> AlarmEngine | None:
     """The alarms of a connected machine; None: it has none."""
     if not declared:
         return None
     from umo.alarms import AlarmEngine
+    from umo.alarms.collecting import InFault
 
+    in_fault = {each.path: equipment[each.test.number] for each in declared if isinstance(each.test, InFault)}
     for each in declared:
         if isinstance(call := getattr(each.test, "call", None), Latched):
-            call.inhibitions = inhibitions
+            call.inhibitions = commands.inhibitions
 
     def tell(path: str, text: str, who: str) -> None:
-        events.add(Event(image.clock.now, path, text, who, asked=ALARM))
+        if path in in_fault and (reason := in_fault[path].fault):
+            text = f"{text}; {reason}"
+        commands.events.add(Event(image.clock.now, path, text, who, asked=ALARM))
 
     return AlarmEngine(declared, image, lambda: image.clock.now, tell)
 
@@ -72,7 +79,13 @@ class Latched:
         """The interlocks of the connected machine."""
 
     def __call__(self) -> bool:
-        return self._number < len(self.inhibitions) and self.inhibitions[self._number].reason is not None
+        """Whether it inhibits; UmoError while its condition cannot be evaluated."""
+        if self._number >= len(self.inhibitions):
+            return False
+        inhibition = self.inhibitions[self._number]
+        if cause := inhibition.cause:
+            raise UmoError(cause)
+        return inhibition.reason is not None
 
 
 def _own_alarms(root: Compound) -> list[DeclaredAlarm]:

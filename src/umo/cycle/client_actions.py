@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import dataclass
 from functools import partial
+from math import inf
 from typing import Any, cast
 
 from umo.cycle.client_commands import DEAD_MAN_REASON, DEAD_MAN_TIME, ClientCommand
@@ -18,6 +19,8 @@ from umo.user_code import Raised, as_json, attempt
 
 MAX_ACTIONS = 32
 """Number of actions of clients that run at once at most."""
+PROGRESS_PAUSE = 0.5
+"""s on the cycle's clock from one event of an action's progress to the next, at least."""
 
 
 @dataclass(eq=False)
@@ -30,6 +33,10 @@ class _Action:
     started: Sequences
     task: Task | None = None
     """The sequence that carries it out; None: it has ended, or it is no sequence itself."""
+    progress: str = ""
+    """What it said last of its progress, and what was told of that, and when."""
+    told: str = ""
+    told_at: float = -inf
 
     @property
     def is_over(self) -> bool:
@@ -180,6 +187,21 @@ class ClientActions:
             self.note(f"a sequence that {each.command.path} has started failed: {error}")
         if each.is_over:
             self._remove(each)
+        elif each.progress != each.told:
+            self._tell_progress(each)
+
+    def progress(self, text: str) -> None:
+        """The action that is being carried out says this of its progress. It is told now and then."""
+        for each in self._running:
+            if each.started is self.at_work:
+                each.progress = text[:EVENT_TEXT_BYTES]
+
+    def _tell_progress(self, each: _Action) -> None:
+        """As another event that it has begun: its end is still to come."""
+        now = self._machine.clock.now
+        if each.task is not None and now - each.told_at >= PROGRESS_PAUSE:
+            each.told, each.told_at = each.progress, now
+            self.tell(each.command, CommandState.BEGUN, each.progress)
 
     # Ended ---------------------------------------------------------------------------------------------
 

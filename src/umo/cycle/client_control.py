@@ -72,6 +72,10 @@ class ClientControl:
         """The sequences of the action that is being carried out at this moment: what it starts belongs here."""
         return self._actions.at_work
 
+    def progress(self, text: str) -> None:
+        """The action that is being carried out tells its progress."""
+        self._actions.progress(text)
+
     # Once per period -----------------------------------------------------------------------------------
 
     def look(self) -> None:

@@ -326,11 +326,9 @@ class CommandStage:
             slot = command.slot
             if slot not in due and command.has_expired(now):
                 command.written = None
-                self._happened(
-                    command,
-                    f"command expired: not written for {command.expires:g} s, default sent",
-                    Kind.EXPIRED,
-                )
+                if self._image.pending[slot] != command.default:  # where it is, nothing happens that is to be told
+                    text = f"command expired: not written for {command.expires:g} s, default sent"
+                    self._happened(command, text, Kind.EXPIRED)
                 if command.synchronous:
                     self._image.set_default(slot)
                 else:

@@ -159,7 +159,7 @@ class connect(Generic[C]):
             rates, injection = self.wired.rates, self.wired.injection
             self.machine = machine_of(self.root, image, rates, self.stop, injection, outputs)
             commands = self.machine.commands
-            self.machine.alarms = engine_of(alarms, image, commands.inhibitions, commands.events)
+            self.machine.alarms = engine_of(alarms, image, commands, self.machine.equipment.all)
             if self.machine.alarms is not None:
                 self.machine.alarms.restore(self.alarm_states)
         except BaseException:

@@ -31,7 +31,8 @@ class CommandState(IntEnum):
     NONE = 0
     """The event is not a command's."""
     BEGUN = 1
-    """An action, or a change to automatic mode, has begun; another event tells its end."""
+    """An action, or a change to automatic mode, has begun; another event tells its end. Further ones of this state
+    tell the progress of an action."""
     DONE = 2
     REFUSED = 3
     """The command is not allowed, or not valid: nothing was changed."""

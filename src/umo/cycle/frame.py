@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
+from enum import EnumMeta
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -49,7 +50,7 @@ def signals_of(numbers: Mapping[str, MachineNumber]) -> tuple[Signal, ...]:
 
 
 def _signal(each: MachineNumber) -> Signal:
-    owner, name = (_Numbered(each), "number") if each.states else (each.owner, each.name)
+    owner, name = (_Numbered(each), "number") if isinstance(each.kind, EnumMeta) else (each.owner, each.name)
     return Signal(each.path, each.declared.unit, owner, name, each.states)
 
 

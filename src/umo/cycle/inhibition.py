@@ -11,7 +11,7 @@ import numpy as np
 from umo.errors import DeclarationError
 from umo.objects import Compound, Interlock
 from umo.objects.paths import atoms, walk
-from umo.user_code import as_json, told, told_as
+from umo.user_code import briefly, told, told_as
 
 MAX_RESULT_TEXT = 100
 """Length of a wrong result of a condition in its message at most, characters."""
@@ -53,6 +53,14 @@ class Inhibition:
         known = (self.interlock.reason, latched(self.interlock))
         return self.reason if self.reason in known else unevaluated(self.interlock)
 
+    @property
+    def cause(self) -> str:
+        """Why its condition cannot be evaluated; empty where it can be."""
+        if self.reason is None or self.reason == self.interlock.reason:
+            return ""
+        start = f"{unevaluated(self.interlock)}: "
+        return self.reason.removeprefix(start) if self.reason.startswith(start) else ""
+
     def acknowledge(self) -> None:
         """Free its actuators, unless its condition is still true."""
         if not self.held:
@@ -73,7 +81,7 @@ def _reason(interlock: Interlock, holds: Any) -> str | None:
     """Why it inhibits now, None if it does not. What is no bool counts as true: None, for want of a return."""
     if isinstance(holds, bool | np.bool_):
         return interlock.reason if holds else None
-    return _cannot(interlock, f"it gives {as_json(holds, MAX_RESULT_TEXT)}, which is not True or False")
+    return _cannot(interlock, f"it gives {briefly(holds, MAX_RESULT_TEXT)}, which is not True or False")
 
 
 def latched(interlock: Interlock) -> str:

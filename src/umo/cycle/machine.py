@@ -34,12 +34,19 @@ from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE
 if TYPE_CHECKING:
     from umo.alarms import AlarmEngine
 
+SUPERVISES = ("begin", "supervise", "note_faults", "describe")
+"""The methods by which a law is a `Supervisor`."""
 INJECTED = "injected_faults"
 """The signal of a run with faults: how many are in effect."""
 
 
 def _idle(part: Node) -> None:
     """The law of equipment in fault."""
+
+
+def _has_all(law: object, *names: str) -> bool:
+    """Whether its class has all of these methods."""
+    return all(callable(getattr(law.__class__, name, None)) for name in names)
 
 
 class Commanding(Protocol):
@@ -52,6 +59,9 @@ class Commanding(Protocol):
     @property
     def at_work(self) -> Sequences | None:
         """The sequences of the action that is being carried out at this moment: what it starts belongs here."""
+
+    def progress(self, text: str) -> None:
+        """What is at work tells its progress."""
 
     def end_in(self, compound: Compound, fault: Callable[[], EquipmentFault]) -> list[BaseException]:
         """End the actions and sequences of one compound; the errors of their cleaning up."""
@@ -66,11 +76,18 @@ class Commanding(Protocol):
 class Supervisor(Protocol):
     """A law that looks after the sequences of its part, such as a state machine (`umo.operation`)."""
 
+    part: Compound
+    """Its part: what `supervise` raises is a failure of this."""
+
     def begin(self, path: str) -> None:
         """The machine is being connected; the law has this place in it. DeclarationError where it cannot be."""
 
     def supervise(self) -> None:
         """Called once per period, before the sequences; also in manual mode, and while its part is in fault."""
+
+    def note_faults(self) -> None:
+        """Equipment has come into fault, perhaps that around its part. It may be cleared before the next period; what
+        was under way in it is ended after this call."""
 
     def describe(self) -> Mapping[str, Any]:
         """Its path, its states and its commands, as plain data."""
@@ -91,6 +108,16 @@ def axes_in(root: Compound) -> list[MotionAxis]:
     """The axes of a machine, in the order of frames."""
     nodes: list[Any] = [root, *walk(root)]
     return [each for each in nodes if callable(getattr(each.__class__, "describe_axis", None))]
+
+
+class Book(Protocol):
+    """A law from which a client chooses what comes next, such as a book of recipes (`umo.operation.recipe_book`)."""
+
+    def choose(self, name: str, content: str = "") -> str:
+        """Choose one by its name."""
+
+    def describe(self) -> Mapping[str, Any]:
+        """What can be chosen, as plain data: `fields` (name, unit, bounds) and `recipes` (name, hash, values)."""
 
 
 class ConnectedMachine:
@@ -130,7 +157,7 @@ class ConnectedMachine:
         self.supervisors: list[Supervisor] = []
         """The laws that look after the sequences of their parts."""
         for _, path, law in laws_in(root):
-            if all(callable(getattr(law.__class__, name, None)) for name in ("begin", "supervise", "describe")):
+            if _has_all(law, *SUPERVISES):
                 law.begin(path)
                 self.supervisors.append(law)
         self.axes = axes_in(root)
@@ -200,6 +227,12 @@ class ConnectedMachine:
         """The actions that may be called from outside, by path."""
         return actions_of(self.root)
 
+    @cached_property
+    def books(self) -> dict[str, Book]:
+        """The laws from which clients choose what comes next, by path."""
+        found = ((path, law) for _, path, law in laws_in(self.root))
+        return {path: law for path, law in found if _has_all(law, "choose", "next", "describe")}
+
     @property
     def running(self) -> bool:
         return not self.stop.requested
@@ -235,7 +268,12 @@ class ConnectedMachine:
             if self.clients is not None:
                 self.clients.look()
             for each in self.supervisors:
-                each.supervise()
+                try:
+                    each.supervise()
+                except BaseException as error:
+                    if not self._contain_supervisor(each, error):
+                        refuse_exit(error, "supervise")
+                        raise
             self.sequences.advance(self.clock)
             laws = iter(self._laws)
         else:
@@ -251,6 +289,16 @@ class ConnectedMachine:
             failed = {equipment: text_of(error)}
             forget_frames(error)
             self._act_on(laws, failed)
+
+    def _contain_supervisor(self, law: Supervisor, error: BaseException) -> bool:
+        """Its part fails; False if that is the machine itself. While the part is in fault, the law is called all the
+        same, and what it raises is not told in every period."""
+        if self._containing(law.part, error) is None:
+            return False
+        if not self.equipment.is_in_fault(law.part):
+            self.equipment.contain(law.part, error)
+        forget_frames(error)
+        return True
 
     def _act_on(self, laws: Iterator[MethodType], failed: dict[Equipment, str]) -> None:
         """The laws after one that has failed: what equipment contains of their errors keeps no other from acting."""
@@ -287,6 +335,8 @@ class ConnectedMachine:
         """It is in fault, or was cleared."""
         self._choose_laws()
         faults = [(each.compound, partial(EquipmentFault, each.path, each.fault)) for each in changed if each.fault]
+        for law in self.supervisors if faults else ():
+            law.note_faults()
         for compound, fault in faults:  # the cleaning up of one may clear the others: their reasons were taken before
             self._end_in(compound, fault)
 
@@ -378,6 +428,8 @@ class ConnectedMachine:
 
     def progress(self, text: str, done: int | None, total: int | None) -> None:
         self.frame.progress = self.frame.progress.then(text, done, total)
+        if self.clients is not None and self.clients.at_work is not None:
+            self.clients.progress(self.frame.progress.text)
 
     def tell(self, path: str, text: str) -> None:
         self.events.add(Event(self.clock.now, path, text))

@@ -42,7 +42,7 @@ def restore(root: Compound, parameters: Sequence[Parameter], kept: Mapping[str, 
     """
     refused: dict[str, str] = {}
     fields = _fields(root, kept, refused)
-    _apply(root, parameters, fields, undo, refused)
+    fields = _apply(root, parameters, fields, undo, refused)
     known = {path: number for path, number in numbers_of(root).items() if number.declared.kept}
     done = {field.number.path for field in fields}
     for path, value in kept.items():
@@ -62,12 +62,13 @@ def restore(root: Compound, parameters: Sequence[Parameter], kept: Mapping[str, 
 
 
 def _fields(root: Compound, kept: Mapping[str, Any], refused: dict[str, str]) -> list[Parameter]:
-    """The kept values of fields, which are set before `setup` makes others of them."""
+    """The kept values of fields, which are set before `setup` makes others of them. They are of their types; their
+    ranges may depend on one another, and on the wiring's parameters."""
     fields = []
     for path, number in numbers_of(root).items():
         if path in kept and number.declared.kept and number.is_field:
             try:
-                fields.append(Parameter(number, number.checked(_value_of(number, kept[path]))))
+                fields.append(Parameter(number, number.converted(_value_of(number, kept[path]))))
             except RangeError as error:
                 refused[path] = _cause(error, path)
     return fields
@@ -75,8 +76,28 @@ def _fields(root: Compound, kept: Mapping[str, Any], refused: dict[str, str]) ->
 
 def _apply(
     root: Compound, parameters: Sequence[Parameter], fields: list[Parameter], undo: Undo, refused: dict[str, str]
-) -> None:
-    """The parameters and the kept fields; without these fields where the machine does not accept them together."""
+) -> list[Parameter]:
+    """The parameters and the kept fields. If the machine does not accept these together, those that are within the
+    ranges of the declaration; else none. Returns those that were taken."""
+    error = _attempt(root, parameters, fields, undo)
+    if error is not None and (outside := _outside(fields)):
+        refused |= outside
+        fields = [field for field in fields if field.number.path not in outside]
+        error = _attempt(root, parameters, fields, undo)
+    if error is None:
+        return fields
+    apply_parameters(root, parameters, undo)
+    if not fields:
+        raise error
+    cause = str(error).removeprefix("the wiring's parameter ")
+    refused |= {field.number.path: f"the machine does not accept the kept values: {cause}" for field in fields}
+    return []
+
+
+def _attempt(
+    root: Compound, parameters: Sequence[Parameter], fields: Sequence[Parameter], undo: Undo
+) -> UmoError | None:
+    """Set them; or nothing, and why."""
     taken: list[Callable[[], object]] = []
     try:
         with told_as(UmoError, "`setup` failed"):
@@ -85,14 +106,21 @@ def _apply(
     except UmoError as error:
         for each in reversed(taken):
             each()
-        apply_parameters(root, parameters, undo)
-        if not fields:
-            raise
-        cause = str(error).removeprefix("the wiring's parameter ")
-        refused.update((field.number.path, f"the machine does not accept the kept values: {cause}") for field in fields)
-    else:
-        for each in taken:
-            undo(each)
+        return error
+    for each in taken:
+        undo(each)
+    return None
+
+
+def _outside(fields: Sequence[Parameter]) -> dict[str, str]:
+    """Why a value is not within the range of the declaration, by path."""
+    found = {}
+    for number, value in fields:
+        try:
+            number.checked(value)
+        except RangeError as error:
+            found[number.path] = _cause(error, number.path)
+    return found
 
 
 def _value_of(number: MachineNumber, entry: Mapping[str, Any]) -> Any:

@@ -11,6 +11,7 @@ import linecache
 import math
 import sys
 from collections.abc import Callable, Coroutine, Generator
+from functools import partial
 from types import CodeType, CoroutineType, coroutine
 from typing import Any, TypeVar
 
@@ -159,16 +160,20 @@ class timeout:
 
 class Task:
     """A started sequence. `part`: the object of the machine to which it belongs. `contain` is told of its failure;
-    whether the machine goes on."""
+    whether the machine goes on. `end_within` calls what ends it when it is cancelled."""
 
     def __init__(
-        self, sequence: Sequence, part: Any = None, contain: Callable[[Task, BaseException], bool] | None = None
+        self,
+        sequence: Sequence,
+        part: Any = None,
+        contain: Callable[[Task, BaseException], bool] | None = None,
+        end_within: Callable[[Callable[[], Any]], Any] | None = None,
     ) -> None:
         if not isinstance(sequence, Coroutine):
             raise TypeError(f"{sequence!r} is not a sequence; call an `async def` function")
         self._sequence = sequence
         self.part = part
-        self._contain = contain
+        self._contain, self._end_within = contain, end_within
         self.awaited_by: list[Task | None] = []
         """The started sequences that await it; None: one that nobody has started."""
         self._begun = False
@@ -269,7 +274,10 @@ class Task:
         """Raise Cancelled inside the sequence. It may clean up but must not continue. A sequence that cancels
         itself gets Cancelled at its next await. An error of its cleaning up is a failure of it."""
         try:
-            self.end()
+            if self._end_within is None:
+                self.end()
+            else:
+                self._end_within(self.end)
         except BaseException as error:
             if self._contain is None or not self._contain(self, error):
                 raise
@@ -386,6 +394,8 @@ class Sequences:
         self._advancing = False
         self.paused = False
         """Whether they are not advanced: no time passes for them."""
+        self.end_within: Callable[[Callable[[], Any]], Any] | None = None
+        """Function that calls what ends them when they are cancelled; None: it is called directly."""
 
     @property
     def running(self) -> bool:
@@ -398,9 +408,12 @@ class Sequences:
         return [task._place for task in self._tasks]
 
     def start(self, sequence: Sequence, part: Any = None) -> Task:
-        task = Task(sequence, part, self._contain)
+        task = Task(sequence, part, self._contain, self._end)
         self._tasks.append(task)
         return task
+
+    def _end(self, end: Callable[[], Any]) -> Any:
+        return end() if self.end_within is None else self.end_within(end)
 
     def advance(self, tick: Clock, clock: Clock | None = None) -> None:
         """One step of each that has this clock, in the order started. The first error that is not contained is raised;
@@ -438,7 +451,8 @@ class Sequences:
         for task in found:
             if task.error is not None:  # its failure is told by this fault, whoever was to take it
                 task.fail(task.error)
-        return cancel_all(ended)
+        errors: list[BaseException] = self._end(partial(cancel_all, ended))
+        return errors
 
     def cancel(self) -> None:
         """On stop: cancel each sequence, the last started first. Then the first error of their cleanup is raised; the

@@ -10,7 +10,7 @@ change is refused.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from umo.cycle.events import Event
 from umo.cycle.sequences import Sequences, next_period
@@ -84,6 +84,7 @@ class Suspension:
         self._said: list[str] = []
         self.resuming: Sequences | None = None
         """The sequences of `on_resume`, while they run."""
+        machine.sequences.end_within = self._end_within
 
     # Nobody is in charge -------------------------------------------------------------------------------
 
@@ -159,7 +160,7 @@ class Suspension:
                 what = "held"
             else:
                 what = STOPPED
-                self._to_default(slot, item)
+                image.bring_to_rest(slot)
             found[what].append(item.path)
         self._tell_what_drives(found)
 
@@ -167,18 +168,32 @@ class Suspension:
         self._machine.commands.note_writes(False)
         self._by_others, self._failed = set(), set()
 
-    def _to_default(self, slot: int, item: Actuator) -> None:
-        image = self._machine.image
-        self._machine.commands.rest(slot)
-        image.set_default(slot)
-        if not item.synchronous:
-            image.try_send(slot)  # a default that the device does not accept is sent again
-
     def _tell_what_drives(self, found: dict[str, list[str]]) -> None:
         said = [*self._said, *(f"{what}: {some(paths)}" for what, paths in found.items() if paths)]
         changed, self._said = bool(found[STOPPED] or self._said), []
         if changed or (said and self._cause == MANUAL):
             self._tell("", f"{self._cause}: {'; '.join(said)}")
+
+    def _end_within(self, end: Callable[[], Any]) -> Any:
+        """Sequences of the application are cancelled. What they write in their cleaning up is what the application has
+        left, of what a client holds the default: it is not restored as it was before."""
+        commands = self._machine.commands
+        if self._left is None:
+            return end()
+        before = commands.noted
+        commands.note_writes(True)
+        try:
+            return end()
+        finally:
+            written = commands.noted or set()
+            commands.note_writes(before is not None)
+            if before is not None:
+                commands.noted = before | written
+            for slot in written & self._left.keys():
+                if commands.client_of(slot):
+                    del self._left[slot]
+                else:
+                    self._left[slot] = self._machine.image.pending[slot]
 
     def forget(self, compound: Compound) -> None:
         """Equipment is in fault: what the application did in it has ended, and is not gone on with."""

@@ -157,6 +157,9 @@ class Layout:
     options, of axes position, limits and actions, too."""
     units: tuple[dict[str, Any], ...] = ()
     """Path, states and commands of each state machine (`umo.operation`); its state is the signal `PATH.state`."""
+    books: tuple[dict[str, Any], ...] = ()
+    """Path, fields and recipes of each book (`umo.operation.recipe_book`). The recipe that was begun last and the one
+    that is chosen are the signals `PATH.begun` and `PATH.choice`, where it shows them."""
 
     @property
     def columns(self) -> list[Column]:
@@ -246,7 +249,7 @@ def arrange(layout: Layout, slots: int, entries: int, flags: int = 0) -> tuple[b
 
 _SCALARS = {column[0] for column in FIXED}
 _DESCRIBED = tuple(field.name for field in fields(Layout))
-_WITH_PATHS = ("objects", "signals", "actions", "tunables", "equipment", "axes", "alarms", "units")
+_WITH_PATHS = ("objects", "signals", "actions", "tunables", "equipment", "axes", "alarms", "units", "books")
 
 
 def _describe_journal() -> dict[str, Any]:

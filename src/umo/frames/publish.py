@@ -75,6 +75,7 @@ def published(
             axes=tuple(dict(each.describe_axis()) for each in machine.axes),
             alarms=() if machine.alarms is None else tuple(each.describe() for each in machine.alarms.declared),
             units=tuple(dict(each.describe()) for each in machine.supervisors),
+            books=tuple({"path": path, **each.describe()} for path, each in machine.books.items()),
         )
         ring = Ring(machine, phases, layout, ends, tunables=list(machine.tunables.values()))
         undo.callback(ring.close)

@@ -47,7 +47,7 @@ from umo.presentation.durations import lasting
 from umo.presentation.html_table import html_table, never_raises
 from umo.presentation.rows import TableRow, restriction
 from umo.presentation.run_facts import ALARMS, driven_text, facts_of, title
-from umo.presentation.value_text import span, state_text
+from umo.presentation.value_text import named_state, span, state_text
 from umo.system import folders
 from umo.text import did_you_mean, printable
 from umo.wiring.patterns import chosen
@@ -318,6 +318,15 @@ class Reader:
             return []
         events = (each.event for each in self.events())
         return alarm_rows(self.layout.alarms, frame["alarms"].tolist(), events)
+
+    def unit_states(self, frame: Any) -> dict[str, str]:
+        """The states of parts at a frame (`umo.operation`), by the paths of their state machines."""
+        if frame is None or not self.layout.units:
+            return {}
+        places = {entry["path"]: place for place, entry in enumerate(self.layout.signals)}
+        found = ((str(unit["path"]), places[f"{unit['path']}.state"]) for unit in self.layout.units)
+        values = ((path, self.layout.signals[place], float(frame["signals"][place])) for path, place in found)
+        return {path: named_state(about, value) for path, about, value in values if isfinite(value)}
 
     # In words ------------------------------------------------------------------------------------------
 

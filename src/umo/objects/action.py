@@ -35,18 +35,22 @@ class _Mark:
 
     ranges: Mapping[str, Declared]
     harmless: bool
+    apart: bool
     release: str | None
 
 
 @overload
 def action(function: F, /) -> F: ...
 @overload
-def action(*, harmless: bool = ..., release: str | None = ..., **ranges: Declared) -> Callable[[F], F]: ...
+def action(
+    *, harmless: bool = ..., apart: bool = ..., release: str | None = ..., **ranges: Declared
+) -> Callable[[F], F]: ...
 def action(
     function: Any = None,
     /,
     *,
     harmless: bool = False,
+    apart: bool = False,
     release: str | None = None,
     **ranges: Declared,
 ) -> Any:
@@ -67,14 +71,15 @@ def action(
 
     Every argument is annotated: float, int, bool, str, an Enum, a two-state type or a Literal. A number needs a
     `Range`, or a function of the compound that returns one. `harmless`: it may be called in automatic mode too, beside
-    the application. `release`: the action lasts as long as the caller keeps it up; then its sequences are cancelled,
+    the application. `apart`: the page sets it apart from the others, in red, so that nobody hits it by mistake.
+    `release`: the action lasts as long as the caller keeps it up; then its sequences are cancelled,
     and this method of the compound is called, without arguments. A release ends what the action began and starts
     nothing: it is also called when something else has ended the action already. A sequence that an action starts
     (`cycle.start`) belongs to it: it ends when the action is cancelled, or the lease ends. What an action has left
     driven when the lease ends in manual mode goes to its reaction (`when_suspended`). The first line of the
     docstring describes the action. Result: plain data; what others see of it are 448 bytes of JSON.
     """
-    mark = _Mark(ranges, harmless, release)
+    mark = _Mark(ranges, harmless, apart, release)
     if function is None:
         return lambda method: _marked(method, mark)
     return _marked(function, mark)
@@ -137,6 +142,7 @@ class Action:
     release: Callable[[], Any] | None
     """Method that ends what the action began, under dead-man control; None: the action ends by itself."""
     help: str
+    apart: bool = False
 
     def converted(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """The arguments for the method; RangeError or StateError if one is missing, unknown or not allowed."""
@@ -157,6 +163,7 @@ class Action:
             "help": self.help,
             "arguments": [each.describe() for each in self.arguments],
             "harmless": self.harmless,
+            "apart": self.apart,
             "dead_man": self.release is not None,
         }
 
@@ -195,7 +202,7 @@ def _action(part: Compound, place: str, owner: Any, name: str, mark: _Mark) -> A
             raise DeclarationError(f"action {path} has no argument {given!r}{did_you_mean(given, parameters)}")
     arguments = tuple(_argument(owner, path, each, mark.ranges) for each in parameters.values())
     release = _release(owner, path, mark.release)
-    return Action(path, part, getattr(owner, name), arguments, mark.harmless, release, about)
+    return Action(path, part, getattr(owner, name), arguments, mark.harmless, release, about, mark.apart)
 
 
 def _release(owner: Any, path: str, name: str | None) -> Callable[[], Any] | None:

@@ -45,7 +45,7 @@ def converted(row: TableRow, unit: str | None) -> TableRow:
     """A number in another unit, with its resolution; what has no unit as it is. DeclarationError, RangeError as of
     `convert`."""
     about = row.about
-    if unit is None or "one" in about:
+    if unit is None or "one" in about or "states" in about:
         return row
     value = convert(row.value, about["unit"], unit)
     shown = {name: about[name] for name in about if name not in ("resolution", "zero_offset")} | {"unit": unit}

@@ -75,8 +75,12 @@ class MachineNumber(NamedTuple):
 
     def of_its_type(self, value: object) -> object:
         """The value as it is; RangeError if it is not one of its type, whatever its range."""
-        self._replace(declared=ANY_NUMBER).checked(value)
+        self.converted(value)
         return value
+
+    def converted(self, value: object) -> Any:
+        """The value as it is set, whatever its range; RangeError if it is not one of its type."""
+        return self._replace(declared=Number(self.declared.unit)).checked(value)
 
     def assign(self, value: Any) -> None:
         """Set a checked value, as it is."""
@@ -97,8 +101,8 @@ class MachineNumber(NamedTuple):
 
     @property
     def states(self) -> Mapping[int, str]:
-        """The names of the values of an Enum by their numbers; empty for any other number."""
-        return states_of(self.kind) if isinstance(self.kind, EnumMeta) else {}
+        """The names of the values of an Enum by their numbers, or those that are declared; empty for a plain number."""
+        return states_of(self.kind) if isinstance(self.kind, EnumMeta) else self.declared.names
 
     def describe(self) -> dict[str, Any]:
         """As plain data."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass, field
 from math import inf, isfinite
 from sys import float_info
 from typing import Any
@@ -88,3 +89,6 @@ class Number(Range):
     """Whether it is shown beside the objects: in frames, trace, plot and `umo watch`."""
     kept: bool = False
     """Whether its last value is kept over a restart: of a float, int, bool or Enum. It is shown in frames, too."""
+    names: Mapping[int, str] = field(default_factory=dict, hash=False)
+    """Names of its values where it is shown, such as `{0: "none", 1: "glue"}`; an Enum brings its own. Empty: it is a
+    plain number."""

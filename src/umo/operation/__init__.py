@@ -3,8 +3,8 @@
 Recipes are in `umo.operation.recipes` and `umo.operation.recipe_book`.
 """
 
+from umo.operation.model import UnitMode
 from umo.operation.packml import PackML, PackMLState
 from umo.operation.procedure import Procedure, ProcedureState
-from umo.operation.unit_states import UnitMode
 
 __all__ = ["PackML", "PackMLState", "Procedure", "ProcedureState", "UnitMode"]

@@ -9,6 +9,16 @@ from typing import Any
 
 CLEAR, ABORT, STOP = "clear", "abort", "stop"
 """Commands that every model has."""
+EXECUTE = "execute"
+"""Name of the sequence of the state in which a part does its work."""
+
+
+class UnitMode(IntEnum):
+    """The modes of a unit (ISA-TR88.00.02); the numbers are those of PackTags."""
+
+    PRODUCTION = 1
+    MAINTENANCE = 2
+    MANUAL = 3
 
 
 @dataclass(frozen=True)
@@ -55,3 +65,8 @@ class StateModel:
 def title(state: IntEnum) -> str:
     """The name of a state as it is shown: `unholding`."""
     return state.name.lower().replace("_", " ")
+
+
+def sequence_name(model: StateModel, state: IntEnum) -> str:
+    """The name of the method that is the sequence of an acting state."""
+    return EXECUTE if state is model.execute else state.name.lower()

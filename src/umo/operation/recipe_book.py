@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from umo.errors import RecipeError
-from umo.objects import Compound, action
+from umo.objects import Compound, Number, action
 from umo.objects.laws import laws_in
-from umo.operation.recipes import Recipe, read_recipes, recipe_from_content
+from umo.operation.recipes import Recipe, describe_fields, read_recipes, recipe_from_content
 from umo.text import did_you_mean
 
 R = TypeVar("R", bound=Recipe)
@@ -20,7 +21,8 @@ class RecipeBook(Generic[R]):
     """The recipes of a compound, made in its `setup`: `self.book = RecipeBook(Batch, FOLDER)`.
 
     Recipes are read when it is made; after that no file is read. RecipeError if one of them is wrong. A client chooses
-    another one by the action `choose`; the program takes it with its next `next()`, never within a batch.
+    another one by the action `choose`; the program takes it with its next `next()`, never within a batch. Frames show
+    which recipe was begun last and which one is chosen (`begun`, `choice`).
     """
 
     def __init__(self, kind: type[R], place: Path) -> None:
@@ -32,12 +34,18 @@ class RecipeBook(Generic[R]):
         """The recipe that `next` returned last."""
         self.chosen: R | None = None
         """The recipe that a client has chosen; None: the program's own."""
+        self.begun = self.choice = 0
+        """The numbers of `current` and `chosen` (`number_of`)."""
+        self.numbers = {
+            "begun": Number(shown=True, names=recipe_names(self.recipes, "none")),
+            "choice": Number(shown=True, names=recipe_names(self.recipes, "the program's own")),
+        }
         self._record: dict[str, dict[str, Any]] = {}
         self._others = 0
 
     def begin(self) -> None:
         """A run begins: nothing is recorded and nothing has been used. What was chosen stays."""
-        self.current = None
+        self.current, self.begun = None, 0
         self._record, self._others = {}, 0
 
     @action(harmless=True)
@@ -48,16 +56,38 @@ class RecipeBook(Generic[R]):
         that were read at the start.
         """
         found = recipe_from_content(self.kind, name, content) if content else self._known(name)
-        self.chosen = found
+        self.chosen, self.choice = found, self.number_of(found)
         return f"{found.name} {found.hash}"
+
+    @action(harmless=True)
+    def follow_plan(self) -> None:
+        """Forget what was chosen: the batches that begin from now on have the recipes of the program."""
+        self.chosen, self.choice = None, 0
 
     def next(self, planned: str = "") -> R:
         """The recipe for the next batch: the chosen one, else the planned one, else the one used last, else the first.
         RecipeError if the planned one is not known."""
         found = self.chosen or (self._known(planned) if planned else self.current)
         self.current = found or next(iter(self.recipes.values()))
+        self.begun = self.number_of(self.current)
         self._note(self.current)
         return self.current
+
+    def number_of(self, recipe: R | None) -> int:
+        """The number of a recipe, for a shown number with `recipe_names`. 0: none; from 1 on those that were read at
+        the start; then those of the same names with other values; then any other."""
+        if recipe is None:
+            return 0
+        known = list(self.recipes)
+        if recipe.name not in self.recipes:
+            return 1 + 2 * len(known)
+        same = recipe.values == self.recipes[recipe.name].values
+        return 1 + known.index(recipe.name) + (0 if same else len(known))
+
+    def describe(self) -> dict[str, Any]:
+        """The recipes that were read at the start with their fields, as plain data."""
+        recipes = [{"name": each.name, "hash": each.hash, "values": each.values} for each in self.recipes.values()]
+        return {"fields": describe_fields(self.kind), "recipes": recipes}
 
     @property
     def record(self) -> dict[str, dict[str, Any]]:
@@ -79,6 +109,12 @@ class RecipeBook(Generic[R]):
             near = did_you_mean(name, self.recipes)
             raise RecipeError(f"no recipe {name[:60]!r}{near}; known: {', '.join(self.recipes)}")
         return self.recipes[name]
+
+
+def recipe_names(known: Iterable[str], none: str) -> dict[int, str]:
+    """The names of the numbers of recipes (`RecipeBook.number_of`). `none`: that of 0."""
+    found = list(known)
+    return dict(enumerate([none, *found, *(f"{name}, other values" for name in found), "another one"]))
 
 
 def books_of(root: Compound) -> dict[str, RecipeBook[Any]]:

@@ -12,7 +12,7 @@ from umo.errors import DeclarationError, RangeError, StateError
 from umo.objects.range import Range
 from umo.text import did_you_mean
 
-_MEASURE = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)\s*")
+_MEASURE = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:(?<=\s)|(?![\d.]))(\S.*?)\s*")
 ANY = Range("", -inf, inf)
 SEQUENCES = (list, tuple, Sequence)
 
@@ -40,11 +40,17 @@ def parts_of(hint: Any) -> tuple[Any, Range | None]:
     return get_args(hint)[0], next((each for each in get_args(hint)[1:] if isinstance(each, Range)), None)
 
 
-def unit_of(hint: Any) -> str:
-    """Unit of a value, or of the values of a sequence; "" for what has none."""
+def range_of(hint: Any) -> Range | None:
+    """Range of a value, or of the values of a sequence; None for what has none."""
     kind, limits = parts_of(hint)
     if limits is None and get_origin(kind) in SEQUENCES:
-        return unit_of(get_args(kind)[0])
+        return range_of(get_args(kind)[0])
+    return limits
+
+
+def unit_of(hint: Any) -> str:
+    """Unit of a value, or of the values of a sequence; "" for what has none."""
+    limits = range_of(hint)
     return limits.unit if limits else ""
 
 

@@ -8,13 +8,14 @@ import json
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
+from math import inf
 from pathlib import Path
 from typing import Any, TypeVar
 
 from typing_extensions import dataclass_transform
 
-from umo.errors import Mistake, RecipeError, UmoError
-from umo.operation.recipe_values import plain, value_for
+from umo.errors import DeclarationError, Mistake, RecipeError, UmoError
+from umo.operation.recipe_values import plain, range_of, value_for
 from umo.signature import hints_of
 from umo.text import did_you_mean
 
@@ -36,14 +37,20 @@ class Recipe:
             hold: Annotated[float, Number("s", 0.0, 3600.0)] = 60.0
 
     Types of fields: float, int, bool, str, an Enum, and tuples or lists of one of these. The range of a tuple is that
-    of each of its numbers. A field with a default may be left out of a file.
+    of each of its numbers. A field with a default may be left out of a file; the default is checked as well.
     """
 
     name: str
     """Name: the stem of its file, or the name of its table."""
 
     def __init_subclass__(cls, **keywords: Any) -> None:
+        """DeclarationError for a field that has the name of something that every recipe has."""
         super().__init_subclass__(**keywords)
+        for name in vars(cls).get("__annotations__", {}):
+            if name == "name" or hasattr(Recipe, name):
+                raise DeclarationError(
+                    f"{cls.__name__}.{name}: every recipe has a {name!r}; give the field another name"
+                )
         dataclasses.dataclass(frozen=True, kw_only=True)(cls)
 
     @property
@@ -68,7 +75,7 @@ R = TypeVar("R", bound=Recipe)
 
 def recipe_of(kind: type[R], name: str, given: Mapping[str, Any], file: str = "recipe", text: str = "") -> R:
     """The recipe with these values; RecipeError with all mistakes, with lines where `text` is that of the file."""
-    mistakes: list[Mistake] = []
+    mistakes: list[tuple[float, Mistake]] = []
     values: dict[str, Any] = {}
     hints = hints_of(kind)  # type: ignore[arg-type]
     fields = {each.name: each for each in _fields(kind)}
@@ -76,7 +83,7 @@ def recipe_of(kind: type[R], name: str, given: Mapping[str, Any], file: str = "r
 
     def mistake(key: str, message: str) -> None:
         line = lines.get((name, key)) or lines.get(("", key))
-        mistakes.append(Mistake(f"{file}:{line}" if line else file, key, message))
+        mistakes.append((line or inf, Mistake(f"{file}:{line}" if line else file, key, message)))
 
     if not NAME_FORM.fullmatch(name):
         mistake("", f"{name[:60]!r} is no name of a recipe")
@@ -84,15 +91,17 @@ def recipe_of(kind: type[R], name: str, given: Mapping[str, Any], file: str = "r
         if key not in fields:
             mistake(key, f"unknown key{did_you_mean(key, fields)}; known: {', '.join(fields)}")
     for key, field in fields.items():
-        if key in given:
-            try:
-                values[key] = value_for(hints[key], given[key])
-            except UmoError as error:
-                mistake(key, str(error))
-        elif field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
+        value = given[key] if key in given else _default(field)
+        if value is dataclasses.MISSING:
             mistake(key, "is missing")
+            continue
+        try:
+            values[key] = value_for(hints[key], value)
+        except UmoError as error:
+            mistake(key, str(error) if key in given else f"its default: {error}")
     if mistakes:
-        raise RecipeError(f"recipe {name} is refused", mistakes)
+        found = [each for _, each in sorted(mistakes, key=lambda each: each[0])]
+        raise RecipeError(f"recipe {name} is refused", found)
     return kind(name=name, **values)
 
 
@@ -160,6 +169,20 @@ def _lines(text: str) -> dict[tuple[str, str], int]:
         elif match := _KEY.match(line):
             found.setdefault((table, next(filter(None, match.groups()), "")), number)
     return found
+
+
+def describe_fields(kind: type[Recipe]) -> list[dict[str, Any]]:
+    """Name, unit and bounds of each value, as plain data."""
+    hints = hints_of(kind)  # type: ignore[arg-type]
+    limits = ((each.name, range_of(hints[each.name])) for each in _fields(kind))
+    return [{"name": name, **({} if found is None else found.describe())} for name, found in limits]
+
+
+def _default(field: dataclasses.Field[Any]) -> Any:
+    """As a file would give it; MISSING if it has none."""
+    if field.default_factory is not dataclasses.MISSING:
+        return plain(field.default_factory())
+    return plain(field.default)
 
 
 def _fields(kind: type[Recipe]) -> Iterator[dataclasses.Field[Any]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping, Sequence
 from enum import IntEnum
 from typing import Any, ClassVar
@@ -10,21 +9,15 @@ from typing import Any, ClassVar
 from umo.control import next_period
 from umo.errors import CommandRefused, DeclarationError, TaskFailed
 from umo.objects import Compound, Number, action
+from umo.objects.laws import laws_in
 from umo.objects.link import Task
-from umo.operation.model import ABORT, CLEAR, STOP, StateModel, title
-from umo.text import did_you_mean
+from umo.operation.model import ABORT, CLEAR, STOP, StateModel, UnitMode, sequence_name, title
+from umo.operation.resting import Resting
+from umo.operation.unit_checks import check_excluded, check_sequences
+from umo.user_code import attempt, briefly
 
-
-class UnitMode(IntEnum):
-    """The modes of a unit (ISA-TR88.00.02); the numbers are those of PackTags."""
-
-    PRODUCTION = 1
-    MAINTENANCE = 2
-    MANUAL = 3
-
-
-EXECUTE = "execute"
-"""Name of the sequence of the state in which a part does its work."""
+MAX_RESULT_TEXT = 100
+"""Length of a wrong result of `refusal` in its message at most, characters."""
 IN_MANUAL = (STOP, ABORT, CLEAR)
 """The commands that are possible while the machine is in manual mode."""
 
@@ -41,7 +34,8 @@ class UnitStates:
 
     model: ClassVar[StateModel]
     excluded: ClassVar[Mapping[UnitMode, Sequence[IntEnum]]] = {}
-    """The states that a mode does not have: no command leads there, and of acting states the next one follows."""
+    """The states that a mode does not have: no command leads there, and of acting states the next one follows. A mode
+    has the first state, and those to which stop, abort and clear lead."""
     changes_mode: ClassVar[Sequence[IntEnum]] = ()
     """The states in which the mode may be changed."""
     numbers: ClassVar[Mapping[str, Number]] = {
@@ -50,11 +44,15 @@ class UnitStates:
         "produced": Number(shown=True, kept=True),
         "rejected": Number(shown=True, kept=True),
     }
+    """A subclass adds its own to these."""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         if hasattr(cls, "model"):
-            _check_sequences(cls, cls.model)
+            check_sequences(cls, cls.model)
+            check_excluded(cls, cls.model, cls.excluded)
+        declared = (vars(each).get("numbers", {}) for each in reversed(cls.__mro__))
+        cls.numbers = {name: number for each in declared for name, number in each.items()}
 
     def __init__(self, part: Compound) -> None:
         self.part = part
@@ -68,6 +66,7 @@ class UnitStates:
         """The sequence of an acting state."""
         self._work: Task | None = None
         """The sequence of `execute`; it waits in the states in `model.waiting`."""
+        self._resting = Resting(part, [])
 
     # States --------------------------------------------------------------------------------------------
 
@@ -93,7 +92,8 @@ class UnitStates:
         return self.part.cycle.connected and self.part._machine.fault_of(self.part) is not None
 
     def refusal(self, command: str) -> str | None:
-        """Why a command must not be carried out now; None: it may be. Override it for interlocks on transitions."""
+        """Why a command must not be carried out now; None: it may be. Override it for interlocks on transitions. If it
+        fails, or gives no text, the command is refused; stop and abort are carried out."""
         return None
 
     async def execute(self) -> None:
@@ -119,18 +119,32 @@ class UnitStates:
         if state not in targets:
             known = ", ".join(self.model.possible(state))
             return f"{name} is not possible in the state {title(state)}; possible: {known}"
-        if targets[state] in self.excluded.get(self.mode, ()):
+        if not self._has(targets[state]):
             return f"{name} is not possible in the mode {title(self.mode)}"
         if self.part.cycle.manual and name not in IN_MANUAL:
             return f"{name} is not possible in manual mode: the application waits (`umo mode` changes it)"
-        return self.refusal(name)
+        return self._asked_refusal(name)
 
-    @action(harmless=True)
+    def _has(self, state: IntEnum) -> bool:
+        """Whether the mode has a state, and the one that an acting state leads to."""
+        model, excluded = self.model, self.excluded.get(self.mode, ())
+        then = state if state is model.execute else model.acting.get(state, state)
+        return state not in excluded and then not in excluded
+
+    def _asked_refusal(self, name: str) -> str | None:
+        """What `refusal` says. Where it fails a command is refused, but not what brings the part to a standstill."""
+        why, error = attempt(self.refusal, name)
+        if error is None and (why is None or isinstance(why, str)):
+            return why
+        cause = error.text if error else f"`refusal` gives {briefly(why, MAX_RESULT_TEXT)}, which is not a text"
+        return None if name in (STOP, ABORT) else f"whether {name} is possible cannot be told: {cause}"
+
+    @action(harmless=True, apart=True)
     def stop(self) -> str:
         """To Stopped: an orderly end."""
         return self.command(STOP)
 
-    @action(harmless=True)
+    @action(harmless=True, apart=True)
     def abort(self) -> str:
         """To Aborted: outputs go to their defaults, the part is in fault until it is cleared."""
         return self.command(ABORT)
@@ -163,12 +177,12 @@ class UnitStates:
             what = "is the machine itself" if part._parent is None else "is not declared so"
             raise DeclarationError(f"{path}: states belong to a part that is equipment ({need}); {part!r} {what}")
         self.path, self._state, self._task, self._work = path, self.model.first, None, None
+        others = [owner for owner, _, law in laws_in(part) if isinstance(law, UnitStates) and owner is not part]
+        self._resting = Resting(part, others)
 
     def supervise(self) -> None:
-        """Follow what has happened: a fault, the end of a fault, the end of a sequence."""
+        """Follow what has happened: the end of a fault, the end of a sequence."""
         if self._in_fault:
-            if self._state is not self.model.aborted:
-                self._enter(self.model.aborted)
             return
         if self._state is self.model.aborted:
             self._enter(self.model.commands[CLEAR][self.model.aborted])
@@ -180,6 +194,12 @@ class UnitStates:
                 self._fail()
                 return
             self._enter(then)
+
+    def note_faults(self) -> None:
+        """Equipment has come into fault: its sequences end. It counts also if it is cleared before `supervise`."""
+        if self._in_fault and self._state is not self.model.aborted:
+            self._state, self._task, self._work = self.model.aborted, None, None
+            self._tell_state()
 
     def _has_ended(self) -> bool:
         """Whether the work of an acting state is done; it is begun here."""
@@ -199,10 +219,11 @@ class UnitStates:
 
     def _enter(self, state: IntEnum) -> None:
         self._state = state
-        self.part._machine.tell(self.path, f"state: {title(state)}")
+        self._tell_state()
         task, self._task = self._task, None
         if task is not None:
             task.cancel()
+        self._rest_or_go_on(state)
         if self._work is None:
             return
         self._work.paused = state in self.model.waiting
@@ -210,32 +231,25 @@ class UnitStates:
             work, self._work = self._work, None
             work.cancel()
 
+    def _rest_or_go_on(self, state: IntEnum) -> None:
+        """What is driven goes to its default on the way to a state of waiting, unless a sequence of the part says what
+        becomes of it; it is restored when the work goes on."""
+        model = self.model
+        if state is model.execute:
+            self._resting.end()
+        elif state not in model.waiting:
+            self._resting.forget()
+        elif model.acting.get(state) in model.waiting and not self._is_overridden(state):
+            self._resting.begin()
+
     def _fail(self) -> None:
         """Abort: the part is in fault, its outputs are at their defaults."""
         self.part._machine.fail(self.part, TaskFailed("aborted by a command"))
-        self._enter(self.model.aborted)
+
+    def _tell_state(self) -> None:
+        self.part._machine.tell(self.path, f"state: {title(self._state)}")
 
     def describe(self) -> dict[str, Any]:
         """As plain data."""
         modes = {str(int(each)): title(each) for each in UnitMode}
         return {"path": self.path, "part": self.part._path, "modes": modes, **self.model.describe()}
-
-
-def sequence_name(model: StateModel, state: IntEnum) -> str:
-    """The name of the method that is the sequence of an acting state."""
-    return EXECUTE if state is model.execute else state.name.lower()
-
-
-def _check_sequences(cls: type, model: StateModel) -> None:
-    """DeclarationError for a sequence of an acting state that is none, and for one whose name is misspelt: it would
-    never be called."""
-    known = [sequence_name(model, state) for state in model.acting]
-    for name, value in vars(cls).items():
-        if name in known and not inspect.iscoroutinefunction(value):
-            raise DeclarationError(f"{cls.__name__}.{name} must be a sequence: `async def {name}(self)`")
-        if name in known or not inspect.iscoroutinefunction(value) or name.startswith("_"):
-            continue
-        meant = EXECUTE if name == title(model.execute) else did_you_mean(name, known)
-        if meant:
-            hint = meant if meant.startswith(" ") else f" (did you mean {meant!r}?)"
-            raise DeclarationError(f"{cls.__name__}.{name} is not a state of {model.name} with a sequence{hint}")

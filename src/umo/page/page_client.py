@@ -57,7 +57,7 @@ class PageClient:
         self._user = ""
         """The name that the page gave last, as roles know it."""
         self._roles = None if is_loopback(address) else Roles.load()
-        """The roles of users on other computers; None: the page is this user's own."""
+        """The roles of users on other computers, read again with each lease; None: the page is this user's own."""
         self._who = self._named("")
         self._key = secrets.token_hex(8)
         self._reader = watched.reader.again()
@@ -81,6 +81,7 @@ class PageClient:
         """Send a command of the page. Its answers are told when they come: `begun` for a long action, then its end."""
         if message.get("do") == "lease":
             self._user = " ".join(str(message.get("who", "")).split())
+            self._roles = None if self._roles is None else Roles.load()
         refusal = None if self._roles is None else self._roles.allowed(self._user, str(message.get("do")))
         if refusal is not None:
             await self._answer(message, CommandState.REFUSED, refusal)

@@ -1,10 +1,11 @@
 """One open page: its websocket, what it has subscribed to, and what it asks for.
 
 From the page, JSON: `watch` (name of a run; "": none; place: its folder, null: any), `live` (id, paths, span, width,
-trigger), `stop` (id), `window` (id, paths, start, stop, width), `measure` (id, paths, start, stop), `command` (id, do,
-path, value, arguments, over, who), `touch` (number of the state that it answers, held).
-To the page, JSON: `server`, `stations`, `description`, `state`, `measured`, `answer`, `error`; binary: points
-(`umo.page.subscriptions.packed`).
+trigger), `extremes` (id; anew: from now on), `stop` (id), `window` (id, paths, start, stop, width), `measure` (id,
+paths, start, stop), `command` (id, do, path, value, arguments, over, who), `touch` (number of the state that it
+answers, held).
+To the page, JSON: `server`, `stations`, `description`, `state`, `extremes`, `measured`, `answer`, `error`; binary:
+points (`umo.page.subscriptions.packed`).
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from typing import Any
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from umo.errors import FramesError
+from umo.page.extremes import ExtremesNews
 from umo.page.feed import Feed
 from umo.page.page_client import PageClient
 from umo.page.subscriptions import BadRequest, HistoryPart, Subscription, in_worker, number, pixels
@@ -65,6 +67,7 @@ class Session:
         """Folder of its station; None: any."""
         self._watched: Watched | None = None
         self._live: dict[Any, Subscription] = {}
+        self._extremes: ExtremesNews | None = None
         self._state = 0
         """Number of the state that was sent last."""
         self._stations = ""
@@ -84,6 +87,7 @@ class Session:
         finally:
             self._feed.pages -= 1
             sending.cancel()
+            self._end_extremes()
             await self._drop_client()
             with suppress(asyncio.CancelledError):
                 await sending
@@ -134,8 +138,8 @@ class Session:
         if watched is not None and self._place not in (None, watched.place):
             watched = None
         if watched is not self._watched:
-            self._watched, self._state = watched, 0
-            self._live.clear()
+            self._forget()
+            self._watched = watched
             if watched is not None:
                 await self._tell(watched.description())
 
@@ -151,6 +155,8 @@ class Session:
             self._feed.drop(watched, error)
             return
         await self._send(text)
+        if self._extremes is not None and (news := self._extremes.next()) is not None:
+            await self._tell(news)
 
     async def _tell(self, message: dict[str, Any]) -> None:
         await self._send(json.dumps(message))
@@ -186,11 +192,14 @@ class Session:
             if self._client is not None:
                 self._client.touch(_held(message), int(number(message, "number")))
         elif kind == "stop":
-            self._live.pop(_key(message), None)
+            self._stop(_key(message))
         elif watched is None:
             raise BadRequest("no station is chosen")
         elif kind == "live":
             self._subscribe(Subscription(watched, message), _key(message))
+        elif kind == "extremes":
+            self._end_extremes()
+            self._extremes = ExtremesNews(_key(message), watched.extremes_for(message.get("anew") is True))
         elif kind == "window":
             head = {"id": message.get("id"), "window": True}
             self._ask(partial(HistoryPart.of(watched, message).window, head, pixels(message)))
@@ -230,8 +239,24 @@ class Session:
         if not isinstance(name, str) or not isinstance(place, str | None):
             raise BadRequest("name and place are texts")
         await self._drop_client()
-        self._name, self._place, self._watched, self._state = name, place, None, 0
+        self._name, self._place = name, place
+        self._forget()
+
+    def _forget(self) -> None:
+        """Nothing is watched, and nothing is subscribed to."""
+        self._end_extremes()
+        self._watched, self._state = None, 0
         self._live.clear()
+
+    def _end_extremes(self) -> None:
+        if self._extremes is not None and self._watched is not None:
+            self._watched.end_extremes(self._extremes.extremes)
+        self._extremes = None
+
+    def _stop(self, key: int) -> None:
+        self._live.pop(key, None)
+        if self._extremes is not None and self._extremes.id == key:
+            self._end_extremes()
 
     def _subscribe(self, live: Subscription, key: int) -> None:
         self._live.pop(key, None)

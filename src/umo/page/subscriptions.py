@@ -212,7 +212,7 @@ def _head(entry: dict[str, Any]) -> str:
 
 def _moments(times: Any) -> list[str]:
     """UTC of some times, such as 2026-11-22T21:30:05.123456Z."""
-    return [f"{text}Z" for text in np.datetime_as_string((times * 1e6).astype("datetime64[us]"))]
+    return [f"{text}Z" for text in np.datetime_as_string(np.rint(times * 1e6).astype("datetime64[us]"))]
 
 
 def _cells(entry: dict[str, Any], values: Any) -> list[str | None]:

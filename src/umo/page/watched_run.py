@@ -17,6 +17,7 @@ from umo.frames import Layout, Reader, Stage
 from umo.frames.alarm_list import AlarmRow
 from umo.objects import Quality
 from umo.page.ending import UNKNOWN_END, BoxInWords, Ending, ending_of, newest_box
+from umo.page.extremes import Extremes
 from umo.presentation.durations import duration
 from umo.presentation.rows import TableRow, declared_of
 from umo.presentation.value_text import SIGNS, WORDS, as_shown
@@ -49,6 +50,10 @@ class Watched:
         self.columns = {str(entry["path"]): column for column, entry in enumerate(self.entries)}
         self.period = float(self.about["period"])
         self.history = History(len(self.entries), self.period)
+        self.extremes = self._new_extremes()
+        """Since this server follows the run."""
+        self._more_extremes: list[Extremes] = []
+        """Those that pages have begun anew."""
         self.twin = declares_twin(reader.layout)
         self.stage = reader.state
         self.number = 0
@@ -90,9 +95,25 @@ class Watched:
         late = np.flatnonzero(frames["missed"])
         self._misses.extend(zip(frames["time"][late].tolist(), frames["missed"][late].tolist(), strict=True))
         self.history.add_frames(frames)
+        for extremes in (self.extremes, *self._more_extremes):
+            extremes.add(frames)
         usable = frames["quality"] < Quality.STALE
         last = len(frames) - 1 - np.argmax(usable[::-1], axis=0)
         self._good = np.where(usable.any(axis=0), frames["time"][last], self._good)
+
+    def _new_extremes(self) -> Extremes:
+        return Extremes(len(self.reader.layout.objects), len(self.reader.layout.signals))
+
+    def extremes_for(self, anew: bool) -> Extremes:
+        """Since this server follows the run; `anew`: from now on, until `end_extremes`."""
+        if not anew:
+            return self.extremes
+        self._more_extremes.append(self._new_extremes())
+        return self._more_extremes[-1]
+
+    def end_extremes(self, extremes: Extremes) -> None:
+        if extremes in self._more_extremes:
+            self._more_extremes.remove(extremes)
 
     def look_around(self) -> None:
         """See what lies on the disk of this run: its newest black box, and how it ended. For a thread."""
@@ -116,6 +137,7 @@ class Watched:
         return (
             told
             | {"twin": self.twin, "units": list(layout.units), "alarms": bool(layout.alarms)}
+            | {"books": [each | {"fields": list(map(as_shown, each["fields"]))} for each in layout.books]}
             | {"qualities": list(zip(SIGNS, WORDS, strict=True))}
         )
 

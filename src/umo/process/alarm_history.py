@@ -9,6 +9,8 @@ from umo.alarms.alarm_file import AlarmRecord
 from umo.cycle.events import ALARM
 from umo.frames import Reader
 
+LOST = "{} events were gone before they could be noted; changes of alarms may be missing"
+
 
 class AlarmHistory:
     """The history of one run. `next`: the number of the first event that has not been looked at."""
@@ -17,8 +19,8 @@ class AlarmHistory:
         self.next = next_event
 
     def take(self, reader: Reader, frame: Any) -> None:
-        """Add the changes of alarms among the new events; OSError if they cannot be written: the next call tries again.
-        `frame`: a frame of the run, which tells the UTC of the cycle's clock."""
+        """Add the changes of alarms among the new events, and how many events were gone before; OSError if they cannot
+        be written: the next call tries again. `frame`: a frame of the run, which tells the UTC of the cycle's clock."""
         new = reader.events(self.next) if reader.layout.alarms else []
         utc_at_zero = utc_of(frame) - float(frame["time"])
         records = [
@@ -26,6 +28,9 @@ class AlarmHistory:
             for _, each in new
             if each.asked == ALARM
         ]
+        if new and (lost := new[0].number - self.next):
+            time = new[0].event.time
+            records.insert(0, AlarmRecord(utc_at_zero + time, time, "", LOST.format(lost), ""))
         if records:
             alarm_file.append(alarm_file.file_of(str(reader.about["station"])), records)
         if new:

@@ -245,7 +245,8 @@ class Control:
                 )
                 ring = stack.enter_context(frames)
             except (FramesError, OSError) as error:
-                self._channel.send("notice", text=f"this run cannot be watched or traced: {text_of(error)}")
+                text = f"this run cannot be watched or traced, and keeps no values: {text_of(error)}"
+                self._channel.send("notice", text=text)
             yield ring
 
     @contextmanager

@@ -64,7 +64,9 @@ def main(file: int, job_file: int) -> int:
             job = Job.load(opened.read())
         plan = Plan(job)
         name = plan.name
-        device_claim = DeviceClaim(plan.wired.devices, plan.name, plan.wiring_name, acknowledge=job.acknowledge)
+        device_claim = DeviceClaim(
+            plan.wired.devices, plan.name, plan.wiring_name, acknowledge=job.acknowledge, launch=plan.launch
+        )
         guardian = Guardian(plan, channel, device_claim)
         return guardian.run().status
     except BaseException as error:
@@ -130,7 +132,7 @@ class Guardian:
         self._run_state.hold(Who.GUARDIAN)
         self._end.resetter.stand_by()
         if why := self._watcher.make():
-            self._say(f"this run cannot be watched or traced: {why}")
+            self._say(f"this run cannot be watched or traced, and keeps no values: {why}")
         kept = kept_values.take_over(self._plan, self._say)
         self._workers.fork()
         guardian = os.getpid()

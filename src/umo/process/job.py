@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import inspect
 import json
@@ -107,6 +108,13 @@ class Plan:
     @property
     def wiring_name(self) -> str:
         return self.wiring.stem if isinstance(self.wiring, Path) else ""
+
+    @property
+    def launch(self) -> str:
+        """A digest that is the same for each start of the same station, wiring and options, as by a supervisor."""
+        wiring = str(self.wiring.resolve()) if isinstance(self.wiring, Path) else self.wiring
+        what = [str(self.place), self.job.machine, wiring, self.job.options]
+        return hashlib.sha256(json.dumps(what, sort_keys=True, default=as_plain).encode()).hexdigest()[:24]
 
 
 def _functions_of(job: Job) -> tuple[Callable[..., Any], Callable[..., Any] | None]:

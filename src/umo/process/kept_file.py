@@ -33,6 +33,9 @@ MAX_BYTES = 4 << 20
 """Size of a file at most, bytes."""
 MAX_ASIDE = 10
 """Number of damaged files of one station and wiring that are kept aside; the oldest go first."""
+MODE = 0o1600
+"""Mode of a file and of its lock: for the sticky bit systemd-tmpfiles leaves old files alone (tmpfiles.d(5)). One of
+values that do not change is old while the run goes on."""
 LOCK_PAUSE = 0.01
 """Time in s between two tries to lock a file."""
 NUMBERS, ALARMS, STATES = "numbers", "alarms", "states"
@@ -114,6 +117,9 @@ def load(data: bytes) -> KeptValues:
             raise TypeError
         for entry in values.numbers.values():
             entry["value"], entry["unit"] + entry["type"]
+        alarms, states = (values.sections.get(name, {}).values() for name in (ALARMS, STATES))
+        if not all(type(number) is int for number in alarms) or not all(isinstance(name, str) for name in states):
+            raise TypeError
         time.localtime(float(values.utc)), int(values.period), int(values.pid)
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
         raise KeptFileError("it is not a file of kept values") from None
@@ -144,7 +150,7 @@ def write(path: Path, data: bytes, system: FileSystem = os) -> None:
         raise OSError(errno.EFBIG, f"more than {MAX_BYTES} bytes of kept values")
     new = path.with_name(f".{path.name}.new")  # one writer has the lock: one name, and nothing is left behind
     flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0)
-    file = system.open(new, flags, 0o600)
+    file = system.open(new, flags, MODE)
     try:
         rest = data
         while rest:
@@ -203,7 +209,7 @@ def lock_file(path: Path) -> int:
     """The descriptor whose lock is that of the file of kept values."""
     folders.checked(path.parent)
     flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0)
-    return os.open(lock_of(path), flags, 0o600)
+    return os.open(lock_of(path), flags, MODE)
 
 
 def lock_of(path: Path) -> Path:

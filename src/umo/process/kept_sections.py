@@ -23,7 +23,8 @@ def sections_of(layout: Layout) -> dict[str, Section]:
     places = {entry["path"]: (place, entry) for place, entry in enumerate(layout.signals)}
     kept = [each for each in places.values() if "kept" in each[1]]
     alarms = [str(entry["path"]) for entry in layout.alarms]
-    states = {str(unit["path"]): places[f"{unit['path']}.state"] for unit in layout.units}
+    units = [str(unit["path"]) for unit in layout.units]
+    states = {path: places[f"{path}.state"] for path in units if f"{path}.state" in places}
     found: dict[str, Section] = {}
     found |= {NUMBERS: partial(_numbers, kept)} if kept else {}
     found |= {ALARMS: partial(_alarms, alarms)} if alarms else {}

@@ -40,7 +40,7 @@ def take_over(plan: Plan, say: Say) -> Sections:
     values, and is kept aside."""
     path = file_of(plan)
     try:
-        if path is None or not kept_file.lock_of(path).exists():  # nothing was ever kept
+        if path is None or not (path.exists() or kept_file.lock_of(path).exists()):  # nothing was ever kept
             return {}
         if not os.access(path.parent, os.W_OK):
             return _read(plan, path, say, aside=False)

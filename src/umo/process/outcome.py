@@ -9,10 +9,11 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import umo.errors as errors
-from umo.errors import StopError, UmoError, WiringError
+from umo.cycle.stopping import signal_name
+from umo.errors import AcknowledgeRequired, RecipeError, StopError, UmoError, WiringError
 from umo.exit_status import ExitStatus
 from umo.process.station import StationError
-from umo.text import Moment, in_a_line, in_brackets, place_of, str_of
+from umo.text import Moment, in_a_line, in_brackets, place_of, printable, str_of
 from umo.user_code import as_json
 
 USER_ERRORS = (
@@ -97,6 +98,11 @@ class Outcome:
             return ExitStatus.NOT_RECORDED
         return ExitStatus.TIME_OVER if self.time_over else ExitStatus.DONE
 
+    @property
+    def stopper(self) -> str:
+        """The client or the signal that has requested the stop; "": none has."""
+        return "" if self.stopped_by is None else printable(self.stopped_who) or signal_name(self.stopped_by)
+
     def dump(self) -> dict[str, Any]:
         """As plain data, at most `MAX_BYTES` bytes as JSON, whatever the application returned. Long texts are cut, and
         of very many unreached actuators only the first are named."""
@@ -149,8 +155,8 @@ def status_of(failure: BaseException) -> int:
 
 
 def message_of(failure: BaseException) -> str:
-    """What, when and where, in one line; in a second one what else failed. The mistakes in a wiring have a line
-    each."""
+    """What, when and where, in one line; in a second one what else failed. The mistakes in a wiring or in recipes, and
+    the devices that stand stopped, have a line each."""
     if isinstance(failure, StopError) and failure.__cause__ is not None:
         return "\n".join([message_of(failure.__cause__).partition("\n")[0], in_a_line(str_of(failure))])
     text = str_of(failure)
@@ -158,7 +164,7 @@ def message_of(failure: BaseException) -> str:
         text = f"{type(failure).__name__}: {text}" if text else type(failure).__name__
     first, _, more = text.partition("\n")
     first += in_brackets(_moment(failure), place_of(failure))
-    if isinstance(failure, WiringError) and more:
+    if isinstance(failure, WiringError | RecipeError | AcknowledgeRequired) and more:
         return f"{first}\n{more}"
     others = [more, *(note for note in _notes(failure) if not isinstance(note, Moment))]
     return "\n".join(filter(None, [first, "; ".join(filter(None, map(in_a_line, others)))]))

@@ -10,9 +10,11 @@ import os
 from collections.abc import Callable
 from contextlib import suppress
 from time import monotonic
+from typing import Any
 
 from umo.cycle.stage import Stage
 from umo.frames import Reader
+from umo.frames.reader import progress_of
 from umo.process.run_state import RunState
 from umo.system import notify
 from umo.system.notify import ServiceManager
@@ -43,6 +45,8 @@ class ServiceReport:
         """The sign of life that was passed on last."""
         self._next_alive = self._next_status = 0.0
         self._status = ""
+        self._seen: tuple[object, ...] = ()
+        """What that status was made of."""
 
     @classmethod
     def of_this_process(cls, run_state: RunState, reader: Callable[[], Reader | None]) -> ServiceReport:
@@ -70,10 +74,9 @@ class ServiceReport:
     def stopping(self, why: str) -> None:
         """The machine stops: said once. The manager's watchdog ends with it, and its timeout of the stop begins."""
         if self._manager.listens and not self._is_stopping:
-            self._is_stopping = True
             if self._has_run():  # a run may be over between two looks; one that was never ready counts as failed
                 self._ready()
-            self._manager.tell(notify.STOPPING, notify.status(f"stopping: {why}"))
+            self._is_stopping = self._manager.tell(notify.STOPPING, notify.status(f"stopping: {why}"))
 
     def _has_run(self) -> bool:
         with suppress(Exception):
@@ -82,18 +85,30 @@ class ServiceReport:
 
     def _ready(self) -> None:
         if not self._is_ready:
-            self._is_ready = True
-            self._manager.tell(notify.READY)
+            self._is_ready = self._manager.tell(notify.READY)
 
     def _pass_on_life(self, now: float) -> None:
-        if self._manager.watchdog and now >= self._next_alive and (beat := self._run_state.last_beat) != self._beat:
+        beat = self._run_state.last_beat
+        due = self._manager.watchdog and now >= self._next_alive and beat != self._beat
+        if due and self._manager.tell(notify.ALIVE):
             self._beat, self._next_alive = beat, now + self._manager.watchdog / 2
-            self._manager.tell(notify.ALIVE)
 
     def _tell_status(self) -> None:
         reader = self._reader()
-        facts = {} if reader is None else reader.facts(reader.latest())
+        frame = None if reader is None else reader.latest()
+        seen = _told_by(reader, frame)
+        if seen == self._seen:
+            return
+        facts = {} if reader is None else reader.facts(frame)
         text = "; ".join(filter(None, (facts.get(name, "") for name in SHOWN))) or "running"
-        if text != self._status:
-            self._status = text
-            self._manager.tell(notify.status(text))
+        if text == self._status or self._manager.tell(notify.status(text)):
+            self._status, self._seen = text, seen
+
+
+def _told_by(reader: Reader | None, frame: Any) -> tuple[object, ...]:
+    """What the facts of the status depend on: putting them in words takes all events, which is too much for each
+    second."""
+    if reader is None or frame is None:
+        return (reader is None,)
+    columns = frame["equipment"].tobytes(), frame["alarms"].tobytes()
+    return reader.mode, progress_of(frame), reader.next_event, *columns

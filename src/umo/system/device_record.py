@@ -24,7 +24,7 @@ from typing import Any
 
 from umo.errors import AcknowledgeRequired, UmoError
 from umo.system import folders
-from umo.system.device_lock import DeviceLock
+from umo.system.device_lock import DeviceLock, is_held
 from umo.text import printable, some, time_of_day
 
 FOLDER = "devices"
@@ -65,6 +65,8 @@ class Ended:
     mine: bool = True
     began: float = 0.0
     """s since 1970: when the run took its devices"""
+    launch: str = ""
+    """The same for each start of the same station, wiring and options"""
 
     def __str__(self) -> str:
         return printable(self._text())
@@ -100,13 +102,15 @@ class Ended:
 class DeviceRecord:
     """The record of one run, on each of its devices."""
 
-    def __init__(self, devices: Iterable[str], station: str, wiring: str) -> None:
+    def __init__(self, devices: Iterable[str], station: str, wiring: str, launch: str = "") -> None:
         self._devices = sorted(set(devices))
-        self._station, self._wiring = station, wiring
+        self._station, self._wiring, self._launch = station, wiring, launch
         self._began = time.time()
         self._seen: dict[str, list[str]] = {}
         self._former: dict[str, Ended] = {}
         """Records of this user that this run takes the place of."""
+        self._elsewhere: list[Ended] = []
+        """Unsafe ends of the same launch, on devices of other names."""
 
     def begin(self, acknowledged: bool) -> None:
         """Record the start of a run. AcknowledgeRequired if the last run on a device ended unsafely and was not
@@ -115,10 +119,11 @@ class DeviceRecord:
             found = {device: standing(device) for device in self._devices}
             for device, ended in found.items():
                 self._note(device, ended)
+            self._elsewhere = self._find_elsewhere()
         except OSError as error:
             text = f"the records of earlier runs cannot be read: {error.filename}: {error.strerror or error}"
             raise UmoError(text) from None
-        before = [each for ended in found.values() for each in ended]
+        before = [*(each for ended in found.values() for each in ended), *self._elsewhere]
         if before and not acknowledged:
             told = "\n".join(dict.fromkeys(f"{ended}." for ended in before))
             raise AcknowledgeRequired(f"{told}\n{INSPECT[0].upper()}{INSPECT[1:]}")
@@ -128,6 +133,15 @@ class DeviceRecord:
         except OSError as error:
             self.abandon()
             raise UmoError(f"the start of the run could not be recorded: {error.strerror or error}") from None
+
+    def _find_elsewhere(self) -> list[Ended]:
+        """Unsafe ends of the same launch on devices that the wiring no longer names, as where a link in /dev or the
+        name of a host leads to another device file or address after a restart. What is held is another run's."""
+        if not (self._launch and self._devices):
+            return []
+        mine = [ended for ended in _all(f"*{SUFFIX}") if ended.mine and ended.launch == self._launch]
+        others = [each for each in mine if each.device not in self._devices and each.state in ("running", "stopped")]
+        return [each for each in others if not is_held(each.device)]
 
     def _note(self, device: str, before: Iterable[Ended]) -> None:
         """Note what stands on a device, and what is acknowledged by this run."""
@@ -144,6 +158,15 @@ class DeviceRecord:
                     self._write(device, "ended")
                 else:
                     (_folder() / _file(device)).unlink(missing_ok=True)
+        self._remove_elsewhere()
+
+    def _remove_elsewhere(self) -> None:
+        """They were acknowledged, and this run's own records tell how it ended."""
+        for ended in self._elsewhere:
+            with suppress(OSError):
+                now = _own(ended.device)
+                if now is not None and now.id == ended.id:
+                    (_folder() / _file(ended.device)).unlink(missing_ok=True)
 
     def abandon(self) -> None:
         """The machine was not driven: what stood before stands again, acknowledged or not."""
@@ -159,10 +182,12 @@ class DeviceRecord:
         """The run ended unsafely: the devices stand stopped. OSError where that cannot be written."""
         for device in self._devices:
             self._write(device, "stopped", what, unreached)
+        self._remove_elsewhere()
 
     def _write(self, device: str, state: str, what: str = "", unreached: Sequence[str] = ()) -> None:
         ended = Ended(device, self._station, self._wiring, state, time.time(), what[:MAX_TEXT_LENGTH], list(unreached))
         ended.id, ended.seen, ended.began = secrets.token_hex(8), self._seen[device], self._began
+        ended.launch = self._launch
         _replace(_folder() / _file(device), asdict(ended))
 
 
@@ -212,7 +237,7 @@ def _read(path: Path, owner: int) -> Ended | None:
             return None
         try:
             ended = Ended(**json.loads(opened.read(MAX_RECORD_BYTES)))
-            texts = [ended.device, ended.station, ended.wiring, ended.state, ended.what, ended.id]
+            texts = [ended.device, ended.station, ended.wiring, ended.state, ended.what, ended.id, ended.launch]
             if not all(isinstance(text, str) for text in [*texts, *ended.unreached, *ended.seen]):
                 raise TypeError("texts")
             for moment in (ended.when, ended.began):
@@ -260,10 +285,13 @@ class DeviceClaim:
     methods ends it. If a process ends without that, its record shows an unsafe end.
     """
 
-    def __init__(self, devices: Iterable[str], station: str, wiring: str = "", *, acknowledge: bool = False) -> None:
+    def __init__(
+        self, devices: Iterable[str], station: str, wiring: str = "", *, acknowledge: bool = False, launch: str = ""
+    ) -> None:
+        """`launch`: the same for each start of the same station, wiring and options; "": not known."""
         self._devices = devices = tuple(devices)
         self.hold = DeviceLock(devices, f"{station}, {wiring}" if wiring else station)
-        self._record = DeviceRecord(devices, station, wiring)
+        self._record = DeviceRecord(devices, station, wiring, launch)
         try:
             self._record.begin(acknowledge)
         except BaseException:

@@ -1,7 +1,8 @@
 """The messages of a service to the service manager that started it, as of sd_notify(3), without its library.
 
 A message is a datagram of lines `NAME=value` to the socket that the environment names. Where it names none, nothing is
-sent. Nothing here waits or raises: a service manager that does not read costs its messages, never the machine.
+sent. Nothing here waits or raises: a service manager that does not read costs its messages, never the machine. One
+that has no room for a message is told it again in the next look.
 """
 
 from __future__ import annotations
@@ -9,7 +10,6 @@ from __future__ import annotations
 import os
 import socket
 from collections.abc import Mapping, MutableMapping
-from contextlib import suppress
 from typing import Self
 from weakref import finalize
 
@@ -44,11 +44,17 @@ class ServiceManager:
         """Whether there is one to tell."""
         return self._socket is not None
 
-    def tell(self, *lines: str) -> None:
-        """Send one message; nothing where it cannot be sent at once."""
-        if self._socket is not None:
-            with suppress(OSError, ValueError):  # gone, full, or a text with surrogates
+    def tell(self, *lines: str) -> bool:
+        """Send one message. False: the manager has no room for it now, as at a boot, when all services speak at once.
+        Nothing is sent where it cannot be."""
+        try:
+            if self._socket is not None:
                 self._socket.sendto("\n".join(lines).encode(), self._address)
+        except BlockingIOError:
+            return False
+        except (OSError, ValueError):  # it is gone, or a text with surrogates
+            pass
+        return True
 
 
 def status(text: str) -> str:

@@ -16,8 +16,9 @@ from typing import NoReturn
 from umo.text import printable
 
 PR_SET_NAME = 15
-FLAGS, PROCESSOR, PRIORITY = 6, 36, 37
-"""Places in proc_pid_stat(5), counted from the state: flags, processor, rt_priority."""
+FLAGS, START, PROCESSOR, PRIORITY = 6, 19, 36, 37
+"""Places in proc_pid_stat(5), counted from the state: flags, starttime, processor, rt_priority."""
+BOOT = Path("/proc/sys/kernel/random/boot_id")
 KERNEL_THREAD = 0x200000
 STOPPED, ENDED = "Tt", "ZX"
 """States of processes that were stopped by a signal or a debugger, and of those that have ended."""
@@ -94,6 +95,15 @@ def is_stopped(pid: int) -> bool:
 def state(pid: int) -> str:
     """R, S, D, T, t, Z as in proc_pid_stat(5); X where there is no such process."""
     return (_stat(pid) or ["X"])[0]
+
+
+def identity(pid: int) -> str:
+    """A text that no other process has, not even one that gets its number later, or after a restart of the computer;
+    empty where there is no such process, or it cannot be told."""
+    fields = _stat(pid)
+    with suppress(OSError):
+        return f"{BOOT.read_text().strip()} {pid} {fields[START]}" if len(fields) > START else ""
+    return ""
 
 
 def running_on(cores: Collection[int], but: Collection[int]) -> int | None:

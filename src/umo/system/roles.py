@@ -75,14 +75,14 @@ class Roles:
         """Read the file; default: that of this user. It raises nothing."""
         file = place() if file is None else file
         try:
-            with file.open("rb") as stream:
+            with open(file, "rb", opener=_without_waiting) as stream:
                 data = stream.read(MAX_BYTES + 1)
             if len(data) > MAX_BYTES:
                 raise OptionError(f"it has more than {MAX_BYTES} bytes")
             return cls(_users(tomllib.loads(data.decode())))
-        except FileNotFoundError:
-            return cls(None)
         except (OSError, ValueError, RecursionError, OptionError) as error:
+            if isinstance(error, FileNotFoundError) and not file.is_symlink():  # nor a link that leads nowhere
+                return cls(None)
             return cls({}, printable(f"{file}: {error}"))
 
     @property
@@ -108,6 +108,11 @@ def place() -> Path:
     given = os.environ.get("XDG_CONFIG_HOME", "")
     folder = Path(given) if given.startswith("/") else Path(os.path.expanduser("~")) / ".config"
     return folder / "umo" / "roles.toml"
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    """A pipe in the file's place does not block."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def _users(given: Mapping[str, Any]) -> dict[str, Role]:

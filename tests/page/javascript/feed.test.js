@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { Feed, unpack } from "../../../src/umo/page/static/feed.js";
+import { Feed, joined, unpack } from "../../../src/umo/page/static/feed.js";
 
 globalThis.WebSocket ??= /** @type {any} */ ({ OPEN: 1 });  // this node has none
 
@@ -44,6 +44,21 @@ test("states are put together from what has changed; events and misses stay unti
   assert.deepEqual([feed.events.length, feed.misses], [1, [[1, 2]]]);
   assert.deepEqual(feed.changed, [0]);
   assert.equal(feed.ended, false);
+});
+
+test("what happened stays known though the server tells the last events only", () => {
+  const event = (time, text) => ({ time, text, path: "", command: 0, state: "none" });
+  const [a, b, c, d, e] = [event(1, "a"), event(2, "b"), event(2, "c"), event(2, "d"), event(3, "e")];
+  assert.deepEqual(joined([a, b, c], [c, d, e]), [a, b, c, d, e]);  // of one moment, too
+  assert.deepEqual(joined([a], [d, e]), [a, d, e]);
+  assert.deepEqual(joined([a, b], []), [a, b]);
+  const many = Array.from({ length: 1200 }, (_, i) => event(i, "m"));
+  assert.deepEqual(joined(many.slice(0, 1000), many.slice(950, 1050)).map(({ time }) => time), many.slice(50, 1050).map(({ time }) => time));
+  const feed = new Feed();
+  feed._text(DESCRIPTION);
+  feed._text(JSON.parse(state({ misses: [[1, 2], [3, 1]] })));
+  feed._text(JSON.parse(state({ misses: [[3, 1], [4, 5]] })));
+  assert.deepEqual(feed.misses, [[1, 2], [3, 1], [4, 5]]);
 });
 
 test("a page that shows a station takes nothing of another one, which the server may send before it knows", () => {

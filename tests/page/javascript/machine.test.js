@@ -34,6 +34,7 @@ const description = {
   actions: [{ path: "soak", help: "", arguments: [], harmless: true, dead_man: false }],
   tunables: [{ path: "zones.3.controller.gain" }, { path: "limit" }],
   units: [],
+  books: [],
 };
 
 test("a part is a compound with what can be done there; like parts of a list are one group", () => {

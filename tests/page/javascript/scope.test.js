@@ -1,13 +1,13 @@
-/** The scope's numbers: buffer, axes, colours, cursors, marks, times. node --test, without a browser. */
+/** The scope's numbers: buffer, lanes, colours, cursors. node --test, without a browser. */
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { axesOf, declaredRange, inLane, laneSplits, rangeOf } from "../../../src/umo/page/static/axes.js";
+import { axesOf, declaredRange, inLane, laneSplits, numberedPart, rangeOf, rangesFromAddress, rangesToAddress, rangeText, refusal, splitsOf, splitTexts } from "../../../src/umo/page/static/axes.js";
 import { Buffer, doubled, lowerBound } from "../../../src/umo/page/static/buffer.js";
 import { coloursOf, fromAddress, toAddress } from "../../../src/umo/page/static/colours.js";
 import { Cursors } from "../../../src/umo/page/static/cursors.js";
+import { laneClip } from "../../../src/umo/page/static/lanes.js";
 import { duration, lasting, numberText, scaleTexts, valueText, wallDay, wallTime } from "../../../src/umo/page/static/presentation.js";
-import { markAt, marksOf, sentence } from "../../../src/umo/page/static/marks.js";
 
 const f64 = (...numbers) => Float64Array.from(numbers);
 const trace = (path, look, more = {}) => ({ path, index: 0, colour: 0, entry: { path, look, ...more } });
@@ -86,14 +86,14 @@ test("clicks set A, then B, then move the nearer one; a double click leaves both
   assert.deepEqual(cursors.times, [null, null]);
 });
 
-test("traces of one unit share an axis with their names; in lanes each has its own", () => {
-  const traces = [trace("z.position", "mm"), trace("z.setpoint", "mm"), trace("motor", "V")];
-  assert.deepEqual(axesOf(traces, false).map(({ name }) => name), ["z.position, z.setpoint [mm]", "motor [V]"]);
-  const lanes = axesOf(traces, true);
-  assert.deepEqual(lanes.map(({ name, lane, lanes: count }) => [name, lane, count]), [["z.position [mm]", 0, 3], ["z.setpoint [mm]", 1, 3], ["motor [V]", 2, 3]]);
-  assert.equal(new Set(lanes.map(({ scale }) => scale)).size, 3);
+test("traces of one unit share a lane with their names; units are in the order of their first traces", () => {
+  const traces = [trace("z.position", "mm"), trace("motor", "V"), trace("z.setpoint", "mm"), trace("count", "")];
+  const axes = axesOf(traces);
+  assert.deepEqual(axes.map(({ name, lane, lanes }) => [name, lane, lanes]), [["z.position, z.setpoint [mm]", 0, 3], ["motor [V]", 1, 3], ["count", 2, 3]]);
+  assert.equal(new Set(axes.map(({ scale }) => scale)).size, 3);
   const many = Array.from({ length: 9 }, (_, i) => trace(`zones.${i}.temperature`, "degC"));
-  assert.deepEqual(axesOf(many, false).map(({ name }) => name), ["9 traces [degC]"]);
+  assert.deepEqual(axesOf(many).map(({ name, lanes }) => [name, lanes]), [["9 traces [degC]", 1]]);
+  assert.deepEqual(axesOf([]), []);
 });
 
 test("an axis covers its values; about a constant it is a band between round numbers", () => {
@@ -106,9 +106,9 @@ test("an axis covers its values; about a constant it is a band between round num
 });
 
 test("the declared range is that of all traces of an axis, if each has one", () => {
-  const [axis] = axesOf([trace("a", "V", { minimum: -10, maximum: 10 }), trace("b", "V", { minimum: 0, maximum: 24 })], false);
+  const [axis] = axesOf([trace("a", "V", { minimum: -10, maximum: 10 }), trace("b", "V", { minimum: 0, maximum: 24 })]);
   assert.deepEqual(declaredRange(axis), [-10, 24]);
-  const [other] = axesOf([trace("a", "V", { minimum: -10, maximum: 10 }), trace("error", "V")], false);
+  const [other] = axesOf([trace("a", "V", { minimum: -10, maximum: 10 }), trace("error", "V")]);
   assert.equal(declaredRange(other), null);
 });
 
@@ -123,26 +123,66 @@ test("in a lane a trace fills its part of the height, and no other", () => {
   assert.deepEqual(inLane([10, 30], { lane: 0, lanes: 1 }), [10, 30]);
 });
 
-test("a lane has two to four round numbers", () => {
+test("a lane has round numbers within it, more of them where it is high", () => {
   for (const [least, most] of [[0, 1], [-3, 17], [740, 765], [1e-6, 3e-6], [-150000, 120000]]) {
-    const splits = laneSplits([least, most]);
-    assert.ok(splits.length >= 2 && splits.length <= 4, String(splits));
-    assert.ok(splits.every((value) => value >= least - 1e-9 * (most - least) && value <= most + 1e-9 * (most - least)));
-    assert.ok(scaleTexts(splits).every((text) => text.length < 8), String(scaleTexts(splits)));
+    for (const steps of [2, 3, 10]) {
+      const splits = laneSplits([least, most], steps);
+      assert.ok(splits.length >= 1 && splits.length <= steps + 1, String(splits));
+      assert.ok(splits.every((value) => value >= least - 1e-9 * (most - least) && value <= most + 1e-9 * (most - least)));
+      assert.ok(scaleTexts(splits).every((text) => text.length < 8), String(scaleTexts(splits)));
+    }
+    assert.ok(laneSplits([least, most], 10).length > laneSplits([least, most], 2).length);
   }
+  for (const none of [[1, 1], [2, 1], [NaN, 1]]) assert.deepEqual(laneSplits(none, 3), []);
 });
 
-test("what happened is marked by what it was, in the order of time, and told near its place", () => {
-  const events = [
-    { time: 2, path: "", asked: "mode manual", command: 3, who: "ann", state: "done", text: "" },
-    { time: 5, path: "z.jog", asked: "call z.jog", command: 4, who: "ann", state: "done", text: "" },
-    { time: 6, path: "z.motor", asked: "", command: 0, who: "", state: "none", text: "limited" },
-  ];
-  const marks = marksOf(events, [[3, 2]]);
-  assert.deepEqual(marks.map(({ time, kind }) => [time, kind]), [[2, "mode"], [3, "missed"], [5, "command"], [6, "guard"]]);
-  assert.equal(markAt(marks, 3.05, 0.01)?.text, "3.000 s 2 periods missed");
-  assert.equal(markAt(marks, 3.5, 0.01), null);
-  assert.equal(sentence(events[2]), "6.000 s z.motor: limited");
+test("a named value has a lane of its own with the names of its states, as many as there is room for", () => {
+  const states = { 0: "idle", 1: "running", 4: "being aborted by hand" };
+  const [numbers, one, other] = axesOf([trace("count", ""), trace("a.state", "", { states }), trace("b.state", "", { states })]);
+  assert.deepEqual([numbers.key, one.key, other.key], ["", "=a.state", "=b.state"]);
+  assert.deepEqual(splitsOf(one, [-0.5, 4.5], 3), [0, 1, 4]);
+  assert.deepEqual(splitTexts(one, [0, 1, 4]), ["idle", "running", "being abort…"]);
+  assert.deepEqual(splitsOf(one, [-0.5, 1.5], 3), [0, 1]);
+  assert.equal(splitsOf(one, [-0.5, 4.5], 1).length, 2);
+  assert.deepEqual(splitsOf(one, [0.1, 0.9], 3), []);
+  assert.deepEqual(splitTexts(numbers, splitsOf(numbers, [0, 4], 2)), ["0", "2", "4"]);
+});
+
+test("the curves of a lane end at its edges and have the gaps of their values", () => {
+  globalThis.Path2D = /** @type {any} */ (class {
+    constructor() { this.rects = []; }
+    rect(...rect) { this.rects.push(rect); }
+  });
+  const lane = { left: 10, top: 50, width: 100, height: 20 };
+  const clip = (gaps) => /** @type {any} */ (laneClip(lane, gaps)).rects;
+  assert.deepEqual(clip([]), [[10, 50, 100, 20]]);
+  assert.deepEqual(clip([[20, 30], [60, 60.5]]), [[10, 50, 10, 20], [30, 50, 30, 20], [60.5, 50, 49.5, 20]]);
+  assert.deepEqual(clip([[0, 30], [100, 200]]), [[30, 50, 70, 20]]);
+  assert.deepEqual(clip([[10, 110]]), []);
+});
+
+test("the numbers of a lane are those of its own part of the scale", () => {
+  const place = { lane: 1, lanes: 3 };
+  const [least, most] = numberedPart(inLane([10, 30], place), place, 0.05);
+  assert.ok(least <= 10 && most >= 30 && most - least < 24);
+  assert.deepEqual(numberedPart([10, 30], { lane: 0, lanes: 1 }, 0.05), [10, 30]);
+});
+
+test("ranges that were typed stand in the address by unit; what is no range is left out", () => {
+  const fixed = new Map([["mm", [-5, 20.5]], ["m/s²", [0, 1e-7]], ["", [0, 3]], ["%, of all", [0, 100]]]);
+  assert.deepEqual([...rangesFromAddress(rangesToAddress(fixed))], [...fixed]);
+  assert.equal(rangesToAddress(new Map()), null);
+  for (const text of [null, "", "mm", "1:2", "2:1:mm", "1:1:mm", "x:2:mm", "1e400:2:mm", "1:2:%E0%A4%A", "-1e308:1e308:mm", ":::", "1:e:mm"]) assert.equal(rangesFromAddress(text).size, 0, String(text));
+  assert.deepEqual([...rangesFromAddress("5:4:mm,0:24:V")], [["V", [0, 24]]]);
+});
+
+test("two numbers that are no range are refused with a reason", () => {
+  assert.equal(refusal(-1, 1), "");
+  assert.match(refusal(NaN, 1), /two numbers/);
+  assert.match(refusal(1, 1), /below/);
+  assert.match(refusal(1, 1 + 1e-12), /close/);
+  assert.equal(rangeText([-5, 20]), "-5 to 20");
+  assert.equal(rangeText([1000000.1, 1000000.2]), "1000000.1 to 1000000.2");
 });
 
 test("a time on the wall clock is local, to the millisecond; none in virtual time", () => {

@@ -41,6 +41,7 @@ const whole = byName("#whole");
 const tabs = [...document.querySelectorAll("button")].filter((button) => button.dataset.view);
 /** @type {{name: string, run: string | null, view: Page.View | null} | null} */
 let mounted = null;
+const LATCHED = /to be acknowledged|one of many/;  // in the reason of an interlock whose cause is gone (umo/cycle)
 let asked = 0;
 /** @type {{name: string, place: string, run: string} | null} */
 let lastRun = null;
@@ -144,7 +145,7 @@ function onState() {
   showFaults(state.faults);
   const why = forbidden(state.inhibited, state.faults).map((reason) => `⊘ ${reason}`).join("; ");
   setText(reasons, why);
-  acknowledge.hidden = !why || !client.possible || feed.ended;
+  acknowledge.hidden = !LATCHED.test(why) || !client.possible || feed.ended;  // while its cause is there nothing can be acknowledged
   acknowledge.disabled = !client.leased;
   document.title = `${feed.station} · umo`;
   stop.hidden = !client.possible || feed.ended;

@@ -1,38 +1,45 @@
-/** The drawing of the scope: uPlot for numbers, bars for states; cursors, the trigger and marks over both. */
+/** The drawing of the scope: uPlot for numbers, in lanes; bars for states; cursors, the trigger and marks over both. */
 
-import { axesOf, declaredRange, inLane, laneSplits, NARROW_UNITS, rangeOf } from "./axes.js";
-import { Buffer, doubled, lowerBound } from "./buffer.js";
+import { axesOf, declaredRange, inLane, numberedPart, rangeOf, splitsOf, splitTexts } from "./axes.js";
+import { Bars } from "./bars.js";
+import { Buffer, doubled } from "./buffer.js";
+import { colour, css, dashes, font, line, pixelRatio } from "./canvas.js";
 import { Cursors } from "./cursors.js";
-import { el } from "./dom.js";
-import { isBinary, scaleTexts } from "./presentation.js";
+import { drawMarks, STRIP_HEIGHT } from "./glyphs.js";
+import { colourOf, growing, laneClip, nameLane } from "./lanes.js";
+import { clustersOf } from "./marks.js";
+import { isBinary } from "./presentation.js";
+import { machineLabels, roundTimes, wallLabels, wallSplits } from "./time_axis.js";
+
+/** @typedef {import("./axes.js").Axis} Axis */
+/** @typedef {import("./axes.js").Range} Range */
+/**
+ * `declared`: axes show the declared ranges; `fixed`: those that were typed, by key of the axis; `wall`: s since 1970 at the station's
+ * time 0 for an axis with local times, null: it has the station's.
+ * @typedef {{declared: boolean, fixed: Map<string, Range>, wall: () => number | null}} Look
+ */
 
 const { uPlot } = window;
-const BAR_HEIGHT = 22;  // CSS pixels of a state
-const NARROW_WIDTH = 600;  // CSS pixels below which the page is narrow
 const MIN_LANE_HEIGHT = 64;  // CSS pixels
-const LANE_AXIS_WIDTH = 62;  // CSS pixels beside the lanes: their axes stand in one place, for which the last one makes room
+const NUMBER_HEIGHT = 17;  // CSS pixels from one number beside a lane to the next
+const HALF_NUMBER = 7;  // CSS pixels that numbers keep from the edges of their lane
+const FIXED_WIDTH = 150;  // CSS pixels of what is said of a range that was typed
+const EDGE = 6;  // CSS pixels that names keep from the right
+const TIMES_HEIGHT = 20;  // CSS pixels of a line of times
+const DAY_HEIGHT = 14;  // CSS pixels of the day below it
 const FONT = "11px system-ui";
-const COLOURS = 8;
-const MARKS = { command: "--accent", mode: "--cursor", missed: "--bad", guard: "--warn" };
-const SIGNS = { command: "▾", mode: "M", missed: "!", guard: "⊘" };
-
-/** @param {string} name */
-const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-/** @param {number} number */
-export const colour = (number) => css(`--trace-${number % COLOURS}`);
 
 export class Chart {
   /**
-   * @param {HTMLElement} element @param {Page.Trace[]} traces
-   * @param {{lanes: boolean, declared: boolean}} how  `lanes`: each number has its own; `declared`: axes show the
-   *   declared ranges.
-   * @param {(from: number, to: number) => void} onZoom
+   * @param {HTMLElement} element @param {Page.Trace[]} traces @param {Look} look
+   * @param {{zoom: (from: number, to: number) => void, placed: (chart: Chart) => void}} act  `placed`: the lanes have another place.
    */
-  constructor(element, traces, how, onZoom) {
+  constructor(element, traces, look, act) {
     this.traces = traces;
     this.numbers = traces.filter(({ entry }) => !isBinary(entry));
-    this.states = traces.filter(({ entry }) => isBinary(entry));
+    this.axes = axesOf(this.numbers);
     this.buffer = new Buffer(traces.length);
+    this.bars = new Bars(traces.filter(({ entry }) => isBinary(entry)), this.buffer);
     /** @type {[number, number]} */
     this.range = [0, 1];
     this.cursors = new Cursors();
@@ -40,90 +47,116 @@ export class Chart {
     this.trigger = null;
     /** @type {Page.Mark[]} */
     this.marks = [];
-    this._how = how;
-    this._onZoom = onZoom;
+    /** @type {Page.Cluster[]} As they were drawn. */
+    this.clusters = [];
+    /** @type {Map<string, Range>} The range that a lane shows, by key of the axis. */
+    this.shown = new Map();
+    this._look = look;
+    this._act = act;
+    this._placed = "";
     this._element = element;
-    this._bars = el("canvas", { className: "bars", "aria-hidden": "true" });
     this._observer = new ResizeObserver(() => this._resize());
     this.plot = this._make();
-    this._element.append(this._bars);
+    this._element.append(this.bars.canvas);
     this._resize();
     this._observer.observe(element);
   }
 
-  /** The first two axes on the left, the others on the right; lanes all on the left. */
   _make() {
-    const narrow = this._element.clientWidth < NARROW_WIDTH;
-    const units = axesOf(this.numbers, false);
-    const inLanes = this._how.lanes || (narrow && units.length > NARROW_UNITS);
-    const axes = inLanes ? axesOf(this.numbers, true) : units;
-    this._element.style.minHeight = inLanes ? `${axes.length * MIN_LANE_HEIGHT + this.states.length * BAR_HEIGHT + 60}px` : "";
-    const text = css("--text-dim");
-    const grid = { stroke: css("--grid"), width: 1 };
+    this._element.style.minHeight = `${Math.max(220, this.axes.length * MIN_LANE_HEIGHT + this.bars.height + 80)}px`;
     return new uPlot({
-      width: 300, height: 200, legend: { show: false }, padding: [14, null, 0, null], pxAlign: false,
+      width: 300, height: 200, legend: { show: false }, padding: [8, 24, 0, null], pxAlign: false,
       cursor: { drag: { x: true, y: false, setScale: false }, points: { show: false }, y: false },
-      scales: { x: { time: false, range: () => this.range }, ...Object.fromEntries(axes.map((axis) => [axis.scale, { range: this._rangeOf(axis) }])) },
-      axes: [
-        { stroke: text, grid, ticks: grid, font: FONT, size: 30, values: (/** @type {unknown} */ _, /** @type {number[]} */ splits) => scaleTexts(splits).map((number) => `${number} s`) },
-        ...axes.map((axis, place) => this._axis(axis, place, narrow)),
-      ],
-      series: [{}, ...this.numbers.map(({ path, colour: number }) => ({
-        label: path, scale: axes.find(({ traces }) => traces.some((trace) => trace.path === path))?.scale, stroke: colour(number),
-        width: 1.25, points: { show: false }, dash: number >= COLOURS ? [6, 3] : undefined,
-      }))],
+      scales: { x: { time: false, range: () => this.range }, ...Object.fromEntries(this.axes.map((axis) => [axis.scale, { range: this._rangeOf(axis) }])) },
+      axes: [this._times(), ...this._lanes()],
+      series: [{}, ...this.axes.flatMap((axis) => axis.traces.map(({ path, colour: number }) => ({
+        label: path, scale: axis.scale, stroke: colour(number), width: 1.25, points: { show: false }, dash: dashes(number), paths: this._paths(axis),
+      })))],
       hooks: { draw: [() => this._over()], setSelect: [(/** @type {uPlot} */ plot) => this._selected(plot)] },
     }, [[], ...this.numbers.map(() => [])], this._element);
   }
 
-  /** @param {import("./axes.js").Axis} axis @param {number} place @param {boolean} narrow */
-  _axis(axis, place, narrow) {
-    const stroke = axis.traces.length === 1 ? colour(axis.traces[0].colour) : css("--text-dim");
+  /** The axis of the times, below the strip of the marks. */
+  _times() {
     const grid = { stroke: css("--grid"), width: 1 };
-    const inLanes = axis.lanes > 1;
-    const first = place === 0 || inLanes;
     return {
-      scale: axis.scale, side: inLanes || place < (narrow ? 1 : 2) ? 3 : 1, stroke, gap: 3, font: FONT,
-      ...(inLanes ? { size: axis.lane === axis.lanes - 1 ? LANE_AXIS_WIDTH : 0, splits: (/** @type {uPlot} */ plot) => laneSplits(this._own(plot, axis)) } : {
-        size: growing(), label: axis.name, labelSize: 18, labelGap: 3, labelFont: "12px system-ui",
-      }),
-      grid: first ? grid : { show: false }, ticks: grid,
-      values: (/** @type {unknown} */ _, /** @type {number[]} */ splits) => scaleTexts(splits),
+      stroke: css("--text-dim"), grid, ticks: { ...grid, size: 4 }, font: FONT, gap: STRIP_HEIGHT - 2, lineGap: 1.2,
+      size: () => STRIP_HEIGHT + TIMES_HEIGHT + (this._look.wall() === null ? 0 : DAY_HEIGHT),
+      splits: (/** @type {uPlot} */ plot, /** @type {number} */ _, /** @type {number} */ from, /** @type {number} */ to, /** @type {number} */ step) => {
+        const utc = this._look.wall();
+        return utc === null ? roundTimes(from, to, step) : wallSplits(utc, [from, to], plot.bbox.width / pixelRatio());
+      },
+      values: (/** @type {unknown} */ _, /** @type {number[]} */ splits) => {
+        const utc = this._look.wall();
+        return utc === null ? machineLabels(splits) : wallLabels(utc, splits);
+      },
     };
   }
 
-  /** The range of a scale, from those of its values that are shown. @param {import("./axes.js").Axis} axis */
+  /** An axis for each lane, in the colour of its trace if it has one only. They stand in one place, for which the last one makes room. */
+  _lanes() {
+    const width = growing();
+    return this.axes.map((axis) => {
+      const grid = { stroke: css("--grid"), width: 1 };
+      const stroke = colourOf(axis);
+      const last = axis.lane === axis.lanes - 1;
+      return {
+        scale: axis.scale, side: 3, stroke, gap: 3, font: FONT, grid, ticks: { stroke, width: 1, size: 5 },
+        size: (/** @type {any} */ plot, /** @type {string[] | null} */ values, /** @type {number} */ number) => {
+          const widest = width(plot, values, number);
+          return last ? widest : 0;
+        },
+        splits: (/** @type {uPlot} */ plot) => this._splits(plot, axis),
+        values: (/** @type {unknown} */ _, /** @type {number[]} */ splits) => splitTexts(axis, splits),
+      };
+    });
+  }
+
+  /** @param {uPlot} plot @param {Axis} axis */
+  _splits(plot, axis) {
+    const { min, max } = plot.scales[axis.scale];
+    const height = plot.bbox.height / pixelRatio() / axis.lanes;
+    return splitsOf(axis, numberedPart([min ?? 0, max ?? 1], axis, HALF_NUMBER / height), Math.max(2, Math.floor(height / NUMBER_HEIGHT)));
+  }
+
+  /** The range of a scale, from those of its values that are shown. @param {Axis} axis */
   _rangeOf(axis) {
     return (/** @type {unknown} */ _, /** @type {number | null} */ least, /** @type {number | null} */ most) => {
-      const [low, high] = (this._how.declared && declaredRange(axis)) || rangeOf(least, most, uPlot.rangeNum);
+      const fixed = this._look.fixed.get(axis.key) ?? (this._look.declared ? declaredRange(axis) : null);
+      const [low, high] = fixed ?? rangeOf(least, most, uPlot.rangeNum);
+      if (low !== null && high !== null) this.shown.set(axis.key, [low, high]);
       const range = low === null || high === null ? [null, null] : inLane([low, high], axis);
       return /** @type {[number, number]} */ (range);  // uPlot knows that there may be none, its types do not
     };
   }
 
-  /** The part of a scale that is its lane. @param {uPlot} plot @param {import("./axes.js").Axis} axis @returns {[number, number]} */
-  _own(plot, axis) {
-    const { min = 0, max = 1 } = plot.scales[axis.scale];
-    const height = ((max ?? 1) - (min ?? 0)) / axis.lanes;
-    const bottom = (min ?? 0) + (axis.lanes - 1 - axis.lane) * height;
-    return [bottom + 0.04 * height, bottom + 0.96 * height];
+  /** Lines that end where their lane ends. @param {Axis} axis @returns {any} */
+  _paths(axis) {
+    const draw = /** @type {(plot: uPlot, series: number, from: number, to: number) => any} */ (uPlot.paths.linear?.());
+    return (/** @type {uPlot} */ plot, /** @type {number} */ series, /** @type {number} */ from, /** @type {number} */ to) => {
+      const made = draw(plot, series, from, to);
+      if (made && axis.lanes > 1) made.clip = laneClip(this.laneBox(axis), made.gaps ?? []);
+      return made;
+    };
+  }
+
+  /** Where a lane is, in pixels of the canvas. @param {Axis} axis */
+  laneBox({ lane, lanes }) {
+    const { left, top, width, height } = this.plot.bbox;
+    return { left, top: top + (lane * height) / lanes, width, height: height / lanes };
   }
 
   _resize() {
     const width = this._element.clientWidth;
     const height = this._element.clientHeight;
     if (width < 50 || height < 50) return;
-    this._barsHeight = this.states.length * BAR_HEIGHT;
-    this.plot.setSize({ width, height: Math.max(120, height - this._barsHeight) });
-    const scale = window.devicePixelRatio;
-    this._bars.width = width * scale;
-    this._bars.height = this._barsHeight * scale;
-    this._bars.style.height = `${this._barsHeight}px`;
+    this.plot.setSize({ width, height: Math.max(120, height - this.bars.height) });
+    this.bars.resize(width);
     this.draw();
   }
 
   /** Pixels of the plot. */
-  get width() { return Math.max(50, Math.round(this.plot.bbox.width / window.devicePixelRatio)); }
+  get width() { return Math.max(50, Math.round(this.plot.bbox.width / pixelRatio())); }
 
   /** Seconds of a pixel. */
   get pixel() { return (this.range[1] - this.range[0]) / this.width; }
@@ -135,7 +168,7 @@ export class Chart {
     const same = low === high;
     /** @type {any[]} */
     const data = [same ? times : doubled(times, new Float64Array(times))];
-    for (const { index } of this.numbers) data.push(doubled(low[index], same ? low[index] : high[index]));
+    for (const { index } of this.axes.flatMap(({ traces }) => traces)) data.push(doubled(low[index], same ? low[index] : high[index]));
     this.plot.setData(/** @type {any} */ (data), true);
   }
 
@@ -148,159 +181,44 @@ export class Chart {
     if (width < 4) return;
     const [from, to] = [this.timeAt(left), this.timeAt(left + width)];
     plot.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
-    this._onZoom(from, to);
+    this._act.zoom(from, to);
   }
 
-  /** Cursors, the trigger and marks; then the states; in lanes the names of the traces. */
+  /** The names of the lanes, marks, cursors and the trigger; then the states. */
   _over() {
     const { ctx, bbox } = this.plot;
-    const scale = window.devicePixelRatio;
-    const [a, b] = this.cursors.times;
-    /** @type {[number | null, string, string][]} */
-    const lines = [[a, css("--cursor"), "A"], [b, css("--cursor"), "B"], [this.trigger, css("--bad"), "T"]];
+    const [from, to] = this.range;
     ctx.save();
-    this._drawMarks(ctx);
+    [ctx.textAlign, ctx.textBaseline] = ["left", "alphabetic"];
+    ctx.setLineDash([]);
+    this.clusters = clustersOf(this.marks, this.pixel);
+    drawMarks(ctx, this.clusters, bbox, this.range);
+    const lines = this._lines().filter(([time]) => time >= from && time <= to);
     for (const [time, stroke, name] of lines) {
-      if (time === null || time < this.range[0] || time > this.range[1]) continue;
       const x = this.plot.valToPos(time, "x", true);
       line(ctx, x, bbox.top, bbox.top + bbox.height, stroke);
       ctx.fillStyle = stroke;
-      ctx.font = `${12 * scale}px system-ui`;
-      ctx.fillText(name, x + 4, bbox.top + 12 * scale);
+      ctx.font = font(12);
+      ctx.fillText(name, x + 4, bbox.top + bbox.height - 5 * pixelRatio());
     }
-    if (Object.keys(this.plot.scales).some((name) => name.startsWith("t:"))) this._nameLanes(ctx);
+    for (const axis of this.axes) nameLane(ctx, axis, this.laneBox(axis), this._look.fixed.has(axis.key) ? FIXED_WIDTH : EDGE);
     ctx.restore();
-    this._drawBars(lines);
+    this.bars.draw(bbox, this.range, lines.map(([time, stroke]) => [time, stroke]));
+    const place = JSON.stringify([bbox, this.shown.size]);
+    if (place !== this._placed) this._act.placed(this);
+    this._placed = place;
   }
 
-  /** A sign above the plot for whatever happened. @param {CanvasRenderingContext2D} ctx */
-  _drawMarks(ctx) {
-    const { bbox } = this.plot;
-    const scale = window.devicePixelRatio;
-    ctx.font = `700 ${11 * scale}px system-ui`;
-    ctx.textAlign = "center";
-    for (const { time, kind } of this.marks) {
-      if (time < this.range[0] || time > this.range[1]) continue;
-      const x = this.plot.valToPos(time, "x", true);
-      ctx.globalAlpha = 0.3;
-      line(ctx, x, bbox.top, bbox.top + bbox.height, css(MARKS[kind]));
-      ctx.globalAlpha = 1;
-      ctx.fillStyle = css(MARKS[kind]);
-      ctx.fillText(SIGNS[kind], x, bbox.top - 3 * scale);
-    }
-    ctx.textAlign = "left";
-  }
-
-  /** @param {CanvasRenderingContext2D} ctx */
-  _nameLanes(ctx) {
-    const { bbox } = this.plot;
-    const scale = window.devicePixelRatio;
-    ctx.font = `${11 * scale}px system-ui`;
-    axesOf(this.numbers, true).forEach((axis) => {
-      const top = bbox.top + (axis.lane * bbox.height) / axis.lanes;
-      if (axis.lane) line(ctx, top, bbox.left, bbox.left + bbox.width, css("--line"), true);
-      ctx.fillStyle = colour(axis.traces[0].colour);
-      ctx.fillText(axis.name, bbox.left + 6 * scale, top + 13 * scale);
-    });
-  }
-
-  /** @param {[number | null, string, string][]} lines */
-  _drawBars(lines) {
-    const ctx = /** @type {CanvasRenderingContext2D} */ (this._bars.getContext("2d"));
-    const { left, width } = this.plot.bbox;
-    const height = BAR_HEIGHT * window.devicePixelRatio;
-    const place = (/** @type {number} */ time) => left + ((time - this.range[0]) / (this.range[1] - this.range[0])) * width;
-    ctx.clearRect(0, 0, this._bars.width, this._bars.height);
-    ctx.save();
-    ctx.beginPath();
-    ctx.rect(left, 0, width, this._bars.height);
-    ctx.clip();
-    this.states.forEach((trace, at) => this._drawStates(ctx, trace, at * height, height, place));
-    for (const [time, stroke] of lines) if (time !== null) line(ctx, place(time), 0, this._bars.height, stroke);
-    ctx.restore();
-    ctx.fillStyle = css("--text");
-    ctx.font = `${11 * window.devicePixelRatio}px system-ui`;
-    this.states.forEach(({ path, entry }, at) => {
-      ctx.fillText(`${path} (bar: ${entry.one})`, left + 4, (at + 0.68) * height, width);
-    });
-  }
-
-  /**
-   * A bar while the state is the electrical 1, a half-high one where it changed within a pixel.
-   * @param {CanvasRenderingContext2D} ctx @param {Page.Trace} trace @param {number} top @param {number} height
-   * @param {(time: number) => number} place
-   */
-  _drawStates(ctx, { index, colour: number }, top, height, place) {
-    const { times, low, high } = this.buffer;
-    ctx.fillStyle = css("--grid");
-    ctx.fillRect(0, top + height - 1, this._bars.width, 1);
-    ctx.fillStyle = colour(number);
-    const end = Math.min(times.length, lowerBound(times, this.range[1]) + 1);
-    for (let i = Math.max(0, lowerBound(times, this.range[0]) - 1); i < end;) {
-      const [least, most] = [low[index][i], high[index][i]];
-      let next = i + 1;
-      while (next < end && low[index][next] === least && high[index][next] === most) next++;
-      if (most > 0.5) {
-        ctx.globalAlpha = least > 0.5 ? 0.55 : 0.3;
-        const x = place(times[i]);
-        ctx.fillRect(x, top + 3, Math.max(1, place(times[Math.min(next, times.length - 1)]) - x), height - 6);
-      }
-      i = next;
-    }
-    ctx.globalAlpha = 1;
-  }
-
-  /** The picture with a line of text above, as PNG. @param {string} title @returns {Promise<Blob | null>} */
-  picture(title) {
-    const { canvas } = this.plot.ctx;
-    const scale = window.devicePixelRatio;
-    const head = 26 * scale + 18 * scale * Math.ceil(this.traces.length / 4);
-    const all = el("canvas", { width: canvas.width, height: head + canvas.height + this._bars.height });
-    const ctx = /** @type {CanvasRenderingContext2D} */ (all.getContext("2d"));
-    ctx.fillStyle = css("--panel");
-    ctx.fillRect(0, 0, all.width, all.height);
-    ctx.fillStyle = css("--text");
-    ctx.font = `600 ${13 * scale}px system-ui`;
-    ctx.fillText(title, 10 * scale, 18 * scale, all.width - 20 * scale);
-    ctx.font = `${12 * scale}px system-ui`;
-    this.traces.forEach(({ path, colour: number }, i) => {
-      ctx.fillStyle = colour(number);
-      ctx.fillText(`— ${path}`, (10 + (i % 4) * (all.width / scale - 20) / 4) * scale, (38 + 18 * Math.floor(i / 4)) * scale);
-    });
-    ctx.drawImage(canvas, 0, head);
-    if (this._bars.height) ctx.drawImage(this._bars, 0, head + canvas.height);
-    return new Promise((done) => { all.toBlob(done, "image/png"); });
+  /** @returns {[number, string, string][]} */
+  _lines() {
+    const [a, b] = this.cursors.times;
+    const all = /** @type {[number | null, string, string][]} */ ([[a, css("--cursor"), "A"], [b, css("--cursor"), "B"], [this.trigger, css("--bad"), "T"]]);
+    return /** @type {[number, string, string][]} */ (all.filter(([time]) => time !== null));
   }
 
   destroy() {
     this._observer.disconnect();
     this.plot.destroy();
-    this._bars.remove();
+    this.bars.canvas.remove();
   }
-}
-
-/** An axis is as wide as its widest number so far: the plot does not jump to and fro. */
-function growing() {
-  let most = 0;
-  return (/** @type {any} */ plot, /** @type {string[] | null} */ values, /** @type {number} */ number) => {
-    const { font, ticks, gap } = plot.axes[number];
-    plot.ctx.font = font[0];
-    const widths = (values ?? []).map((text) => plot.ctx.measureText(text).width / window.devicePixelRatio);
-    return (most = Math.max(most, Math.ceil(ticks.size + gap + Math.max(0, ...widths))));
-  };
-}
-
-/** @param {CanvasRenderingContext2D} ctx @param {number} at @param {number} from @param {number} to @param {string} stroke */
-function line(ctx, at, from, to, stroke, level = false) {
-  ctx.strokeStyle = stroke;
-  ctx.lineWidth = window.devicePixelRatio;
-  ctx.beginPath();
-  if (level) {
-    ctx.moveTo(from, at);
-    ctx.lineTo(to, at);
-  } else {
-    ctx.moveTo(at, from);
-    ctx.lineTo(at, to);
-  }
-  ctx.stroke();
 }

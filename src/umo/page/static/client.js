@@ -3,7 +3,7 @@
 import { ConnectionLost } from "./feed.js";
 import { Undo } from "./undo.js";
 
-/** @typedef {{what: string, path: string, state: string, text: string}} Asked */
+/** @typedef {{what: string, path: string, state: string, text: string, call: boolean, at: number, command: number | null}} Asked  `at`: s on the cycle's clock; `command`: its number, where it came to the machine. */
 
 const MAX_REMEMBERED = 30;  // commands that are remembered
 const HOLDING = ["write", "call"];  // commands that hold their path
@@ -70,23 +70,29 @@ export class Client {
    * @param {{do: string, path?: string} & Record<string, unknown>} message @returns {Promise<Page.Answer>}
    */
   async ask(message, what = "") {
-    const entry = { what: what || [message.do, message.path].filter(Boolean).join(" "), path: message.path ?? "", state: "sent", text: "" };
+    const entry = this._entry(what || [message.do, message.path].filter(Boolean).join(" "), message.path, "sent", "", message.do === "call");
     this._remember(entry);
     this._changed();
     const held = HOLDING.includes(message.do) ? this._held.get(entry.path) : undefined;
-    const taken = (/** @type {Page.Answer} */ { command }) => { if (held) held.command = command ?? null; };
+    const taken = (/** @type {Page.Answer} */ { command }) => {
+      entry.command = command ?? null;
+      if (held) held.command = entry.command;
+    };
     let answer;
     try {
-      answer = await this.feed.command(message, (begun) => { entry.state = "begun"; taken(begun); this._changed(); });
+      answer = await this.feed.command(message, (begun) => { Object.assign(entry, { state: "begun", text: begun.text }); taken(begun); this._changed(); });
       if (answer.state === "done") taken(answer);
       if (!ENDS.includes(answer.state)) answer = { state: "failed", text: `unknown answer ${answer.state}` };
     } catch (error) {
       answer = error instanceof ConnectionLost ? { state: "failed", text: UNANSWERED } : { state: "refused", text: String(error instanceof Error ? error.message : error) };
     }
-    Object.assign(entry, { state: answer.state, text: answer.text ?? "" });
+    Object.assign(entry, { state: answer.state, text: answer.text ?? "", command: answer.command ?? entry.command });
     this._changed();
     return answer;
   }
+
+  /** @param {string} what @param {string | undefined} path @param {string} state @param {string} text @param {boolean} call @returns {Asked} */
+  _entry(what, path, state, text, call = false) { return { what, path: path ?? "", state, text, call, at: this.feed.state?.time ?? 0, command: null }; }
 
   /** Keep a path up from now on. `jog`: it ends too when the window loses the focus. @param {string} path @param {{jog?: (() => void) | null, lost?: () => void}} [how] */
   hold(path, { jog = null, lost = () => {} } = {}) { this._held.set(path, Object.assign(this._held.get(path) ?? { command: null }, { jog, lost })); }
@@ -107,7 +113,7 @@ export class Client {
     if (this.leased) this.feed.touch([...this._held.keys()]);
     else if (this._number !== null && (number > this._number || (number === this._number && !holder))) {
       const text = `${holder ? `${holder} has taken it over` : "it has ended"}, and what you held was released`;
-      this._remember({ what: "your lease", path: "", state: "cancelled", text });
+      this._remember(this._entry("your lease", "", "cancelled", text));
       this._lost();
     }
     this._changed();
@@ -139,11 +145,14 @@ export class Client {
   _changed() { for (const listener of [...this._listeners]) listener(); }
 }
 
-/** An answer in words. @param {Asked} asked */
+/** An answer in words. @param {Pick<Asked, "what" | "state" | "text">} asked */
 export function words({ what, state, text }) {
-  const plain = state === "done" && text ? unquoted(text) : text.replace(/^[A-Z]\w+: /, "");
-  return [what, state === "sent" ? "…" : state, plain].filter(Boolean).join(": ");
+  const said = state === "done" && text ? unquoted(text) : plain(text);
+  return [what, state === "sent" ? "…" : state, said].filter(Boolean).join(": ");
 }
+
+/** An error without its type. @param {string} text */
+export const plain = (text) => text.replace(/^[A-Z]\w+: /, "");
 
 /** A result, which comes as JSON. @param {string} text */
 export function unquoted(text) {

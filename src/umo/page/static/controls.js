@@ -1,7 +1,8 @@
 /** Controls made from the declarations: actuators, actions, jogs, tunable numbers, sensors. */
 
 import { breakable, el, setText } from "./dom.js";
-import { unquoted } from "./client.js";
+import { CallLine } from "./calls.js";
+import { plain, unquoted } from "./client.js";
 import { NumberInput } from "./number.js";
 import { isBinary, numberText, shownQuality, unitOf, valueText } from "./presentation.js";
 
@@ -21,8 +22,8 @@ const sentence = (text) => text.split(/(?<=\.) /)[0].replaceAll("`", "");
 
 /** One actuator: named states, or a number; held until it is released. */
 export class ActuatorControl {
-  /** @param {Client} client @param {Page.Entry} entry */
-  constructor(client, entry) {
+  /** @param {Client} client @param {Page.Entry} entry @param {{inRow?: boolean}} how  `inRow`: beside the value and the name, on one line. */
+  constructor(client, entry, { inRow = false } = {}) {
     this._client = client;
     this._entry = entry;
     this.path = entry.path;
@@ -30,12 +31,18 @@ export class ActuatorControl {
     this._timer = null;
     this._newest = 0;
     this._release = el("button", { textContent: "Release", type: "button", title: "Send the default; the program may write it again", onclick: () => this._letGo() });
-    this._number = isBinary(entry) ? null : new NumberInput(entry, entry.path, { slide: (value) => this._slid(value), unit: false });
+    this._number = isBinary(entry) ? null : new NumberInput(entry, entry.path, { slide: inRow ? null : (value) => this._slid(value), unit: false });
     this._buttons = this._number ? [setButton()] : this._states();
     this._reason = el("small", { className: "reason" });
     this._word = el("small", { className: "word" });
     this.element = el("form", { className: "control actuator", "data-control": entry.path, noValidate: true, onsubmit: (/** @type {Event} */ event) => this._submitted(event) },
-      labelOf(name(entry.path), entry, this._reason, this._word), this._number?.element, el("span", { className: "buttons" }, ...this._buttons, this._release));
+      inRow ? null : labelOf(name(entry.path), entry, this._reason, this._word), this._number?.element, el("span", { className: "buttons" }, ...this._buttons, this._release));
+  }
+
+  /** Why the last value that this page gave was not taken; "": it was. */
+  get refusal() {
+    const last = this._client.asked.find(({ path }) => path === this.path);
+    return last && ["refused", "failed"].includes(last.state) ? plain(last.text).replace(`${this.path}: `, "") : "";
   }
 
   _states() {
@@ -156,8 +163,9 @@ export class ActionControl {
     this._arguments = new Arguments(action);
     this._call = el("button", { textContent: name(action.path), title: action.help, type: "submit" });
     this._cancel = el("button", { textContent: "Cancel", type: "button", className: "cancel", onclick: () => client.ask({ do: "cancel", path: action.path }) });
-    this.element = el("form", { className: "control action", "data-control": action.path, noValidate: true, onsubmit: (/** @type {Event} */ event) => this._submitted(event) },
-      this._call, ...this._arguments.elements, this._cancel, el("small", { textContent: sentence(action.help), title: action.help }));
+    this._line = new CallLine(sentence(action.help), [action.path]);
+    this.element = el("form", { className: `control action${action.apart ? " apart" : ""}`, "data-control": action.path, noValidate: true, onsubmit: (/** @type {Event} */ event) => this._submitted(event) },
+      this._call, ...this._arguments.elements, this._cancel, this._line.element);
   }
 
   /** @param {Event} event */
@@ -168,11 +176,13 @@ export class ActionControl {
     this._client.ask({ do: "call", path: this._action.path, arguments: given }, [this._action.path, ...words].join(" "));
   }
 
-  refresh() {
+  /** @param {Feed} feed */
+  refresh(feed) {
     const enabled = this._client.allows(this._action);
     this._call.disabled = !enabled;
     this._arguments.enable(enabled);
-    const begun = this._client.asked.some(({ path, state }) => path === this._action.path && state === "begun");
+    const begun = this._line.refresh(feed, this._client);
+    this.element.classList.toggle("running", begun);
     this._cancel.classList.toggle("away", !begun);  // its room stays: nothing moves under a button that is held
     this._cancel.disabled = !begun || !this._client.leased;
   }
@@ -189,10 +199,11 @@ export class JogControl {
     this._presses = 0;
     this._buttons = this._about && (this._about.minimum ?? -Infinity) < 0 ? [this._button("−", -1), this._button("+", 1)] : [this._button("Hold", 1)];
     this._speed = this._about && new NumberInput(this._about, `${action.path} ${this._about.name}`, { value: first(this._about) });
+    this._line = new CallLine("Hold the button.", [action.path], { quiet: true });
     this.element = el("div", { className: "control jog", "data-control": action.path },
       el("span", { className: "label" }, ...breakable(name(action.path))), el("span", { className: "buttons" }, ...this._buttons),
       this._about && this._speed && labelled(this._about, this._speed.element),
-      ...this._others.elements, el("small", { textContent: "Hold the button.", title: action.help }));
+      ...this._others.elements, this._line.element);
   }
 
   /** @param {string} textContent @param {number} sign */
@@ -245,8 +256,10 @@ export class JogControl {
   /** @param {number | null} sign */
   _mark(sign) { for (const button of this._buttons) button.classList.toggle("held", Number(button.dataset.sign) === sign); }
 
-  refresh() {
+  /** @param {Feed} feed */
+  refresh(feed) {
     const enabled = this._client.allows(this._action);
+    this._line.refresh(feed, this._client);
     for (const button of this._buttons) button.disabled = !enabled;
     this._speed?.enable(enabled);
     this._others.enable(enabled);

@@ -1,5 +1,6 @@
 /** The connection to the server: stations, states, and traces against time. It reconnects by itself. */
 
+const MAX_EVENTS = 1000;  // that are kept, and as many missed periods
 const RETRY_PAUSES = [250, 500, 1000, 2000];  // ms from one attempt to the next
 
 /**
@@ -27,6 +28,18 @@ export function unpack(buffer) {
 /** The connection was lost before an answer came: whether what was asked for was done is not known. */
 export class ConnectionLost extends Error {}
 
+/**
+ * Events that were told before, and the last ones, which the server tells with each new one.
+ * @param {Page.Event[]} known @param {Page.Event[]} last @returns {Page.Event[]}
+ */
+export function joined(known, last) {
+  const [first] = last;
+  if (!first) return known;
+  const same = known.findLastIndex(({ time, path, text, command, state }) => time === first.time && path === first.path && text === first.text && command === first.command && state === first.state);
+  const before = same < 0 ? known.filter(({ time }) => time < first.time) : known.slice(0, same);
+  return [...before, ...last].slice(-MAX_EVENTS);
+}
+
 export class Feed {
   constructor() {
     this.connected = false;
@@ -51,13 +64,13 @@ export class Feed {
     this._index = new Map();
     /** @type {number[][]} */
     this._values = [];
-    /** @type {Page.Event[]} The last ones of the run, the newest last. */
+    /** @type {Page.Event[]} Those of the run that this page was told, the newest last. */
     this.events = [];
     /** @type {[number, number][]} When periods were missed, and how many. */
     this.misses = [];
     /** @type {Map<Kind, Set<() => void>>} */
     this._listeners = new Map();
-    /** @type {Map<number, {listener: (points: Page.Points) => void, begin: () => void}>} */
+    /** @type {Map<number, {listener: (news: any) => void, begin: () => void}>} */
     this._subscriptions = new Map();
     /** @type {Map<number, {resolve: (message: any) => void, reject: (error: Error) => void, onBegun: (message: any) => void}>} */
     this._waiting = new Map();
@@ -147,11 +160,15 @@ export class Feed {
     this.changed = Object.keys(message.values).map(Number);
     for (const index of this.changed) this._values[index] = message.values[index];
     this.state = message;
-    this.events = message.events ?? this.events;
-    this.misses = message.misses ?? this.misses;
+    this.events = message.events ? joined(this.events, message.events) : this.events;
+    const { misses } = message;
+    if (misses) this.misses = [...this.misses.filter(([time]) => time < misses[0]?.[0]), ...misses].slice(-MAX_EVENTS);
     this._heard = performance.now();
     this._emit("state");
   }
+
+  /** @param {Page.Extremes} message */
+  _on_extremes(message) { this._subscriptions.get(message.id)?.listener(message); }
 
   /** @param {{id: number, text: string}} message */
   _on_error(message) {
@@ -217,11 +234,19 @@ export class Feed {
    * @param {(points: Page.Points) => void} listener
    */
   subscribe(request, listener) {
-    const id = ++this._id;
-    const begin = () => {
+    return this._follow(listener, (id) => {
       const known = request.paths.every((path) => this._index.has(path));
-      if (this.connected && this.description && known) this._send({ type: "live", id, ...request });
-    };
+      if (known) this._send({ type: "live", id, ...request });
+    });
+  }
+
+  /** The least and the greatest values of the run, when they change, until `close`. `anew`: from now on. @param {boolean} anew @param {(extremes: Page.Extremes) => void} listener */
+  followExtremes(anew, listener) { return this._follow(listener, (id) => this._send({ type: "extremes", id, anew })); }
+
+  /** @param {(news: any) => void} listener @param {(id: number) => void} ask  Whenever there is a run. */
+  _follow(listener, ask) {
+    const id = ++this._id;
+    const begin = () => { if (this.connected && this.description) ask(id); };
     this._subscriptions.set(id, { listener, begin });
     begin();
     return {

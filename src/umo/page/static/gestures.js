@@ -1,4 +1,4 @@
-/** Wheel, click and touch on the plot. */
+/** Wheel, click and touch on the plot; keys. */
 
 const CLICK_DISTANCE = 4;  // pixels that a pointer may move in a click
 const DOUBLE_CLICK_TIME = 350;  // ms from one click to the next of a double click
@@ -61,4 +61,21 @@ export function gestures(over, act) {
     if (event.type === "pointerleave") act.hover(null);
   };
   for (const kind of /** @type {const} */ (["pointerup", "pointercancel", "pointerleave"])) over.addEventListener(kind, end);
+}
+
+/**
+ * Keys that do something where none is typed; Escape everywhere.
+ * @param {Record<string, () => void>} acts  By key. @returns {() => void} Their end.
+ */
+export function keys(acts) {
+  const pressed = (/** @type {KeyboardEvent} */ event) => {
+    const target = /** @type {Element} */ (event.target);
+    const act = Object.hasOwn(acts, event.key) ? acts[event.key] : null;
+    if (!act || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (target.matches("input, select, textarea, button, [role=tab]") && event.key !== "Escape") return;
+    event.preventDefault();
+    act();
+  };
+  document.addEventListener("keydown", pressed);
+  return () => document.removeEventListener("keydown", pressed);
 }

@@ -1,6 +1,6 @@
 /** The table below the scope: a line for each trace with its value, the cursors, and the measured values. */
 
-import { colour } from "./chart.js";
+import { colour } from "./canvas.js";
 import { el, setText } from "./dom.js";
 import { clockText, duration, isBinary, numberText, unitOf, valueText, wallTime } from "./presentation.js";
 

@@ -2,9 +2,11 @@
 
 import { AlarmList } from "./alarms.js";
 import { ActionControl, ActuatorControl, JogControl, SensorControl, TunableControl } from "./controls.js";
-import { address, el, setText, store } from "./dom.js";
+import { address, el, setText } from "./dom.js";
 import { words } from "./client.js";
+import { LeaseBar } from "./lease.js";
 import { filtered, groupsOf, isActuator, partsOf } from "./parts.js";
+import { RecipePanel } from "./recipes.js";
 import { StatesPanel } from "./states.js";
 import { clearing, forbidden } from "./status.js";
 
@@ -16,7 +18,6 @@ import { clearing, forbidden } from "./status.js";
 
 const MAX_UNFOLDED = 12;  // parts up to which all are unfolded; else the first one is
 const MAX_ANSWERS = 3;  // that are shown
-const MODES = ["automatic", "manual"];
 
 export class View {
   /** @param {HTMLElement} element @param {Feed} feed @param {Client} client */
@@ -26,39 +27,21 @@ export class View {
     this._all = feed.description ? partsOf(feed.description) : [];
     /** @type {(Part | Family)[]} */
     this._shownParts = [];
-    /** @type {string | null} */
-    this._sure = null;
     this._filter = el("input", { type: "search", placeholder: "Filter", "aria-label": "Filter", value: address.get("filter") ?? "", oninput: () => this._filtered() });
     this._answers = el("ol", { className: "answers", "aria-live": "polite", "aria-label": "Commands and answers" });
     this._answered = "";
-    this._why = el("span", { className: "hint" });
     this._parts = el("div", { className: "parts" });
     this._alarms = new AlarmList(feed, client);
     this._states = (feed.description?.units ?? []).map((unit) => new StatesPanel(unit, feed, client));
-    this._holder = el("span", { className: "holder" });
-    this._name = el("input", { type: "text", placeholder: "Your name", maxLength: 40, "aria-label": "Your name", value: store.get("name"), onchange: () => store.set("name", this._name.value) });
-    this._take = el("button", { onclick: () => this._taken() });
-    this._give = el("button", { textContent: "Give the lease back", onclick: () => this.client.giveBack() });
-    this._mode = MODES.map((mode) => el("button", { textContent: mode, "data-mode": mode, onclick: () => this.client.ask({ do: "mode", value: mode }, `mode ${mode}`) }));
+    this._books = (feed.description?.books ?? []).map((book) => new RecipePanel(book, feed, client));
+    this._lease = new LeaseBar(feed, client);
     element.append(
-      el("div", { className: "bar lease" }, this._holder, this._name, this._take, this._give,
-        el("span", { className: "modes", role: "group", "aria-label": "Mode" }, ...this._mode), this._filter, this._why),
-      this._answers, this._alarms.element, el("div", { className: "units" }, ...this._states.map((each) => each.element)), this._parts);
+      this._lease.element, this._answers, this._alarms.element,
+      el("div", { className: "units" }, ...[...this._states, ...this._books].map((each) => each.element)),
+      el("div", { className: "bar" }, this._filter), this._parts);
     this._off = client.on(() => this._refresh());  // after each state too
     this._filtered();
     this._refresh();
-  }
-
-  /** Taking over from another client needs a second click. */
-  _taken() {
-    const { holder } = this.client;
-    if (holder && this._sure !== holder) {
-      this._sure = holder;
-      this._refresh();
-      return;
-    }
-    this._sure = null;
-    this.client.take(this._name.value, Boolean(holder));
   }
 
   /** Only what is open is made: a machine may have thousands of parts. */
@@ -75,21 +58,12 @@ export class View {
   }
 
   _refresh() {
-    const { client, feed } = this;
+    const { feed } = this;
     if (!feed.state) return;
-    const { ended } = feed;
-    setText(this._holder, ended ? `${feed.station} has ended.` : client.leased ? "You have the lease." : client.holder ? `${client.holder} has the lease.` : "Nobody has the lease.");
-    setText(this._take, !client.holder ? "Take the lease" : this._sure === client.holder ? `Yes, take it over from ${client.holder}` : "Take it over");
-    this._take.hidden = this._name.hidden = client.leased || !client.possible || ended;
-    this._give.hidden = !client.leased;
-    for (const button of this._mode) {
-      button.setAttribute("aria-pressed", String(button.dataset.mode === feed.state.mode));
-      button.disabled = !client.leased;
-    }
-    setText(this._why, ended ? "" : why(feed, client));
+    this._lease.refresh();
     this._show();
     this._alarms.refresh(feed);
-    for (const each of this._states) each.refresh(feed);
+    for (const each of [...this._states, ...this._books]) each.refresh(feed);
     for (const part of this._shownParts) part.refresh();
   }
 
@@ -106,14 +80,6 @@ export class View {
     this.client.letGoOfJogs();
     this._off();
   }
-}
-
-/** What keeps the controls from being used. @param {Feed} feed @param {Client} client */
-function why(feed, client) {
-  if (!feed.server?.operate) return "This page is read-only. `umo view --operate` lets it operate.";
-  if (!feed.state?.mode) return `${feed.station} takes no commands.`;
-  if (!client.leased) return "The controls need the lease.";
-  return client.manual ? "" : "Automatic mode: numbers can be tuned, and commands and actions given that are allowed beside the application.";
 }
 
 /** Like parts of a list: their panels are made when the group is unfolded. */
@@ -157,11 +123,13 @@ class Part {
   _fill() {
     const { objects, actions, tunables } = this._part;
     const hold = actions.filter((action) => action.dead_man);
-    const plain = actions.filter((action) => !action.dead_man);
+    const plain = actions.filter((action) => !action.dead_man && !action.apart);
+    const apart = actions.filter((action) => !action.dead_man && action.apart);
     /** @type {Record<string, Control[]>} */
     const sections = {
       "": objects.filter((entry) => !isActuator(entry) && entry.unit !== "sampling_period").map((entry) => new SensorControl(entry)),
       Actions: [...hold.map((action) => new JogControl(this._client, action)), ...plain.map((action) => new ActionControl(this._client, action))],
+      "Set apart": apart.map((action) => new ActionControl(this._client, action)),
       Actuators: objects.filter(isActuator).map((entry) => new ActuatorControl(this._client, entry)),
       "Tunable numbers": tunables.map((entry) => new TunableControl(this._client, entry)),
     };

@@ -8,7 +8,7 @@ import { generalised, linesOf } from "./folding.js";
  */
 
 /** @param {Page.Description} description @returns {Part[]} */
-export function partsOf({ station, objects, actions, tunables, units }) {
+export function partsOf({ station, objects, actions, tunables, units, books }) {
   /** @type {Map<string, Part>} */
   const found = new Map();
   const at = (/** @type {string} */ path) => {
@@ -19,7 +19,7 @@ export function partsOf({ station, objects, actions, tunables, units }) {
   };
   at("");
   for (const entry of objects) at(entry.path).objects.push(entry);
-  const own = actions.filter(({ path }) => !units.some((unit) => path.startsWith(`${unit.path}.`)));  // those stand with the states
+  const own = actions.filter(({ path }) => ![...units, ...books].some((each) => path.startsWith(`${each.path}.`)));  // those stand with the states and the recipes
   for (const entry of own) at(entry.path).actions.push(entry);
   const nodes = new Set([...objects, ...actions].flatMap(({ path }) => path.split(".").slice(0, -1).map((_, i, names) => names.slice(0, i + 1).join("."))));
   for (const entry of tunables) {  // a law's number stands with the part that has the law

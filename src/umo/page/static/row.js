@@ -1,16 +1,19 @@
 /** One line of the machine: an object or a signal, or a family of like ones. */
 
+import { ActuatorControl } from "./controls.js";
 import { breakable, el, setText } from "./dom.js";
+import { isActuator } from "./parts.js";
 import { lasting, shownQuality, STALE, valueText } from "./presentation.js";
 
 export class Row {
   /**
-   * @param {import("./feed.js").Feed} feed @param {string} name
+   * @param {import("./feed.js").Feed} feed @param {import("./client.js").Client} client @param {string} name
    * @param {number[]} places  In the feed's entries; several: a family.
-   * @param {{family: string, open: boolean, inside: boolean}} how @param {() => void} act  When its name is clicked.
+   * @param {{family: string, open: boolean, inside: boolean, write: boolean}} how  `write`: whether it can be written here. @param {() => void} act  When its name is clicked.
    */
-  constructor(feed, name, places, how, act) {
+  constructor(feed, client, name, places, how, act) {
     this._feed = feed;
+    this._client = client;
     this._places = places;
     this._entry = feed.entries[places[0]];
     this._paths = places.map((place) => feed.entries[place].path);
@@ -21,11 +24,15 @@ export class Row {
     this._age = el("td", { className: "age" });
     this._raw = el("td", { className: "raw" });
     this._scope = el("td", { className: "on-scope" });
+    this._least = el("td", { className: "extreme" });
+    this._greatest = el("td", { className: "extreme" });
+    this._control = how.write && places.length === 1 && isActuator(this._entry) ? new ActuatorControl(client, this._entry, { inRow: true }) : null;
     const button = el("button", { className: "name", title, onclick: act }, mark, ...breakable(name));
     if (how.family) button.setAttribute("aria-expanded", String(how.open));
     this._reason = el("small", { className: "reason" });
     this.element = el("tr", { className: how.inside ? "inside" : "", "data-path": name },
-      this._sign, el("th", { scope: "row" }, button, this._reason), this._value, this._age, this._raw,
+      this._sign, el("th", { scope: "row" }, el("div", {}, button, this._reason)), this._value,
+      el("td", { className: "write" }, this._control?.element), this._least, this._greatest, this._age, this._raw,
       el("td", { className: "wiring", textContent: this._wire() }), el("td", { className: "range", textContent: this._entry.declared ?? "signal" }), this._scope);
   }
 
@@ -43,6 +50,21 @@ export class Row {
     const [{ raw }] = found;
     setText(this._raw, found.length === 1 && raw !== null ? String(raw) : "");
     this._forbidden();
+    this._control?.refresh(this._feed);
+  }
+
+  /** The lease, the mode or an answer has changed. */
+  refreshControl() {
+    if (!this._control) return;
+    this._control.refresh(this._feed);
+    this._forbidden();
+  }
+
+  /** The least and the greatest value, of a family of all. @param {Map<number, [number, number]>} extremes */
+  showExtremes(extremes) {
+    const found = this._entry.states ? [] : this._places.flatMap((place) => [extremes.get(place) ?? []]).filter(({ length }) => length);
+    setText(this._least, found.length ? valueText(this._entry, Math.min(...found.map(([least]) => least))) : "");
+    setText(this._greatest, found.length ? valueText(this._entry, Math.max(...found.map(([, greatest]) => greatest))) : "");
   }
 
   /** The worst one, with how many have it; the age of the oldest value. @param {number} worst @param {Page.Sample[]} found */
@@ -64,12 +86,15 @@ export class Row {
 
   _fresh() { return this._entry.synchronous ? "" : "on demand"; }
 
-  /** Why an actuator stands at its default, or who works it. */
+  /** Why an actuator stands at its default, who works it, or why it was not written from here. */
   _forbidden() {
     const { inhibited = {}, by_client: byClient = [], lease } = this._feed.state ?? {};
     const path = this._paths.find((each) => each in inhibited);
     const client = !path && this._paths.some((each) => byClient.includes(each));
-    setText(this._reason, path ? `⊘ inhibited: ${inhibited[path]}` : client ? `by client: ${lease?.holder ?? ""}` : "");
+    const refused = this._control?.refusal ?? "";
+    setText(this._reason, path ? `⊘ inhibited: ${inhibited[path]}` : refused ? `✕ ${refused}` : client ? `by client: ${lease?.holder ?? ""}` : "");
+    this._reason.title = this._reason.textContent ?? "";
+    this._reason.classList.toggle("refused", Boolean(refused));
     this.element.classList.toggle("inhibited", Boolean(path));
   }
 

@@ -2,70 +2,60 @@
 
 import { Chart } from "./chart.js";
 import { coloursOf, fromAddress, toAddress } from "./colours.js";
-import { address, el, save, setText, tracesOfAddress } from "./dom.js";
-import { clockText, duration, isBinary, unitOf, wallDay, wallTime } from "./presentation.js";
-import { gestures } from "./gestures.js";
+import { address, el, setText, tracesOfAddress } from "./dom.js";
+import { EventStrip } from "./event_strip.js";
+import { gestures, keys } from "./gestures.js";
 import { Legend } from "./legend.js";
-import { markAt, marksOf } from "./marks.js";
+import { clusterAt, linesOf, marksOf } from "./marks.js";
+import { clockText, isBinary, unitOf, wallTime } from "./presentation.js";
+import { Ranges } from "./ranges.js";
+import { savePicture, saveSamples } from "./saving.js";
+import { ScopeBar } from "./scope_bar.js";
+import { TimeShown } from "./time_shown.js";
 import { Trigger, WAITING } from "./trigger.js";
 
-const SPANS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300];  // s
-const MIN_SPAN = 0.002;
 const FIRST_TRACES = { numbers: 4, states: 2 };  // traces where none was chosen
 const MAX_TRACES = 32;
 const MEASURE_PAUSE = 1000;  // ms
-const SETTLE_TIME = 120;  // ms without a change of the view before its history is asked for
 const CURSOR_STEP = 0.01;  // of the time shown: a cursor moved by a key
 
 export class View {
   /** @param {HTMLElement} element @param {import("./feed.js").Feed} feed */
   constructor(element, feed) {
     this.feed = feed;
-    this.span = Number(address.get("span")) || 10;
-    /** @type {[number, number] | null} While it stands still. */
-    this.view = null;
+    this.time = new TimeShown(feed, { follow: () => this._subscribe(), draw: () => this._changed(), history: (stretch) => this._fetch(stretch) });
     /** @type {string[]} */
     this.paths = [];
-    /** @type {number | null} Where a triggered picture begins. */
-    this._from = null;
     /** @type {(() => void)[]} */
     this._closing = [];
-    this.how = { lanes: address.get("lanes") === "1", declared: address.get("range") === "declared" };
     /** @type {number | null} */
     this._drawn = null;
     /** @type {{close: () => void} | null} */
     this._subscription = null;
-    const button = (/** @type {string} */ text, /** @type {string} */ title, /** @type {() => void} */ onclick) => el("button", { textContent: text, title, onclick });
-    this._add = el("input", { type: "search", placeholder: "Add object or signal", list: "paths", "aria-label": "Add object or signal" });
-    this._add.addEventListener("change", () => this._added());
-    this._pause = button("Pause", "Space", () => this.pause());
-    this._spans = el("select", { title: "Time shown", "aria-label": "Time shown", onchange: () => this._spanned(Number(this._spans.value)) });
-    this._lanes = el("input", { type: "checkbox", checked: this.how.lanes, onchange: () => this._arrange() });
-    this._declared = el("input", { type: "checkbox", checked: this.how.declared, onchange: () => this._arrange() });
     this.trigger = new Trigger(feed, () => this._subscribe());
+    this.bar = new ScopeBar(feed.entries.map(({ path }) => path), this.trigger.element, {
+      add: (path) => this._added(path), pause: () => this.pause(), span: (seconds) => this.time.set(seconds), live: () => this.time.live(), look: () => this._show(this.paths),
+      clear: () => this._clear(), picture: () => savePicture(feed, this.chart, this.bar.wall), samples: () => saveSamples(feed, this.paths, this.chart.range),
+    });
     this._plot = el("div", { className: "plot" });
-    this._hint = el("span", { className: "hint" });
+    this.ranges = new Ranges(this._plot, () => this.chart.draw());
+    this.events = new EventStrip(this._plot);
     this._hover = el("span", { className: "hint hover" });
     this.legend = new Legend(feed, (path) => { this._show(this.paths.filter((other) => other !== path)); });
-    element.append(
-      el("div", { className: "bar" }, this._add, el("datalist", { id: "paths" }, ...feed.entries.map(({ path }) => el("option", { value: path }))),
-        this._pause, this._spans, button("Live", "Home, or a double click", () => this.live()), this.trigger.element,
-        el("label", { title: "A lane with an axis for each number" }, this._lanes, "Lanes"),
-        el("label", { title: "Axes over the declared ranges; they stand still" }, this._declared, "Declared range"),
-        button("Clear cursors", "Esc; A and B set one, comma and full stop move it", () => this._clear()), button("PNG", "Save as a picture", () => this._picture()),
-        button("CSV", "Save every sample of the time shown", () => this._csv()), this._hint),
-      this._plot, this._hover, this.legend.element,
-    );
+    element.append(this.bar.element, this._plot, this._hover, this.legend.element);
     const chosen = (tracesOfAddress() ?? firstTraces(feed)).filter((path) => feed.entry(path)).slice(0, MAX_TRACES);
     this._colours = fromAddress(chosen, address.get("colours"));
     /** @type {Chart} */
     this.chart = this._show(chosen, null);
-    const key = (/** @type {KeyboardEvent} */ event) => this._key(event);
+    const { time } = this;
     const theme = () => { this._show(this.paths); };
-    document.addEventListener("keydown", key);
     window.addEventListener("theme", theme);
     this._closing.push(
-      () => document.removeEventListener("keydown", key),
+      keys({
+        " ": () => this.pause(), "+": () => time.zoom(0.5, 0.5), "-": () => time.zoom(2, 0.5), Home: () => time.live(),
+        ArrowLeft: () => time.pan(-0.1, this.chart.range), ArrowRight: () => time.pan(0.1, this.chart.range), Escape: () => this._clear(),
+        a: () => this._setCursor(0), b: () => this._setCursor(1), ",": () => this._moveCursor(-CURSOR_STEP), ".": () => this._moveCursor(CURSOR_STEP),
+      }),
       () => window.removeEventListener("theme", theme),
       feed.on("state", () => this._onState()),
       feed.on("connection", () => this._subscribe()),
@@ -73,49 +63,42 @@ export class View {
     this._timer = setInterval(() => this._measure(), MEASURE_PAUSE);
   }
 
-  _arrange() {
-    this.how = { lanes: this._lanes.checked, declared: this._declared.checked };
-    address.set({ lanes: this.how.lanes ? "1" : null, range: this.how.declared ? "declared" : null });
-    this._show(this.paths);
-  }
-
   /** Draw these traces from now on. @param {string[]} paths @param {Chart | null} before @returns {Chart} */
   _show(paths, before = this.chart) {
     this.paths = [...new Set(paths)];
     this._colours = coloursOf(this.paths, this._colours);
     this._colours = new Map(this.paths.map((path) => [path, this._colours.get(path) ?? 0]));
-    address.set({ traces: this.paths.join(",") || "-", colours: toAddress(this._colours), span: String(this.span) });
+    address.set({ traces: this.paths.join(",") || "-", colours: toAddress(this._colours), span: String(this.time.span) });
     before?.destroy();
     const traces = this.paths.map((path, index) => (
       { path, index, entry: /** @type {Page.Entry} */ (this.feed.entry(path)), colour: this._colours.get(path) ?? 0 }
     ));
-    const chart = new Chart(this._plot, traces, this.how, (from, to) => this._still([from, to]));
+    const wall = () => (this.bar.wall ? this.feed.state?.utc ?? null : null);
+    const chart = new Chart(this._plot, traces, { declared: this.bar.declared, fixed: this.ranges.fixed, wall }, {
+      zoom: (from, to) => this.time.stand([from, to]), placed: (placed) => this._placed(placed),
+    });
     this.chart = chart;
     if (before) chart.cursors = before.cursors;
     chart.marks = this._marks();
     gestures(chart.plot.over, {
-      zoom: (factor, share) => this._zoom(factor, share),
-      pan: (share) => this._pan(share),
+      zoom: (factor, share) => this.time.zoom(factor, share),
+      pan: (share) => this.time.pan(share, chart.range),
       click: (x) => this._moved(() => chart.cursors.click(chart.timeAt(x))),
       undoClick: () => this._moved(() => chart.cursors.undo()),
-      live: () => this.live(),
+      live: () => this.time.live(),
       hover: (x) => this._hovered(x === null ? null : chart.timeAt(x)),
     });
     this.legend.show(chart);
     this.trigger.choices(this.paths);
-    this._fillSpans();
     this._subscribe();
-    if (this.view) this._settle(0);
+    this.time.settle(0);
     return chart;
   }
 
-  /** The time shown, also one that no choice has, as after a zoom. */
-  _fillSpans() {
-    const span = this.view ? Number((this.view[1] - this.view[0]).toPrecision(3)) : this.span;
-    if (Number(this._spans.value) === span && this._spans.length) return;
-    const spans = SPANS.includes(span) ? SPANS : [...SPANS, span].sort((a, b) => a - b);
-    this._spans.replaceChildren(...spans.map((each) => el("option", { value: String(each), textContent: duration(each) })));
-    this._spans.value = String(span);
+  /** The lanes have got another place. @param {Chart} chart */
+  _placed(chart) {
+    this.ranges.place(chart);
+    this.events.place(chart);
   }
 
   // Live data ------------------------------------------------------------------------------------------
@@ -123,33 +106,35 @@ export class View {
   _subscribe() {
     this._subscription?.close();
     this._subscription = null;
-    setText(this._pause, this.view ? "Continue" : "Pause");
-    if (this.view || !this.paths.length) return;
-    const request = { paths: this.paths, span: this.span, width: this.chart.width };
+    this.bar.fill(this.time.length);
+    this.bar.standsStill(this.time.still !== null);
+    if (this.time.still || !this.paths.length) return;
+    const request = { paths: this.paths, span: this.time.span, width: this.chart.width };
     const trigger = this.trigger.request;
-    setText(this._hint, this.trigger.hint);
+    this.bar.hint = this.trigger.hint;
     this._subscription = this.feed.subscribe(trigger ? { ...request, trigger } : request, (points) => this._take(points));
   }
 
-  /** Points from the server: drawn with the next picture of the browser. @param {Page.Points} points */
+  /** Points from the server. @param {Page.Points} points */
   _take(points) {
     const { chart } = this;
     if (points.trigger !== undefined) {
       chart.trigger = points.trigger;
-      setText(this._hint, `triggered at ${this._moment(points.trigger)}`);
+      this.bar.hint = `triggered at ${this._moment(points.trigger)}`;
     } else if (points.from < 0) chart.trigger = null;
-    chart.buffer.take(points, points.times[points.times.length - 1] - this.span);
-    this._from = points.trigger === undefined ? null : points.start ?? null;
-    this._drawn ??= requestAnimationFrame(() => this._draw());
+    chart.buffer.take(points, points.times[points.times.length - 1] - this.time.span);
+    this.time.from = points.trigger === undefined ? null : points.start ?? null;
+    this._drawSoon();
   }
+
+  /** With the next picture of the browser. */
+  _drawSoon() { this._drawn ??= requestAnimationFrame(() => this._draw()); }
 
   _draw() {
     this._drawn = null;
     const began = performance.now();
-    const last = this.chart.buffer.last;
-    if (this.view) this.chart.draw(this.view);
-    else if (this._from !== null) this.chart.draw([this._from, this._from + this.span]);
-    else if (last !== null) this.chart.draw([last - this.span, last]);
+    const range = this.time.between(this.chart.buffer.last);
+    if (range) this.chart.draw(range);
     queueMicrotask(() => {  // after uPlot's, which draws
       performance.measure("umo-scope", { start: began, end: performance.now() });
       performance.clearMeasures("umo-scope");
@@ -158,11 +143,12 @@ export class View {
 
   _onState() {
     this.legend.refresh();
-    if (this._hint.textContent === WAITING) setText(this._hint, this.trigger.hint);  // the run may have ended
+    this.bar.clockIsKnown(typeof this.feed.state?.utc === "number");
+    if (this.bar.hint === WAITING) this.bar.hint = this.trigger.hint;  // the run may have ended
     const marks = this._marks();
     if (marks.length === this.chart.marks.length && marks.at(-1)?.text === this.chart.marks.at(-1)?.text) return;
     this.chart.marks = marks;
-    if (this.view || this.feed.ended) this.chart.draw();
+    this._drawSoon();
   }
 
   _marks() { return marksOf(this.feed.events, this.feed.misses); }
@@ -171,75 +157,27 @@ export class View {
 
   /** Stand still, or go on. */
   pause() {
-    if (this.view) this.live();
-    else this._still(this.chart.range);
+    if (this.time.still) this.time.live();
+    else this.time.stand(this.chart.range);
   }
 
-  live() {
-    this.view = null;
-    this._from = null;
-    this._fillSpans();
-    this._subscribe();
+  /** Another stretch, or span, is shown. */
+  _changed() {
+    this.bar.fill(this.time.length);
+    if (this.time.still) this.chart.draw(this.time.still);
   }
 
-  /** @param {[number, number]} view */
-  _still([from, to]) {
-    const { start, stop } = this.feed.range();
-    const span = Math.min(Math.max(to - from, MIN_SPAN), Math.max(stop - start, MIN_SPAN));
-    const begin = Math.min(Math.max(from, start), Math.max(stop - span, start));
-    const was = this.view;
-    this.view = [begin, begin + span];
-    if (!was) this._subscribe();
-    this._fillSpans();
-    this.chart.draw(this.view);
-    this._settle(SETTLE_TIME);
-  }
-
-  /** Ask for the history of the view when it has not changed for a while. @param {number} wait */
-  _settle(wait) {
-    clearTimeout(this._settling);
-    this._settling = setTimeout(async () => {
-      if (!this.view || !this.paths.length) return;
-      const [start, stop] = this.view;
-      const chart = this.chart;
-      try {
-        const points = await this.feed.window({ paths: this.paths, start: start - 0.01 * (stop - start), stop: stop + 0.01 * (stop - start), width: chart.width });
-        if (chart !== this.chart || !this.view || this.view[0] !== start || this.view[1] !== stop) return;
-        chart.buffer.take({ ...points, from: -1 });
-        this._draw();
-      } catch (error) { setText(this._hint, String(error instanceof Error ? error.message : error)); }
-    }, wait);
-  }
-
-  /** @param {number} factor @param {number} share */
-  _zoom(factor, share) {
-    if (!this.view) {
-      this._spanned(Math.min(Math.max(Number((this.span * factor).toPrecision(3)), 0.01), 300));
-      return;
-    }
-    const [from, to] = this.view;
-    const middle = from + (to - from) * share;
-    this._still([middle - (middle - from) * factor, middle + (to - middle) * factor]);
-  }
-
-  /** @param {number} share */
-  _pan(share) {
-    const [from, to] = this.view ?? this.chart.range;
-    this._still([from + share * (to - from), to + share * (to - from)]);
-  }
-
-  /** @param {number} span */
-  _spanned(span) {
-    this.span = span;
-    address.set({ span: String(span) });
-    if (this.view) {
-      const middle = (this.view[0] + this.view[1]) / 2;
-      this._still([middle - span / 2, middle + span / 2]);
-      return;
-    }
-    this._fillSpans();
-    clearTimeout(this._settling);
-    this._settling = setTimeout(() => this._subscribe(), SETTLE_TIME);
+  /** The history of what stands still. @param {[number, number]} stretch */
+  async _fetch(stretch) {
+    const [start, stop] = stretch;
+    const chart = this.chart;
+    if (!this.paths.length) return;
+    try {
+      const points = await this.feed.window({ paths: this.paths, start: start - 0.01 * (stop - start), stop: stop + 0.01 * (stop - start), width: chart.width });
+      if (chart !== this.chart || this.time.still !== stretch) return;
+      chart.buffer.take({ ...points, from: -1 });
+      this._draw();
+    } catch (error) { this.bar.hint = String(error instanceof Error ? error.message : error); }
   }
 
   /** The cursors have changed by this. @param {() => void} act */
@@ -266,8 +204,8 @@ export class View {
 
   /** Where the mouse is: the time, and what happened there. @param {number | null} time */
   _hovered(time) {
-    const mark = time === null ? null : markAt(this.chart.marks, time, this.chart.pixel);
-    setText(this._hover, time === null ? "" : [this._moment(time), mark?.text].filter(Boolean).join(" · "));
+    const mark = time === null ? null : clusterAt(this.chart.clusters, time, this.chart.pixel);
+    setText(this._hover, time === null ? "" : [this._moment(time), ...(mark ? linesOf(mark) : [])].join(" · "));
   }
 
   /** @param {number} time */
@@ -276,16 +214,14 @@ export class View {
     return `${clockText(time, 4)}${clock && ` (${clock})`}`;
   }
 
-  _added() {
-    const path = this._add.value.trim();
+  /** @param {string} path */
+  _added(path) {
     const found = this.feed.entry(path) ? [path] : this.feed.entries.map((entry) => entry.path).filter((known) => known.startsWith(`${path}.`));
-    this._add.value = "";
-    if (!path) return;
-    if (!found.length) setText(this._hint, `no object or signal ${path}`);
+    if (!found.length) this.bar.hint = `no object or signal ${path}`;
     else this._show([...this.paths, ...found].slice(0, MAX_TRACES));
   }
 
-  // Measured values, files, keys -------------------------------------------------------------------------
+  // Measured values -------------------------------------------------------------------------------------
 
   async _measure() {
     const chart = this.chart;
@@ -298,42 +234,9 @@ export class View {
     } catch { /* the connection is being made again */ } finally { this._measuring = false; }
   }
 
-  async _picture() {
-    const [from, to] = this.chart.range;
-    const utc = this.feed.state?.utc;
-    const day = wallDay(utc, from);
-    const times = `${clockText(from)} to ${clockText(to)}${day && `, ${day} ${wallTime(utc, from)} to ${wallTime(utc, to)}`}`;
-    const picture = await this.chart.picture(`${this.feed.station}, ${times}`);
-    if (picture) save(`${this.feed.station}.png`, picture);
-  }
-
-  /** Every sample of the time shown, from the server straight into a file. */
-  _csv() {
-    const [start, stop] = this.chart.range;
-    const query = new URLSearchParams([...this.paths.map((path) => ["path", path]), ["start", String(start)], ["stop", String(stop)]]);
-    el("a", { href: `csv/${encodeURIComponent(this.feed.station ?? "")}?${query}`, download: `${this.feed.station}.csv` }).click();
-  }
-
-  /** @param {KeyboardEvent} event */
-  _key(event) {
-    const target = /** @type {Element} */ (event.target);
-    if (target.matches("input, select, textarea, button, [role=tab]") && event.key !== "Escape") return;
-    if (event.ctrlKey || event.metaKey || event.altKey) return;
-    /** @type {Record<string, () => void>} */
-    const acts = {
-      " ": () => this.pause(), "+": () => this._zoom(0.5, 0.5), "-": () => this._zoom(2, 0.5), Home: () => this.live(),
-      ArrowLeft: () => this._pan(-0.1), ArrowRight: () => this._pan(0.1), Escape: () => this._clear(),
-      a: () => this._setCursor(0), b: () => this._setCursor(1), ",": () => this._moveCursor(-CURSOR_STEP), ".": () => this._moveCursor(CURSOR_STEP),
-    };
-    const act = acts[event.key];
-    if (!act) return;
-    event.preventDefault();
-    act();
-  }
-
   close() {
     clearInterval(this._timer);
-    clearTimeout(this._settling);
+    this.time.close();
     if (this._drawn) cancelAnimationFrame(this._drawn);
     this._subscription?.close();
     for (const end of this._closing) end();

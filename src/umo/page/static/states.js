@@ -1,8 +1,9 @@
 /** The states of a part: its state in large letters, its commands, the diagram, and the counts of products. */
 
+import { CallLine } from "./calls.js";
 import { ActionControl } from "./controls.js";
 import { el, setText } from "./dom.js";
-import { numberText } from "./presentation.js";
+import { numberText, valueText } from "./presentation.js";
 
 /**
  * @typedef {import("./feed.js").Feed} Feed
@@ -15,8 +16,9 @@ const ROW = 58;
 const WIDTH = 96;
 const HEIGHT = 34;
 const IN_MANUAL = ["stop", "abort", "clear"];  // possible in manual mode too
-const APART = ["stop", "abort"];  // set apart from the others
+const WAYS_LEFT_OUT = ["stop", "abort"];  // they lead away from nearly every state
 const COUNTERS = ["produced", "rejected"];
+const OWN = ["state", "mode"];  // named values that have a place of their own
 
 /** @param {string} tag @param {Record<string, string | number>} attributes @param {(Node | string)[]} children @returns {SVGElement} */
 function svg(tag, attributes, ...children) {
@@ -38,7 +40,7 @@ class Diagram {
     const places = Object.values(unit.places);
     const [columns, rows] = [0, 1].map((axis) => Math.max(...places.map((place) => place[axis])) + 1);
     const [width, height] = [columns * COLUMN - COLUMN + WIDTH + 8, rows * ROW - ROW + HEIGHT + 8];
-    const named = Object.entries(unit.commands).filter(([name]) => !APART.includes(name)).flatMap(([, targets]) => Object.entries(targets));
+    const named = Object.entries(unit.commands).filter(([name]) => !WAYS_LEFT_OUT.includes(name)).flatMap(([, targets]) => Object.entries(targets));
     const ways = [...Object.entries(unit.acting), ...named].map(([from, to]) => this._way(unit.places[from], unit.places[String(to)]));
     const boxes = Object.entries(unit.places).map(([number, place]) => this._box(unit, number, place));
     this.element = svg("svg", { class: "diagram", viewBox: `0 0 ${width} ${height}`, role: "img" }, ...ways, ...boxes);
@@ -81,14 +83,17 @@ export class StatesPanel {
     this._state = el("output", { className: "state-name" });
     this._counts = el("span", { className: "counts" });
     this._reason = el("p", { className: "reasons" });
+    this._line = new CallLine("", Object.keys(unit.commands).map((each) => `${unit.path}.${each}`), { named: true });
+    this._named = (feed.description?.signals ?? []).filter(({ path, states }) => states && path.startsWith(`${unit.path}.`) && !OWN.includes(path.slice(unit.path.length + 1)));
     this._diagram = new Diagram(unit);
-    const apart = this._buttons.filter(({ dataset }) => APART.includes(dataset.command ?? ""));
+    const apart = this._buttons.filter(({ dataset }) => named.get(dataset.command ?? "")?.apart);
     const usual = this._buttons.filter((button) => !apart.includes(button));
     this.element = el("section", { className: "part states", "data-states": unit.path, "aria-label": unit.path },
       el("h3", { textContent: unit.part || unit.path }),
       el("div", { className: "state-head" }, this._state, this._counts),
       this._reason,
       el("div", { className: "commands", role: "group", "aria-label": `Commands of ${unit.path}` }, ...usual, el("span", { className: "apart" }, ...apart)),
+      this._line.element,
       this._diagram.element,
       el("details", {}, el("summary", { textContent: "Mode and counters" }), ...this._others.map(({ element }) => element)));
   }
@@ -105,18 +110,20 @@ export class StatesPanel {
     const value = feed.latest(`${path}.state`)?.value ?? null;
     const number = value === null ? "" : String(value);
     const name = states[number] ?? "unknown";
-    setText(this._state, feed.ended ? `${name} (last value)` : name);
+    setText(this._state, name);
     this._state.dataset.state = name;
     const fault = feed.state?.faults?.[part] ?? "";
     setText(this._reason, fault && `✖ in fault: ${fault}`);
     this._reason.title = fault;
-    setText(this._counts, COUNTERS.map((each) => `${numberText(feed.latest(`${path}.${each}`)?.value)} ${each}`).join(", "));
+    const counts = COUNTERS.map((each) => `${numberText(feed.latest(`${path}.${each}`)?.value)} ${each}`);
+    setText(this._counts, [...(feed.ended ? ["last values"] : []), ...this._named.map((entry) => `${entry.path.slice(path.length + 1)} ${valueText(entry, feed.latest(entry.path)?.value)}`), ...counts].join(", "));
+    this._line.refresh(feed, this._client);
     this._diagram.show(number, name);
     for (const button of this._buttons) {
       const command = button.dataset.command ?? "";
       const manual = this._client.manual && !IN_MANUAL.includes(command);
       button.disabled = !this._client.leased || manual || !(number in commands[command]);
     }
-    for (const each of this._others) each.refresh();
+    for (const each of this._others) each.refresh(feed);
   }
 }

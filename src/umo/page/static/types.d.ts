@@ -40,7 +40,7 @@ declare namespace Page {
     required?: boolean;
   }
 
-  interface Action { path: string; help: string; arguments: Argument[]; harmless: boolean; dead_man: boolean }
+  interface Action { path: string; help: string; arguments: Argument[]; harmless: boolean; apart: boolean; dead_man: boolean }
 
   /** A state machine (umo/operation): states, and where commands lead, by the numbers of states. */
   interface Unit {
@@ -53,6 +53,13 @@ declare namespace Page {
     places: Record<string, [number, number]>;
     acting: Record<string, number>;
     commands: Record<string, Record<string, number>>;
+  }
+
+  /** A book of recipes (umo/operation/recipe_book.py): what they consist of, and those that were read at the start. */
+  interface Book {
+    path: string;
+    fields: { name: string; unit?: string; look?: string; range?: string }[];
+    recipes: { name: string; hash: string; values: Record<string, unknown> }[];
   }
 
   /** An alarm that is not normal (umo/frames/alarm_list.py); what can be done with it. */
@@ -86,6 +93,7 @@ declare namespace Page {
     actions: Action[];
     tunables: Tunable[];
     units: Unit[];
+    books: Book[];
     /** Whether the machine has alarms. */
     alarms: boolean;
     twin: boolean;
@@ -143,6 +151,9 @@ declare namespace Page {
     start?: number;
   }
 
+  /** The least and the greatest values, by place in the entries. `full`: all that there are; `since`: s on the station's clock. */
+  interface Extremes { id: number; full: boolean; since: number | null; values: Record<number, [number, number]> }
+
   /** `command`: its number, which its events have too. */
   interface Answer { state: string; text: string; command?: number; lease?: number }
 
@@ -150,7 +161,10 @@ declare namespace Page {
   interface Trace { path: string; entry: Entry; index: number; colour: number }
 
   /** Something that happened, on the scope. */
-  interface Mark { time: number; kind: "command" | "mode" | "missed" | "guard"; text: string }
+  interface Mark { time: number; kind: "fault" | "alarm" | "missed" | "guard" | "command" | "mode" | "over" | "told"; text: string }
+
+  /** Marks that stand close together; `time`: of the first, `kind`: of the gravest. */
+  interface Cluster { time: number; marks: Mark[]; kind: Mark["kind"] }
 
   /** A value that moves a body, and how (umo/twin/declared.py). */
   interface Joint { kind: string; path: string; axis: [number, number, number]; factor: number; offset: number; range: [number, number] | null; anchor: [number, number, number] }

@@ -8,7 +8,7 @@ from umo.control import together, until
 from umo.errors import TimeExpired
 from umo.operation import ProcedureState
 
-from .batch_recipes import BatchRecipe, Name, in_words
+from .batch_recipes import Name, in_words
 from .control import BatchPlant, Making, Reactor
 from .errors import BatchesLost
 
@@ -51,7 +51,8 @@ async def work(m: BatchPlant, reactor: Reactor, plan: list[Name], patience: floa
     Returns why some were not made; empty if all were."""
     for number, planned in enumerate(plan):
         recipe = m.book.next(planned)
-        while not await made(reactor.unit, recipe):
+        reactor.unit.take(recipe, m.book.begun)
+        while not await made(reactor.unit):
             try:
                 await ready(reactor.unit, patience)
             except TimeExpired:
@@ -61,9 +62,8 @@ async def work(m: BatchPlant, reactor: Reactor, plan: list[Name], patience: floa
     return ""
 
 
-async def made(unit: Making, recipe: BatchRecipe) -> bool:
+async def made(unit: Making) -> bool:
     """Make one batch; False if the reactor failed, or was stopped."""
-    unit.recipe = recipe
     if unit.state is ProcedureState.IDLE:  # or an operator was quicker
         unit.start()
     await until(lambda: unit.state in ENDED)

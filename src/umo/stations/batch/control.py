@@ -6,18 +6,18 @@ awaits: if the line fails, the line is in fault, and so is the reactor whose bat
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import nan
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from umo import Compound, DigitalActuator, DigitalSensor, Interlock, Number
 from umo.alarms import Alarm, High, Priority
 from umo.control import Servo, Task, first, unless, until, value_of, wait
 from umo.errors import TimeExpired
 from umo.operation import Procedure, ProcedureState
-from umo.operation.recipe_book import RecipeBook
+from umo.operation.recipe_book import RecipeBook, recipe_names
 
-from .batch_recipes import FOLDER, STIRRING_TOLERANCE, BatchRecipe
+from .batch_recipes import BOOK, FOLDER, STIRRING_TOLERANCE, BatchRecipe
 from .charging import CLOSED, OPEN, ChargingLine, Valve, held_open
 from .errors import ChargingError, DrainingError, TemperatureError
 
@@ -31,9 +31,19 @@ class Making(Procedure):
     """It makes a batch of its recipe at each start. While it is paused or held, the reactor keeps its temperature, the
     valves are closed, and the charging line waits if it works for this reactor."""
 
+    numbers: ClassVar[Mapping[str, Number]] = {
+        **Procedure.numbers,
+        "making": Number(shown=True, names=recipe_names(BOOK, "nothing")),
+    }
     part: Reactor
     line: ChargingLine
     recipe: BatchRecipe
+    making = 0
+    """The number of its recipe (`RecipeBook.number_of`); 0: it has made nothing."""
+
+    def take(self, recipe: BatchRecipe, number: int) -> None:
+        """Make the next batch by this recipe, which has this number."""
+        self.recipe, self.making = recipe, number
 
     async def execute(self) -> None:
         await self.part.produce(self.recipe, self.line)

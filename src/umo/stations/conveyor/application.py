@@ -1,13 +1,24 @@
 """Sort parts by length."""
 
+from umo import Range
 from umo.control import until
-from umo.errors import RangeError
+from umo.errors import CommandRefused, RangeError, TimeExpired
+from umo.operation import PackMLState
 
-from .control import Conveyor, Part
+from .control import Conveyor, Lot
+from .errors import PartsLost
+
+STANDING = (PackMLState.STOPPED, PackMLState.IDLE, PackMLState.SUSPENDED, PackMLState.ABORTED)
+"""The states in which the sorter waits for an operator; in Held it does so because he has chosen that."""
 
 
 async def main(
-    m: Conveyor, parts: int = 10, speed: float = 0.3, nominal: float = 80.0, tolerance: float = 4.0
+    m: Conveyor,
+    parts: int = 10,
+    speed: float = 0.3,
+    nominal: float = 80.0,
+    tolerance: float = 4.0,
+    patience: float = 60.0,
 ) -> dict[str, object]:
     """Sort parts by length: those within the tolerance stay on the belt, the others are pushed onto the chute. Returns
     how many of each, and the lengths in mm.
@@ -17,24 +28,43 @@ async def main(
         speed: of the belt, m/s.
         nominal: length, mm.
         tolerance: largest deviation of an accepted part from it, mm.
+        patience: time in which an operator must have the sorter go on after a fault, a stop, or without parts, s.
 
-    RangeError if the belt moves by more than half of the tolerance in a period: a length is measured no better.
+    RangeError if the drive has no such speed, or the belt moves by more than half of the tolerance in a period: a
+    length is measured no better. PartsLost if not all parts were sorted.
     """
+    Range.of(m.sorter.belt.setpoint).check("speed", speed)
     step = 1000.0 * speed * m.cycle.period
     if not 0 < step <= tolerance / 2:
         raise RangeError(f"{speed:g} m/s is {step:g} mm in a period: it must be above 0, at most {tolerance / 2:g} mm")
     m.cycle.progress("waiting for the first part", done=0, total=parts)
-    m.begin(speed)
-    measured: list[Part] = []
-    for number in range(1, parts + 1):
-        part = await m.next_part()
-        part.accepted = abs(part.length - nominal) <= tolerance
-        measured.append(part)
-        m.cycle.progress(f"part {number} of {parts}: {part.length:.1f} mm", done=sum(each.gone for each in measured))
-    await until(lambda: all(part.gone for part in measured))
-    m.cycle.progress("stopping the belt", done=parts)
-    await m.belt.halt()
+    lot = m.sorter.lot = Lot(parts, speed, nominal, tolerance)
+    await start(m)
+    await complete(m, patience)
     m.cycle.progress("done")
-    accepted = sum(part.accepted for part in measured)
-    lengths = [round(part.length, 1) for part in measured]
-    return {"accepted": accepted, "rejected": parts - accepted, "lengths_mm": lengths}
+    accepted = sum(part.accepted for part in lot.measured)
+    lengths = [round(part.length, 1) for part in lot.measured]
+    return {"accepted": accepted, "rejected": lot.done - accepted, "lengths_mm": lengths}
+
+
+async def start(m: Conveyor) -> None:
+    """Reset and start the sorter, as an operator would. What refuses that is left to an operator."""
+    unit = m.sorter.unit
+    try:
+        unit.reset()
+        await until(lambda: unit.state is PackMLState.IDLE)
+        unit.start()
+    except CommandRefused as refused:
+        m.cycle.progress(str(refused))
+
+
+async def complete(m: Conveyor, patience: float) -> None:
+    """Wait until the sorter is complete. PartsLost if it stands for longer than `patience` in s."""
+    unit, lot = m.sorter.unit, m.sorter.lot
+    while unit.state is not PackMLState.COMPLETE:
+        await until(lambda: unit.state in (*STANDING, PackMLState.COMPLETE))
+        try:
+            await until(lambda: unit.state not in STANDING, timeout=patience)
+        except TimeExpired:
+            left = f"{lot.parts - lot.done} of {lot.parts} parts were not sorted"
+            raise PartsLost(f"{m.sorter.cause} ({left})") from None

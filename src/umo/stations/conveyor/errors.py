@@ -1,4 +1,7 @@
-"""Errors that can end a run of the conveyor, besides those of its devices."""
+"""Errors of the conveyor, besides those of its devices.
+
+PartsLost ends a run; the others put the sorter in fault.
+"""
 
 from umo.errors import TaskFailed
 
@@ -21,3 +24,7 @@ class DriveError(TaskFailed):
 
 class EmergencyStop(TaskFailed):
     """The emergency stop was pressed."""
+
+
+class PartsLost(TaskFailed):
+    """Nobody went on in time after a fault, a stop, or without parts: not all parts were sorted."""

@@ -1,0 +1,54 @@
+"""The least and the greatest values of a run's objects and signals, since somebody began to follow them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from umo.frames.reader import Frames
+from umo.objects import Quality
+
+MEASURED = Quality.OUT_OF_RANGE
+"""The worst quality of values that count: what was held, never referenced or never read is no measurement."""
+
+
+class Extremes:
+    """Of so many objects, then signals. NaN: there was no value."""
+
+    def __init__(self, objects: int, signals: int) -> None:
+        self.least = np.full(objects + signals, np.nan)
+        self.greatest = self.least.copy()
+        self.since: float | None = None
+        """Time of the first frame, s on the cycle's clock; None: there was none."""
+
+    def add(self, frames: Frames) -> None:
+        """Frames with at least one in them."""
+        if self.since is None:
+            self.since = float(frames["time"][0])
+        values = np.concatenate([frames["values"], frames["signals"]], axis=1)
+        values[:, : frames["quality"].shape[1]][frames["quality"] > MEASURED] = np.nan
+        values[np.isinf(values)] = np.nan
+        self.least = np.fmin(self.least, np.fmin.reduce(values, axis=0))
+        self.greatest = np.fmax(self.greatest, np.fmax.reduce(values, axis=0))
+
+
+class ExtremesNews:
+    """What one page has not been told yet of these extremes. `id`: the page's number for it."""
+
+    def __init__(self, id: int, extremes: Extremes) -> None:
+        self.id = id
+        self.extremes = extremes
+        self._least = self._greatest = np.full(len(extremes.least), np.nan)
+        self._full = True
+
+    def next(self) -> dict[str, Any] | None:
+        """Message with the extremes that have changed since the last one, by place; None: none has."""
+        least, greatest = self.extremes.least, self.extremes.greatest
+        same = (least == self._least) & (greatest == self._greatest) | np.isnan(least)
+        places = np.flatnonzero(~same).tolist()
+        if not places and not self._full:
+            return None
+        told = {"type": "extremes", "id": self.id, "full": self._full, "since": self.extremes.since}
+        self._least, self._greatest, self._full = least, greatest, False
+        return told | {"values": {place: [least[place], greatest[place]] for place in places}}
