@@ -22,6 +22,7 @@ from umo.cli.run_folder import RunSummary, TraceFile
 from umo.cycle.stage import Progress
 from umo.cycle.trace import Statistics, Trace
 from umo.latency import blackbox
+from umo.process.outcome import Failed, Outcome
 from umo.system.processes import identity
 
 Umo = Callable[..., Result]
@@ -314,3 +315,11 @@ def test_black_boxes_that_were_never_finished_do_not_pile_up(tmp_path: Path) -> 
     os.utime(old, (0, 0))
     blackbox.thin(tmp_path)
     assert list(tmp_path.iterdir()) == [new]
+
+
+@pytest.mark.parametrize("stopped", [None, 15])
+def test_a_record_that_is_not_whole_has_its_status_after_a_stop_too(stopped: int | None) -> None:
+    outcome = Outcome(stopped_by=stopped, unkept="no space")
+    assert outcome.status == 4
+    assert Outcome(stopped_by=15).status == 143
+    assert Outcome(failure=Failed("Error", "x", 1), unkept="no space").status == 1

@@ -31,18 +31,18 @@ def row(page: Any, path: str) -> Any:
 def test_an_actuator_is_written_from_its_row_under_the_lease(page: Any, tmp_path: Path) -> None:
     with started(tmp_path) as station, serving() as served:
         page.goto(served.url + "#view=machine&write=1")
-        written = row(page, "belt.setpoint")
+        written = row(page, "sorter.belt.setpoint")
         assert written.get_by_role("button", name="Set", exact=True).is_disabled()
         page.get_by_label("Your name").fill("Ann")
         page.get_by_role("button", name="Take the lease").click()
         page.get_by_text("You have the lease.").wait_for()
         written.locator('input[type="number"]').fill("0.1")
         written.get_by_role("button", name="Set", exact=True).click()
-        eventually(lambda: station.belt.setpoint.read() > 0.09)
+        eventually(lambda: station.sorter.belt.setpoint.read() > 0.09)
         written.get_by_text("by client: Ann").wait_for()
-        row(page, "diverter").get_by_role("button", name="ON").click()
-        row(page, "diverter").locator('[data-state="ON"][aria-pressed="true"]').wait_for()
-        assert station.diverter.read() == "ON"
+        row(page, "sorter.diverter").get_by_role("button", name="ON").click()
+        row(page, "sorter.diverter").locator('[data-state="ON"][aria-pressed="true"]').wait_for()
+        assert station.sorter.diverter.read() == "ON"
         before = written.bounding_box()
         written.locator('input[type="number"]').fill("99")
         written.locator('input[type="number"]').press("Enter")
@@ -50,7 +50,7 @@ def test_an_actuator_is_written_from_its_row_under_the_lease(page: Any, tmp_path
         assert "99 m/s is outside" in written.inner_text()
         assert written.bounding_box() == before  # nothing moves
         written.get_by_role("button", name="Release").click()
-        eventually(lambda: station.belt.setpoint.read() == 0.0)
+        eventually(lambda: station.sorter.belt.setpoint.read() == 0.0)
 
 
 def test_the_rows_of_a_read_only_page_cannot_be_written(page: Any) -> None:

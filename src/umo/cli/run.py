@@ -94,8 +94,9 @@ def run_station(job: Job, record: Record = Record(), *, full_traceback: bool = F
                 complete &= parts.complete
             _leave_behind(folder, result, trace, title)
             complete &= folder.complete
-    status = result.outcome.status
-    return status if complete or status not in (ExitStatus.DONE, ExitStatus.TIME_OVER) else ExitStatus.NOT_RECORDED
+    outcome = result.outcome
+    ended_well = outcome.failure is None and not outcome.unreached
+    return ExitStatus.NOT_RECORDED if ended_well and not complete else outcome.status
 
 
 def _make_room(plan: Plan, record: Record) -> None:

@@ -73,7 +73,8 @@ class PageClient:
 
     def _named(self, name: str) -> str:
         given = printable(" ".join(name.split()))[:MAX_NAME_LENGTH]
-        return f"{given or user_name()} (page, {self._address})"
+        proved = "" if self._roles is None else ", unverified"
+        return f"{given or user_name()}{proved} (page, {self._address})"
 
     # Commands ------------------------------------------------------------------------------------------
 

@@ -92,10 +92,10 @@ class Outcome:
             return ExitStatus.UNREACHED
         if self.failure is not None:
             return self.failure.status
-        if self.stopped_by is not None:
-            return 128 + self.stopped_by
         if self.unkept:
             return ExitStatus.NOT_RECORDED
+        if self.stopped_by is not None:
+            return 128 + self.stopped_by
         return ExitStatus.TIME_OVER if self.time_over else ExitStatus.DONE
 
     @property
