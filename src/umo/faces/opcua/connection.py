@@ -25,6 +25,8 @@ KEEP_ALIVE = ((socket.TCP_KEEPIDLE, 1), (socket.TCP_KEEPINTVL, 1), (socket.TCP_K
 """A computer that does not answer any more is noticed after 4 s, in s and tries."""
 UNSENT_TIMEOUT = 5_000
 """Time in ms after which a computer that does not take what was sent is gone."""
+REFRESH_SEVERITY = 100
+"""Of the events around a ConditionRefresh."""
 ADDITIONAL_INFO = 0x80
 """Bit of `ReturnDiagnostics`: words of the results of single operations (OPC 10000-4, 7.32)."""
 
@@ -65,6 +67,7 @@ class Services(InternalServer):
         self.write, self.call = write, call
         self.is_trusted, self.only_secured = is_trusted, only_secured
         self.answering: set[asyncio.Task[None]] = set()
+        self.bind_condition_methods = REFRESH_SEVERITY
         limits.limit(self)
 
     def create_session(self, name: Any, user: Any = None, external: bool = False) -> Session:

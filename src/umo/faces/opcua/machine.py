@@ -29,14 +29,15 @@ COMMANDS: tuple[tuple[str, str, tuple[ua.Argument, ...], str], ...] = (
 )
 """Methods of the machine: name, command, arguments, meaning."""
 ALARM_COMMANDS: tuple[tuple[str, str, tuple[ua.Argument, ...], str], ...] = (
-    ("Acknowledge", "acknowledge alarm", (), "Acknowledge it."),
     ("Reset", "reset alarm", (), "Reset it, if it is latched."),
     ("Shelve", "shelve", (argument("Time", O.Double, "s"),), "Put it away for a time."),
     ("Unshelve", "unshelve", (), "Bring it back."),
     ("RemoveFromService", "remove from service", (), "Put it away for maintenance."),
     ("ReturnToService", "return to service", (), "Bring it back."),
 )
-"""Methods of each alarm."""
+"""Methods of each alarm, beside the Acknowledge of the standard."""
+EVENT = (argument("EventId", O.ByteString, "of the event that is acknowledged; nothing: of the last one"),)
+COMMENT = (argument("Comment", O.LocalizedText, "is not kept"),)
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,10 @@ class MachineNodes:
         self.methods: dict[ua.NodeId, Called] = {}
         self.alarms: dict[str, ua.NodeId] = {}
         """The object of each alarm."""
+        self.acknowledging: dict[ua.NodeId, str] = {}
+        """The alarm that each method Acknowledge is for."""
+        self.by_path: dict[str, ua.NodeId] = {}
+        """Objects, parts, signals by their paths."""
         self.root = tree.object(machines, "machine", machine.station, reference=O.Organizes, description=machine.wiring)
         self._parts: dict[str, ua.NodeId] = {"": self.root}
         self.refusal = tree.variable(
@@ -83,7 +88,12 @@ class MachineNodes:
         if path not in self._parts:
             above, _, name = path.rpartition(".")
             self._parts[path] = self._tree.object(self.part(above), f"part:{path}", name)
+            self.by_path.setdefault(path, self._parts[path])
         return self._parts[path]
+
+    def alarm_of(self, node: ua.NodeId) -> str | None:
+        """The alarm whose object this is; None: of none."""
+        return next((path for path, each in self.alarms.items() if each == node), None)
 
     # Items -------------------------------------------------------------------------------------------------
 
@@ -92,6 +102,8 @@ class MachineNodes:
         node = (self._state if item.states else self._number)(parent, name, item)
         self.nodes.append(node)
         self.values.append(self._tree.value_of(node))
+        if item.name == item.path:
+            self.by_path[item.path] = node
         if item.writable:
             self.writable[node] = item
 
@@ -146,6 +158,11 @@ class MachineNodes:
         about = f"{item.about.get('text', '')} (priority {item.about.get('priority', '')})"
         node = self._tree.object(self.part("Alarms"), f"condition:{item.path}", item.path, description=about)
         self.alarms[item.path] = node
+        given = (*EVENT, *COMMENT)
+        method = self._tree.method(
+            node, f"condition:{item.path}/Acknowledge", "Acknowledge", given, own=0, description="Acknowledge it."
+        )
+        self.acknowledging[method] = item.path
         for command in ALARM_COMMANDS:
             self._add_command(node, f"condition:{item.path}/{command[0]}", command, item.path)
         return node

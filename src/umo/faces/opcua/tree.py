@@ -124,9 +124,10 @@ class Tree:
         description: str = "",
     ) -> ua.NodeId:
         """`kind`: the type; `own`: the namespace of its name, if that is another; `reference`: from its parent."""
-        while (parent, name) in self._names:
+        names = self._names
+        while (parent, name) in names:
             name += "_"
-        self._names.add((parent, name))
+        names.add((parent, name))
         item = ua.AddNodesItem()
         item.RequestedNewNodeId, item.ParentNodeId = self.id(text), parent
         item.BrowseName = ua.QualifiedName(name, self.namespace if own is None else own)

@@ -73,6 +73,13 @@ def data_value(item: Item, changes: Changes) -> ua.DataValue:
     return ua.DataValue(variant_of(item, value), status, time, moment(changes.utc))
 
 
+def state_text(item: Item, value: ua.DataValue) -> ua.DataValue:
+    """ValueAsText of a value."""
+    number = None if value.Value is None else value.Value.Value
+    text = ua.LocalizedText("" if number is None else item.states.get(number, str(number)))
+    return ua.DataValue(ua.Variant(text), value.StatusCode, value.SourceTimestamp, value.ServerTimestamp)
+
+
 def given(item: Item, value: ua.Variant | None) -> Any:
     """What a client writes, as the machine's commands take it: a number, or the name of a state. StateError for another
     type."""
