@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 import umo
+from helpers.axis_rig import Machine, index_pulse, machine, run, wiring
 from helpers.slide import INDEX, Slide, encoder, servo
-from test_axis import Machine, index_pulse, machine, run, wiring
 from umo import published
 from umo.control import ServoAxis, next_period, wait
 from umo.control.axis_state import AxisState

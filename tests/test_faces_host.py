@@ -8,13 +8,15 @@ from typing import Any
 
 import pytest
 
-from helpers.faced import Phase, Recorder, hosted, live, until
+from helpers.faced import Recorder, hosted
 from umo import Quality
 from umo.cycle.client_commands import Mode
 from umo.errors import CommandRefused, OptionError, RangeError, TaskFailed
-from umo.faces.contract import User
-from umo.faces.declaration import Kind
-from umo.faces.image import ChangeFilter
+from umo.faces.face import User
+from umo.faces.face_declaration import ItemKind
+from umo.faces.face_image import ChangeFilter
+from umo.testing.faces import TriedMachine
+from umo.testing.faces.tried_machine import Phase, until
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux")
 ANN = User("ann", proved=True, is_remote=False, is_alive=lambda: True)
@@ -30,12 +32,12 @@ def folders(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_face_is_told_the_declaration_then_everything_then_changes_then_the_end() -> None:
     async def work() -> None:
         face = Recorder()
-        async with live() as rig, hosted(rig, face):
+        async with TriedMachine() as rig, hosted(rig, face):
             await until(lambda: face.told)
             assert face.machine is not None
             items = face.machine.by_name
             assert (items["cell.level"].kind, items["cell.level"].unit, items["cell.level"].maximum) == (
-                Kind.SENSOR, "mm", 100.0,
+                ItemKind.SENSOR, "mm", 100.0,
             )  # fmt: skip
             assert items["cell.limit"].states == {0: "PASS", 1: "FAIL"}
             assert items["cell.phase"].states == {phase.value: phase.name.lower() for phase in Phase}
@@ -58,7 +60,7 @@ def test_a_face_is_told_the_declaration_then_everything_then_changes_then_the_en
 def test_a_value_that_the_device_does_not_give_is_stale_with_the_time_of_the_last_one() -> None:
     async def work() -> None:
         face = Recorder()
-        async with live() as rig, hosted(rig, face):
+        async with TriedMachine() as rig, hosted(rig, face):
             await until(lambda: face.told)
             assert face.machine is not None
             place = face.machine.by_name["cell.level"].number
@@ -78,11 +80,11 @@ def test_a_silent_machine_makes_every_value_stale_until_it_speaks_again(monkeypa
 
     async def work() -> None:
         face = Recorder()
-        async with live() as rig, hosted(rig, face):
+        async with TriedMachine() as rig, hosted(rig, face):
             await until(lambda: face.told and face.quality("cell.level") == Quality.GOOD)
-            rig.running = False
+            rig.goes_on = False
             await until(lambda: min(face.told[-1].quality) >= Quality.STALE)
-            rig.running = True
+            rig.goes_on = True
             await until(lambda: face.quality("cell.level") == Quality.GOOD)
 
     asyncio.run(work())
@@ -99,7 +101,7 @@ def test_a_face_that_fails_is_told_begins_again_and_disturbs_no_other(monkeypatc
 
     async def work() -> None:
         face, broken = Recorder(), Broken()
-        async with live() as rig, hosted(rig, face, broken) as said:
+        async with TriedMachine() as rig, hosted(rig, face, broken) as said:
             await until(lambda: broken.calls.count("begin") == 3)
             assert broken.calls[:3] == ["begin", "frames", "end"]
             assert any("broken has failed" in text and "it is broken" in text for text in said)
@@ -121,7 +123,7 @@ def test_a_slow_face_gets_fewer_calls_with_the_last_values() -> None:
     async def work() -> None:
         face, slow = Recorder(), Slow()
         slow.gate = asyncio.Event()
-        async with live() as rig, hosted(rig, face, slow):
+        async with TriedMachine() as rig, hosted(rig, face, slow):
             await until(lambda: slow.told)
             for raw in range(2, 40, 2):
                 rig.set("cell.level", raw)
@@ -137,7 +139,7 @@ def test_a_slow_face_gets_fewer_calls_with_the_last_values() -> None:
 def test_a_number_within_its_dead_band_is_not_told() -> None:
     async def work() -> None:
         face = Recorder()
-        async with live() as rig, hosted(rig, face, dead_bands={"cell.level": 2.0}):
+        async with TriedMachine() as rig, hosted(rig, face, dead_bands={"cell.level": 2.0}):
             await until(lambda: face.told and face.value("cell.level") == 10.0)
             assert face.machine is not None
             place = face.machine.by_name["cell.level"].number
@@ -154,7 +156,7 @@ def test_a_number_within_its_dead_band_is_not_told() -> None:
 def test_a_dead_band_of_no_number_is_refused() -> None:
     async def work() -> None:
         face = Recorder()
-        async with live() as rig, hosted(rig, face):
+        async with TriedMachine() as rig, hosted(rig, face):
             await until(lambda: face.machine)
             with pytest.raises(OptionError, match=r"dead band: 'cell.limit' is no number"):
                 ChangeFilter(None, face.machine, {"cell.limit": 1.0})  # type: ignore[arg-type]
@@ -170,7 +172,7 @@ def commanded(*steps: Any, mode: Mode = Mode.AUTOMATIC, **more: Any) -> None:
 
     async def work() -> None:
         face = Recorder()
-        async with live(mode) as rig, hosted(rig, face, **more):
+        async with TriedMachine(mode) as rig, hosted(rig, face, **more):
             await until(lambda: face.told)
             for step in steps:
                 await step(rig, face)
@@ -212,10 +214,8 @@ def test_a_write_is_held_while_its_client_lives_and_let_go_of_when_it_has_gone()
 
     async def step(rig: Any, face: Recorder) -> None:
         await face.commands.ask(user, "write", "cell.valve", value=5.0)
-        start = rig.connection.machine.clock.number
-        await until(
-            lambda: rig.connection.machine.clock.number > start + 150
-        )  # 0.75 s at least: beyond the dead-man time
+        start = rig.number
+        await until(lambda: rig.number > start + 150)  # 0.75 s at least: beyond the dead-man time
         assert rig.m.cell.valve.read() == 5.0
         alive[0] = False
         await until(lambda: rig.m.cell.valve.read() == 0.0)

@@ -11,8 +11,8 @@ import pytest
 
 from helpers.mirror import Mirror, MirrorClient
 from umo import Quality
-from umo.faces.contract import User
-from umo.testing.faces import RULES, Subject, try_rule
+from umo.faces.face import User
+from umo.testing.faces import RULES, TriedFace, try_rule
 from umo.testing.faces.client import Grade
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux")
@@ -30,7 +30,7 @@ async def client(face: Any, user: str) -> MirrorClient:
 
 @pytest.mark.parametrize("name", RULES)
 def test_a_face_that_keeps_the_contract_passes(name: str) -> None:
-    assert asyncio.run(try_rule(Subject("mirror", Mirror, client), RULES[name])) in (None, "")
+    assert asyncio.run(try_rule(TriedFace("mirror", Mirror, client), RULES[name])) in (None, "")
 
 
 class Frozen(Mirror):
@@ -106,7 +106,7 @@ class Swallows(Mirror):
     """It tells no refusal."""
 
     async def begin(self, machine: Any, commands: Any) -> None:
-        class Kind:
+        class ItemKind:
             async def ask(self, *given: Any, **more: Any) -> Any:
                 from umo.errors import UmoError
 
@@ -115,7 +115,7 @@ class Swallows(Mirror):
                 except UmoError:
                     return None
 
-        await super().begin(machine, Kind())
+        await super().begin(machine, ItemKind())
 
 
 class Nobody(Mirror):
@@ -158,7 +158,7 @@ BROKEN: dict[type[Mirror], str] = {
 
 @pytest.mark.parametrize("face", BROKEN, ids=lambda face: face.__name__)
 def test_a_broken_face_is_caught_in_words(face: type[Mirror], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("umo.testing.faces.rules.TOLD_WITHIN", 0.3)
-    found = asyncio.run(try_rule(Subject("broken", face, client), RULES[BROKEN[face]]))
+    monkeypatch.setattr("umo.testing.faces.face_rules.TOLD_WITHIN", 0.3)
+    found = asyncio.run(try_rule(TriedFace("broken", face, client), RULES[BROKEN[face]]))
     assert found
     assert RULES[BROKEN[face]].sentence in found

@@ -1,16 +1,35 @@
-"""A face that notes what it is told."""
+"""A host in this process, and a face that notes what it is told."""
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from typing import Any
 
-from umo.faces.contract import Changes, Commands, Face
-from umo.faces.declaration import Declaration
+from umo.faces.face import Changes, Commands, Face
+from umo.faces.face_declaration import Declaration
+from umo.faces.host import FaceHost
 from umo.frames.reader import NumberedEvent
+from umo.testing.faces import TriedMachine
+
+
+@asynccontextmanager
+async def hosted(machine: TriedMachine, *faces: Face, read_only: bool = False, **more: Any) -> AsyncIterator[list[str]]:
+    """A host with these faces; what it says."""
+    said: list[str] = []
+    named = [(type(face).__name__.lower(), face) for face in faces]
+    host = FaceHost(None, named, rate=100.0, read_only=read_only, say=said.append, find=machine.find, **more)
+    serving = asyncio.create_task(host.run())
+    try:
+        yield said
+    finally:
+        serving.cancel()
+        await asyncio.gather(serving, return_exceptions=True)
 
 
 class Recorder(Face):
-    """A face that notes what it is told."""
+    """A host in this process, and a face that notes what it is told."""
 
     proves_users = True
 

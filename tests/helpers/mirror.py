@@ -8,9 +8,9 @@ from typing import Any
 
 from umo import Quality
 from umo.errors import UmoError
-from umo.faces.contract import Changes, Face, User
-from umo.faces.declaration import Declaration
-from umo.testing.faces import ForeignClient, Refused, Seen
+from umo.faces.face import Changes, Face, User
+from umo.faces.face_declaration import Declaration
+from umo.testing.faces import ForeignClient, RefusedByFace, Seen
 from umo.testing.faces.client import Grade
 
 NOTHING = Seen(None, Grade.NONE)
@@ -69,7 +69,7 @@ class MirrorClient(ForeignClient):
         try:
             return await self._face.commands.ask(self.user, do, path, **more)
         except UmoError as error:
-            raise Refused(str(error)) from None
+            raise RefusedByFace(str(error)) from None
 
     async def tune(self, path: str, value: Any) -> None:
         await self.ask("tune", path, value=value)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol, cast
 
-if TYPE_CHECKING:
-    from umo.control.axis import Axis
+from umo.control.profile import Profile
+from umo.objects import DigitalSensor, Node
+from umo.objects.link import Machine
 
 
 class AxisState(IntEnum):
@@ -27,6 +28,26 @@ class AxisState(IntEnum):
     """It, or the equipment around it, is in fault."""
 
 
+class DescribedAxis(Protocol):
+    """An axis (`umo.control.Axis`), as far as it is described here."""
+
+    encoder: DigitalSensor
+    profile: Profile
+    velocity: float
+    acceleration: float
+    jerk: float
+    window: float
+    homing: Any
+    enabled: bool
+    _motion: str | None
+
+    @property
+    def _path(self) -> str: ...
+
+    @property
+    def _machine(self) -> Machine: ...
+
+
 MOTIONS = {
     "home": AxisState.HOMING,
     "move_to": AxisState.DISCRETE_MOTION,
@@ -35,8 +56,8 @@ MOTIONS = {
 """The state in which an axis carries out each motion."""
 
 
-def state_of(axis: Axis) -> AxisState:
-    if axis._machine.fault_of(axis) is not None:
+def state_of(axis: DescribedAxis) -> AxisState:
+    if axis._machine.fault_of(cast(Node, axis)) is not None:
         return AxisState.ERROR_STOP
     if not axis.enabled:
         return AxisState.DISABLED
@@ -45,7 +66,7 @@ def state_of(axis: Axis) -> AxisState:
     return AxisState.STANDSTILL if axis.profile.done else AxisState.STOPPING
 
 
-def described(axis: Axis) -> Mapping[str, Any]:
+def described(axis: DescribedAxis) -> Mapping[str, Any]:
     """As plain data: its states, the paths of what belongs to it, its limits in units of the encoder and s."""
     path, encoder = axis._path, axis.encoder
     return {

@@ -15,7 +15,7 @@ from typing import Any
 from umo.cycle.client_commands import DEAD_MAN_TIME
 from umo.cycle.events import CommandState, Event
 from umo.errors import CommandRefused, FramesError, UmoError
-from umo.faces.contract import User
+from umo.faces.face import User
 from umo.frames import Reader
 from umo.frames.client_memory import LEASE
 from umo.remote.commander import SIGNS_OF_LIFE, Answers, Commander, error_of
@@ -58,7 +58,7 @@ class Gateway:
     # Commands ------------------------------------------------------------------------------------------
 
     async def ask(self, user: User, do: str, path: str = "", **more: Any) -> Any:
-        """Carry out a command; its result when it has ended (`umo.faces.contract.Commands`)."""
+        """Carry out a command; its result when it has ended (`umo.faces.face.Commands`)."""
         if (refusal := self._refusal(user, do, path)) is not None:
             raise CommandRefused(refusal)
         who = f"{self._named(user)} ({self._face})"

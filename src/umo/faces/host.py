@@ -1,6 +1,6 @@
 """The host of faces: finds the run of a station, reads its frames, and calls each face with what is new.
 
-    host = Host("ztheta", [("prometheus", Prometheus(port=9464))])
+    host = FaceHost("ztheta", [("prometheus", Prometheus(port=9464))])
     asyncio.run(host.run())
 
 One look reads all that is new for all faces. Each face has a task of its own, which is given what has changed since its
@@ -20,10 +20,10 @@ from types import MappingProxyType
 
 from umo.cycle.stage import Stage
 from umo.errors import FramesError, UmoError, text_of
-from umo.faces.contract import Face
-from umo.faces.declaration import Declaration, declaration_of
+from umo.faces.face import Face
+from umo.faces.face_declaration import Declaration, declaration_of
+from umo.faces.face_image import ChangeFilter, FaceImage
 from umo.faces.gateway import Gateway
-from umo.faces.image import ChangeFilter, FaceImage
 from umo.frames import Reader
 from umo.frames.reader import SILENCE
 from umo.remote.search import find_running
@@ -53,7 +53,7 @@ class Run:
     looked: asyncio.Event = field(default_factory=asyncio.Event)
 
 
-class Host:
+class FaceHost:
     """`faces`: each with its name. `station`: name, folder or pid; None: the only one. `read_only`: no commands."""
 
     def __init__(
@@ -66,10 +66,12 @@ class Host:
         dead_bands: Mapping[str, float] = MappingProxyType({}),
         say: Callable[[str], object] = log.info,
         find: Find | None = None,
+        opened: Callable[[], object] = lambda: None,
     ) -> None:
+        """`opened` is called when every face can be reached."""
         self._find: Find = (lambda: find_running(station)) if find is None else find
         self._faces, self._interval, self._read_only = faces, 1.0 / rate, read_only
-        self._dead_bands, self._say = dead_bands, say
+        self._dead_bands, self._say, self._opened = dead_bands, say, opened
         self.told = 0
         """Number of calls of `frames` so far, of all faces."""
         self._run: Run | None = None
@@ -82,6 +84,7 @@ class Host:
             for _, face in self._faces:
                 await face.open()
                 opened.append(face)
+            self._opened()
             tasks = [asyncio.create_task(self._serve(name, face)) for name, face in self._faces]
             try:
                 await self._look()

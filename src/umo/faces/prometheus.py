@@ -13,9 +13,9 @@ from prometheus_client import CollectorRegistry, make_asgi_app
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from umo.faces.contract import Changes, Commands, Face
-from umo.faces.declaration import Declaration, Kind
 from umo.faces.endpoint import Endpoint
+from umo.faces.face import Changes, Commands, Face
+from umo.faces.face_declaration import Declaration, ItemKind
 from umo.objects import Quality
 
 PORT = 9464
@@ -23,12 +23,12 @@ MAX_CLIENTS = 16
 """Connections at once at most; others are refused with status 503."""
 IDLE_TIMEOUT = 5
 """Time in s for which an idle connection is kept."""
-NUMBERS = (Kind.SENSOR, Kind.ACTUATOR, Kind.SIGNAL, Kind.TUNABLE)
+NUMBERS = (ItemKind.SENSOR, ItemKind.ACTUATOR, ItemKind.SIGNAL, ItemKind.TUNABLE)
 FRESH = Quality.UNREFERENCED
 """The worst quality with which a value is told. A value that is STALE or BAD is left out."""
 
 
-class Server(uvicorn.Server):
+class MetricsServer(uvicorn.Server):
     """Leaves the signals of the process alone."""
 
     @contextmanager
@@ -53,10 +53,8 @@ class Prometheus(Face):
     ) -> None:
         self._endpoint = Endpoint(host, port, certificate, clients)
         self._metrics = Metrics()
-        self._server: Server | None = None
+        self._server: MetricsServer | None = None
         self._serving: asyncio.Task[None] | None = None
-        self.address = ""
-        """Where it is reached."""
 
     async def open(self) -> None:
         registry = CollectorRegistry()
@@ -71,7 +69,7 @@ class Prometheus(Face):
         config.ssl = context
         listening = self._endpoint.listening()
         self.address = f"http{'s' if context else ''}://{self._endpoint.host}:{listening.getsockname()[1]}/metrics"
-        self._server = Server(config)
+        self._server = MetricsServer(config)
         self._serving = asyncio.create_task(self._server.serve([listening]))
 
     async def begin(self, machine: Declaration, commands: Commands) -> None:
@@ -112,7 +110,7 @@ class Metrics(Collector):
 
 def _run_metrics(machine: Declaration, changes: Changes) -> Iterator[Metric]:
     """Periods, missed ones, latency, the age of the last period."""
-    values = {item.path: float(changes.values[item.number]) for item in machine.of_kind(Kind.RUN)}
+    values = {item.path: float(changes.values[item.number]) for item in machine.of_kind(ItemKind.RUN)}
     counters = {
         "periods": "Periods since connecting.",
         "missed": "Periods that were missed.",
@@ -145,9 +143,9 @@ def _value_metrics(machine: Declaration, changes: Changes) -> Iterator[Metric]:
     for item in machine.items:
         number = float(changes.values[item.number])
         grade = int(changes.quality[item.number])
-        if item.kind in (Kind.SENSOR, Kind.ACTUATOR):
+        if item.kind in (ItemKind.SENSOR, ItemKind.ACTUATOR):
             quality.add_metric([machine.station, item.path], grade)
-        if grade > FRESH or isnan(number) or (item.kind is Kind.RUN and not item.states):
+        if grade > FRESH or isnan(number) or (item.kind is ItemKind.RUN and not item.states):
             continue
         about = [machine.station, item.path, item.kind.value]
         if item.states:

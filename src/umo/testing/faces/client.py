@@ -9,7 +9,7 @@ from enum import Enum
 from typing import Any
 
 
-class Refused(Exception):
+class RefusedByFace(Exception):
     """What the client was answered instead of a result, with the words that its user sees."""
 
 
@@ -41,7 +41,7 @@ class Seen:
 
 class ForeignClient(ABC):
     """A client of another project, connected to the server of the face. Items have the names of
-    `umo.faces.declaration.Item.name`: `cell.level`, `tunable:cell.gain`, `alarm:cell.full`."""
+    `umo.faces.face_declaration.FaceItem.name`: `cell.level`, `tunable:cell.gain`, `alarm:cell.full`."""
 
     has_times = True
     """Whether values have times."""
@@ -53,19 +53,19 @@ class ForeignClient(ABC):
         """What the client sees of an item now. An item that it does not see is `Seen(None, Grade.NONE)`."""
 
     async def tune(self, path: str, value: Any) -> None:
-        """Set a tunable number; Refused."""
+        """Set a tunable number; RefusedByFace."""
         raise NotImplementedError
 
     async def write(self, path: str, value: Any) -> None:
-        """Write an actuator, and hold it while this client lives; Refused."""
+        """Write an actuator, and hold it while this client lives; RefusedByFace."""
         raise NotImplementedError
 
     async def call(self, path: str, arguments: Mapping[str, Any]) -> Any:
-        """Call an action, and wait for its result; Refused."""
+        """Call an action, and wait for its result; RefusedByFace."""
         raise NotImplementedError
 
     async def mode(self, mode: str) -> None:
-        """Change the mode; Refused."""
+        """Change the mode; RefusedByFace."""
         raise NotImplementedError
 
     @abstractmethod

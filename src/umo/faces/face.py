@@ -21,11 +21,10 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from umo.faces.declaration import Declaration
+from umo.faces.face_declaration import Declaration
 from umo.frames.reader import NumberedEvent
 from umo.objects import Quality
-
-Numbers = npt.NDArray[np.float64]
+from umo.objects.scaling import FloatArray
 
 
 @dataclass(frozen=True)
@@ -39,11 +38,11 @@ class Changes:
     utc_error: float | None
     """Largest error of `utc`, s; None: not known, the clock of the computer is not synchronised."""
     places: npt.NDArray[np.intp]
-    values: Numbers
+    values: FloatArray
     """NaN: there is no value."""
     quality: npt.NDArray[np.uint8]
     """`Quality`."""
-    times: Numbers
+    times: FloatArray
     """When the device gave each value, UTC as `utc`; NaN: never."""
 
     def quality_of(self, place: int) -> Quality:
@@ -78,6 +77,9 @@ class Face(ABC):
     """Whether the protocol proves who its users are. Without that commands work on this computer only."""
     takes_commands: ClassVar[bool] = True
     """Whether the protocol has commands at all."""
+
+    address = ""
+    """Where clients reach it, once it is open."""
 
     async def open(self) -> None:
         """Called once, before anything else: open the server, or the connection. UmoError if that cannot be."""

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from umo.errors import OptionError
-from umo.faces.contract import Changes
-from umo.faces.declaration import RUN_ITEMS, Declaration
+from umo.faces.face import Changes
+from umo.faces.face_declaration import RUN_ITEMS, Declaration
 from umo.frames import Reader
 from umo.objects import Quality
 from umo.text import did_you_mean

@@ -7,11 +7,18 @@ from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import KW_ONLY
 from enum import Enum
-from math import inf
 from pathlib import Path
 from typing import Annotated, Any
 
-from umo import (
+from umo.alarms import Alarm, High
+from umo.control import wait
+from umo.cycle import connect
+from umo.cycle.client_commands import Mode
+from umo.cycle.client_control import ClientControl
+from umo.errors import FramesError
+from umo.frames import Reader, published
+from umo.frames.client_memory import ClientMemory
+from umo.objects import (
     BinaryActuator,
     BinarySensor,
     Compound,
@@ -20,16 +27,7 @@ from umo import (
     Number,
     Range,
     action,
-    connect,
-    published,
 )
-from umo.alarms import Alarm, High
-from umo.control import wait
-from umo.cycle.client_commands import Mode
-from umo.cycle.client_control import ClientControl
-from umo.errors import FramesError
-from umo.frames import Reader
-from umo.frames.client_memory import ClientMemory
 from umo.remote.queue import Receiver
 from umo.states import OnOff, PassFail
 from umo.testing.periods import periods
@@ -52,7 +50,7 @@ class Phase(Enum):
     COOKING = 2
 
 
-class Cell(Compound, equipment=True, alarms={"full": Alarm(High("level", 80.0), "too full")}):
+class TriedCell(Compound, equipment=True, alarms={"full": Alarm(High("level", 80.0), "too full")}):
     """Equipment with a level of 0 to 100 mm, a limit switch, a valve of -10 to 10 V, a lamp."""
 
     level: DigitalSensor
@@ -73,7 +71,7 @@ class Cell(Compound, equipment=True, alarms={"full": Alarm(High("level", 80.0), 
     @action(harmless=True)
     async def cook(self) -> None:
         """Cook until it is cancelled."""
-        await wait(inf)
+        await wait(1e9)
 
     @action(velocity=Range("V", -10.0, 10.0), release="halt")
     def jog(self, velocity: float) -> None:
@@ -86,14 +84,14 @@ class Cell(Compound, equipment=True, alarms={"full": Alarm(High("level", 80.0), 
 
 class Plant(Compound):
     timer: DigitalSensor
-    cell: Cell
+    cell: TriedCell
 
 
 def plant() -> Plant:
     span: dict[str, Any] = {"minimum": 0.0, "maximum": 100.0, "resolution": 0.5}
     return Plant(
         timer=DigitalSensor("sampling_period", minimum=0.0, maximum=1e6, resolution=1.0, synchronous=False),
-        cell=Cell(
+        cell=TriedCell(
             level=DigitalSensor("mm", on_error="hold", max_age="1 h", **span),
             position=DigitalSensor("mm", incremental=True, on_error="mark", **span),
             limit=BinarySensor(PassFail, one=PassFail.FAIL),
@@ -103,7 +101,7 @@ def plant() -> Plant:
     )
 
 
-class Machine:
+class TriedMachine:
     """The plant while it runs; a step each 5 ms. It can end, and run again."""
 
     def __init__(self, mode: Mode = Mode.AUTOMATIC) -> None:
@@ -118,7 +116,7 @@ class Machine:
         self._path: Path | None = None
         self.connection: Any = None
 
-    async def __aenter__(self) -> Machine:
+    async def __aenter__(self) -> TriedMachine:
         self.begin()
         return self
 

@@ -12,7 +12,7 @@ from umo.frames import Reader
 from umo.presentation.value_text import shown_unit
 
 
-class Kind(Enum):
+class ItemKind(Enum):
     """What an item is."""
 
     SENSOR = "sensor"
@@ -42,12 +42,12 @@ up, and from there to the end of the period."""
 
 
 @dataclass(frozen=True)
-class Item:
+class FaceItem:
     """One value of a machine."""
 
     number: int
     """Its place in `Declaration.items` and in the arrays of `Changes`."""
-    kind: Kind
+    kind: ItemKind
     path: str
     about: Mapping[str, Any] = field(repr=False)
     """Its description in the frames (`umo.frames.layout`)."""
@@ -71,7 +71,7 @@ class Item:
     @property
     def writable(self) -> bool:
         """Whether a client may set it: an actuator in manual mode, a tunable number in any."""
-        return self.kind in (Kind.ACTUATOR, Kind.TUNABLE)
+        return self.kind in (ItemKind.ACTUATOR, ItemKind.TUNABLE)
 
 
 PLAIN = ("sensor", "actuator", "signal")
@@ -90,7 +90,7 @@ class Declaration:
     """s; 0: it has none."""
     started: float
     """s since 1970."""
-    items: tuple[Item, ...]
+    items: tuple[FaceItem, ...]
     actions: tuple[Mapping[str, Any], ...]
     """Path, help, arguments of each (`umo.objects.action`)."""
     axes: tuple[Mapping[str, Any], ...]
@@ -100,26 +100,27 @@ class Declaration:
     takes_commands: bool
 
     @property
-    def by_name(self) -> Mapping[str, Item]:
+    def by_name(self) -> Mapping[str, FaceItem]:
         return {item.name: item for item in self.items}
 
-    def of_kind(self, *kinds: Kind) -> list[Item]:
+    def of_kind(self, *kinds: ItemKind) -> list[FaceItem]:
         return [item for item in self.items if item.kind in kinds]
 
 
 def declaration_of(reader: Reader) -> Declaration:
     """The declaration of a run from its frames."""
     layout, about = reader.layout, reader.about
-    found: list[tuple[Kind, str, Mapping[str, Any]]] = [
-        (Kind.ACTUATOR if each.get("actuator") else Kind.SENSOR, str(each["path"]), each) for each in layout.objects
+    found: list[tuple[ItemKind, str, Mapping[str, Any]]] = [
+        (ItemKind.ACTUATOR if each.get("actuator") else ItemKind.SENSOR, str(each["path"]), each)
+        for each in layout.objects
     ]
-    groups: Sequence[tuple[Kind, Iterable[Mapping[str, Any]]]] = (
-        (Kind.SIGNAL, layout.signals),
-        (Kind.TUNABLE, layout.tunables),
-        (Kind.EQUIPMENT, layout.equipment),
-        (Kind.AXIS, layout.axes),
-        (Kind.ALARM, layout.alarms),
-        (Kind.RUN, ({"path": path, **each} for path, each in RUN_ITEMS.items())),
+    groups: Sequence[tuple[ItemKind, Iterable[Mapping[str, Any]]]] = (
+        (ItemKind.SIGNAL, layout.signals),
+        (ItemKind.TUNABLE, layout.tunables),
+        (ItemKind.EQUIPMENT, layout.equipment),
+        (ItemKind.AXIS, layout.axes),
+        (ItemKind.ALARM, layout.alarms),
+        (ItemKind.RUN, ({"path": path, **each} for path, each in RUN_ITEMS.items())),
     )
     found += [(kind, str(each["path"]), each) for kind, group in groups for each in group]
     items = (_item(number, *each) for number, each in enumerate(found))
@@ -137,8 +138,8 @@ def declaration_of(reader: Reader) -> Declaration:
     )
 
 
-def _item(number: int, kind: Kind, path: str, about: Mapping[str, Any]) -> Item:
-    return Item(
+def _item(number: int, kind: ItemKind, path: str, about: Mapping[str, Any]) -> FaceItem:
+    return FaceItem(
         number, kind, path, about,
         str(about.get("unit") or ""), about.get("minimum"), about.get("maximum"), _states(about),
     )  # fmt: skip

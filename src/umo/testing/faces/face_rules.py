@@ -9,13 +9,13 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-from umo import Quality
 from umo.cycle.client_commands import Mode
 from umo.errors import text_of
-from umo.faces.contract import Face
-from umo.faces.host import Host
-from umo.testing.faces.client import ForeignClient, Grade, Refused, Seen
-from umo.testing.faces.machine import LIMIT, STEP, Machine, until
+from umo.faces.face import Face
+from umo.faces.host import FaceHost
+from umo.objects import Quality
+from umo.testing.faces.client import ForeignClient, Grade, RefusedByFace, Seen
+from umo.testing.faces.tried_machine import LIMIT, STEP, TriedMachine, until
 
 TOLD_WITHIN = 2.0
 """Time in s within which a change must reach a client."""
@@ -28,7 +28,7 @@ RATE = 50.0
 
 
 @dataclass(frozen=True)
-class Subject:
+class TriedFace:
     """A face that is tried."""
 
     name: str
@@ -48,8 +48,8 @@ class Subject:
 class Rig:
     """A machine, the face that serves it, and what clients it has."""
 
-    subject: Subject
-    machine: Machine
+    subject: TriedFace
+    machine: TriedMachine
     face: Face
     said: list[str]
     _stack: AsyncExitStack = field(repr=False)
@@ -75,11 +75,11 @@ class Rig:
 
 
 @asynccontextmanager
-async def rig_of(subject: Subject, mode: Mode = Mode.AUTOMATIC, read_only: bool = False) -> AsyncIterator[Rig]:
+async def rig_of(subject: TriedFace, mode: Mode = Mode.AUTOMATIC, read_only: bool = False) -> AsyncIterator[Rig]:
     async with AsyncExitStack() as stack:
-        machine = await stack.enter_async_context(Machine(mode))
+        machine = await stack.enter_async_context(TriedMachine(mode))
         face, said = subject.make(), []  # type: ignore[var-annotated]
-        host = Host(
+        host = FaceHost(
             None, [(subject.name, face)], rate=RATE, read_only=read_only, say=said.append, find=lambda: machine.find()
         )
         serving = asyncio.create_task(host.run())
@@ -100,7 +100,7 @@ Check = Callable[[Rig], Awaitable[None]]
 
 
 @dataclass(frozen=True)
-class Rule:
+class FaceRule:
     """One rule. `sentence`: what holds."""
 
     name: str
@@ -112,19 +112,19 @@ class Rule:
     """Attributes of the subject without which the rule does not apply."""
 
 
-RULES: dict[str, Rule] = {}
+RULES: dict[str, FaceRule] = {}
 
 
 def rule(sentence: str, *needs: str, mode: Mode = Mode.AUTOMATIC, read_only: bool = False) -> Callable[[Check], Check]:
     def keep(check: Check) -> Check:
         name = check.__name__
-        RULES[name] = Rule(name, sentence, check, mode, read_only, needs)
+        RULES[name] = FaceRule(name, sentence, check, mode, read_only, needs)
         return check
 
     return keep
 
 
-async def try_rule(subject: Subject, rule: Rule) -> str | None:
+async def try_rule(subject: TriedFace, rule: FaceRule) -> str | None:
     """Try one rule: what is broken, in words; None: it holds. "": it does not apply."""
     if not all(getattr(subject, each) for each in rule.needs):
         return ""
@@ -137,7 +137,7 @@ async def try_rule(subject: Subject, rule: Rule) -> str | None:
 
 
 @dataclass(frozen=True)
-class Report:
+class FaceReport:
     """What came of the rules, by name: None: it holds; "": it does not apply; else what is broken."""
 
     subject: str
@@ -158,9 +158,9 @@ class Report:
         )
 
 
-async def try_face(subject: Subject) -> Report:
+async def try_face(subject: TriedFace) -> FaceReport:
     """Try every rule on a face."""
-    return Report(subject.name, {name: await try_rule(subject, each) for name, each in RULES.items()})
+    return FaceReport(subject.name, {name: await try_rule(subject, each) for name, each in RULES.items()})
 
 
 # Values --------------------------------------------------------------------------------------------------
@@ -196,7 +196,7 @@ async def changes(rig: Rig) -> None:
 
 @rule("A named value with more than two states is told by its name.")
 async def states(rig: Rig) -> None:
-    from umo.testing.faces.machine import Phase
+    from umo.testing.faces.tried_machine import Phase
 
     client = await rig.client()
     for phase in (Phase.COOKING, Phase.FILLING):
@@ -294,7 +294,7 @@ async def refused(work: Awaitable[Any], client: ForeignClient, *words: str) -> N
     """It is refused, in these words."""
     try:
         await work
-    except Refused as refusal:
+    except RefusedByFace as refusal:
         for word in words if client.has_words else ():
             assert word in str(refusal), f"its words are {str(refusal)!r}, without {word!r}"
     else:
@@ -394,7 +394,7 @@ async def flood(rig: Rig) -> None:
     answers = await asyncio.gather(
         *(client.tune("cell.gain", 1.0 + n % 8) for n in range(FLOOD)), return_exceptions=True
     )
-    wrong = [each for each in answers if each is not None and not isinstance(each, Refused)]
+    wrong = [each for each in answers if each is not None and not isinstance(each, RefusedByFace)]
     assert not wrong, f"{wrong[0]!r}"
     rig.machine.set("cell.level", 80)
     await rig.told(other, "cell.level", 40.0)
