@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("asyncua", reason="the face OPC UA needs asyncua: pip install 'umo[opcua]'")
 
 from helpers.opcua import OpcUaClient, QuickOpcUa, let_in, named
-from umo.testing.faces import RULES, Subject, try_rule
+from umo.testing.faces import RULES, TriedFace, try_rule
 
 pytestmark = [pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux"), pytest.mark.slow]
 
@@ -20,7 +20,7 @@ async def client(face: Any, user: str) -> OpcUaClient:
     return await OpcUaClient.connect(face.address, named(user))
 
 
-SUBJECT = Subject("opcua", lambda: QuickOpcUa(port=0), client)
+OPCUA = TriedFace("opcua", lambda: QuickOpcUa(port=0), client)
 
 
 @pytest.fixture(autouse=True)
@@ -32,4 +32,4 @@ def users(folders: None) -> None:
     "name", [pytest.param(each, marks=pytest.mark.smoke) if each == "kinds" else each for each in RULES]
 )
 def test_the_face_keeps_the_contract(name: str) -> None:
-    assert asyncio.run(try_rule(SUBJECT, RULES[name])) in (None, "")
+    assert asyncio.run(try_rule(OPCUA, RULES[name])) in (None, "")

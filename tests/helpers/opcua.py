@@ -16,9 +16,9 @@ from asyncua import ua
 from asyncua.server.address_space import AttributeValue, NodeData
 
 from helpers import npm
-from umo.faces import users
+from umo.faces import face_users as users
 from umo.faces.opcua import OpcUa
-from umo.testing.faces import ForeignClient, Refused, Seen
+from umo.testing.faces import ForeignClient, RefusedByFace, Seen
 from umo.testing.faces.client import Grade
 
 FOLDER = Path(__file__).parents[1] / "faces" / "opcua"
@@ -84,17 +84,17 @@ class Node:
                 waiting.set_result(answer)
         for waiting in self._asked.values():
             if not waiting.done():
-                waiting.set_exception(Refused("the client has ended"))
+                waiting.set_exception(RefusedByFace("the client has ended"))
 
     async def ask(self, do: str, **more: Any) -> dict[str, Any]:
-        """What it answers; Refused if it could not."""
+        """What it answers; RefusedByFace if it could not."""
         number = next(self._numbers)
         waiting = self._asked[number] = asyncio.get_running_loop().create_future()
         assert self.process.stdin is not None
         self.process.stdin.write((json.dumps({"id": number, "do": do, **more}) + "\n").encode())
         answer = await waiting
         if "refused" in answer:
-            raise Refused(f"{answer['refused']} {answer.get('status', '')}")
+            raise RefusedByFace(f"{answer['refused']} {answer.get('status', '')}")
         return answer
 
     async def end(self, *, kill: bool = False) -> None:
@@ -144,7 +144,7 @@ class OpcUaClient(ForeignClient):
     async def _write(self, name: str, value: Any) -> None:
         [result] = await self.write_all([(name, value)])
         if result["status"] != "Good":
-            raise Refused(f"{result['status']}: {result['words']}")
+            raise RefusedByFace(f"{result['status']}: {result['words']}")
 
     async def tune(self, path: str, value: Any) -> None:
         await self._write(f"tunable:{path}", value)
@@ -155,7 +155,7 @@ class OpcUaClient(ForeignClient):
     async def method(self, parent: str, method: str, *given: Any) -> Any:
         told = await self.node.ask("call", object=parent, method=method, given=given)
         if not told["status"].startswith("Good"):
-            raise Refused(f"{told['status']}: {told['words']}")
+            raise RefusedByFace(f"{told['status']}: {told['words']}")
         return told["output"][0] if told["output"] else None
 
     async def call(self, path: str, arguments: Mapping[str, Any]) -> Any:

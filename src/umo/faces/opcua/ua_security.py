@@ -34,8 +34,8 @@ class Security:
         self._clients = None if endpoint.clients is None else _certificates(endpoint.clients)
 
     def is_trusted(self, der: bytes) -> bool:
-        """Whether a program with this certificate may connect: one of `clients`, which is valid today. Without `clients`
-        any program of this computer may."""
+        """Whether a program with this certificate may connect: one of `clients`, valid today. Without `clients` any
+        program of this computer may."""
         if self._clients is None:
             return True
         known = next((each for each in self._clients if each.public_bytes(Encoding.DER) == der), None)

@@ -9,12 +9,12 @@ from typing import Any
 from asyncua import ua
 
 from umo.errors import CommandRefused, StateError, UmoError
-from umo.faces.contract import Commands, User
-from umo.faces.declaration import Kind
-from umo.faces.opcua.connection import Answer
-from umo.faces.opcua.machine import Called, MachineNodes
-from umo.faces.opcua.session import Client, Session
-from umo.faces.opcua.values import given, result_of, status_of
+from umo.faces.face import Commands, User
+from umo.faces.face_declaration import ItemKind
+from umo.faces.opcua.ua_connection import Answer
+from umo.faces.opcua.ua_machine import Called, MachineNodes
+from umo.faces.opcua.ua_session import Client, UaSession
+from umo.faces.opcua.ua_values import given, result_of, status_of
 
 BEGUN_WITHIN = 0.5
 """Time in s after which an action that is kept up, and was not refused, counts as begun."""
@@ -25,18 +25,18 @@ GOOD, LATER = ua.StatusCode(), ua.StatusCode(ua.StatusCodes.GoodCompletesAsynchr
 NOT_WRITABLE = ua.StatusCode(ua.StatusCodes.BadNotWritable)
 DENIED = ua.StatusCode(ua.StatusCodes.BadUserAccessDenied)
 ANONYMOUS = "an anonymous session only reads: log in with a password or a certificate"
-Tell = Callable[[str, str], object]
+TellRefusal = Callable[[str, str], object]
 """Tells a refusal: of whom, in words."""
 
 
 class ClientCommands:
     """The commands of all clients to one run."""
 
-    def __init__(self, nodes: MachineNodes, commands: Commands, refused: Tell) -> None:
+    def __init__(self, nodes: MachineNodes, commands: Commands, refused: TellRefusal) -> None:
         self._nodes, self._commands, self._refused = nodes, commands, refused
         self._running: set[asyncio.Task[Any]] = set()
 
-    async def write(self, session: Session, value: ua.WriteValue) -> Answer:
+    async def write(self, session: UaSession, value: ua.WriteValue) -> Answer:
         item = self._nodes.writable.get(value.NodeId)
         if item is None or value.AttributeId != ua.AttributeIds.Value or value.IndexRange:
             return Answer(NOT_WRITABLE, "only actuators and tunable numbers are written")
@@ -44,13 +44,13 @@ class ClientCommands:
             if value.Value.StatusCode is not None and not value.Value.StatusCode.is_good():
                 raise StateError(f"{item.path}: only a good value is written")
             new = given(item, value.Value.Value)
-            do = "write" if item.kind is Kind.ACTUATOR else "tune"
+            do = "write" if item.kind is ItemKind.ACTUATOR else "tune"
             await self._ask(session, do, item.path, value=new)
         except UmoError as error:
             return self._refusal(session, error)
         return Answer(GOOD)
 
-    async def call(self, session: Session, request: ua.CallMethodRequest, called: Called | None = None) -> Answer:
+    async def call(self, session: UaSession, request: ua.CallMethodRequest, called: Called | None = None) -> Answer:
         called = called or self._nodes.methods[request.MethodId]
         try:
             path, more = _arguments(called, request.InputArguments or [])
@@ -64,7 +64,7 @@ class ClientCommands:
             refusal.result = ua.CallMethodResult(refusal.result, InputArgumentDiagnosticInfos=words)
             return refusal
 
-    async def _patiently(self, session: Session, work: Coroutine[Any, Any, Any], patience: float) -> Answer:
+    async def _patiently(self, session: UaSession, work: Coroutine[Any, Any, Any], patience: float) -> Answer:
         """The result of an action, or that it goes on. It is not cancelled with the request."""
         task = asyncio.create_task(work)
         self._running.add(task)
@@ -75,18 +75,18 @@ class ClientCommands:
         task.add_done_callback(lambda ended: self._ended(session, ended))
         return Answer(_result(LATER, None))
 
-    def _ended(self, session: Session, task: asyncio.Task[Any]) -> None:
+    def _ended(self, session: UaSession, task: asyncio.Task[Any]) -> None:
         """Of an action that was answered before its end; what failed is in the machine's events, too."""
         if not task.cancelled() and isinstance(error := task.exception(), UmoError):
             self._refusal(session, error)
 
-    async def _ask(self, session: Session, do: str, path: str, **more: Any) -> Any:
+    async def _ask(self, session: UaSession, do: str, path: str, **more: Any) -> Any:
         user = _user(session)
         if user is None:
             raise Anonymous(ANONYMOUS)
         return await self._commands.ask(user, do, path, **more)
 
-    def _refusal(self, session: Session, error: UmoError) -> Answer:
+    def _refusal(self, session: UaSession, error: UmoError) -> Answer:
         user = _user(session)
         self._refused(user.name if user else "anonymous", str(error))
         return Answer(DENIED if isinstance(error, Anonymous) else status_of(error), str(error))
@@ -101,7 +101,7 @@ class Anonymous(CommandRefused):
     """A command of nobody."""
 
 
-def _user(session: Session) -> User | None:
+def _user(session: UaSession) -> User | None:
     client: Any = session.user
     return client.user if isinstance(client, Client) else None
 

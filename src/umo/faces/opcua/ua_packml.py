@@ -7,16 +7,20 @@ from typing import Any
 
 from asyncua import Node, ua
 
-from umo.faces.declaration import Declaration
-from umo.faces.opcua.machine import Called, MachineNodes
-from umo.faces.opcua.tree import O, Tree
+from umo.faces.face_declaration import Declaration
+from umo.faces.opcua.ua_machine import Called, MachineNodes
+from umo.faces.opcua.ua_tree import NodeTree, O
 from umo.operation.packml import PACKML, PackMLState
 
 URI = "http://opcfoundation.org/UA/PackML/"
 BASE_TYPE, OBJECTS = 6, 72
 """Nodes of OPC 30050: PackMLBaseObjectType, Objects/PackMLObjects."""
 _S = PackMLState
-BASE, MACHINE, EXECUTE = "BaseStateMachine", "BaseStateMachine.MachineState", "BaseStateMachine.MachineState.ExecuteState"
+BASE, MACHINE, EXECUTE = (
+    "BaseStateMachine",
+    "BaseStateMachine.MachineState",
+    "BaseStateMachine.MachineState.ExecuteState",
+)
 """The state machines, each within a state of the one before."""
 ABORTED, CLEARED, RUNNING = {_S.ABORTING: 61, _S.ABORTED: 62}, 71, 75
 IN_MACHINE = {_S.CLEARING: 55, _S.STOPPED: 53, _S.STOPPING: 54}
@@ -49,7 +53,7 @@ def inside(state: PackMLState) -> list[tuple[str, int, str]]:
 class PackMLUnits:
     """The objects of all units of a machine that have PackML's states; those of other models have none."""
 
-    def __init__(self, server: Any, tree: Tree, namespace: int) -> None:
+    def __init__(self, server: Any, tree: NodeTree, namespace: int) -> None:
         self._server, self._tree, self._namespace = server, tree, namespace
         self._states: dict[int, str] = {}
         """Identifier of the unit whose state an item is."""

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 
 from asyncua import ua
 
-from umo.faces.opcua.tree import O, Tree
+from umo.faces.opcua.ua_tree import NodeTree, O
 
 URI, DEVICES = "http://opcfoundation.org/UA/Machinery/", "http://opcfoundation.org/UA/DI/"
 MACHINES, IDENTIFICATION_TYPE = 1001, 1012
 """Nodes of OPC 40001-1: Objects/Machines, MachineIdentificationType."""
 
 
-def add_identification(tree: Tree, root: ua.NodeId, spaces: Mapping[str, int], about: Mapping[str, str]) -> None:
+def add_identification(tree: NodeTree, root: ua.NodeId, spaces: Mapping[str, int], about: Mapping[str, str]) -> None:
     """The add-in Identification, below the machine and below its building blocks. `spaces`: indices of namespaces."""
     own, devices = spaces[URI], spaces[DEVICES]
     kind = ua.NodeId(IDENTIFICATION_TYPE, own)

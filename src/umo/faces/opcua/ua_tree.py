@@ -8,7 +8,7 @@ from typing import Any
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace, AttributeValue, NodeManagementService
 
-from umo.faces.opcua.values import NOT_YET
+from umo.faces.opcua.ua_values import NOT_YET
 
 O = ua.ObjectIds  # noqa: E741
 VALUE = ua.AttributeIds.Value
@@ -16,7 +16,7 @@ READ, READ_WRITE = 1, 3
 """Bits of AccessLevel."""
 
 
-class Tree:
+class NodeTree:
     """Adds nodes with texts as identifiers. Names that a parent has already get an ending."""
 
     def __init__(self, space: AddressSpace, nodes: NodeManagementService, namespace: int) -> None:
@@ -144,7 +144,10 @@ class Tree:
 
 def argument(name: str, data_type: int, description: str = "") -> ua.Argument:
     return ua.Argument(
-        Name=name, DataType=ua.NodeId(data_type), ValueRank=ua.ValueRank.Scalar, Description=ua.LocalizedText(description)
+        Name=name,
+        DataType=ua.NodeId(data_type),
+        ValueRank=ua.ValueRank.Scalar,
+        Description=ua.LocalizedText(description),
     )
 
 

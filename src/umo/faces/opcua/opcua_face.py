@@ -15,20 +15,20 @@ from typing import Any
 from asyncua import ua
 from asyncua.common.xmlimporter import XmlImporter
 
-from umo.faces.contract import Changes, Commands, Face
-from umo.faces.declaration import Declaration, Kind
 from umo.faces.endpoint import Endpoint
-from umo.faces.opcua import machinery
-from umo.faces.opcua.commands import NOT_WRITABLE, ClientCommands
-from umo.faces.opcua.connection import Answer, Services, UaServer
-from umo.faces.opcua.happenings import ACKNOWLEDGE, Happenings, Kinds
-from umo.faces.opcua.machine import Called, MachineNodes
-from umo.faces.opcua.packml import URI as PACKML
-from umo.faces.opcua.packml import PackMLUnits
-from umo.faces.opcua.security import Security
-from umo.faces.opcua.session import Session
-from umo.faces.opcua.tree import Tree
-from umo.faces.opcua.values import GONE, data_value, state_text
+from umo.faces.face import Changes, Commands, Face
+from umo.faces.face_declaration import Declaration, ItemKind
+from umo.faces.opcua import ua_machinery as machinery
+from umo.faces.opcua.ua_commands import NOT_WRITABLE, ClientCommands
+from umo.faces.opcua.ua_connection import Answer, Services, UaServer
+from umo.faces.opcua.ua_events import ACKNOWLEDGE, Happenings, Kinds
+from umo.faces.opcua.ua_machine import Called, MachineNodes
+from umo.faces.opcua.ua_packml import URI as PACKML
+from umo.faces.opcua.ua_packml import PackMLUnits
+from umo.faces.opcua.ua_security import Security
+from umo.faces.opcua.ua_session import UaSession
+from umo.faces.opcua.ua_tree import NodeTree
+from umo.faces.opcua.ua_values import GONE, data_value, state_text
 from umo.frames.reader import NumberedEvent
 
 PORT = 4840
@@ -67,7 +67,7 @@ class OpcUa(Face):
         self._plate = {"Manufacturer": manufacturer, "SerialNumber": serial}
         self._server: UaServer | None = None
         self._kinds: Kinds | None = None
-        self._tree: Tree | None = None
+        self._tree: NodeTree | None = None
         self._shown: Declaration | None = None
         """The machine whose nodes are there."""
         self._nodes: MachineNodes | None = None
@@ -128,7 +128,7 @@ class OpcUa(Face):
             await self._tree.clear()
         namespace = await server.register_namespace(f"urn:umo:{machine.station}")
         spaces = {uri: number for number, uri in enumerate(await server.get_namespace_array())}
-        tree = self._tree = Tree(server.iserver.aspace, server.iserver.node_mgt_service, namespace)
+        tree = self._tree = NodeTree(server.iserver.aspace, server.iserver.node_mgt_service, namespace)
         nodes = self._nodes = MachineNodes(tree, machine, ua.NodeId(machinery.MACHINES, spaces[machinery.URI]))
         plate = {"ProductInstanceUri": f"urn:umo:{machine.station}", "Model": machine.station} | self._plate
         machinery.add_identification(tree, nodes.root, spaces, plate)
@@ -146,7 +146,7 @@ class OpcUa(Face):
             if place in nodes.texts:
                 await put(nodes.texts[place], state_text(item, value))
                 await units.show(place, value, put)
-            if item.kind is Kind.ALARM:
+            if item.kind is ItemKind.ALARM:
                 await happenings.alarm(item, float(changes.values[place]), changes.utc)
 
     async def events(self, events: Sequence[NumberedEvent]) -> None:
@@ -174,12 +174,12 @@ class OpcUa(Face):
 
     # Commands ----------------------------------------------------------------------------------------------
 
-    async def _write(self, session: Session, value: ua.WriteValue) -> Answer:
+    async def _write(self, session: UaSession, value: ua.WriteValue) -> Answer:
         if self._commands is None or self._tree is None or value.NodeId.NamespaceIndex != self._tree.namespace:
             return Answer(NOT_WRITABLE, "it is not written, or no machine runs")
         return await self._commands.write(session, value)
 
-    async def _call(self, session: Session, request: ua.CallMethodRequest) -> Answer:
+    async def _call(self, session: UaSession, request: ua.CallMethodRequest) -> Answer:
         nodes, commands = self._nodes, self._commands
         if nodes is None:
             return await self._standard(request)

@@ -14,10 +14,10 @@ from asyncua.crypto import permission_rules
 from asyncua.crypto.permission_rules import UserRole
 from asyncua.server.internal_session import InternalSession, SessionState
 
-from umo.faces import users
-from umo.faces.contract import User
+from umo.faces import face_users as users
 from umo.faces.endpoint import is_local
-from umo.faces.opcua.limits import MAX_ITEMS, SHORTEST_PUBLISHING
+from umo.faces.face import User
+from umo.faces.opcua.ua_limits import MAX_ITEMS, SHORTEST_PUBLISHING
 
 SILENCE = 5.0
 """Time in s without a request after which what a client holds is let go of. A closed connection is noticed at once."""
@@ -30,8 +30,10 @@ class Client(permission_rules.User):
     user: User | None = None
 
 
-class Session(InternalSession):
-    """The session of a client on another program. `name` is the address that it comes from."""
+class UaSession(InternalSession):
+    """The session of a client. `name` is the address that it comes from."""
+
+    user: Any
 
     def __init__(self, *given: Any, external: bool = False, **more: Any) -> None:
         super().__init__(*given, external=external, **more)
@@ -110,7 +112,7 @@ def _name(client: Any) -> str | None:
 
 
 class Users:
-    """Knows users by their password or their certificate (`umo.faces.users`); without either they are anonymous."""
+    """Knows users by password or certificate (`umo.faces.face_users`); without either they are anonymous."""
 
     def get_user(
         self, server: Any, username: str | None = None, password: str | None = None, certificate: Any = None

@@ -14,20 +14,25 @@ from dataclasses import dataclass
 from typing import Any
 
 from asyncua import Node, ua
-from asyncua.common import events as ua_events
+from asyncua.common import events as ua_templates
 
 from umo.alarms.alarm_states import TO_BE_ACKNOWLEDGED, AlarmState
 from umo.cycle.events import ALARM, FAULT, CommandState, Event
-from umo.faces.declaration import Item
-from umo.faces.opcua.machine import MachineNodes
-from umo.faces.opcua.tree import O
-from umo.faces.opcua.values import moment
+from umo.faces.face_declaration import FaceItem
+from umo.faces.opcua.ua_machine import MachineNodes
+from umo.faces.opcua.ua_tree import O
+from umo.faces.opcua.ua_values import moment
 
 SEVERITY: Mapping[str, int] = {"low": 200, "medium": 400, "high": 600, "critical": 900}
 """Of alarms by their priorities."""
 EVENT_SEVERITY: Mapping[CommandState, int] = {CommandState.REFUSED: 300, CommandState.FAILED: 500}
 NORMAL_EVENT, FAULT_EVENT = 100, 700
-ACTIVE = (AlarmState.UNACKNOWLEDGED, AlarmState.ACKNOWLEDGED, AlarmState.BAD_UNACKNOWLEDGED, AlarmState.BAD_ACKNOWLEDGED)
+ACTIVE = (
+    AlarmState.UNACKNOWLEDGED,
+    AlarmState.ACKNOWLEDGED,
+    AlarmState.BAD_UNACKNOWLEDGED,
+    AlarmState.BAD_ACKNOWLEDGED,
+)
 LATCHED = (AlarmState.LATCHED_UNACKNOWLEDGED, AlarmState.LATCHED_ACKNOWLEDGED)
 CANNOT_TELL = (AlarmState.BAD_UNACKNOWLEDGED, AlarmState.BAD_ACKNOWLEDGED)
 PUT_AWAY = (AlarmState.SHELVED, AlarmState.OUT_OF_SERVICE)
@@ -47,7 +52,7 @@ class Kinds:
         found = []
         for kind in (O.BaseEventType, O.AlarmConditionType):
             node = Node(server.iserver.isession, ua.NodeId(kind))
-            found.append(await ua_events.get_event_obj_from_type_node(node))
+            found.append(await ua_templates.get_event_obj_from_type_node(node))
         found[1].add_property("NodeId", None, ua.VariantType.NodeId)
         notifier = Node(server.iserver.isession, ua.NodeId(O.Server))
         await notifier.set_event_notifier([ua.EventNotifier.SubscribeToEvents])
@@ -64,7 +69,7 @@ class Happenings:
         self._ids: dict[str, bytes] = {}
         """The last event of each alarm: what a client acknowledges."""
 
-    async def alarm(self, item: Item, number: float, utc: float) -> None:
+    async def alarm(self, item: FaceItem, number: float, utc: float) -> None:
         """An alarm is in a state. The first one is told only if it matters."""
         state, before = AlarmState(int(number)), self._states.get(item.path, AlarmState.NORMAL)
         if state is before:

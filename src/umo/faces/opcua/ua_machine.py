@@ -10,9 +10,9 @@ from typing import Any
 from asyncua import ua
 from asyncua.server.address_space import AttributeValue
 
-from umo.faces.declaration import Declaration, Item, Kind
-from umo.faces.opcua.tree import O, Tree, argument, enum_values
-from umo.faces.opcua.values import is_switch, unit_of
+from umo.faces.face_declaration import Declaration, FaceItem, ItemKind
+from umo.faces.opcua.ua_tree import NodeTree, O, argument, enum_values
+from umo.faces.opcua.ua_values import is_switch, unit_of
 
 ARGUMENT_TYPES: Mapping[str, int] = {"number": O.Double, "integer": O.Int64, "bool": O.Boolean}
 """Data types of the arguments of actions by their kinds; the others are texts."""
@@ -54,7 +54,7 @@ class Called:
 class MachineNodes:
     """`machines`: the node Objects/Machines of OPC 40001-1."""
 
-    def __init__(self, tree: Tree, machine: Declaration, machines: ua.NodeId) -> None:
+    def __init__(self, tree: NodeTree, machine: Declaration, machines: ua.NodeId) -> None:
         self._tree, self._machine = tree, machine
         self.values: list[AttributeValue] = []
         """Where the value of each item stands, by its number."""
@@ -62,7 +62,7 @@ class MachineNodes:
         """ValueAsText of those items that have it."""
         self.nodes: list[ua.NodeId] = []
         """The node of each item."""
-        self.writable: dict[ua.NodeId, Item] = {}
+        self.writable: dict[ua.NodeId, FaceItem] = {}
         self.methods: dict[ua.NodeId, Called] = {}
         self.alarms: dict[str, ua.NodeId] = {}
         """The object of each alarm."""
@@ -97,7 +97,7 @@ class MachineNodes:
 
     # Items -------------------------------------------------------------------------------------------------
 
-    def _add(self, item: Item) -> None:
+    def _add(self, item: FaceItem) -> None:
         parent, name = self._place(item)
         node = (self._state if item.states else self._number)(parent, name, item)
         self.nodes.append(node)
@@ -107,16 +107,16 @@ class MachineNodes:
         if item.writable:
             self.writable[node] = item
 
-    def _place(self, item: Item) -> tuple[ua.NodeId, str]:
+    def _place(self, item: FaceItem) -> tuple[ua.NodeId, str]:
         """Parent and name of its variable."""
-        if item.kind is Kind.ALARM:
+        if item.kind is ItemKind.ALARM:
             return self._alarm(item), "State"
-        if item.kind in (Kind.EQUIPMENT, Kind.AXIS):
-            return self.part(item.path), "EquipmentState" if item.kind is Kind.EQUIPMENT else "AxisState"
+        if item.kind in (ItemKind.EQUIPMENT, ItemKind.AXIS):
+            return self.part(item.path), "EquipmentState" if item.kind is ItemKind.EQUIPMENT else "AxisState"
         above, _, name = item.path.rpartition(".")
-        return self.part("Run" if item.kind is Kind.RUN else above), name
+        return self.part("Run" if item.kind is ItemKind.RUN else above), name
 
-    def _number(self, parent: ua.NodeId, name: str, item: Item) -> ua.NodeId:
+    def _number(self, parent: ua.NodeId, name: str, item: FaceItem) -> ua.NodeId:
         bounds = [-inf if item.minimum is None else item.minimum, inf if item.maximum is None else item.maximum]
         has_range = bounds != [-inf, inf]
         kinds = {
@@ -136,7 +136,7 @@ class MachineNodes:
                 self._tree.property(node, f"{item.name}/{title}", title, variant, data_type)
         return node
 
-    def _state(self, parent: ua.NodeId, name: str, item: Item) -> ua.NodeId:
+    def _state(self, parent: ua.NodeId, name: str, item: FaceItem) -> ua.NodeId:
         """Two states, 0 and 1, are a Boolean; others are a number with a name."""
         switch = is_switch(item)
         kind = O.TwoStateDiscreteType if switch else O.MultiStateValueDiscreteType
@@ -153,7 +153,7 @@ class MachineNodes:
         self.texts[item.number] = self._tree.value_of(shown)
         return node
 
-    def _alarm(self, item: Item) -> ua.NodeId:
+    def _alarm(self, item: FaceItem) -> ua.NodeId:
         """The object of an alarm in the folder Alarms, named by its path."""
         about = f"{item.about.get('text', '')} (priority {item.about.get('priority', '')})"
         node = self._tree.object(self.part("Alarms"), f"condition:{item.path}", item.path, description=about)
@@ -172,7 +172,9 @@ class MachineNodes:
     def _add_command(self, parent: ua.NodeId, text: str, command: Any, path: str | None) -> None:
         name, do, given, about = command
         node = self._tree.method(parent, text, name, given, (RESULT,), description=about)
-        self.methods[node] = Called(do, path, {each.Name: "text" if each.Name != "Time" else "number" for each in given})
+        self.methods[node] = Called(
+            do, path, {each.Name: "text" if each.Name != "Time" else "number" for each in given}
+        )
 
     def _add_action(self, action: Mapping[str, Any]) -> None:
         path, arguments = str(action["path"]), action["arguments"]

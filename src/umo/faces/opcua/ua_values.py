@@ -10,9 +10,9 @@ from typing import Any
 from asyncua import ua
 
 from umo.errors import CommandRefused, FramesError, LeaseHeld, PathError, RangeError, StateError, UmoError
-from umo.faces.contract import Changes
-from umo.faces.declaration import Item, Kind
-from umo.faces.opcua import unece
+from umo.faces.face import Changes
+from umo.faces.face_declaration import FaceItem, ItemKind
+from umo.faces.opcua import unece_codes as unece
 from umo.objects import Quality
 
 _C = ua.StatusCodes
@@ -49,12 +49,12 @@ def moment(utc: float) -> datetime | None:
     return None if isnan(utc) else datetime.fromtimestamp(utc, UTC)
 
 
-def is_switch(item: Item) -> bool:
+def is_switch(item: FaceItem) -> bool:
     """Whether it has two states, 0 and 1: a Boolean."""
     return set(item.states) == {0, 1}
 
 
-def variant_of(item: Item, value: float) -> ua.Variant:
+def variant_of(item: FaceItem, value: float) -> ua.Variant:
     if not item.states:
         return ua.Variant(value, ua.VariantType.Double)
     if is_switch(item):
@@ -62,25 +62,25 @@ def variant_of(item: Item, value: float) -> ua.Variant:
     return ua.Variant(int(value), ua.VariantType.Int32)
 
 
-def data_value(item: Item, changes: Changes) -> ua.DataValue:
+def data_value(item: FaceItem, changes: Changes) -> ua.DataValue:
     """The value of an item with its quality, and the time at which the device gave it."""
     place = item.number
     value, quality = float(changes.values[place]), changes.quality_of(place)
     status, time = STATUS[quality], moment(float(changes.times[place]))
     if isnan(value) or quality is Quality.BAD:
-        bad = quality is Quality.BAD and item.kind in (Kind.SENSOR, Kind.ACTUATOR)
+        bad = quality is Quality.BAD and item.kind in (ItemKind.SENSOR, ItemKind.ACTUATOR)
         return ua.DataValue(ua.Variant(), status if bad else NO_VALUE, time, moment(changes.utc))
     return ua.DataValue(variant_of(item, value), status, time, moment(changes.utc))
 
 
-def state_text(item: Item, value: ua.DataValue) -> ua.DataValue:
+def state_text(item: FaceItem, value: ua.DataValue) -> ua.DataValue:
     """ValueAsText of a value."""
     number = None if value.Value is None else value.Value.Value
     text = ua.LocalizedText("" if number is None else item.states.get(number, str(number)))
     return ua.DataValue(ua.Variant(text), value.StatusCode, value.SourceTimestamp, value.ServerTimestamp)
 
 
-def given(item: Item, value: ua.Variant | None) -> Any:
+def given(item: FaceItem, value: ua.Variant | None) -> Any:
     """What a client writes, as the machine's commands take it: a number, or the name of a state. StateError for another
     type."""
     plain = None if value is None or value.is_array else value.Value
@@ -104,7 +104,7 @@ def result_of(value: Any) -> ua.Variant:
     return ua.Variant() if value is None else ua.Variant(str(value), ua.VariantType.String)
 
 
-def unit_of(item: Item) -> ua.EUInformation:
+def unit_of(item: FaceItem) -> ua.EUInformation:
     """Its unit, with the code of UN/ECE if it has one, else -1."""
     code = unece.code_of(item.unit)
     return ua.EUInformation(

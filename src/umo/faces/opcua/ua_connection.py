@@ -18,8 +18,8 @@ from asyncua.server.internal_server import InternalServer
 from asyncua.server.uaprocessor import UaProcessor
 from asyncua.ua.ua_binary import struct_from_binary
 
-from umo.faces.opcua import limits
-from umo.faces.opcua.session import Session, Users
+from umo.faces.opcua import ua_limits as limits
+from umo.faces.opcua.ua_session import UaSession, Users
 
 KEEP_ALIVE = ((socket.TCP_KEEPIDLE, 1), (socket.TCP_KEEPINTVL, 1), (socket.TCP_KEEPCNT, 3))
 """A computer that does not answer any more is noticed after 4 s, in s and tries."""
@@ -55,7 +55,7 @@ class Answer:
         self.words = words
 
 
-Carry = Callable[[Session, Any], Awaitable[Answer]]
+Carry = Callable[[UaSession, Any], Awaitable[Answer]]
 """Carries out one WriteValue or CallMethodRequest of a session."""
 
 
@@ -63,15 +63,15 @@ class Services(InternalServer):
     """`write` and `call` carry out what clients ask for."""
 
     def __init__(self, write: Carry, call: Carry, is_trusted: Callable[[bytes], bool], only_secured: bool) -> None:
-        super().__init__(user_manager=Users())  # type: ignore[arg-type]
+        super().__init__(user_manager=Users())
         self.write, self.call = write, call
         self.is_trusted, self.only_secured = is_trusted, only_secured
         self.answering: set[asyncio.Task[None]] = set()
         self.bind_condition_methods = REFRESH_SEVERITY
         limits.limit(self)
 
-    def create_session(self, name: Any, user: Any = None, external: bool = False) -> Session:
-        return Session(self, self.aspace, self.subscription_service, name, external=external)
+    def create_session(self, name: Any, user: Any = None, external: bool = False) -> UaSession:
+        return UaSession(self, self.aspace, self.subscription_service, name, external=external)
 
     async def abandon(self) -> None:
         """Nothing that is under way will be answered by the machine."""
@@ -127,7 +127,7 @@ class Processor(UaProcessor):
     def _begin(self, typeid: Any, header: Any, sequence: Any, body: Any) -> bool:
         """Answer it in a task of its own. The task goes on when the connection has gone: the gateway ends what
         nobody keeps up."""
-        assert isinstance(self.session, Session)
+        assert isinstance(self.session, UaSession)
         self.session.touch()
         if self._answers >= limits.MAX_ANSWERS:
             raise ServiceError(ua.StatusCodes.BadTooManyOperations)
@@ -148,11 +148,11 @@ class Processor(UaProcessor):
         task.add_done_callback(self.iserver.answering.discard)
         return True
 
-    async def _write(self, session: Session, values: Sequence[Any]) -> list[Answer]:
+    async def _write(self, session: UaSession, values: Sequence[Any]) -> list[Answer]:
         async with session.ordered:
             return [await self.iserver.write(session, each) for each in values]
 
-    async def _call(self, session: Session, methods: Sequence[Any]) -> list[Answer]:
+    async def _call(self, session: UaSession, methods: Sequence[Any]) -> list[Answer]:
         return [await self.iserver.call(session, each) for each in methods]
 
     async def _answer(self, work: Awaitable[list[Answer]], response: Any, header: Any, sequence: Any) -> None:
@@ -173,6 +173,11 @@ class Processor(UaProcessor):
 
 
 class Protocol(OPCUAProtocol):
+    """One connection."""
+
+    processor: Any
+    _buffer: bytes
+
     def connection_made(self, transport: Any) -> None:
         super().connection_made(transport)
         if self.processor is None:  # there are too many

@@ -2,7 +2,7 @@
 
     # ~/.config/umo/face_users.toml
     [passwords]
-    ann = "scrypt:16384:8:1:3q2+7w==:..."     # python -m umo.faces.users ann
+    ann = "scrypt:16384:8:1:3q2+7w==:..."     # python -m umo.faces.face_users ann
 
     [certificates]
     bob = "5f3a...c1"                          # SHA-256 of the certificate, as openssl x509 -fingerprint prints it
@@ -105,7 +105,7 @@ def _table(name: str, file: Path | None) -> Mapping[str, Any]:
 def main() -> int:
     """Ask for a password, and print the line for the file."""
     if len(sys.argv) != 2:
-        print("which user? python -m umo.faces.users NAME", file=sys.stderr)
+        print("which user? python -m umo.faces.face_users NAME", file=sys.stderr)
         return 2
     print(f"{_quoted(sys.argv[1])} = {_quoted(hashed(getpass.getpass()))}")
     return 0
