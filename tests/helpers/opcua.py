@@ -97,6 +97,13 @@ class Node:
             raise RefusedByFace(f"{answer['refused']} {answer.get('status', '')}")
         return answer
 
+    def stop(self) -> None:
+        """It hangs from now on."""
+        self.process.send_signal(signal.SIGSTOP)
+
+    def go_on(self) -> None:
+        self.process.send_signal(signal.SIGCONT)
+
     async def end(self, *, kill: bool = False) -> None:
         if self.process.returncode is None:
             if kill:

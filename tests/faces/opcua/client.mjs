@@ -10,6 +10,7 @@ const require = createRequire(`${process.env.NODE_PATH}/`);
 console.log = console.error; // the lines of stdout are answers
 const ua = require("node-opcua-client");
 const { OPCUACertificateManager } = require("node-opcua-certificate-manager");
+const { convertPEMtoDER } = require("node-opcua-crypto");
 const { CallRequest, WriteRequest } = ua;
 
 const WORDS = 0x80; // ReturnDiagnostics: AdditionalInfo of the operations
@@ -42,7 +43,7 @@ function identity(user) {
   if (!user) return { type: ua.UserTokenType.Anonymous };
   if (user.password !== undefined) return { type: ua.UserTokenType.UserName, userName: user.name, password: user.password };
   const fs = require("node:fs");
-  const der = ua.convertPEMtoDER(fs.readFileSync(user.certificate, "utf8"));
+  const der = convertPEMtoDER(fs.readFileSync(user.certificate, "utf8"));
   return { type: ua.UserTokenType.Certificate, certificateData: der, privateKey: fs.readFileSync(user.key, "utf8") };
 }
 
@@ -88,6 +89,7 @@ async function read({ name }) {
 const variant = (given) => {
   if (given === null) return {};
   if (given === "NaN") return { dataType: ua.DataType.Double, value: NaN };
+  if (given?.type === "ByteString") return { dataType: ua.DataType.ByteString, value: Buffer.from(given.value, "hex") };
   if (given && typeof given === "object") return { dataType: ua.DataType[given.type], value: given.value };
   if (typeof given === "boolean") return { dataType: ua.DataType.Boolean, value: given };
   return typeof given === "number" ? { dataType: ua.DataType.Double, value: given } : { dataType: ua.DataType.String, value: given };
@@ -153,6 +155,15 @@ const plain = (value) => (value === null || value === undefined ? null : value.t
 
 const doing = {
   connect, read, write, call, browse, path, subscribe, listen,
+  arguments: async ({ name }) => {
+    const told = await session.getArgumentDefinition(node(name));
+    return { arguments: told.inputArguments.map((each) => [each.name, each.dataType.toString(), each.description.text]) };
+  },
+  text: async ({ name }) => ({ text: plain((await session.read({ nodeId: name, attributeId: ua.AttributeIds.Value })).value.value) }),
+  refresh: async () => {
+    const result = await session.call({ objectId: "i=2782", methodId: "i=3875", inputArguments: [{ dataType: ua.DataType.UInt32, value: subscription.subscriptionId }] });
+    return { status: result.statusCode.name };
+  },
   heard: async () => ({ heard: heard.splice(0) }),
   endpoints: async ({ url }) => {
     const found = ua.OPCUAClient.create({ endpointMustExist: false, connectionStrategy: { maxRetry: 0 } });
