@@ -2,8 +2,8 @@
 
     python -m bench.face_opcua [COUNT ...]
 
-A station of so many sensors, all of which change in every period, is looked at 10 times a second; one client monitors all
-of them. A client that gets fewer than 10 values of each a second means that the face falls behind.
+A station of so many sensors, all of which change in every period, is looked at 10 times a second; one client monitors
+them all. A client that gets fewer than 10 values of each a second means that the face falls behind.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ class Counting(Driver):
 
 @dataclass(frozen=True)
 class Cost:
-    """Of one count. `expected`, `told`: values a second (a busy computer makes fewer periods than it should); `processor`:
-    of one core, %; `memory`: MB."""
+    """Of one count. `expected`, `told`: values a second (a busy computer makes fewer periods than it should);
+    `processor`: of one core, %; `memory`: MB."""
 
     count: int
     expected: float

@@ -274,6 +274,24 @@ def test_what_a_client_holds_is_let_go_of_when_it_hangs(monkeypatch: pytest.Monk
     run(work, mode=Mode.MANUAL)
 
 
+def test_an_action_goes_on_while_its_client_waits_in_silence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("umo.faces.opcua.ua_session.SILENCE", 0.1)
+
+    async def work(rig: Served) -> None:
+        ann = await rig.client()
+        cooking = asyncio.create_task(ann.call("cell.cook", {}))
+        await until(lambda: any(each.path == "cell.cook" for each in rig.machine.events))
+        number = rig.machine.number
+        await until(lambda: rig.machine.number > number + 200)
+        assert not cooking.done()
+        await ann.kill()
+        await until(lambda: any(each.state is CommandState.CANCELLED for each in rig.machine.events))
+        with pytest.raises(RefusedByFace):
+            await cooking
+
+    run(work)
+
+
 def test_a_client_lets_go_of_what_it_holds() -> None:
     async def work(rig: Served) -> None:
         ann, valve = await rig.client(), rig.machine.m.cell.valve

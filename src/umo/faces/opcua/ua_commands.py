@@ -45,7 +45,7 @@ class ClientCommands:
                 raise StateError(f"{item.path}: only a good value is written")
             new = given(item, value.Value.Value)
             do = "write" if item.kind is ItemKind.ACTUATOR else "tune"
-            await self._ask(session, do, item.path, value=new)
+            await self._ask(session, do, item.path, held=do == "write", value=new)
         except UmoError as error:
             return self._refusal(session, error)
         return Answer(GOOD)
@@ -54,7 +54,7 @@ class ClientCommands:
         called = called or self._nodes.methods[request.MethodId]
         try:
             path, more = _arguments(called, request.InputArguments or [])
-            work = self._ask(session, called.do, path, **more)
+            work = self._ask(session, called.do, path, held=called.keeps_up, **more)
             if called.keeps_up or called.do == "call":
                 return await self._patiently(session, work, BEGUN_WITHIN if called.keeps_up else PATIENCE)
             return Answer(_result(GOOD, await work))
@@ -80,8 +80,9 @@ class ClientCommands:
         if not task.cancelled() and isinstance(error := task.exception(), UmoError):
             self._refusal(session, error)
 
-    async def _ask(self, session: UaSession, do: str, path: str, **more: Any) -> Any:
-        user = _user(session)
+    async def _ask(self, session: UaSession, do: str, path: str, held: bool = False, **more: Any) -> Any:
+        client: Any = session.user
+        user = client.holder if held else client.user
         if user is None:
             raise Anonymous(ANONYMOUS)
         return await self._commands.ask(user, do, path, **more)

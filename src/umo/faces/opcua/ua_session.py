@@ -28,6 +28,8 @@ class Client(permission_rules.User):
     """A user as asyncua has them, and as umo has them; None: anonymous."""
 
     user: User | None = None
+    holder: User | None = None
+    """The same, who lives only while requests come: for what must be kept up."""
 
 
 class UaSession(InternalSession):
@@ -60,16 +62,19 @@ class UaSession(InternalSession):
             self.user = before
             raise ServiceError(ua.StatusCodes.BadIdentityChangeNotSupported)
         if after.user is not None:
-            user = User(after.user.name, True, not is_local(host), lambda: self._lives(after))
-            self.user = Client(UserRole.User, user.name, user)
-            after = self.user
+            name, is_remote = after.user.name, not is_local(host)
+            user = User(name, True, is_remote, lambda: self._is_of(name))
+            holder = User(name, True, is_remote, lambda: self._is_of(name) and self._is_heard())
+            self.user = Client(UserRole.User, name, user, holder)
         return result
 
-    def _lives(self, client: Client) -> bool:
-        """Whether the client that held something still does."""
+    def _is_of(self, name: str) -> bool:
+        """Whether it is still a session of this user, and connected."""
         connected = self.transport is not None and not self.transport.is_closing()
-        heard = time.monotonic() - self._last_activity < SILENCE
-        return self.state is SessionState.Activated and _name(self.user) == _name(client) and connected and heard
+        return connected and self.state is SessionState.Activated and _name(self.user) == name
+
+    def _is_heard(self) -> bool:
+        return time.monotonic() - self._last_activity < SILENCE
 
     # What asyncua does not look at ------------------------------------------------------------------------
 
