@@ -21,9 +21,10 @@ from umo.cycle.events import CommandState
 from umo.faces.opcua.unece_codes import CODES, number_of
 from umo.operation import PackML
 from umo.testing.faces import RULES, RefusedByFace, TriedFace, TriedMachine, try_rule
-from umo.testing.faces.tried_machine import Plant, until
+from umo.testing.faces.tried_machine import Plant, plant, until
 
 pytestmark = [pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux"), pytest.mark.slow]
+MACHINERY = "http://opcfoundation.org/UA/Machinery/"
 Work = Callable[["Served"], Coroutine[Any, Any, None]]
 
 
@@ -97,8 +98,7 @@ def test_a_client_finds_the_machine_by_browsing_with_names_of_the_standards() ->
     async def work(rig: Served) -> None:
         ann = await rig.client(None)
         machinery, devices, own = (
-            ann.namespaces.index(each)
-            for each in ("http://opcfoundation.org/UA/Machinery/", "http://opcfoundation.org/UA/DI/", "urn:umo:plant")
+            ann.namespaces.index(each) for each in (MACHINERY, "http://opcfoundation.org/UA/DI/", "urn:umo:plant")
         )
         machine = f"/Objects/{machinery}:Machines/{own}:plant"
         for path, node in (
@@ -409,6 +409,40 @@ def test_a_part_with_packml_states_is_an_object_of_opc_30050(monkeypatch: pytest
         [target] = (await ann.node.ask("path", path=f"{execute}/{packml}:Hold"))["targets"]
         with pytest.raises(RefusedByFace, match="hold"):
             await ann.method("machine", target)
+
+    run(work)
+
+
+# Another machine -----------------------------------------------------------------------------------------
+
+
+def test_a_station_that_comes_back_changed_has_new_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def work(rig: Served) -> None:
+        ann = await rig.client(None)
+        await ann.node.ask("subscribe", names=["cell.level"], interval=50)
+        before = rig.face._shown
+        assert (await ann.read("filler.unit.state")).value is None
+        await rig.machine.end()
+        monkeypatch.setattr("umo.testing.faces.tried_machine.Plant", partial(Line, filler=Filler()))
+        rig.machine.m = plant()
+        rig.machine.begin()
+        await until(lambda: rig.face._shown is not before)
+        heard: list[Any] = []
+
+        async def gone() -> bool:
+            heard.extend((await ann.node.ask("heard"))["heard"])
+            return any(each[2] == "BadNodeIdUnknown" for each in heard)
+
+        await sooner_or_later(gone)
+
+        async def there() -> bool:
+            return (await ann.read("filler.unit.state")).value == "stopped"
+
+        await sooner_or_later(there)
+        assert (await ann.read("cell.level")).value == 10.0
+        own = ann.namespaces.index("urn:umo:plant")
+        machines = await ann.node.ask("browse", name=f"ns={ann.namespaces.index(MACHINERY)};i=1001")
+        assert [each["node"] for each in machines["references"]].count(f"ns={own};s=machine") == 1
 
     run(work)
 
