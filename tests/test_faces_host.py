@@ -191,6 +191,15 @@ def test_a_number_is_tuned_and_the_user_is_in_the_event() -> None:
     commanded(step)
 
 
+def test_a_command_ends_after_the_face_was_told_what_it_has_done() -> None:
+    async def step(rig: Any, face: Recorder) -> None:
+        for value in range(2, 10):
+            await face.commands.ask(ANN, "tune", "cell.gain", value=float(value))
+            assert face.value("tunable:cell.gain") == value
+
+    commanded(step)
+
+
 def test_refusals_are_the_machines_own_errors() -> None:
     async def step(rig: Any, face: Recorder) -> None:
         with pytest.raises(RangeError, match="11"):

@@ -10,6 +10,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
+from math import inf
 from typing import Any
 
 from umo.cycle.client_commands import DEAD_MAN_TIME
@@ -33,11 +34,13 @@ MAX_NAME = 40
 OWN = ("lease", "give back")
 """Commands that the gateway gives by itself."""
 SENDERS = ThreadPoolExecutor(4, "umo face")
-Looked = Callable[[], Awaitable[object]]
+Looked = Callable[[], Awaitable[float]]
+"""Waits for the next look; returns the time of the last frame of which the face has been told, in s on the cycle's
+clock; infinity when the run is over."""
 
 
 class Gateway:
-    """`looked` waits for the next look at the frames. `is_reader`: the face only reads."""
+    """`is_reader`: the face only reads."""
 
     def __init__(self, reader: Reader, face: str, looked: Looked, *, is_reader: bool = False) -> None:
         self._reader = reader.again()
@@ -122,14 +125,19 @@ class Gateway:
         return json.loads(event.text) if event.text else None
 
     async def _end_of(self, answers: Answers, user: User, path: str) -> Event:
-        """The last answer. An action whose client has gone is cancelled."""
-        cancelled = False
-        while (event := answers.end()) is None:
-            if answers.begun and not cancelled and not _lives(user):
+        """The last answer, after the face has been told of the period in which it was given: a client that reads next
+        sees what its command has done. An action whose client has gone is cancelled."""
+        cancelled, seen, event = False, -inf, None
+        while True:
+            event = event or answers.end()
+            if event is not None and event.time <= seen:
+                return event
+            if seen == inf:
+                raise FramesError("the run has ended before it answered")
+            if event is None and answers.begun and not cancelled and not _lives(user):
                 cancelled = True
                 await self._send("cancel", path=path, who=self._named(user))
-            await self._looked()
-        return event
+            seen = await self._looked()
 
     async def _send(self, do: str, **more: Any) -> int:
         """In a thread: the queue may be full, or it is another client's turn."""
@@ -147,7 +155,8 @@ class Gateway:
             start = self._reader.next_event
             answers = Answers(self._reader, await self._send("lease", who=who, seconds=LEASE_TIME), start)
             while (event := answers.end()) is None:
-                await self._looked()
+                if await self._looked() == inf:
+                    raise FramesError("the run has ended before it answered")
             if event.state is not CommandState.DONE:
                 raise error_of(event)
             self._lease = int(event.text)
