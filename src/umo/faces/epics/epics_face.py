@@ -36,7 +36,7 @@ class Epics(Face):
             raise OptionError(f"prefix {prefix!r} has a space")
         if not 0 < search_port <= 65535:
             raise OptionError(f"search_port {search_port} is not from 1 to 65535")
-        self._prefix = prefix
+        self._prefix, self.search_port = prefix, search_port
         self._server = PvaServer(Endpoint(host, port), search_port)
         self._variables: EpicsVariables | None = None
 

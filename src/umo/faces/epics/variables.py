@@ -104,7 +104,7 @@ class EpicsVariables:
         arguments = {str(each["name"]): each for each in about["arguments"]}
 
         def call(user: Any, given: Value) -> Any:
-            query = given.get("query", given) if given.has("query") else given
+            query = given["query"] if given.has("query") else {} if given.has("scheme") else given
             named = {name: _argument(arguments.get(name), value) for name, value in query.items()}
             return self.ask(user, "call", path, arguments=named)
 
