@@ -52,8 +52,8 @@ def epics() -> Epics:
     return Epics(port=0, search_port=free_udp_port())
 
 
-def environment(face: Epics) -> dict[str, str]:
-    """For a client of this face."""
+def environment(face: Any) -> dict[str, str]:
+    """For a client of what has this port to search."""
     return {name: value for name, value in os.environ.items() if not name.startswith(("EPICS_", "PYTHON"))} | {
         "EPICS_PVA_ADDR_LIST": "127.0.0.1",
         "EPICS_PVA_AUTO_ADDR_LIST": "NO",
@@ -136,7 +136,7 @@ class Pvapy(ForeignClient):
 
     async def mode(self, mode: str) -> None:
         choices = (await self.get(name_of("run:mode")))["value"]["choices"]
-        await self.put(name_of("run:mode"), choices.index(mode), is_index=True)
+        await self.put(name_of("run:mode"), choices.index(mode))
 
     async def close(self) -> None:
         if self._process.returncode is None:
@@ -146,3 +146,31 @@ class Pvapy(ForeignClient):
         await asyncio.gather(self._reading, return_exceptions=True)
         for each in self._answers.values():
             each.cancel()
+
+
+class ServedZtheta:
+    """The z-theta station in manual mode and real time, and its face, each in a process of its own."""
+
+    def __init__(self) -> None:
+        self.search_port = free_udp_port()
+        name = "umo.faces.epics:Epics"
+        options = {"port": 0, "search_port": self.search_port}
+        more = [word for each in options.items() for word in ("--option", "{}.{}={}".format(name, *each))]
+        self.station = program("run", "ztheta", "--manual", "--no-record", "--no-plot")
+        self.face = program("face", name, "--commands", *more)
+        assert self.face.stdout is not None
+        said = ""
+        while "ztheta (simulated)" not in said:  # it has found the station
+            assert (line := self.face.stdout.readline()), said
+            said += line
+
+    def end(self) -> None:
+        for each in (self.face, self.station):
+            each.terminate()
+            each.communicate(timeout=30)
+
+
+def program(*words: str) -> subprocess.Popen[str]:
+    """`umo` with these words."""
+    command = [sys.executable, "-u", "-m", "umo_command", *words]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)

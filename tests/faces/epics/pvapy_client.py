@@ -10,9 +10,8 @@ from typing import Any
 
 import pvaccess as pva
 
-READ_TIMEOUT, WRITE_TIMEOUT = 1.0, 30.0
+READ_TIMEOUT, WRITE_TIMEOUT = 1.0, 6.0
 TYPES = {bool: pva.BOOLEAN, int: pva.INT, float: pva.DOUBLE, str: pva.STRING}
-FIELDS = {"int": "field(value)", "enum": "field(value.index)"}
 own = threading.local()
 """Channels of this thread."""
 seen: list[Any] = []
@@ -32,9 +31,8 @@ def get(name: str) -> Any:
     return {key: each for key, each in found.items() if key != "control"}
 
 
-def put(name: str, value: Any, is_index: bool = False, block: bool = False) -> None:
-    request = ("record[block=true]" if block else "") + ("field(value.index)" if is_index else "field(value)")
-    channel(name, WRITE_TIMEOUT).put(value, request)
+def put(name: str, value: Any, block: bool = False) -> None:
+    channel(name, WRITE_TIMEOUT).put(value, ("record[block=true]" if block else "") + "field(value)")
 
 
 def call(name: str, arguments: dict[str, Any]) -> Any:

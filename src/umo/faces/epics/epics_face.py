@@ -29,8 +29,8 @@ class Epics(Face):
     ) -> None:
         if not is_local(host):
             raise OptionError(
-                f"host {host!r} can be reached from other computers, and pvAccess proves no user: leave it out; a gateway "
-                "that only reads serves other computers (docs/face-epics.md)"
+                f"host {host!r} can be reached from other computers, and pvAccess proves no user: leave it out; a "
+                "gateway that only reads serves other computers (docs/face-epics.md)"
             )
         if any(each.isspace() for each in prefix):
             raise OptionError(f"prefix {prefix!r} has a space")

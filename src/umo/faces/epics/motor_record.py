@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import nan
 from typing import Any
 
 from p4p import Value
@@ -44,20 +45,25 @@ class MotorRecord:
         self._variables.by_name[f"{self._name}.{name}"] = variable
         return variable
 
-    def _number(self, value: float, units: str | None = None) -> Value:
-        axis = self._axis
+    def _number(self, value: float = nan) -> Value:
+        """A position, or a distance."""
+        low, high = float(self._axis["minimum"]), float(self._axis["maximum"])
         return scalar(
-            value, units=axis["units"] if units is None else units, description=f"axis {self._path}",
-            precision=self._precision, limitLow=axis["minimum"], limitHigh=axis["maximum"],
+            value, units=str(self._axis["units"]), description=f"axis {self._path}", precision=self._precision,
+            limitLow=low, limitHigh=high,
         )  # fmt: skip
+
+    def _speed(self, value: float) -> Value:
+        high = float(self._axis["largest"]["velocity"])
+        return scalar(value, units=f"{self._axis['units']}/s", precision=self._precision, limitHigh=high)
 
     def _add_positions(self, encoder: FaceItem) -> None:
         self._precision = precision_of(encoder)
         follow, items = self._variables.follow, self._variables.machine.by_name
-        readbacks = [self._field(name, undefined(self._number(float("nan")))) for name in ("RBV", "DRBV")]
-        targets = [self._field(name, undefined(self._number(float("nan"))), self._move) for name in ("VAL", "DVAL")]
+        readbacks = [self._field(name, undefined(self._number())) for name in ("RBV", "DRBV")]
+        targets = [self._field(name, undefined(self._number()), self._move) for name in ("VAL", "DVAL")]
         if (bare := self._name) not in self._variables.by_name:
-            targets.append(ProcessVariable(undefined(self._number(float("nan"))), self._move))
+            targets.append(ProcessVariable(undefined(self._number()), self._move))
             self._variables.by_name[bare] = targets[-1]
         for shown, item in ((readbacks, encoder), (targets, items.get(self._axis["setpoint"], encoder))):
             for variable in shown:
@@ -84,12 +90,9 @@ class MotorRecord:
     def _add_speeds(self, items: Mapping[str, FaceItem]) -> None:
         """VELO is the velocity of the axis' profile, ACCL the time to it, JVEL that of a jog."""
         velocity, acceleration = (items.get(f"tunable:{self._axis[each]}") for each in ("velocity", "acceleration"))
-        unit = f"{self._axis['units']}/s"
-        speed = self._field(
-            "VELO", self._number(self._velocity, unit), None if velocity is None else self._tune(velocity)
-        )
+        speed = self._field("VELO", self._speed(self._velocity), None if velocity is None else self._tune(velocity))
         time = self._field("ACCL", scalar(self._velocity / self._acceleration, units="s", precision=4))
-        jog = self._field("JVEL", self._number(self._jog_velocity, unit), None)
+        jog = self._field("JVEL", self._speed(self._jog_velocity))
 
         def show(value: float, marks: Mapping[str, Any], is_speed: bool) -> None:
             if is_speed:
@@ -97,19 +100,17 @@ class MotorRecord:
                 speed.show({"value": value, **marks})
             else:
                 self._acceleration = value
-            time.show({"value": self._velocity / self._acceleration, **marks})
+            time.show({"value": self._velocity / self._acceleration if self._acceleration else 0.0, **marks})
 
         for item in filter(None, (velocity, acceleration)):
             self._variables.follow(item, lambda value, marks, first=item is velocity: show(value, marks, first))
 
         async def set_jog(user: User, given: Value) -> None:
-            number = number_in(given)
-            if not 0.0 < number <= float(self._axis["largest"]["velocity"]):
-                raise CommandRefused(
-                    f"{number:g} is not above 0 and up to {self._axis['largest']['velocity']:g} {unit}"
-                )
-            self._jog_velocity = number
-            jog.show({"value": number})
+            velocity, largest = number_in(given), float(self._axis["largest"]["velocity"])
+            if not 0.0 < velocity <= largest:
+                raise CommandRefused(f"a velocity of {velocity:g} is not above 0 and up to {largest:g}")
+            self._jog_velocity = velocity
+            jog.show({"value": velocity})
 
         jog.write = set_jog
 
@@ -121,8 +122,7 @@ class MotorRecord:
         }  # fmt: skip
         for name, number in numbers.items():
             self._field(name, self._number(float(number)))
-        largest = self._number(float(axis["largest"]["velocity"]), f"{axis['units']}/s")
-        self._field("VMAX", largest)
+        self._field("VMAX", self._speed(float(axis["largest"]["velocity"])))
         for name, whole in {"PREC": self._precision, "SREV": 0, "HLS": 0, "LLS": 0}.items():
             self._field(name, scalar(whole, "i"))
         for name, text in {"EGU": axis["units"], "DESC": f"axis {self._path}", "OUT": "", "RTYP": "motor"}.items():
@@ -165,6 +165,4 @@ class MotorRecord:
             except PathError:  # it does not run
                 continue
         if not ended and self._state not in (*AT_REST, "stopping"):
-            raise CommandRefused(
-                f"{self._path} is moved by the application, not by a client: only the end of the run stops it"
-            )
+            raise CommandRefused(f"{self._path} is moved by the application: only the end of the run stops it")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any
 
@@ -74,19 +75,24 @@ class ProcessVariable:
 
 
 def scalar(value: float | int | str, code: str = "d", **about: Any) -> Value:
-    """A normative scalar. `about`: fields of `display`."""
-    return Value(TYPES[code], {"value": value, "display": about})
+    """A normative scalar of now. `about`: fields of `display`."""
+    return Value(TYPES[code], {"value": value, "display": about, "timeStamp": _now()})
 
 
 def choice(index: int, choices: Sequence[str], about: str = "") -> Value:
     """A normative enumeration."""
-    return Value(TYPES["enum"], {"value": {"index": index, "choices": list(choices)}, "descriptor": about})
+    what = {"index": index, "choices": list(choices)}
+    return Value(TYPES["enum"], {"value": what, "descriptor": about, "timeStamp": _now()})
 
 
 def undefined(value: Value) -> Value:
     """The same, without a value yet."""
     value["alarm"] = {"severity": INVALID, "status": UNDEFINED, "message": "no value yet"}
     return value
+
+
+def _now() -> dict[str, int]:
+    return {"secondsPastEpoch": int(time.time())}
 
 
 def pvi(entries: Mapping[str, Mapping[str, str]]) -> Value:

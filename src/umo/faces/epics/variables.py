@@ -25,11 +25,12 @@ QUIET = ("normal", "shelved", "out of service")
 """States of an alarm that raise no severity."""
 DEVICE, RECORD = 1, 3
 """Status: what the device gave; what a state means."""
-RESERVED = frozenset(
-    "check_value children clear_sub collect collect_asset_docs collect_pages complete connect describe describe_collect "
-    "describe_configuration get_index hints kickoff locate log name parent pause prepare read read_configuration resume "
-    "set set_name stage stop subscribe trigger unstage".split()
-)
+RESERVED = frozenset((
+    "check_value", "children", "clear_sub", "collect", "collect_asset_docs", "collect_pages", "complete", "connect",
+    "describe", "describe_collect", "describe_configuration", "get_index", "hints", "kickoff", "locate", "log", "name",
+    "parent", "pause", "prepare", "read", "read_configuration", "resume", "set", "set_name", "stage", "stop",
+    "subscribe", "trigger", "unstage",
+))  # fmt: skip
 """Names that bluesky's devices have for themselves: an entry of the tree gets a `_`."""
 PRECISION = 3
 """Digits after the point where neither a resolution nor a range tells them."""
