@@ -322,6 +322,18 @@ def test_a_host_that_only_reads_refuses_every_command() -> None:
     commanded(step, read_only=True)
 
 
+def test_what_is_asked_after_the_run_is_refused_in_words() -> None:
+    async def step(rig: Any, face: Recorder) -> None:
+        await rig.end()
+        await until(lambda: face.why)
+        await asyncio.sleep(0)  # the gateway is closed after the face's end
+        for do in ("tune", "stop"):
+            with pytest.raises(CommandRefused, match="the run has ended"):
+                await face.commands.ask(ANN, do, "cell.gain", value=2.0)
+
+    commanded(step)
+
+
 def test_stop_needs_no_lease() -> None:
     async def step(rig: Any, face: Recorder) -> None:
         await face.commands.ask(ANN, "stop")

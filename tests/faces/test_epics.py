@@ -8,7 +8,7 @@ import json
 import socket
 import subprocess
 import sys
-from collections.abc import AsyncIterator, Coroutine, Iterator
+from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from typing import Any
 
@@ -114,7 +114,7 @@ def test_at_the_end_every_variable_is_invalid() -> None:
             await machine.end()
             for name in names:
                 await seen(client, name, "alarm.severity", 3)
-            with pytest.raises(RefusedByFace):
+            with pytest.raises(RefusedByFace, match="ended"):
                 await client.put("plant:cell:gain", 2.0)
 
     asyncio.run(work())
@@ -185,6 +185,19 @@ def test_stop_ends_the_run() -> None:
         async with served() as (machine, client):
             await client.put("plant:run:stop", 1)
             await until(lambda: machine.connection.stop.requested)
+
+    asyncio.run(work())
+
+
+def test_more_channels_than_are_kept_up_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("umo.faces.epics.pva_server.MAX_CHANNELS", 1)
+
+    async def work() -> None:
+        async with served(Mode.MANUAL) as (_, client):
+            await client.put("plant:cell:valve", 1.0)
+            with pytest.raises(RefusedByFace):
+                await client.get("plant:cell:lamp")
+            await seen(client, "plant:cell:level", "value", 10.0)
 
     asyncio.run(work())
 
@@ -270,7 +283,6 @@ class AxisWatch:
 async def jogging(ztheta: ServedZtheta) -> tuple[Pvapy, AxisWatch]:
     """A client that jogs the axis z."""
     client, watch = await Pvapy.of(ztheta), AxisWatch("z")
-    await client.put("ztheta:z.JVEL", 5000.0)
     await client.put("ztheta:z.JOGF", 1)
     await until(lambda: watch.state() == "continuous_motion")
     return client, watch

@@ -161,7 +161,8 @@ class ServedZtheta:
         assert self.face.stdout is not None
         said = ""
         while "ztheta (simulated)" not in said:  # it has found the station
-            assert (line := self.face.stdout.readline()), said
+            line = self.face.stdout.readline()
+            assert line, said
             said += line
 
     def end(self) -> None:

@@ -56,6 +56,7 @@ class Gateway:
         self._pending: dict[object, tuple[User, str]] = {}
         """Commands whose end is still to come: user and path."""
         self._last = 0.0
+        self._is_closed = False
         self._keeping = asyncio.create_task(self._keep())
 
     # Commands ------------------------------------------------------------------------------------------
@@ -79,6 +80,8 @@ class Gateway:
 
     def _refusal(self, user: User, do: str, path: str) -> str | None:
         """Why a command is not passed on; None: it is."""
+        if self._is_closed:
+            return "the run has ended"
         if self._is_reader:
             return f"{self._face} only reads here: it was started without commands"
         if user.is_remote and not user.proved:
@@ -191,7 +194,9 @@ class Gateway:
             self._lease = 0
 
     async def close(self) -> None:
-        """The face ends: the lease is given back, and the machine lets go of what was held."""
+        """The face ends: the lease is given back, and the machine lets go of what was held. What is asked from now on is
+        refused."""
+        self._is_closed = True
         self._keeping.cancel()
         await asyncio.gather(self._keeping, return_exceptions=True)
         if self._reader.lease_held(self._lease):

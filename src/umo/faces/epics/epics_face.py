@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from umo.errors import OptionError
 from umo.faces.endpoint import Endpoint, is_local
+from umo.faces.epics.epics_variables import EpicsVariables, variables_of
 from umo.faces.epics.motor_record import MotorRecord
 from umo.faces.epics.pva_server import PvaServer
-from umo.faces.epics.variables import EpicsVariables, variables_of
 from umo.faces.face import Changes, Commands, Face
 from umo.faces.face_declaration import Declaration
 

@@ -9,14 +9,14 @@ from typing import Any
 from p4p import Value
 
 from umo.errors import CommandRefused, PathError
+from umo.faces.epics.epics_variables import EpicsVariables, number_in, number_shown, precision_of
 from umo.faces.epics.process_variable import CarryOut, ProcessVariable, choice, scalar, undefined
-from umo.faces.epics.variables import EpicsVariables, number_in, precision_of
 from umo.faces.face import User
 from umo.faces.face_declaration import FaceItem
 
 AT_REST = ("disabled", "standstill", "error_stop")
 JOG_SHARE = 0.1
-"""Velocity of a jog at first: share of the largest."""
+"""Velocity of a jog: share of the largest."""
 
 
 class MotorRecord:
@@ -67,7 +67,7 @@ class MotorRecord:
             self._variables.by_name[bare] = targets[-1]
         for shown, item in ((readbacks, encoder), (targets, items.get(self._axis["setpoint"], encoder))):
             for variable in shown:
-                follow(item, lambda value, marks, variable=variable: variable.show({"value": value, **marks}))
+                follow(item, number_shown(variable))
         self._variables.enter(f"{self._path}.target".lstrip("."), {"rw": f"{self._name}.VAL"})
         self._variables.enter(f"{self._path}.stop".lstrip("."), {"x": f"{self._name}.STOP"})
 
@@ -92,27 +92,23 @@ class MotorRecord:
         velocity, acceleration = (items.get(f"tunable:{self._axis[each]}") for each in ("velocity", "acceleration"))
         speed = self._field("VELO", self._speed(self._velocity), None if velocity is None else self._tune(velocity))
         time = self._field("ACCL", scalar(self._velocity / self._acceleration, units="s", precision=4))
-        jog = self._field("JVEL", self._speed(self._jog_velocity))
+        self._field("JVEL", self._speed(self._jog_velocity))
 
-        def show(value: float, marks: Mapping[str, Any], is_speed: bool) -> None:
-            if is_speed:
-                self._velocity = value
-                speed.show({"value": value, **marks})
-            else:
-                self._acceleration = value
+        def show_time(marks: Mapping[str, Any]) -> None:
             time.show({"value": self._velocity / self._acceleration if self._acceleration else 0.0, **marks})
 
-        for item in filter(None, (velocity, acceleration)):
-            self._variables.follow(item, lambda value, marks, first=item is velocity: show(value, marks, first))
+        def show_velocity(value: float, marks: Mapping[str, Any]) -> None:
+            self._velocity = value
+            speed.show({"value": value, **marks})
+            show_time(marks)
 
-        async def set_jog(user: User, given: Value) -> None:
-            velocity, largest = number_in(given), float(self._axis["largest"]["velocity"])
-            if not 0.0 < velocity <= largest:
-                raise CommandRefused(f"a velocity of {velocity:g} is not above 0 and up to {largest:g}")
-            self._jog_velocity = velocity
-            jog.show({"value": velocity})
+        def show_acceleration(value: float, marks: Mapping[str, Any]) -> None:
+            self._acceleration = value
+            show_time(marks)
 
-        jog.write = set_jog
+        for item, show in ((velocity, show_velocity), (acceleration, show_acceleration)):
+            if item is not None:
+                self._variables.follow(item, show)
 
     def _add_constants(self, encoder: FaceItem) -> None:
         axis, resolution = self._axis, abs(float(encoder.about.get("resolution") or 0.0))

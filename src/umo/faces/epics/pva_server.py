@@ -61,7 +61,7 @@ class PvaServer:
                 channel.close(destroy=True)
         for name, variable in variables.items():
             if not variable.kept_up:
-                self._static.add(name, variable.add_channel(Channel(self, variable)))
+                self._static.add(name, variable.add_channel(ChannelHandler(self, variable)))
         self.variables = variables
 
     async def close(self) -> None:
@@ -88,20 +88,20 @@ class PvaServer:
         count = sum(len(each.channels) for each in self.variables.values() if each.kept_up)
         if variable is None or count >= MAX_CHANNELS:
             return None
-        return variable.add_channel(Channel(self, variable))
+        return variable.add_channel(ChannelHandler(self, variable))
 
-    def start(self, carry_out: CarryOut | None, operation: Operation) -> None:
+    def start(self, carry_out: CarryOut | None, operation: ClientRequest) -> None:
         assert self._loop is not None
         self._loop.call_soon_threadsafe(self._begin, carry_out, operation)
 
     # In the loop ---------------------------------------------------------------------------------------
 
-    def _begin(self, carry_out: CarryOut | None, operation: Operation) -> None:
+    def _begin(self, carry_out: CarryOut | None, operation: ClientRequest) -> None:
         task = asyncio.create_task(self._answer(carry_out, operation))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _answer(self, carry_out: CarryOut | None, operation: Operation) -> None:
+    async def _answer(self, carry_out: CarryOut | None, operation: ClientRequest) -> None:
         try:
             if carry_out is None:
                 raise CommandRefused("it is read only")
@@ -114,7 +114,7 @@ class PvaServer:
             operation.done(error=text_of(error))
 
 
-class Channel:
+class ChannelHandler:
     """Takes the puts and calls of a variable's channel: of one client if the variable is kept up, else of all."""
 
     def __init__(self, server: PvaServer, variable: ProcessVariable) -> None:
@@ -129,7 +129,7 @@ class Channel:
 
     def _start(self, carry_out: CarryOut | None, operation: Any, given: Value, *, is_call: bool) -> None:
         channel = self if self._variable.kept_up else None
-        self._server.start(carry_out, Operation(operation, given, channel, is_call=is_call))
+        self._server.start(carry_out, ClientRequest(operation, given, channel, is_call=is_call))
 
     def onLastDisconnect(self, channel: SharedPV) -> None:
         if self._variable.kept_up:
@@ -137,10 +137,10 @@ class Channel:
             self._variable.remove_channel(channel)
 
 
-class Operation:
+class ClientRequest:
     """A put, or a call, that a client waits for. `channel`: on which what is put is kept up."""
 
-    def __init__(self, operation: Any, given: Value, channel: Channel | None, *, is_call: bool) -> None:
+    def __init__(self, operation: Any, given: Value, channel: ChannelHandler | None, *, is_call: bool) -> None:
         self._operation, self._given, self._channel, self._is_call = operation, given, channel, is_call
         self._is_awaited = True
         block = operation.pvRequest().get("record._options.block", "")

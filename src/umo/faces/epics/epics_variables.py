@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from functools import partial
-from math import floor, isfinite, isnan, log10
+from math import floor, isfinite, isnan, log10, nan
 from typing import Any
 
 from p4p import Value
@@ -80,7 +80,7 @@ class EpicsVariables:
         write = self._write_of(item)
         value = undefined(choice(0, list(item.states.values()), _about(item)) if item.states else _number(item))
         variable = ProcessVariable(value, write, kept_up=item.kind is ItemKind.ACTUATOR)
-        self.follow(item, _state_shown(variable, item) if item.states else _number_shown(variable))
+        self.follow(item, _state_shown(variable, item) if item.states else number_shown(variable))
         self.add(path, "r" if write is None else "rw", variable)
         if item.kind is ItemKind.EQUIPMENT:
             self.add_button(f"{path}.clear", "clear its fault", partial(self.ask, do="clear", path=item.path))
@@ -170,7 +170,7 @@ def _marks(changes: Changes, place: int) -> dict[str, Any]:
     }
 
 
-def _number_shown(variable: ProcessVariable) -> Show:
+def number_shown(variable: ProcessVariable) -> Show:
     return lambda value, marks: variable.show({"value": value, **marks})
 
 
@@ -202,11 +202,12 @@ def _about(item: FaceItem) -> str:
 
 
 def _number(item: FaceItem) -> Value:
-    about, limits = item.about, {}
+    limits: dict[str, float] = {}
     if item.minimum is not None and item.maximum is not None:
         limits = {"limitLow": float(item.minimum), "limitHigh": float(item.maximum)}
-    value = scalar(float("nan"), units=item.unit, description=_about(item), precision=precision_of(item), **limits)
-    value["control"] = {**limits, "minStep": abs(float(about.get("resolution") or 0.0))}
+    about: dict[str, Any] = {"units": item.unit, "description": _about(item), "precision": precision_of(item)}
+    value = scalar(nan, "d", **about, **limits)
+    value["control"] = {**limits, "minStep": abs(float(item.about.get("resolution") or 0.0))}
     return value
 
 
