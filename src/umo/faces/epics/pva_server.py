@@ -17,6 +17,8 @@ from umo.faces.face import User
 
 BEGUN_AFTER = 1.0
 """Time in s after which a put that does not wait for completion is answered, if it was not refused until then."""
+SILENCE = 20
+"""Time in s after which a client that hangs is taken for gone: its library gives a sign of life every 15 s."""
 MAX_CHANNELS = 1000
 """Channels at most to what is kept up: each client has its own."""
 
@@ -47,6 +49,7 @@ class PvaServer:
                 "EPICS_PVAS_BROADCAST_PORT": str(self._search_port),
                 "EPICS_PVAS_AUTO_BEACON_ADDR_LIST": "NO",
                 "EPICS_PVAS_BEACON_ADDR_LIST": endpoint.host,
+                "EPICS_PVA_CONN_TMO": str(SILENCE * 3 / 4),  # as EPICS has it
             },
         )
         return f"pva://{endpoint.host}:{self._server.conf()['EPICS_PVAS_SERVER_PORT']}"
