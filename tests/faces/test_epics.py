@@ -88,6 +88,29 @@ def test_a_number_has_the_fields_of_an_ntscalar() -> None:
     asyncio.run(work())
 
 
+def test_the_tree_has_every_variable_once() -> None:
+    async def work() -> None:
+        async with served() as (_, client):
+            await seen(client, "plant:PVI", "alarm.severity", 0)
+            tree = await below(client, "plant:PVI")
+        assert tree["cell"]["level"] == {"r": "plant:cell:level"}
+        assert tree["cell"]["gain"] == {"rw": "plant:cell:gain"}
+        assert tree["cell"]["add"] == {"x": "plant:cell:add"}
+        assert tree["cell"]["full"] == {
+            "alarm": {"r": "plant:cell:full:alarm"}, "acknowledge": {"x": "plant:cell:full:acknowledge"}
+        }  # fmt: skip
+        assert tree["cell"]["position_bad"]["alarm"] == {"r": "plant:cell:position:bad:alarm"}
+        assert tree["run"]["stop_"] == {"x": "plant:run:stop"}
+
+    asyncio.run(work())
+
+
+async def below(client: Pvapy, name: str) -> dict[str, Any]:
+    """The entries of a device, and of all below it."""
+    entries: dict[str, Any] = (await client.get(name))["value"]
+    return {each: await below(client, what["d"]) if "d" in what else what for each, what in entries.items()}
+
+
 def test_an_alarm_and_a_fault_have_the_severity_of_their_meaning() -> None:
     async def work() -> None:
         async with served() as (machine, client):
@@ -97,9 +120,9 @@ def test_an_alarm_and_a_fault_have_the_severity_of_their_meaning() -> None:
             machine.set("cell.limit", OSError("unplugged"))
             await seen(client, "plant:cell:equipment", "alarm.severity", 2)
             machine.set("cell.limit", 0)
-            await client.put("plant:cell:equipment:clear", 1)
+            await client.put("plant:cell:clear", 1)
             await seen(client, "plant:cell:equipment", "alarm.severity", 0)
-            await client.put("plant:cell:full:alarm:acknowledge", 1)
+            await client.put("plant:cell:full:acknowledge", 1)
             await seen(client, "plant:cell:full:alarm", "value.index", 2)
 
     asyncio.run(work())

@@ -48,6 +48,8 @@ class EpicsVariables:
         self._shows: dict[int, list[Show]] = {item.number: [] for item in machine.items}
         self._tree: dict[str, dict[str, dict[str, str]]] = {"": {}}
         """Entries of each device, by its path."""
+        self._leaves: set[str] = set()
+        """Paths of entries that are no devices."""
 
     # Building ------------------------------------------------------------------------------------------
 
@@ -62,6 +64,10 @@ class EpicsVariables:
     def enter(self, path: str, entry: dict[str, str]) -> None:
         """An entry of the tree, and the devices above it. What stands there stays."""
         device, _, last = path.rpartition(".")
+        if device in self._leaves:  # an alarm of an object
+            device, last = device.rpartition(".")[0], f"{device.rpartition('.')[2]}_{last}"
+        elif "d" not in entry:
+            self._leaves.add(path)
         if device not in self._tree:
             self._tree[device] = {}
             self.enter(device, {"d": f"{self.prefix}{device.replace('.', ':')}:PVI"})
@@ -83,10 +89,12 @@ class EpicsVariables:
         self.follow(item, _state_shown(variable, item) if item.states else number_shown(variable))
         self.add(path, "r" if write is None else "rw", variable)
         if item.kind is ItemKind.EQUIPMENT:
-            self.add_button(f"{path}.clear", "clear its fault", partial(self.ask, do="clear", path=item.path))
+            self.add_button(
+                f"{item.path}.clear".lstrip("."), "clear its fault", partial(self.ask, do="clear", path=item.path)
+            )
         elif item.kind is ItemKind.ALARM:
             acknowledge = partial(self.ask, do="acknowledge alarm", path=item.path)
-            self.add_button(f"{path}.acknowledge", "acknowledge it", acknowledge)
+            self.add_button(f"{item.path}.acknowledge", "acknowledge it", acknowledge)
 
     def _write_of(self, item: FaceItem) -> CarryOut | None:
         if item.kind is ItemKind.TUNABLE:
