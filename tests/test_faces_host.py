@@ -191,6 +191,15 @@ def test_a_number_is_tuned_and_the_user_is_in_the_event() -> None:
     commanded(step)
 
 
+def test_a_command_ends_after_the_face_was_told_what_it_has_done() -> None:
+    async def step(rig: Any, face: Recorder) -> None:
+        for value in range(2, 10):
+            await face.commands.ask(ANN, "tune", "cell.gain", value=float(value))
+            assert face.value("tunable:cell.gain") == value
+
+    commanded(step)
+
+
 def test_refusals_are_the_machines_own_errors() -> None:
     async def step(rig: Any, face: Recorder) -> None:
         with pytest.raises(RangeError, match="11"):
@@ -311,6 +320,18 @@ def test_a_host_that_only_reads_refuses_every_command() -> None:
                 await face.commands.ask(ANN, do, "cell.gain", value=2.0)
 
     commanded(step, read_only=True)
+
+
+def test_what_is_asked_after_the_run_is_refused_in_words() -> None:
+    async def step(rig: Any, face: Recorder) -> None:
+        await rig.end()
+        await until(lambda: face.why)
+        await asyncio.sleep(0)  # the gateway is closed after the face's end
+        for do in ("tune", "stop"):
+            with pytest.raises(CommandRefused, match="the run has ended"):
+                await face.commands.ask(ANN, do, "cell.gain", value=2.0)
+
+    commanded(step)
 
 
 def test_stop_needs_no_lease() -> None:

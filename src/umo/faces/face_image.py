@@ -32,6 +32,8 @@ class FaceImage:
         self.quality = np.full(count, Quality.BAD, np.uint8)
         self.times = np.full(count, np.nan)
         self.period, self.utc = -1, float("nan")
+        self.time = float("-inf")
+        """Of the last period, s on the cycle's clock."""
         self.utc_error: float | None = None
 
     def look(self) -> bool:
@@ -42,6 +44,7 @@ class FaceImage:
         last = frames[-1]
         error = int(last["utc_error"])
         self.period, self.utc_error = int(last["number"]), None if error < 0 else error * 1e-9
+        self.time = float(last["time"])
         self.utc = (int(last["began"]) + int(last["utc"])) / 1e9
         objects = self._objects
         np.concatenate((last["values"], last["signals"], self._others(last, frames)), out=self.values)

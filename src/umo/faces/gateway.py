@@ -10,6 +10,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
+from math import inf
 from typing import Any
 
 from umo.cycle.client_commands import DEAD_MAN_TIME
@@ -33,11 +34,13 @@ MAX_NAME = 40
 OWN = ("lease", "give back")
 """Commands that the gateway gives by itself."""
 SENDERS = ThreadPoolExecutor(4, "umo face")
-Looked = Callable[[], Awaitable[object]]
+Looked = Callable[[], Awaitable[float]]
+"""Waits for the next look; returns the time of the last frame of which the face has been told, in s on the cycle's
+clock; infinity when the run is over."""
 
 
 class Gateway:
-    """`looked` waits for the next look at the frames. `is_reader`: the face only reads."""
+    """`is_reader`: the face only reads."""
 
     def __init__(self, reader: Reader, face: str, looked: Looked, *, is_reader: bool = False) -> None:
         self._reader = reader.again()
@@ -53,6 +56,7 @@ class Gateway:
         self._pending: dict[object, tuple[User, str]] = {}
         """Commands whose end is still to come: user and path."""
         self._last = 0.0
+        self._is_closed = False
         self._keeping = asyncio.create_task(self._keep())
 
     # Commands ------------------------------------------------------------------------------------------
@@ -76,6 +80,8 @@ class Gateway:
 
     def _refusal(self, user: User, do: str, path: str) -> str | None:
         """Why a command is not passed on; None: it is."""
+        if self._is_closed:
+            return "the run has ended"
         if self._is_reader:
             return f"{self._face} only reads here: it was started without commands"
         if user.is_remote and not user.proved:
@@ -122,14 +128,19 @@ class Gateway:
         return json.loads(event.text) if event.text else None
 
     async def _end_of(self, answers: Answers, user: User, path: str) -> Event:
-        """The last answer. An action whose client has gone is cancelled."""
-        cancelled = False
-        while (event := answers.end()) is None:
-            if answers.begun and not cancelled and not _lives(user):
+        """The last answer, after the face has been told of the period in which it was given: a client that reads next
+        sees what its command has done. An action whose client has gone is cancelled."""
+        cancelled, seen, event = False, -inf, None
+        while True:
+            event = event or answers.end()
+            if event is not None and event.time <= seen:
+                return event
+            if seen == inf:
+                raise FramesError("the run has ended before it answered")
+            if event is None and answers.begun and not cancelled and not _lives(user):
                 cancelled = True
                 await self._send("cancel", path=path, who=self._named(user))
-            await self._looked()
-        return event
+            seen = await self._looked()
 
     async def _send(self, do: str, **more: Any) -> int:
         """In a thread: the queue may be full, or it is another client's turn."""
@@ -147,7 +158,8 @@ class Gateway:
             start = self._reader.next_event
             answers = Answers(self._reader, await self._send("lease", who=who, seconds=LEASE_TIME), start)
             while (event := answers.end()) is None:
-                await self._looked()
+                if await self._looked() == inf:
+                    raise FramesError("the run has ended before it answered")
             if event.state is not CommandState.DONE:
                 raise error_of(event)
             self._lease = int(event.text)
@@ -182,7 +194,9 @@ class Gateway:
             self._lease = 0
 
     async def close(self) -> None:
-        """The face ends: the lease is given back, and the machine lets go of what was held."""
+        """The face ends: the lease is given back, and the machine lets go of what was held. What is asked from now on is
+        refused."""
+        self._is_closed = True
         self._keeping.cancel()
         await asyncio.gather(self._keeping, return_exceptions=True)
         if self._reader.lease_held(self._lease):

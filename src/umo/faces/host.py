@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from math import inf
 from types import MappingProxyType
 
 from umo.cycle.stage import Stage
@@ -166,8 +167,11 @@ class FaceHost:
                 pause = min(2 * pause, MAX_PAUSE)
 
     async def _serve_run(self, name: str, face: Face, run: Run) -> None:
-        async def looked() -> None:
-            await run.looked.wait()
+        async def looked() -> float:
+            if not run.over:
+                await run.looked.wait()
+            await asyncio.sleep(0)  # the face is told first
+            return inf if run.over else run.image.time
 
         gateway = Gateway(run.reader, name, looked, is_reader=self._read_only or not face.takes_commands)
         why = "the face has ended"
