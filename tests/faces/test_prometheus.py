@@ -38,12 +38,6 @@ LEVEL = 'umo_value{path="cell.level"}'
 NO_VALUE = Seen(None, Grade.NONE)
 
 
-@pytest.fixture(autouse=True)
-def folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("UMO_FRAMES", str(tmp_path / "frames"))
-    monkeypatch.setenv("UMO_STATE", str(tmp_path / "state"))
-
-
 def free_port() -> int:
     with socket.create_server(("127.0.0.1", 0)) as server:
         return int(server.getsockname()[1])
@@ -110,13 +104,13 @@ def tried(tmp_path: Path) -> TriedFace:
     return TriedFace("prometheus", lambda: Prometheus(port=0), client, commands=False)
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("name", RULES)
 def test_prometheus_passes_the_kit(tried: TriedFace, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("umo.testing.faces.face_rules.TOLD_WITHIN", 8.0)  # scrapes, and Prometheus begins
     assert asyncio.run(try_rule(tried, RULES[name])) in (None, "")
 
 
+@pytest.mark.smoke
 def test_its_text_pleases_promtool() -> None:
     async def work() -> str:
         async with TriedMachine() as machine:
@@ -173,7 +167,6 @@ def test_other_computers_need_certificates() -> None:
         Prometheus(host="0.0.0.0")
 
 
-@pytest.mark.full
 @pytest.mark.skipif(shutil.which("victoria-metrics") is None, reason="Debian's victoria-metrics is not installed")
 def test_victoria_metrics_takes_it(tmp_path: Path) -> None:
     async def work() -> list[str]:
