@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -123,3 +125,21 @@ def test_at_the_end_the_device_is_offline(broker: Mosquitto) -> None:
 def test_a_prefix_that_no_topic_can_have_is_refused() -> None:
     with pytest.raises(OptionError, match="prefix"):
         HomeAssistant(prefix="a/#")
+
+
+def test_home_assistants_own_schemas_accept_discovery(broker: Mosquitto) -> None:
+    python = os.environ.get("UMO_HOMEASSISTANT_PYTHON")
+    if not python:
+        pytest.skip("UMO_HOMEASSISTANT_PYTHON names no Python with the package homeassistant")
+    lines: list[str] = []
+
+    async def work(machine: TriedMachine, host: SparkplugHost) -> None:
+        for topic, text in topics(host).items():
+            if topic.startswith("homeassistant/"):
+                lines.append(json.dumps([topic.split("/")[1], json.loads(text)]))
+
+    tried(broker, work)
+    judge = Path(__file__).parent / "mqtt" / "judge_discovery.py"
+    done = subprocess.run([python, judge], input="\n".join(lines), text=True, capture_output=True, timeout=60)
+    assert lines
+    assert done.stdout.split("\n")[:-1] == ["judged"], done.stdout + done.stderr
