@@ -174,3 +174,40 @@ def test_a_password_that_cannot_be_read_is_said(tmp_path: Path) -> None:
         Sparkplug(user="ann")
     with pytest.raises(UmoError, match="no password"):
         asyncio.run(Sparkplug(user="ann", password_file=tmp_path / "none").open())
+
+
+KILLED = """
+import asyncio, os, signal, sys
+import numpy as np
+from umo.faces.face import Changes
+from umo.faces.face_declaration import Declaration, FaceItem, ItemKind
+from umo.faces.mqtt.sparkplug import Sparkplug
+
+async def work():
+    face = Sparkplug(port=int(sys.argv[1]))
+    item = FaceItem(0, ItemKind.SENSOR, "cell.level", {})
+    await face.begin(Declaration("plant", "", "1-1", 0.01, 0.0, (item,), (), (), (), False), None)
+    await face.frames(Changes(1, 1e9, None, np.arange(1), np.ones(1), np.zeros(1, np.uint8), np.array([1e9])))
+    await asyncio.to_thread(sys.stdin.readline)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+asyncio.run(work())
+"""
+
+
+def test_the_broker_tells_the_death_of_a_face_that_was_killed(broker: Mosquitto) -> None:
+    async def work() -> None:
+        host = await SparkplugHost().connect(broker.port)
+        try:
+            await until(lambda: kinds(host, "connected"))
+            pipe = asyncio.subprocess.PIPE
+            face = await asyncio.create_subprocess_exec(sys.executable, "-c", KILLED, str(broker.port), stdin=pipe)
+            await until(lambda: host.alive)
+            await face.communicate(b"\n")
+            await until(lambda: kinds(host, "NDEATH"))
+            birth, death = kinds(host, "NBIRTH")[-1], kinds(host, "NDEATH")[-1]
+            assert metric_of(death, "bdSeq")["value"] == metric_of(birth, "bdSeq")["value"]
+        finally:
+            await host.close()
+
+    asyncio.run(work())

@@ -53,7 +53,7 @@ class Mosquitto:
 
 
 def select_pause() -> None:
-    """10 ms."""
+    """Wait 10 ms."""
     import select
 
     select.select([], [], [], 0.01)

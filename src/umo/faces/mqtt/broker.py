@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import paho.mqtt.client as paho
+from paho.mqtt.enums import CallbackAPIVersion
 
 from umo.errors import OptionError, UmoError
 from umo.faces.endpoint import is_local
@@ -127,7 +128,7 @@ class Broker:
         self._client = self._made(name)
 
     def _made(self, name: str) -> paho.Client:
-        client = paho.Client(paho.CallbackAPIVersion.VERSION2, client_id=name, protocol=paho.MQTTv311)
+        client = paho.Client(CallbackAPIVersion.VERSION2, client_id=name, protocol=paho.MQTTv311)
         client.connect_timeout = CONNECT_TIMEOUT
         client.reconnect_delay_set(FIRST_PAUSE, MAX_PAUSE)
         client.on_pre_connect = self._before

@@ -59,9 +59,8 @@ class SparkplugNode:
 
     def name_of(self, metric: Any) -> str:
         """The name of a metric that a client has sent, which may have an alias only."""
-        if metric.name or not 0 < metric.alias <= len(self._names):
-            return str(metric.name)
-        return self._names[metric.alias - 1]
+        alias = int(metric.alias)
+        return self._names[alias - 1] if not metric.name and 0 < alias <= len(self._names) else str(metric.name)
 
     def death(self) -> bytes:
         payload = _payload()
