@@ -194,8 +194,8 @@ class Gateway:
             self._lease = 0
 
     async def close(self) -> None:
-        """The face ends: the lease is given back, and the machine lets go of what was held. What is asked from now on is
-        refused."""
+        """The face ends: the lease is given back, and the machine lets go of what was held. What is asked from now
+        on is refused."""
         self._is_closed = True
         self._keeping.cancel()
         await asyncio.gather(self._keeping, return_exceptions=True)
