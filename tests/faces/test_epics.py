@@ -156,7 +156,9 @@ def test_what_is_no_command_is_refused_in_words() -> None:
             for given, words in (({"mass": 1.0}, "no argument 'mass'"), ({"weight": "heavy"}, "heavy")):
                 with pytest.raises(RefusedByFace, match=words):
                     await client.order("call", name="plant:cell:add", arguments=given)
-            assert await client.order("call", name="plant:cell:add", arguments={"weight": "1.5"}) == 3.0
+            assert (
+                await client.order("call", name="plant:cell:add", arguments={"weight": "1.5"}) == 3.0
+            )  # as of a shell
 
     asyncio.run(work())
 

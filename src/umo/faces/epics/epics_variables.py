@@ -114,6 +114,8 @@ class EpicsVariables:
 
         def call(user: Any, given: Value) -> Any:
             query = given["query"] if given.has("query") else {} if given.has("scheme") else given
+            if not isinstance(query, Value | Mapping):
+                raise CommandRefused(f"{path}: the query is no structure of arguments")
             named = {name: _argument(arguments.get(name), value) for name, value in query.items()}
             return self.ask(user, "call", path, arguments=named)
 

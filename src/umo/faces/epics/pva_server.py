@@ -107,7 +107,7 @@ class PvaServer:
     async def _answer(self, carry_out: CarryOut | None, operation: ClientRequest) -> None:
         try:
             if carry_out is None:
-                raise CommandRefused("it is read only")
+                raise CommandRefused("it is read only" if not operation.is_call else "it cannot be called")
             operation.done(await operation.awaited(carry_out))
         except asyncio.CancelledError:
             operation.done(error="the machine is no longer there")
@@ -144,7 +144,7 @@ class ClientRequest:
     """A put, or a call, that a client waits for. `channel`: on which what is put is kept up."""
 
     def __init__(self, operation: Any, given: Value, channel: ChannelHandler | None, *, is_call: bool) -> None:
-        self._operation, self._given, self._channel, self._is_call = operation, given, channel, is_call
+        self._operation, self._given, self._channel, self.is_call = operation, given, channel, is_call
         self._is_awaited = True
         block = operation.pvRequest().get("record._options.block", "")
         self._waits = is_call or str(block).lower() == "true"
@@ -176,7 +176,7 @@ class ClientRequest:
         return await task
 
     def done(self, value: Any = None, error: str | None = None) -> None:
-        if error is not None or not self._is_call:
+        if error is not None or not self.is_call:
             self._operation.done(error=error)
         else:
             self._operation.done(result(value))
