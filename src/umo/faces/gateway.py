@@ -194,8 +194,7 @@ class Gateway:
             self._lease = 0
 
     async def close(self) -> None:
-        """The face ends: the lease is given back, and the machine lets go of what was held. What is asked from now
-        on is refused."""
+        """The face ends: the lease is given back, and the machine lets go of what was held. From now on it refuses."""
         self._is_closed = True
         self._keeping.cancel()
         await asyncio.gather(self._keeping, return_exceptions=True)
