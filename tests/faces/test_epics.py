@@ -62,9 +62,12 @@ async def served(mode: Mode = Mode.AUTOMATIC) -> AsyncIterator[tuple[TriedMachin
 
 async def seen(client: Pvapy, name: str, what: str, value: Any) -> dict[str, Any]:
     """The variable, once a field is so."""
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(20):
         while True:
-            found = await client.get(name)
+            try:
+                found = await client.get(name)
+            except RefusedByFace:  # it still searches
+                continue
             each: Any = found
             for part in what.split("."):
                 each = each[part]
@@ -205,6 +208,23 @@ def test_an_action_is_cancelled_when_a_client_that_awaits_it_is_killed(block: bo
     asyncio.run(work())
 
 
+def test_a_client_that_is_there_before_the_machine_finds_what_is_kept_up() -> None:
+    async def work() -> None:
+        face, machine = epics(), TriedMachine(Mode.MANUAL)
+        async with hosted(machine, face):
+            await until(lambda: face.address)
+            client = await Pvapy.of(face)
+            with pytest.raises(RefusedByFace):  # it has searched for a second
+                await client.get("plant:cell:valve")
+            async with machine:
+                await seen(client, "plant:cell:valve", "value", 0.0)
+                await client.put("plant:cell:valve", 2.0)
+                assert machine.m.cell.valve.read() == 2.0
+            await client.close()
+
+    asyncio.run(work())
+
+
 def test_stop_ends_the_run() -> None:
     async def work() -> None:
         async with served() as (machine, client):
@@ -308,6 +328,7 @@ class AxisWatch:
 async def jogging(ztheta: ServedZtheta) -> tuple[Pvapy, AxisWatch]:
     """A client that jogs the axis z."""
     client, watch = await Pvapy.of(ztheta), AxisWatch("z")
+    await seen(client, "ztheta:z.DMOV", "alarm.severity", 0)  # the face has begun
     await client.put("ztheta:z.JOGF", 1)
     await until(lambda: watch.state() == "continuous_motion")
     return client, watch
