@@ -226,10 +226,11 @@ KEPT = [
     Kind("kept: SIGKILL of keeper and control", together("keeper", "control"), LOST, 20),
     Kind(
         "kept: SIGKILL of guardian, standby and control",
-        together("guardian", "standby", "control"),
+        aged(together("guardian", "standby", "control")),  # before there is a keeper nobody is left who could make one
         (1, 3),
         10,
         resets=False,
+        takes=1.5,
     ),
     Kind("kept: SIGKILL of the starter", one("starter", KILL), KILLED, 20, BOTH),
 ]
