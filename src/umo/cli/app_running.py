@@ -58,16 +58,17 @@ def watch(
 def face(
     names: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[FACE]...", help="Names of faces; default: those of the table [faces] of the wiring."),
+        typer.Argument(metavar="[FACE]...", help="Names of faces; default: those of the table `faces` of the wiring."),
     ] = None,
     station: Annotated[
         str | None, typer.Option(help="Name, folder or pid; required if several run. It may start later.")
     ] = None,
     commands: Annotated[
-        bool | None, typer.Option("--commands/--read-only", help="Whether clients may command.  [default: read-only]")
+        bool | None,
+        typer.Option("--commands/--read-only", help="Whether clients may command; default: they only read."),
     ] = None,
     rate: Annotated[
-        float | None, typer.Option(callback=finite, help="Looks at the machine a second.  [default: 10]")
+        float | None, typer.Option(callback=finite, help="Looks at the machine a second; default: 10.")
     ] = None,
     option: Annotated[
         list[str] | None, typer.Option(metavar="FACE.NAME=VALUE", help="An option of a face; may be repeated.")
