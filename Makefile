@@ -1,10 +1,10 @@
-# make demo | test | test-page | test-all | lint | bench | docs | wheel | kernel | test-kernel; each but kernel makes .venv first.
+# make demo | test | test-page | test-faces | test-all | lint | bench | docs | wheel | kernel | test-kernel; each but kernel makes .venv first.
 # PYTHON=python3.12 make test picks another Python.
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/installed
 
-.PHONY: demo test test-page test-all lint bench docs wheel kernel test-kernel clean
+.PHONY: demo test test-page test-faces test-all lint bench docs wheel kernel test-kernel clean
 
 demo: $(STAMP)
 	$(BIN)/umo run ztheta
@@ -18,6 +18,10 @@ test: $(STAMP)
 # The page in a browser; make test runs some of these tests.
 test-page: $(STAMP)
 	$(PYTEST) tests/page $(ARGS)
+
+# The faces, each with clients of other projects; make test runs one test of each. About 6 minutes.
+test-faces: $(STAMP)
+	$(PYTEST) tests/faces $(ARGS)
 
 # Every test, also the grids, seeds, matrices and campaigns: before a release. make test-all ARGS="--shard 2/4" runs the
 # second of four parts.

@@ -51,6 +51,40 @@ def watch(
 
 
 @command(
+    epilog="Examples: umo face prometheus  |  umo face opcua epics --station ztheta --commands  |  "
+    "umo face prometheus --option prometheus.port=9465",
+    status="0 ended by Ctrl-C or SIGTERM; 2 a mistake, told on stderr",
+)
+def face(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[FACE]...", help="Names of faces; default: those of the table `faces` of the wiring."),
+    ] = None,
+    station: Annotated[
+        str | None, typer.Option(help="Name, folder or pid; required if several run. It may start later.")
+    ] = None,
+    commands: Annotated[
+        bool | None,
+        typer.Option("--commands/--read-only", help="Whether clients may command; default: they only read."),
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option(callback=finite, help="Looks at the machine a second; default: 10.")
+    ] = None,
+    option: Annotated[
+        list[str] | None, typer.Option(metavar="FACE.NAME=VALUE", help="An option of a face; may be repeated.")
+    ] = None,
+) -> int:
+    """Serve a running station to clients of other protocols, until Ctrl-C.
+
+    A face reads the frames of the station, as `umo view` does, and disturbs nothing. When the station ends every value
+    becomes stale; when it starts again the face goes on. Without --commands clients only read.
+    """
+    from .serve_faces import FaceOptions, serve
+
+    return serve(FaceOptions(names or [], station, commands, rate, option or []))
+
+
+@command(
     epilog="Examples: umo view  |  umo view ztheta --open  |  umo view --port 8300  |  "
     "umo view --host 0.0.0.0 --certificate cell.pem --key cell.key",
     status="0 ended by Ctrl-C; 2 a mistake, told on stderr",

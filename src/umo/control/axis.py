@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from enum import Enum
 from functools import partial
 from math import copysign, inf, isfinite, isnan, nan
-from typing import Protocol, cast
+from typing import Any, Protocol, cast
 
+from umo.control import axis_state
+from umo.control.axis_state import AxisState
 from umo.control.axis_suspension import AxisSuspension
 from umo.control.checks import check_numbers
 from umo.control.inputs import HOMING, Accept, value_of
@@ -238,6 +240,15 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         self.enabled = False
         if self._motion == "jog":
             self._motion = None
+
+    @property
+    def state(self) -> AxisState:
+        """What the axis does, in PLCopen's words."""
+        return axis_state.state_of(self)
+
+    def describe_axis(self) -> Mapping[str, Any]:
+        """What others must know of it, as plain data (`umo.control.axis_state.described`)."""
+        return axis_state.described(self)
 
     # For homing ----------------------------------------------------------------------------------------
 

@@ -42,23 +42,22 @@ class Columns:
     accepted last; `stepped`, for those with a rate: the time of the last step, infinite while a reset is still to be
     accepted; `restrictions`, the command stage's own: whether it is to be asked before a write.
 
-    `equipment` has a row for each equipment, `alarms` one for each alarm: the number of its state.
+    `equipment`, `axes` and `alarms` have a row for each of these: the number of its state.
     """
 
-    def __init__(self, count: int, equipment: int = 0, alarms: int = 0) -> None:
-        memory = np.zeros(count * (8 * WIDE + NARROW) + equipment + alarms, np.uint8)
+    def __init__(self, count: int, equipment: int = 0, axes: int = 0, alarms: int = 0) -> None:
+        memory = np.zeros(count * (8 * WIDE + NARROW) + equipment + axes + alarms, np.uint8)
         wide = memory[: 8 * WIDE * count].view(np.float64).reshape(WIDE, count)
         self.pending, self.sent, self.stepped, self.times = wide[:4]
         self.sent_raws, self.raws = wide[4].view(np.int64), wide[6].view(np.int64)
         self.values = wide[5]
         ends = 8 * WIDE * count, (8 * WIDE + NARROW) * count
         self.quality, self.restrictions = memory[ends[0] : ends[1]].reshape(NARROW, count)
-        self.equipment = memory[ends[1] : ends[1] + equipment]
-        self.alarms = memory[ends[1] + equipment :]
+        self.equipment, self.axes, self.alarms = np.split(memory[ends[1] :], [equipment, equipment + axes])
         self.times.fill(nan)
         self.shown = memory[wide[:5].nbytes :].data
-        """The bytes of `values`, `raws`, `quality`, `restrictions`, `equipment`, `alarms`, in this order: what a
-        frame shows."""
+        """The bytes of `values`, `raws`, `quality`, `restrictions`, `equipment`, `axes`, `alarms`, in this order: what
+        a frame shows."""
 
 
 class Scales:

@@ -17,7 +17,7 @@ from umo.cycle.alarming import declared_alarms, engine_of
 from umo.cycle.clock import Clock, WallClock
 from umo.cycle.equipment import equipment_in
 from umo.cycle.image import Image
-from umo.cycle.machine import ConnectedMachine
+from umo.cycle.machine import ConnectedMachine, axes_in
 from umo.cycle.off_cycle import image_of
 from umo.cycle.rated_machine import machine_of
 from umo.cycle.restoring import restore
@@ -154,7 +154,7 @@ class connect(Generic[C]):
                 # it runs in a signal handler: what it raised would come up in any call of a driver, also in a reset
                 self.stop.end_wait = partial(attempt, bare(self.wired.timer_wire.driver).stop_waiting)
             alarms = declared_alarms(self.root)
-            image = image_of(self.wired, clock, len(equipment_in(self.root)), len(alarms))
+            image = image_of(self.wired, clock, len(equipment_in(self.root)), len(axes_in(self.root)), len(alarms))
             outputs = self.wired.process.outputs
             rates, injection = self.wired.rates, self.wired.injection
             self.machine = machine_of(self.root, image, rates, self.stop, injection, outputs)

@@ -93,6 +93,23 @@ class Supervisor(Protocol):
         """Its path, its states and its commands, as plain data."""
 
 
+class MotionAxis(Protocol):
+    """A compound that is an axis of motion (`umo.control.Axis`)."""
+
+    @property
+    def state(self) -> int:
+        """What it does: the number of one of its states."""
+
+    def describe_axis(self) -> Mapping[str, Any]:
+        """Its path, states, position, limits and actions, as plain data."""
+
+
+def axes_in(root: Compound) -> list[MotionAxis]:
+    """The axes of a machine, in the order of frames."""
+    nodes: list[Any] = [root, *walk(root)]
+    return [each for each in nodes if callable(getattr(each.__class__, "describe_axis", None))]
+
+
 class Book(Protocol):
     """A law from which a client chooses what comes next, such as a book of recipes (`umo.operation.recipe_book`)."""
 
@@ -143,6 +160,8 @@ class ConnectedMachine:
             if _has_all(law, *SUPERVISES):
                 law.begin(path)
                 self.supervisors.append(law)
+        self.axes = axes_in(root)
+        self._axis_states: Any = image.columns.axes.data
         self.events: Events = self.commands.events
         """The last 1,000 actions of guards and clients."""
         self.stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]
@@ -460,6 +479,8 @@ class ConnectedMachine:
         frame.execution = (monotonic_ns() - self._started) * 1e-9
         frame.number, frame.time, frame.missed = clock.number, clock.now, clock.missed
         frame.signal_values = read_numbers(frame.signals)
+        for number, axis in enumerate(self.axes):
+            self._axis_states[number] = axis.state
         show(frame, self.observers)
 
     def _slots_of(self, part: Node) -> _PartSlots:

@@ -71,8 +71,8 @@ class Remote:
 class OffCycleImage(Image):
     """The image of a machine with drivers off the cycle."""
 
-    def __init__(self, wired: Wired, clock: Clock, equipment: int = 0, alarms: int = 0) -> None:
-        super().__init__(wired, clock, equipment, alarms)
+    def __init__(self, wired: Wired, clock: Clock, equipment: int = 0, axes: int = 0, alarms: int = 0) -> None:
+        super().__init__(wired, clock, equipment, axes, alarms)
         drivers = [(name, driver) for name, driver in wired.drivers.items() if isinstance(driver, OffCycle)]
         self._remotes = [Remote(self, name, driver) for name, driver in drivers]
         self._remote_of = {slot: remote for remote in self._remotes for slot in remote.place}
@@ -370,7 +370,7 @@ class OffCycleImage(Image):
         return super().try_send(slot)
 
 
-def image_of(wired: Wired, clock: Clock, equipment: int, alarms: int = 0) -> Image:
+def image_of(wired: Wired, clock: Clock, equipment: int, axes: int = 0, alarms: int = 0) -> Image:
     """The image of a machine: without drivers off the cycle the plain one, which knows nothing of them."""
     off = any(isinstance(driver, OffCycle) for driver in wired.drivers.values())
-    return (OffCycleImage if off else Image)(wired, clock, equipment, alarms)
+    return (OffCycleImage if off else Image)(wired, clock, equipment, axes, alarms)

@@ -38,8 +38,8 @@ MAX_OFFSET_RAW = 2.0**62
 class Slots:
     """The numbers of a machine's objects; an object holds its index, its slot."""
 
-    def __init__(self, wired: Wired, clock: Clock, equipment: int = 0, alarms: int = 0) -> None:
-        """`equipment`: the number of the compounds that are declared equipment; `alarms`: that of the alarms."""
+    def __init__(self, wired: Wired, clock: Clock, equipment: int = 0, axes: int = 0, alarms: int = 0) -> None:
+        """`equipment`: the number of the compounds that are declared equipment; `axes`, `alarms`: that of these."""
         self.clock = clock
         parts = _part_numbers(wired)
         self.wires = sorted(wired.wires, key=_group_order(wired.wires, parts))
@@ -49,7 +49,7 @@ class Slots:
         self.timer = -1 if wired.timer is None else self.slot_of[id(wired.timer)]
         self._least_ticks, self._most_ticks = self.wires[self.timer].raw_bounds if wired.timer is not None else (0, 0)
         count = len(self.wires)
-        self.columns = columns = Columns(count, equipment, alarms)
+        self.columns = columns = Columns(count, equipment, axes, alarms)
         self.pending: Any = columns.pending.data
         self.sent: Any = columns.sent.data
         self.sent_raws: Any = columns.sent_raws.data

@@ -154,7 +154,7 @@ class Layout:
     axes: tuple[dict[str, Any], ...] = ()
     alarms: tuple[dict[str, Any], ...] = ()
     """Of these three: path of each, and the names of its states by their numbers; of alarms text, priority and
-    options, too. Axes are empty in this version."""
+    options, of axes position, limits and actions, too."""
     units: tuple[dict[str, Any], ...] = ()
     """Path, states and commands of each state machine (`umo.operation`); its state is the signal `PATH.state`."""
     books: tuple[dict[str, Any], ...] = ()

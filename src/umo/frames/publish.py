@@ -72,6 +72,7 @@ def published(
             tuple(each.describe() for each in machine.actions.values()),
             tuple(each.describe() | {"start": _start(each)} for each in machine.tunables.values()),
             tuple(each.describe() for each in machine.equipment.all),
+            axes=tuple(dict(each.describe_axis()) for each in machine.axes),
             alarms=() if machine.alarms is None else tuple(each.describe() for each in machine.alarms.declared),
             units=tuple(dict(each.describe()) for each in machine.supervisors),
             books=tuple({"path": path, **each.describe()} for path, each in machine.books.items()),

@@ -102,7 +102,7 @@ class Commander:
                     self.send("cancel", path)
             raise
         if event.state is not CommandState.DONE:
-            raise _raised(event)
+            raise error_of(event)
         return json.loads(event.text) if event.text else None
 
     @contextmanager
@@ -261,7 +261,7 @@ class Answers:
         return next((event for event in self.new() if event.state is not CommandState.BEGUN), None)
 
 
-def _raised(event: Event) -> Exception:
+def error_of(event: Event) -> Exception:
     """The machine's error, of its own type where that is umo's."""
     if event.state is CommandState.CANCELLED:
         return TaskFailed(f"{event.path or event.asked} was cancelled: {event.text}")

@@ -85,6 +85,11 @@ class Roles:
                 return cls(None)
             return cls({}, printable(f"{file}: {error}"))
 
+    @property
+    def is_absent(self) -> bool:
+        """Whether there is no file: then everybody may give every command."""
+        return self._users is None
+
     def allowed(self, user: str, command: str) -> str | None:
         """Why a user may not give a command; None: they may."""
         if self._users is None:

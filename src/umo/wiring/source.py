@@ -17,7 +17,7 @@ from umo.text import did_you_mean
 if TYPE_CHECKING:
     from umo.wiring.schema import Entry
 
-SECTIONS = ("drivers", "wire", "parameters", "process", "faults", "fault_seed")
+SECTIONS = ("drivers", "wire", "parameters", "process", "faults", "fault_seed", "faces")
 MAX_SUGGESTIONS = 10
 """Wrong names for which the nearest one is looked up, at most: it takes 20 ms among a hundred, and a generated file may
 have a thousand wrong."""
@@ -34,6 +34,8 @@ class WiringSource:
     drivers: dict[str, dict[str, Any]] = field(default_factory=dict)
     parameters: dict[str, Any] = field(default_factory=dict)
     process: dict[str, Any] = field(default_factory=dict)
+    faces: dict[str, Any] = field(default_factory=dict)
+    """The faces of the station, as written (`umo.faces.face_settings` reads them)."""
     injected: list[Any] = field(default_factory=list)
     """Faults to inject (`umo.testing.faults`)."""
     seed: Any = 0
@@ -102,6 +104,7 @@ def _fill(source: WiringSource, data: Mapping[str, Any]) -> None:
         _read_entry(source, path, table)
     source.parameters = dict(_leaves(_table(source, data, "parameters")))
     source.process = dict(_table(source, data, "process"))
+    source.faces = dict(_table(source, data, "faces"))
     injected, source.seed = data.get("faults", []), data.get("fault_seed", 0)
     if isinstance(injected, list | tuple):
         source.injected = list(injected)

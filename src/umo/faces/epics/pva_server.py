@@ -1,0 +1,182 @@
+"""The pvAccess server of a face. p4p calls it from threads of its own; commands are carried out in the face's loop."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from typing import Any
+
+from p4p import Value
+from p4p.server import DynamicProvider, Server, ServerOperation, StaticProvider
+from p4p.server.raw import SharedPV
+
+from umo.errors import CommandRefused, UmoError, text_of
+from umo.faces.endpoint import Endpoint, is_local
+from umo.faces.epics.process_variable import CarryOut, ProcessVariable, result
+from umo.faces.face import User
+
+BEGUN_AFTER = 1.0
+"""Time in s after which a put that does not wait for completion is answered, if it was not refused until then."""
+SILENCE = 20
+"""Time in s after which a client that hangs is taken for gone: its library gives a sign of life every 15 s."""
+MAX_CHANNELS = 1000
+"""Channels at most to what is kept up: each client has its own."""
+
+
+class PvaServer:
+    """Serves `variables` by name. `search_port`: the UDP port on which clients search for names."""
+
+    def __init__(self, endpoint: Endpoint, search_port: int) -> None:
+        self._endpoint, self._search_port = endpoint, search_port
+        self.variables: Mapping[str, ProcessVariable] = {}
+        self._static = StaticProvider()
+        self._dynamic = DynamicProvider("kept up", self)
+        self._server: Server | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    def open(self) -> str:
+        """Its address. UmoError if the port is taken."""
+        self._loop = asyncio.get_running_loop()
+        endpoint = self._endpoint
+        endpoint.listening().close()  # the server would silently take another port
+        self._server = Server(
+            providers=[self._static, self._dynamic],
+            useenv=False,
+            conf={
+                "EPICS_PVAS_INTF_ADDR_LIST": endpoint.host,
+                "EPICS_PVAS_SERVER_PORT": str(endpoint.port),
+                "EPICS_PVAS_BROADCAST_PORT": str(self._search_port),
+                "EPICS_PVAS_AUTO_BEACON_ADDR_LIST": "NO",
+                "EPICS_PVAS_BEACON_ADDR_LIST": endpoint.host,
+                "EPICS_PVA_CONN_TMO": str(SILENCE * 3 / 4),  # as EPICS has it
+            },
+        )
+        return f"pva://{endpoint.host}:{self._server.conf()['EPICS_PVAS_SERVER_PORT']}"
+
+    def serve(self, variables: Mapping[str, ProcessVariable]) -> None:
+        """From now on these, and no others."""
+        before, self.variables = self.variables, {}
+        for name, variable in before.items():
+            if not variable.kept_up:
+                self._static.remove(name)
+            for channel in variable.take_channels():
+                channel.close(destroy=True)
+        for name, variable in variables.items():
+            if not variable.kept_up:
+                self._static.add(name, variable.add_channel(ChannelHandler(self, variable)))
+        self.variables = variables
+
+    async def close(self) -> None:
+        if self._server is not None:
+            await asyncio.to_thread(self._server.stop)
+        self.serve({})
+        self.cancel()
+
+    def cancel(self) -> None:
+        """What clients wait for is cancelled, and they are told."""
+        for task in self._tasks:
+            task.cancel()
+
+    # In p4p's threads ----------------------------------------------------------------------------------
+
+    def testChannel(self, name: str) -> bool:
+        """Whether a client can have a channel of its own to it."""
+        variable = self.variables.get(name)
+        return variable is not None and variable.kept_up
+
+    def makeChannel(self, name: str, peer: str) -> SharedPV | None:
+        """The channel of one client."""
+        variable = self.variables.get(name)
+        count = sum(len(each.channels) for each in self.variables.values() if each.kept_up)
+        if variable is None or count >= MAX_CHANNELS:
+            return None
+        return variable.add_channel(ChannelHandler(self, variable))
+
+    def start(self, carry_out: CarryOut | None, operation: ClientRequest) -> None:
+        assert self._loop is not None
+        self._loop.call_soon_threadsafe(self._begin, carry_out, operation)
+
+    # In the loop ---------------------------------------------------------------------------------------
+
+    def _begin(self, carry_out: CarryOut | None, operation: ClientRequest) -> None:
+        task = asyncio.create_task(self._answer(carry_out, operation))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _answer(self, carry_out: CarryOut | None, operation: ClientRequest) -> None:
+        try:
+            if carry_out is None:
+                raise CommandRefused("it is read only" if not operation.is_call else "it cannot be called")
+            operation.done(await operation.awaited(carry_out))
+        except asyncio.CancelledError:
+            operation.done(error="the machine is no longer there")
+        except UmoError as error:
+            operation.done(error=str(error))
+        except Exception as error:  # a client may send anything
+            operation.done(error=text_of(error))
+
+
+class ChannelHandler:
+    """Takes the puts and calls of a variable's channel: of one client if the variable is kept up, else of all."""
+
+    def __init__(self, server: PvaServer, variable: ProcessVariable) -> None:
+        self._server, self._variable = server, variable
+        self.is_open = True
+
+    def put(self, channel: SharedPV, operation: Any) -> None:
+        self._start(self._variable.write, operation, operation.value(), is_call=False)
+
+    def rpc(self, channel: SharedPV, operation: ServerOperation) -> None:
+        self._start(self._variable.call, operation, operation.value(), is_call=True)
+
+    def _start(self, carry_out: CarryOut | None, operation: Any, given: Value, *, is_call: bool) -> None:
+        channel = self if self._variable.kept_up else None
+        self._server.start(carry_out, ClientRequest(operation, given, channel, is_call=is_call))
+
+    def onLastDisconnect(self, channel: SharedPV) -> None:
+        if self._variable.kept_up:
+            self.is_open = False
+            self._variable.remove_channel(channel)
+
+
+class ClientRequest:
+    """A put, or a call, that a client waits for. `channel`: on which what is put is kept up."""
+
+    def __init__(self, operation: Any, given: Value, channel: ChannelHandler | None, *, is_call: bool) -> None:
+        self._operation, self._given, self._channel, self.is_call = operation, given, channel, is_call
+        self._is_awaited = True
+        block = operation.pvRequest().get("record._options.block", "")
+        self._waits = is_call or str(block).lower() == "true"
+        """Whether the client waits for the end, or for the beginning."""
+        operation.onCancel(self._cancelled)
+
+    def _cancelled(self) -> None:
+        self._is_awaited = False
+
+    @property
+    def user(self) -> User:
+        """The account is what the client says it is."""
+        host = self._operation.peer().rpartition(":")[0].strip("[]")
+        account = self._operation.account()
+        name = "" if account == "anonymous" else account
+        alive = (lambda: self._is_awaited) if self._waits else None
+        if (channel := self._channel) is not None:
+            alive = lambda: channel.is_open  # noqa: E731
+        return User(name, proved=False, is_remote=not is_local(host), is_alive=alive)
+
+    async def awaited(self, carry_out: CarryOut) -> Any:
+        """Carry it out up to where the client waits."""
+        task = asyncio.ensure_future(carry_out(self.user, self._given))
+        if not self._waits:
+            done, _ = await asyncio.wait([task], timeout=BEGUN_AFTER)
+            if not done:
+                task.add_done_callback(lambda ended: ended.cancelled() or ended.exception())  # told as an event
+                return None
+        return await task
+
+    def done(self, value: Any = None, error: str | None = None) -> None:
+        if error is not None or not self.is_call:
+            self._operation.done(error=error)
+        else:
+            self._operation.done(result(value))

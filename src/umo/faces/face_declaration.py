@@ -1,0 +1,153 @@
+"""The declaration of a running machine for faces: everything that has a value, as one list of items."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+from umo.cycle.client_commands import Mode
+from umo.frames import Reader
+from umo.presentation.value_text import shown_unit
+
+
+class ItemKind(Enum):
+    """What an item is."""
+
+    SENSOR = "sensor"
+    ACTUATOR = "actuator"
+    SIGNAL = "signal"
+    """A number or a named value that the control code shows."""
+    TUNABLE = "tunable"
+    EQUIPMENT = "equipment"
+    """The state of equipment: normal, or in fault."""
+    AXIS = "axis"
+    """The state of an axis, in PLCopen's words."""
+    ALARM = "alarm"
+    """The state of an alarm, in ISA-18.2's words."""
+    RUN = "run"
+    """A number of the run itself: its mode, missed periods, execution time."""
+
+
+RUN_ITEMS: Mapping[str, Mapping[str, Any]] = {
+    "mode": {"states": {"-1": "no commands"} | {str(int(mode)): str(mode) for mode in Mode}},
+    "periods": {"unit": ""},
+    "missed": {"unit": ""},
+    "execution": {"unit": "s"},
+    "wake": {"unit": "s"},
+}
+"""The items of each run. `execution` and `wake` are the greatest since the last look: the time from the tick to waking
+up, and from there to the end of the period."""
+
+
+@dataclass(frozen=True)
+class FaceItem:
+    """One value of a machine."""
+
+    number: int
+    """Its place in `Declaration.items` and in the arrays of `Changes`."""
+    kind: ItemKind
+    path: str
+    about: Mapping[str, Any] = field(repr=False)
+    """Its description in the frames (`umo.frames.layout`)."""
+    unit: str = ""
+    """As declared, "mm/s**2"; "": it has none."""
+    minimum: float | None = None
+    maximum: float | None = None
+    states: Mapping[int, str] = field(default_factory=dict)
+    """Names of the values of an item that has states; empty: it is a number."""
+
+    @property
+    def name(self) -> str:
+        """Unique among all items: its path, or with the kind before it where a path may have several items."""
+        return self.path if self.kind.value in PLAIN else f"{self.kind.value}:{self.path}"
+
+    @property
+    def look(self) -> str:
+        """Its unit as in print."""
+        return shown_unit(self.unit)
+
+    @property
+    def writable(self) -> bool:
+        """Whether a client may set it: an actuator in manual mode, a tunable number in any."""
+        return self.kind in (ItemKind.ACTUATOR, ItemKind.TUNABLE)
+
+
+PLAIN = ("sensor", "actuator", "signal")
+"""Kinds whose paths are unique together."""
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """What a running machine is: fixed from `begin` to `end`."""
+
+    station: str
+    wiring: str
+    run: str
+    """Identifies the run on this computer: pid and start."""
+    period: float
+    """s; 0: it has none."""
+    started: float
+    """s since 1970."""
+    items: tuple[FaceItem, ...]
+    actions: tuple[Mapping[str, Any], ...]
+    """Path, help, arguments of each (`umo.objects.action`)."""
+    axes: tuple[Mapping[str, Any], ...]
+    """What belongs to each axis, and its limits (`umo.control.axis_state`)."""
+    units: tuple[Mapping[str, Any], ...]
+    """Path, states and commands of each state machine (`umo.operation`)."""
+    takes_commands: bool
+
+    @property
+    def by_name(self) -> Mapping[str, FaceItem]:
+        return {item.name: item for item in self.items}
+
+    def of_kind(self, *kinds: ItemKind) -> list[FaceItem]:
+        return [item for item in self.items if item.kind in kinds]
+
+
+def declaration_of(reader: Reader) -> Declaration:
+    """The declaration of a run from its frames."""
+    layout, about = reader.layout, reader.about
+    found: list[tuple[ItemKind, str, Mapping[str, Any]]] = [
+        (ItemKind.ACTUATOR if each.get("actuator") else ItemKind.SENSOR, str(each["path"]), each)
+        for each in layout.objects
+    ]
+    groups: Sequence[tuple[ItemKind, Iterable[Mapping[str, Any]]]] = (
+        (ItemKind.SIGNAL, layout.signals),
+        (ItemKind.TUNABLE, layout.tunables),
+        (ItemKind.EQUIPMENT, layout.equipment),
+        (ItemKind.AXIS, layout.axes),
+        (ItemKind.ALARM, layout.alarms),
+        (ItemKind.RUN, ({"path": path, **each} for path, each in RUN_ITEMS.items())),
+    )
+    found += [(kind, str(each["path"]), each) for kind, group in groups for each in group]
+    items = (_item(number, *each) for number, each in enumerate(found))
+    return Declaration(
+        str(about["station"]),
+        str(about.get("wiring", "")),
+        f"{about['pid']}-{about.get('started_monotonic', 0)}",
+        float(about["period"]),
+        float(about["started"]),
+        tuple(items),
+        layout.actions,
+        layout.axes,
+        layout.units,
+        reader.mode is not None,
+    )
+
+
+def _item(number: int, kind: ItemKind, path: str, about: Mapping[str, Any]) -> FaceItem:
+    return FaceItem(
+        number, kind, path, about,
+        str(about.get("unit") or ""), about.get("minimum"), about.get("maximum"), _states(about),
+    )  # fmt: skip
+
+
+def _states(about: Mapping[str, Any]) -> Mapping[int, str]:
+    if "one" in about:
+        return {0: str(about["zero"]), 1: str(about["one"])}
+    states = about.get("states", {})
+    named = enumerate(states) if isinstance(states, Sequence) else ((int(n), name) for n, name in states.items())
+    return {number: str(name) for number, name in named}

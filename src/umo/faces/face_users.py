@@ -1,0 +1,120 @@
+"""The users of faces whose protocol proves them: passwords and certificates, from one file of this user who runs faces.
+
+    # ~/.config/umo/face_users.toml
+    [passwords]
+    ann = "scrypt:16384:8:1:3q2+7w==:..."     # python -m umo.faces.face_users ann
+
+    [certificates]
+    bob = "5f3a...c1"                          # SHA-256 of the certificate, as openssl x509 -fingerprint prints it
+
+What they may do is in the file of roles (`umo.system.roles`). A file that cannot be read lets nobody in.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import getpass
+import hashlib
+import hmac
+import logging
+import os
+import stat
+import sys
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from umo.system import roles
+
+log = logging.getLogger("umo.faces")
+COST, BLOCK, PARALLEL = 1 << 14, 8, 1
+"""Parameters of scrypt (RFC 7914) for new passwords: 16 MB, about 50 ms."""
+MAX_COST = 1 << 17
+MAX_BYTES = 1 << 20
+"""Bytes of the file at most."""
+MAX_PASSWORD = 1024
+"""Characters of a password at most."""
+
+
+def place() -> Path:
+    """The file of this user: `umo/face_users.toml` beside the file of roles."""
+    return roles.place().with_name("face_users.toml")
+
+
+def by_password(name: str, password: str, file: Path | None = None) -> bool:
+    """Whether this is the password of a user. An unknown name takes as long as a wrong password."""
+    kept = _table("passwords", file).get(name)
+    right = _matches(password[:MAX_PASSWORD], kept if isinstance(kept, str) else hashed("", b"0" * 16))
+    return right and isinstance(kept, str) and len(password) <= MAX_PASSWORD
+
+
+def by_certificate(der: bytes, file: Path | None = None) -> str | None:
+    """The user of a certificate (DER); None: of nobody. The protocol has proved that its holder has the key."""
+    fingerprint = hashlib.sha256(der).hexdigest()
+    known = _table("certificates", file)
+    return next((name for name, each in known.items() if _plain(each) == fingerprint), None)
+
+
+def hashed(password: str, salt: bytes | None = None) -> str:
+    """What stands in the file for a password."""
+    salt = os.urandom(16) if salt is None else salt
+    key = hashlib.scrypt(password.encode(), salt=salt, n=COST, r=BLOCK, p=PARALLEL, dklen=32)
+    texts = (base64.b64encode(each).decode() for each in (salt, key))
+    return f"scrypt:{COST}:{BLOCK}:{PARALLEL}:{':'.join(texts)}"
+
+
+def _matches(password: str, kept: str) -> bool:
+    try:
+        name, cost, block, parallel, salt, key = kept.split(":")
+        n, r, p = int(cost), int(block), int(parallel)
+        if name != "scrypt" or not (n <= MAX_COST and r <= 16 and p <= 4):
+            return False
+        wanted = base64.b64decode(key, validate=True)
+        found = hashlib.scrypt(
+            password.encode(), salt=base64.b64decode(salt, validate=True), n=n, r=r, p=p, maxmem=1 << 28, dklen=32
+        )
+    except (ValueError, binascii.Error):
+        return False
+    return hmac.compare_digest(found, wanted)
+
+
+def _plain(fingerprint: Any) -> str:
+    """In lower case, without the colons of openssl."""
+    return str(fingerprint).rpartition("=")[2].replace(":", "").lower()
+
+
+def _table(name: str, file: Path | None) -> Mapping[str, Any]:
+    """One table of the file; empty if it cannot be read, which is told in the log."""
+    file = place() if file is None else file
+    try:
+        with file.open("rb") as stream:
+            if os.fstat(stream.fileno()).st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+                raise PermissionError("others may write it: chmod 600")
+            data = stream.read(MAX_BYTES)
+        table = tomllib.loads(data.decode()).get(name, {})
+        return table if isinstance(table, Mapping) else {}
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError, RecursionError) as error:
+        log.warning("%s: %s", file, error)
+        return {}
+
+
+def main() -> int:
+    """Ask for a password, and print the line for the file."""
+    if len(sys.argv) != 2:
+        print("which user? python -m umo.faces.face_users NAME", file=sys.stderr)
+        return 2
+    print(f"{_quoted(sys.argv[1])} = {_quoted(hashed(getpass.getpass()))}")
+    return 0
+
+
+def _quoted(text: str) -> str:
+    """As a basic string of TOML."""
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,214 @@
+"""The commands of the users of one face to one run, under one lease that the face takes when it needs it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import secrets
+import time
+from collections.abc import Awaitable, Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from functools import partial
+from math import inf
+from typing import Any
+
+from umo.cycle.client_commands import DEAD_MAN_TIME
+from umo.cycle.events import CommandState, Event
+from umo.errors import CommandRefused, FramesError, UmoError
+from umo.faces.face import User
+from umo.frames import Reader
+from umo.frames.client_memory import LEASE
+from umo.remote.commander import SIGNS_OF_LIFE, Answers, Commander, error_of
+from umo.system.roles import Roles
+from umo.text import printable
+
+LEASE_TIME = 2.0
+"""Duration of the lease in s without a sign of life from the face."""
+LINGER = 5.0
+"""Time in s from the last command, when nothing runs and nothing is held, until the lease is given back."""
+MAX_COMMANDS, MAX_OF_USER = 64, 16
+"""Commands of a face, and of one of its users, whose end is still to come, at most."""
+MAX_NAME = 40
+"""Characters of a user's name at most."""
+OWN = ("lease", "give back")
+"""Commands that the gateway gives by itself."""
+SENDERS = ThreadPoolExecutor(4, "umo face")
+Looked = Callable[[], Awaitable[float]]
+"""Waits for the next look; returns the time of the last frame of which the face has been told, in s on the cycle's
+clock; infinity when the run is over."""
+
+
+class Gateway:
+    """`is_reader`: the face only reads."""
+
+    def __init__(self, reader: Reader, face: str, looked: Looked, *, is_reader: bool = False) -> None:
+        self._reader = reader.again()
+        self._station = Commander(self._reader)
+        self._face, self._looked, self._is_reader = face, looked, is_reader
+        self._dead_man = {str(each["path"]) for each in reader.layout.actions if each.get("dead_man")}
+        self._key = secrets.token_hex(8)
+        self._lease = 0
+        """The number of the lease that it took; 0: none."""
+        self._taking = asyncio.Lock()
+        self._held: dict[str, User] = {}
+        """What is held, by path, and for whom."""
+        self._pending: dict[object, tuple[User, str]] = {}
+        """Commands whose end is still to come: user and path."""
+        self._last = 0.0
+        self._is_closed = False
+        self._keeping = asyncio.create_task(self._keep())
+
+    # Commands ------------------------------------------------------------------------------------------
+
+    async def ask(self, user: User, do: str, path: str = "", **more: Any) -> Any:
+        """Carry out a command; its result when it has ended (`umo.faces.face.Commands`)."""
+        if (refusal := self._refusal(user, do, path)) is not None:
+            raise CommandRefused(refusal)
+        who = f"{self._named(user)} ({self._face})"
+        if do == "stop":
+            self._station.stop(who)
+            return None
+        this = object()
+        self._pending[this] = user, path
+        try:
+            await self._take_lease(who)
+            return await self._carry_out(user, do, path, who, more)
+        finally:
+            del self._pending[this]
+            self._last = time.monotonic()
+
+    def _refusal(self, user: User, do: str, path: str) -> str | None:
+        """Why a command is not passed on; None: it is."""
+        if self._is_closed:
+            return "the run has ended"
+        if self._is_reader:
+            return f"{self._face} only reads here: it was started without commands"
+        if user.is_remote and not user.proved:
+            return f"{self._face} does not prove who its users are: it takes commands of this computer only"
+        if not user.name.strip():
+            return "a command needs the name of its user"
+        if do in OWN:
+            return f"{do}: the lease is taken for each command"
+        if user.is_remote and (refusal := remote_refusal(Roles.load(), user.name, do)) is not None:
+            return refusal
+        if do != "stop" and self._is_kept_up(do, path) and user.is_alive is None:
+            return f"{path} is kept up only while its client lives, and {self._face} does not tell that"
+        if len(self._pending) >= MAX_COMMANDS or self._count_of(user) >= MAX_OF_USER:
+            return "too many commands at once"
+        return None
+
+    def _is_kept_up(self, do: str, path: str) -> bool:
+        return do == "write" or (do == "call" and path in self._dead_man)
+
+    def _count_of(self, user: User) -> int:
+        return sum(each.name == user.name for each, _ in self._pending.values())
+
+    @staticmethod
+    def _named(user: User) -> str:
+        name = printable(" ".join(user.name.split()))[:MAX_NAME]
+        return name if user.proved else f"{name}, unverified"
+
+    async def _carry_out(self, user: User, do: str, path: str, who: str, more: Mapping[str, Any]) -> Any:
+        if kept_up := self._is_kept_up(do, path):
+            self._station.sign(self._lease, path)
+        start = self._reader.next_event
+        answers = Answers(self._reader, await self._send(do, path=path, who=who, **more), start)
+        if kept_up:
+            self._held[path] = user
+        try:
+            event = await self._end_of(answers, user, path)
+        except BaseException:
+            self._held.pop(path, None)
+            raise
+        if do == "let go" or event.state is not CommandState.DONE:
+            self._held.pop(path, None)
+        if event.state is not CommandState.DONE:
+            raise error_of(event)
+        return json.loads(event.text) if event.text else None
+
+    async def _end_of(self, answers: Answers, user: User, path: str) -> Event:
+        """The last answer, after the face has been told of the period in which it was given: a client that reads next
+        sees what its command has done. An action whose client has gone is cancelled."""
+        cancelled, seen, event = False, -inf, None
+        while True:
+            event = event or answers.end()
+            if event is not None and event.time <= seen:
+                return event
+            if seen == inf:
+                raise FramesError("the run has ended before it answered")
+            if event is None and answers.begun and not cancelled and not _lives(user):
+                cancelled = True
+                await self._send("cancel", path=path, who=self._named(user))
+            seen = await self._looked()
+
+    async def _send(self, do: str, **more: Any) -> int:
+        """In a thread: the queue may be full, or it is another client's turn."""
+        send = partial(self._station.send, do, key=self._key, **more)
+        return await asyncio.get_running_loop().run_in_executor(SENDERS, send)
+
+    # The lease -----------------------------------------------------------------------------------------
+
+    async def _take_lease(self, who: str) -> None:
+        """LeaseHeld if another client has it."""
+        async with self._taking:
+            if self._reader.lease_held(self._lease):
+                return
+            self._held.clear()
+            start = self._reader.next_event
+            answers = Answers(self._reader, await self._send("lease", who=who, seconds=LEASE_TIME), start)
+            while (event := answers.end()) is None:
+                if await self._looked() == inf:
+                    raise FramesError("the run has ended before it answered")
+            if event.state is not CommandState.DONE:
+                raise error_of(event)
+            self._lease = int(event.text)
+            self._sign(LEASE)
+
+    def _sign(self, *paths: str) -> None:
+        with suppress(FramesError):  # the run has just ended
+            self._station.sign(self._lease, *paths)
+
+    async def _keep(self) -> None:
+        """Give signs of life for the lease, and for what is held of those clients that live; in the end give it
+        back."""
+        while True:
+            if self._reader.lease_held(self._lease):
+                await self._look_after()
+            await asyncio.sleep(DEAD_MAN_TIME / SIGNS_OF_LIFE)
+
+    async def _look_after(self) -> None:
+        gone = [path for path, user in self._held.items() if not _lives(user)]
+        for path in gone:
+            user = self._held.pop(path)
+            with suppress(UmoError):
+                await self._send("let go", path=path, who=self._named(user))
+        if not (self._held or self._pending) and time.monotonic() - self._last > LINGER:
+            await self._give_back()
+        else:
+            self._sign(LEASE, *self._held)
+
+    async def _give_back(self) -> None:
+        with suppress(UmoError):
+            await self._send("give back", who=self._face)
+            self._lease = 0
+
+    async def close(self) -> None:
+        """The face ends: the lease is given back, and the machine lets go of what was held. From now on it refuses."""
+        self._is_closed = True
+        self._keeping.cancel()
+        await asyncio.gather(self._keeping, return_exceptions=True)
+        if self._reader.lease_held(self._lease):
+            await self._give_back()
+        self._station.close()
+
+
+def remote_refusal(roles: Roles, user: str, do: str) -> str | None:
+    """Why a user of another computer may not give a command; None: they may. Without a file of roles nobody may."""
+    if roles.is_absent:
+        return "commands of other computers need roles, and there is no file of them (docs/howto-alarms.md)"
+    return roles.allowed(user, "call" if do == "stop" else do)  # over a network a stop needs a role, too
+
+
+def _lives(user: User) -> bool:
+    return user.is_alive is None or user.is_alive()

@@ -1,0 +1,215 @@
+"""Home Assistant: the station as a device that its MQTT integration discovers, with values on plain JSON topics."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from math import isnan
+from pathlib import Path
+from typing import Any
+
+from umo.errors import OptionError, UmoError
+from umo.faces.face import Changes, Commands, Face, User
+from umo.faces.face_declaration import Declaration, FaceItem, ItemKind
+from umo.faces.mqtt.broker import Broker, BrokerAddress, Message
+from umo.objects import Quality
+
+USER = "homeassistant"
+"""The name of the user of every command: the protocol tells none."""
+ONLINE, OFFLINE = b"online", b"offline"
+PRESS = b"PRESS"
+STEP = 0.001
+"""Smallest step of a number that Home Assistant can set."""
+DEFAULT_LIMITS = -1e9, 1e9
+FRESH = "{{ 'online' if value_json.quality in ['good', 'out of range', 'unreferenced'] else 'offline' }}"
+
+
+class HomeAssistant(Face):
+    """Discovery as retained JSON below `prefix`, values and availability below `topic`.
+
+    Options:
+        host: of the broker; one on another computer needs `ca`, and gets no commands.
+        port: of the broker.
+        prefix: of discovery, as Home Assistant is set up.
+        topic: below which the station's own topics are.
+        ca: file of the certificates that the broker's is checked with (PEM): TLS.
+        certificate: file of the own certificate and key (PEM).
+        user: for the broker.
+        password_file: its first line is the password of `user`.
+    """
+
+    def __init__(
+        self, port: int = 1883, host: str = "127.0.0.1", prefix: str = "homeassistant", topic: str = "umo",
+        ca: Path | None = None, certificate: Path | None = None, user: str = "", password_file: Path | None = None,
+    ) -> None:  # fmt: skip
+        for name, text in (("prefix", prefix), ("topic", topic)):
+            if not text or set(text) & set("+#\0"):
+                raise OptionError(f"{name} {text!r} is empty or has one of + #, which topics cannot have")
+        self._broker = BrokerAddress(host, port, ca, certificate, user, password_file)
+        self._prefix, self._topic = prefix, topic
+        self._machine: Declaration | None = None
+        self._commands: Commands | None = None
+        self._changes: Changes | None = None
+        self._link: Broker | None = None
+        self._missed: set[int] = set()
+        """Items whose last value the broker has not got."""
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    async def open(self) -> None:
+        self._broker.context(), self._broker.password()
+        self.address = f"{self._broker} {self._prefix}/#"
+
+    async def begin(self, machine: Declaration, commands: Commands) -> None:
+        self._machine, self._commands, self._changes = machine, commands, None
+        self._base = f"{self._topic}/{plain(machine.station)}"
+        self._missed = set(range(len(machine.items)))
+        orders = [f"{self._base}/set/#", f"{self._base}/press/#"]
+        name = f"umo-ha-{plain(machine.station)}"
+        self._link = Broker(self._broker, name, self._last, orders, self._came_up, self._hear)
+        self._link.start()
+
+    async def frames(self, changes: Changes) -> None:
+        self._changes = changes
+        self._missed.update(changes.places.tolist())
+        self._send_values()
+
+    async def end(self, why: str) -> None:
+        for task in self._tasks:
+            task.cancel()
+        link, self._link, self._commands = self._link, None, None
+        if link is not None:
+            await link.stop(self._last())
+
+    def _last(self) -> Message:
+        return Message(f"{self._base}/status", OFFLINE, 1, retain=True)
+
+    def _came_up(self) -> None:
+        """Everything is told again: the broker may have lost it."""
+        assert self._machine is not None and self._link is not None
+        self._missed = set(range(len(self._machine.items)))
+        for topic, config in discovery(self._machine, self._base, self._prefix).items():
+            self._link.send(topic, json.dumps(config).encode(), retain=True)
+        self._send_values()
+        self._link.send(f"{self._base}/status", ONLINE, retain=True)
+
+    def _send_values(self) -> None:
+        """The last value of each item that the broker has not got; while it is away only the last one is kept."""
+        if self._machine is None or self._changes is None or self._link is None or not self._link.is_up:
+            return
+        for place in sorted(self._missed):
+            item = self._machine.items[place]
+            if not self._link.send(value_topic(self._base, item.name), told(item, self._changes), retain=True):
+                return
+            self._missed.discard(place)
+
+    # Commands ------------------------------------------------------------------------------------------
+
+    def _hear(self, topic: str, payload: bytes) -> None:
+        task = asyncio.get_running_loop().create_task(self._carry_out(topic.removeprefix(f"{self._base}/"), payload))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _carry_out(self, order: str, payload: bytes) -> None:
+        assert self._commands is not None
+        do, _, path = order.partition("/")
+        path, user = path.replace("/", "."), User(USER, proved=False, is_remote=self._broker.is_remote)
+        try:
+            if do == "press":
+                await self._commands.ask(user, "call", path, arguments={})
+            else:
+                await self._commands.ask(user, "tune", path, value=number_of(payload))
+        except UmoError as error:
+            self._tell(f"{path}: {error}")
+
+    def _tell(self, text: str) -> None:
+        if self._link is not None:
+            refusal = {"text": text[:255], "time": text_of_time(datetime.now(UTC).timestamp())}
+            self._link.send(f"{self._base}/refusal", json.dumps(refusal).encode())
+
+
+def plain(name: str) -> str:
+    """A name as Home Assistant takes it in topics and identifiers."""
+    return re.sub(r"[^A-Za-z0-9_-]", "_", name)
+
+
+def value_topic(base: str, name: str) -> str:
+    return f"{base}/value/{name.replace('.', '/')}"
+
+
+def number_of(payload: bytes) -> float:
+    try:
+        return float(payload[:100])
+    except ValueError:
+        raise OptionError(f"{payload[:40]!r} is not a number") from None
+
+
+def text_of_time(utc: float) -> str | None:
+    return None if isnan(utc) else datetime.fromtimestamp(utc, UTC).isoformat(timespec="milliseconds")
+
+
+def told(item: FaceItem, changes: Changes) -> bytes:
+    """Value, quality and time of an item as JSON."""
+    value, quality = float(changes.values[item.number]), changes.quality_of(item.number)
+    shown: Any = None
+    if not isnan(value) and quality is not Quality.BAD:
+        shown = item.states.get(int(value), f"{value:g}") if item.states else value if abs(value) < 1e300 else None
+    time = text_of_time(float(changes.times[item.number]))
+    return json.dumps({"value": shown, "quality": str(quality).lower(), "time": time}).encode()
+
+
+def discovery(machine: Declaration, base: str, prefix: str) -> Mapping[str, Mapping[str, Any]]:
+    """The configuration of each entity by its topic."""
+    station = plain(machine.station)
+    found = {}
+    for item in machine.items:
+        component, more = _component(item, base)
+        about = _common(station, base, item.name) | _value(base, item) | more
+        found[f"{prefix}/{component}/umo_{station}/{plain(item.name)}/config"] = about
+    for each in machine.actions:
+        if not each.get("arguments") and not each.get("dead_man"):
+            path = str(each["path"])
+            press = {"command_topic": f"{base}/press/{path.replace('.', '/')}", "payload_press": PRESS.decode()}
+            about = _common(station, base, f"action:{path}") | press
+            found[f"{prefix}/button/umo_{station}/{plain(path)}/config"] = about
+    refusal = {"state_topic": f"{base}/refusal", "value_template": "{{ value_json.text }}"}
+    found[f"{prefix}/sensor/umo_{station}/refusal/config"] = _common(station, base, "refusal") | refusal
+    return found
+
+
+def _common(station: str, base: str, name: str) -> dict[str, Any]:
+    return {
+        "name": name,
+        "unique_id": f"umo_{station}_{plain(name)}",
+        "device": {"identifiers": [f"umo_{station}"], "name": station, "manufacturer": "umo"},
+        "availability": [{"topic": f"{base}/status"}],
+    }
+
+
+def _value(base: str, item: FaceItem) -> dict[str, Any]:
+    topic = value_topic(base, item.name)
+    fresh = {"topic": topic, "value_template": FRESH}
+    return {
+        "state_topic": topic,
+        "value_template": "{{ value_json.value }}",
+        "json_attributes_topic": topic,
+        "availability": [{"topic": f"{base}/status"}, fresh],
+        "availability_mode": "all",
+    }
+
+
+def _component(item: FaceItem, base: str) -> tuple[str, dict[str, Any]]:
+    """Which entity an item is, and what only that has."""
+    unit = {"unit_of_measurement": item.look} if item.unit else {}
+    if item.kind is ItemKind.TUNABLE and not item.states:
+        low, high = (limit if limit is not None else other for limit, other in zip(
+            (item.minimum, item.maximum), DEFAULT_LIMITS, strict=True))  # fmt: skip
+        order = f"{base}/set/{item.path.replace('.', '/')}"
+        return "number", unit | {"command_topic": order, "min": low, "max": high, "step": STEP, "mode": "box"}
+    if item.kind is ItemKind.SENSOR and set(item.states) == {0, 1}:
+        return "binary_sensor", {"payload_off": item.states[0], "payload_on": item.states[1]}
+    if item.states:
+        return "sensor", {"device_class": "enum", "options": list(dict.fromkeys(item.states.values()))}
+    return "sensor", unit | {"state_class": "measurement"}

@@ -1,0 +1,49 @@
+"""Limits of the OPC UA server: no client makes it use memory, or time, without bound."""
+
+from __future__ import annotations
+
+from asyncua.common.connection import TransportLimits
+from asyncua.server.internal_server import InternalServer
+
+MAX_CLIENTS = 32
+"""Connections at once at most; more are closed."""
+MAX_SUBSCRIPTIONS = 64
+"""Subscriptions of all clients at most."""
+MAX_ITEMS = 10_000
+"""Monitored items of all clients at most."""
+MAX_QUEUE = 100
+"""Values of one monitored item that wait to be sent at most: then the oldest are left out."""
+MAX_UNACKNOWLEDGED = 100
+"""Notifications of a subscription that are kept to be sent again at most."""
+SHORTEST_PUBLISHING = 50.0
+"""Shortest publishing interval, ms."""
+MIN_SESSION, MAX_SESSION = 2_000.0, 60_000.0
+"""Time in ms without a request after which a session ends: what a client may ask for."""
+LOGIN_TIME = 10.0
+"""Time in s that a connection has to open a session."""
+MAX_MESSAGE = 4 << 20
+"""Bytes of a message at most."""
+CHUNK = 65_535
+MAX_PENDING = 100
+"""Messages of one connection that have come and are not yet looked at, at most: then it is closed."""
+MAX_ANSWERS = 32
+"""Write and Call requests of one connection whose answer is still to come, at most: others are refused."""
+MAX_UNSENT = 16 << 20
+"""Bytes that a client has asked for and does not take, at most: then its connection is closed."""
+MAX_OPERATIONS = 1_000
+"""Nodes of one Write or Call request at most."""
+
+
+def transport() -> TransportLimits:
+    return TransportLimits(CHUNK, CHUNK, -(-MAX_MESSAGE // CHUNK), MAX_MESSAGE)
+
+
+def limit(server: InternalServer) -> None:
+    """Set what asyncua can limit by itself."""
+    server.max_connections = MAX_CLIENTS
+    server.max_subscriptions = MAX_SUBSCRIPTIONS
+    server.max_monitored_item_queue_size = MAX_QUEUE
+    server.max_unacked_messages_per_subscription = MAX_UNACKNOWLEDGED
+    server.min_session_timeout_ms, server.max_session_timeout_ms = MIN_SESSION, MAX_SESSION
+    server.max_pending_activation_seconds = LOGIN_TIME
+    server.max_pending_messages_per_connection = MAX_PENDING

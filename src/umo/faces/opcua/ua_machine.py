@@ -1,0 +1,200 @@
+"""The nodes of a machine: its parts, objects, states, numbers and actions (OPC 10000-8; OPC 40001-1 Machinery)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import inf
+from typing import Any
+
+from asyncua import ua
+from asyncua.server.address_space import AttributeValue
+
+from umo.faces.face_declaration import Declaration, FaceItem, ItemKind
+from umo.faces.opcua.ua_tree import NodeTree, O, argument, enum_values
+from umo.faces.opcua.ua_values import is_switch, unit_of
+
+ARGUMENT_TYPES: Mapping[str, int] = {"number": O.Double, "integer": O.Int64, "bool": O.Boolean}
+"""Data types of the arguments of actions by their kinds; the others are texts."""
+RESULT = argument("Result", O.BaseDataType, "what the action returns; a list or a mapping as text")
+PATH = argument("Path", O.String, 'path in the machine; "": everything')
+COMMANDS: tuple[tuple[str, str, tuple[ua.Argument, ...], str], ...] = (
+    ("SetMode", "mode", (argument("Mode", O.String, "automatic or manual"),), "Change the mode."),
+    ("Stop", "stop", (), "End the run as after a signal: every actuator goes to its default."),
+    ("LetGo", "let go", (PATH,), "End what this client holds: a written actuator, a jog."),
+    ("Cancel", "cancel", (PATH,), "Cancel an action."),
+    ("Clear", "clear", (PATH,), "End the faults of equipment."),
+    ("Acknowledge", "acknowledge", (PATH,), "Acknowledge latched interlocks."),
+    ("AcknowledgeAlarms", "acknowledge alarm", (PATH,), "Acknowledge alarms."),
+)
+"""Methods of the machine: name, command, arguments, meaning."""
+ALARM_COMMANDS: tuple[tuple[str, str, tuple[ua.Argument, ...], str], ...] = (
+    ("Reset", "reset alarm", (), "Reset it, if it is latched."),
+    ("Shelve", "shelve", (argument("Time", O.Double, "s"),), "Put it away for a time."),
+    ("Unshelve", "unshelve", (), "Bring it back."),
+    ("RemoveFromService", "remove from service", (), "Put it away for maintenance."),
+    ("ReturnToService", "return to service", (), "Bring it back."),
+)
+"""Methods of each alarm, beside the Acknowledge of the standard."""
+EVENT = (argument("EventId", O.ByteString, "of the event that is acknowledged; nothing: of the last one"),)
+COMMENT = (argument("Comment", O.LocalizedText, "is not kept"),)
+
+
+@dataclass(frozen=True)
+class Called:
+    """What a method does. `kinds`: of its arguments by their names."""
+
+    do: str
+    path: str | None
+    """None: the argument `Path` tells."""
+    kinds: Mapping[str, str]
+    keeps_up: bool = False
+
+
+class MachineNodes:
+    """`machines`: the node Objects/Machines of OPC 40001-1."""
+
+    def __init__(self, tree: NodeTree, machine: Declaration, machines: ua.NodeId) -> None:
+        self._tree, self._machine = tree, machine
+        self.values: list[AttributeValue] = []
+        """Where the value of each item stands, by its number."""
+        self.texts: dict[int, AttributeValue] = {}
+        """ValueAsText of those items that have it."""
+        self.nodes: list[ua.NodeId] = []
+        """The node of each item."""
+        self.writable: dict[ua.NodeId, FaceItem] = {}
+        self.methods: dict[ua.NodeId, Called] = {}
+        self.alarms: dict[str, ua.NodeId] = {}
+        """The object of each alarm."""
+        self.acknowledging: dict[ua.NodeId, str] = {}
+        """The alarm that each method Acknowledge is for."""
+        self.by_path: dict[str, ua.NodeId] = {}
+        """Objects, parts, signals by their paths."""
+        self.root = tree.object(machines, "machine", machine.station, reference=O.Organizes, description=machine.wiring)
+        self._parts: dict[str, ua.NodeId] = {"": self.root}
+        self.refusal = tree.variable(
+            self.root, "refusal", "LastRefusal", O.BaseDataVariableType, O.String,
+            description="The last command that was refused: whose, and why.",
+        )  # fmt: skip
+        for item in machine.items:
+            self._add(item)
+        for action in machine.actions:
+            self._add_action(action)
+        for name, do, given, text in COMMANDS:
+            self._add_command(self.root, f"command:{do}", (name, do, given, text), None if given else "")
+
+    def part(self, path: str) -> ua.NodeId:
+        """The object of a compound; "": the machine."""
+        if path not in self._parts:
+            above, _, name = path.rpartition(".")
+            self._parts[path] = self._tree.object(self.part(above), f"part:{path}", name)
+            self.by_path.setdefault(path, self._parts[path])
+        return self._parts[path]
+
+    def alarm_of(self, node: ua.NodeId) -> str | None:
+        """The alarm whose object this is; None: of none."""
+        return next((path for path, each in self.alarms.items() if each == node), None)
+
+    # Items -------------------------------------------------------------------------------------------------
+
+    def _add(self, item: FaceItem) -> None:
+        parent, name = self._place(item)
+        node = (self._state if item.states else self._number)(parent, name, item)
+        self.nodes.append(node)
+        self.values.append(self._tree.value_of(node))
+        if item.name == item.path:
+            self.by_path[item.path] = node
+        if item.writable:
+            self.writable[node] = item
+
+    def _place(self, item: FaceItem) -> tuple[ua.NodeId, str]:
+        """Parent and name of its variable."""
+        if item.kind is ItemKind.ALARM:
+            return self._alarm(item), "State"
+        if item.kind in (ItemKind.EQUIPMENT, ItemKind.AXIS):
+            return self.part(item.path), "EquipmentState" if item.kind is ItemKind.EQUIPMENT else "AxisState"
+        above, _, name = item.path.rpartition(".")
+        return self.part("Run" if item.kind is ItemKind.RUN else above), name
+
+    def _number(self, parent: ua.NodeId, name: str, item: FaceItem) -> ua.NodeId:
+        bounds = [-inf if item.minimum is None else item.minimum, inf if item.maximum is None else item.maximum]
+        has_range = bounds != [-inf, inf]
+        kinds = {
+            (True, True): O.AnalogUnitRangeType,
+            (True, False): O.AnalogUnitType,
+            (False, True): O.AnalogItemType,
+            (False, False): O.BaseDataVariableType,
+        }
+        kind = kinds[bool(item.unit), has_range]
+        node = self._tree.variable(parent, item.name, name, kind, O.Double, item.writable, description=item.path)
+        for wanted, title, value, data_type in (
+            (has_range, "EURange", ua.Range(*bounds), O.Range),
+            (bool(item.unit), "EngineeringUnits", unit_of(item), O.EUInformation),
+        ):
+            if wanted:
+                variant = ua.Variant(value, ua.VariantType.ExtensionObject)
+                self._tree.property(node, f"{item.name}/{title}", title, variant, data_type)
+        return node
+
+    def _state(self, parent: ua.NodeId, name: str, item: FaceItem) -> ua.NodeId:
+        """Two states, 0 and 1, are a Boolean; others are a number with a name."""
+        switch = is_switch(item)
+        kind = O.TwoStateDiscreteType if switch else O.MultiStateValueDiscreteType
+        data_type = O.Boolean if switch else O.Int32
+        node = self._tree.variable(parent, item.name, name, kind, data_type, item.writable, description=item.path)
+        if switch:
+            for number, title in enumerate(("FalseState", "TrueState")):
+                text = ua.Variant(ua.LocalizedText(item.states[number]), ua.VariantType.LocalizedText)
+                self._tree.property(node, f"{item.name}/{title}", title, text, O.LocalizedText)
+            return node
+        self._tree.property(node, f"{item.name}/EnumValues", "EnumValues", enum_values(item.states), O.EnumValueType)
+        text = ua.Variant(ua.LocalizedText(""), ua.VariantType.LocalizedText)
+        shown = self._tree.property(node, f"{item.name}/ValueAsText", "ValueAsText", text, O.LocalizedText)
+        self.texts[item.number] = self._tree.value_of(shown)
+        return node
+
+    def _alarm(self, item: FaceItem) -> ua.NodeId:
+        """The object of an alarm in the folder Alarms, named by its path."""
+        about = f"{item.about.get('text', '')} (priority {item.about.get('priority', '')})"
+        node = self._tree.object(self.part("Alarms"), f"condition:{item.path}", item.path, description=about)
+        self.alarms[item.path] = node
+        given = (*EVENT, *COMMENT)
+        method = self._tree.method(
+            node, f"condition:{item.path}/Acknowledge", "Acknowledge", given, own=0, description="Acknowledge it."
+        )
+        self.acknowledging[method] = item.path
+        for command in ALARM_COMMANDS:
+            self._add_command(node, f"condition:{item.path}/{command[0]}", command, item.path)
+        return node
+
+    # Methods -----------------------------------------------------------------------------------------------
+
+    def _add_command(self, parent: ua.NodeId, text: str, command: Any, path: str | None) -> None:
+        name, do, given, about = command
+        node = self._tree.method(parent, text, name, given, (RESULT,), description=about)
+        self.methods[node] = Called(
+            do, path, {each.Name: "text" if each.Name != "Time" else "number" for each in given}
+        )
+
+    def _add_action(self, action: Mapping[str, Any]) -> None:
+        path, arguments = str(action["path"]), action["arguments"]
+        above, _, name = path.rpartition(".")
+        given = [argument(each["name"], ARGUMENT_TYPES.get(each["kind"], O.String), _about(each)) for each in arguments]
+        text = str(action.get("help") or "")
+        node = self._tree.method(self.part(above), f"action:{path}", name, given, (RESULT,), description=text)
+        kinds = {each["name"]: each["kind"] for each in arguments}
+        self.methods[node] = Called("call", path, kinds, bool(action.get("dead_man")))
+
+
+def _about(each: Mapping[str, Any]) -> str:
+    """An argument in words: its range, choices, default."""
+    parts = []
+    if each["kind"] in ("number", "integer"):
+        low, high = (each.get(key) for key in ("minimum", "maximum"))
+        bounds = [f"{word} {bound:g}" for word, bound in (("from", low), ("to", high)) if bound is not None]
+        parts.append(" ".join([*bounds, str(each.get("unit") or "")]).strip())
+    if each.get("choices"):
+        parts.append(f"one of {', '.join(each['choices'])}")
+    if not each["required"]:
+        parts.append(f"optional, default {each.get('default')}")
+    return "; ".join(filter(None, parts))

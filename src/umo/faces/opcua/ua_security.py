@@ -1,0 +1,84 @@
+"""Certificates of the OPC UA server, and of the programs that may connect."""
+
+from __future__ import annotations
+
+import re
+from datetime import UTC, datetime
+from pathlib import Path
+
+from asyncua import Server, ua
+from cryptography import x509
+from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
+
+from umo.errors import OptionError
+from umo.faces.endpoint import Endpoint, is_local
+
+SECURED = (
+    ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
+    ua.SecurityPolicyType.Aes128Sha256RsaOaep_SignAndEncrypt,
+    ua.SecurityPolicyType.Aes256Sha256RsaPss_SignAndEncrypt,
+)
+KEY = re.compile(rb"-----BEGIN (?:RSA )?PRIVATE KEY-----.+?-----END (?:RSA )?PRIVATE KEY-----", re.DOTALL)
+
+
+class Security:
+    """What the options of the face say of certificates. OptionError if a file has none.
+
+    Other computers reach secured endpoints only. This computer's programs may connect without security, too: nobody
+    else hears what they send.
+    """
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        self.only_secured = not is_local(endpoint.host)
+        self._server = None if endpoint.certificate is None else _pair(endpoint.certificate)
+        self._clients = None if endpoint.clients is None else _certificates(endpoint.clients)
+
+    def is_trusted(self, der: bytes) -> bool:
+        """Whether a program with this certificate may connect: one of `clients`, valid today. Without `clients` any
+        program of this computer may."""
+        if self._clients is None:
+            return True
+        known = next((each for each in self._clients if each.public_bytes(Encoding.DER) == der), None)
+        return known is not None and known.not_valid_before_utc <= datetime.now(UTC) <= known.not_valid_after_utc
+
+    def uri(self, station: str) -> str:
+        """The ApplicationUri: that of the certificate, as OPC UA wants it."""
+        if self._server is not None:
+            try:
+                names = self._server[0].extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+            except x509.ExtensionNotFound:
+                return station
+            return next(iter(names.get_values_for_type(x509.UniformResourceIdentifier)), station)
+        return station
+
+    def apply(self, server: Server) -> None:
+        policies = [] if self.only_secured else [ua.SecurityPolicyType.NoSecurity]
+        if self._server is not None:
+            server.iserver.certificate, server.iserver.private_key = self._server
+            policies += SECURED
+        server.set_security_policy(policies)
+        tokens: list[type] = [ua.UserNameIdentityToken]
+        if not self.only_secured:
+            tokens.insert(0, ua.AnonymousIdentityToken)
+        if self._server is not None:
+            tokens.append(ua.X509IdentityToken)
+        server.set_identity_tokens(tokens)
+
+
+def _pair(file: Path) -> tuple[x509.Certificate, object]:
+    """Certificate and key of a PEM file."""
+    try:
+        data = file.read_bytes()
+        found = KEY.search(data)
+        if found is None:
+            raise OptionError(f"{file}: there is no private key in it; it needs the certificate and its key (PEM)")
+        return x509.load_pem_x509_certificate(data), load_pem_private_key(found[0], None)
+    except (OSError, ValueError, TypeError) as error:
+        raise OptionError(f"{file}: no certificate with its key ({error})") from None
+
+
+def _certificates(file: Path) -> list[x509.Certificate]:
+    try:
+        return x509.load_pem_x509_certificates(file.read_bytes())
+    except (OSError, ValueError) as error:
+        raise OptionError(f"{file}: no certificates ({error})") from None

@@ -1,0 +1,25 @@
+"""The faces, each with clients of other projects. Of them make test runs those with the mark smoke."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+HERE = Path(__file__).parent
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if HERE in item.path.parents and not item.get_closest_marker("smoke"):
+            item.add_marker(pytest.mark.full)
+
+
+@pytest.fixture(autouse=True)
+def folders(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frames, state and settings of a test are its own."""
+    monkeypatch.setenv("UMO_FRAMES", str(tmp_path / "frames"))
+    monkeypatch.setenv("UMO_STATE", str(tmp_path / "state"))
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))

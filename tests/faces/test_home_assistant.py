@@ -1,0 +1,145 @@
+"""The face Home Assistant with mosquitto, read by the npm package mqtt."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from helpers.faced import hosted
+from helpers.mqtt import MOSQUITTO, Mosquitto, SparkplugHost
+from umo.errors import OptionError
+from umo.faces.mqtt.home_assistant import HomeAssistant
+from umo.testing.faces import TriedMachine
+from umo.testing.faces.tried_machine import until
+
+pytestmark = [
+    pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux"),
+    pytest.mark.skipif(MOSQUITTO is None, reason="Debian's package mosquitto is not installed"),
+]
+NEEDED = {"sensor": "state_topic", "binary_sensor": "state_topic", "number": "command_topic", "button": "command_topic"}
+"""What the documentation of each entity requires."""
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[Mosquitto]:
+    found = Mosquitto(tmp_path)
+    yield found
+    found.kill()
+
+
+def topics(host: SparkplugHost) -> dict[str, str]:
+    """The last text of each topic."""
+    return {each["topic"]: each["text"] for each in host.heard if each["kind"] == "plain"}
+
+
+def tried(broker: Mosquitto, work: Callable[..., Any], read_only: bool = False) -> None:
+    async def all_of_it() -> None:
+        async with TriedMachine() as machine:
+            host = await SparkplugHost().connect(broker.port)
+            try:
+                async with hosted(machine, HomeAssistant(port=broker.port), read_only=read_only):
+                    await until(lambda: topics(host).get("umo/plant/status") == "online")
+                    await work(machine, host)
+            finally:
+                await host.close()
+
+    asyncio.run(all_of_it())
+
+
+def level(host: SparkplugHost) -> Any:
+    return json.loads(topics(host)["umo/plant/value/cell/level"])
+
+
+def test_every_item_is_discovered_with_what_its_entity_requires(broker: Mosquitto) -> None:
+    async def work(machine: TriedMachine, host: SparkplugHost) -> None:
+        found = {t: json.loads(x) for t, x in topics(host).items() if t.startswith("homeassistant/")}
+        kinds = {topic.split("/")[1] for topic in found}
+        assert kinds == set(NEEDED)
+        for topic, about in found.items():
+            assert NEEDED[topic.split("/")[1]] in about, topic
+        names = [about["unique_id"] for about in found.values()]
+        assert len(names) == len(set(names))
+        about = found["homeassistant/sensor/umo_plant/cell_level/config"]
+        assert about["unit_of_measurement"] == "mm"
+        number = found["homeassistant/number/umo_plant/tunable_cell_gain/config"]
+        assert (number["min"], number["max"]) == (0.0, 10.0)
+        binary = found["homeassistant/binary_sensor/umo_plant/cell_limit/config"]
+        assert (binary["payload_off"], binary["payload_on"]) == ("PASS", "FAIL")
+
+    tried(broker, work)
+
+
+def test_a_stale_value_is_told_as_such(broker: Mosquitto) -> None:
+    async def work(machine: TriedMachine, host: SparkplugHost) -> None:
+        await until(lambda: level(host)["value"] == 10.0 and level(host)["quality"] == "good")
+        machine.set("cell.level", OSError("unplugged"))
+        await until(lambda: level(host)["quality"] == "stale")
+
+    tried(broker, work)
+
+
+def test_a_number_is_set_a_button_pressed_and_a_refusal_told(broker: Mosquitto) -> None:
+    async def work(machine: TriedMachine, host: SparkplugHost) -> None:
+        host.send({"topic": "umo/plant/set/cell/gain", "text": "2.5"})
+        await until(lambda: machine.m.cell.gain == 2.5)
+        host.send({"topic": "umo/plant/set/cell/gain", "text": "11"})
+        await until(lambda: "11" in topics(host).get("umo/plant/refusal", ""))
+        host.send({"topic": "umo/plant/set/cell/gain", "text": "much"})
+        await until(lambda: "not a number" in topics(host)["umo/plant/refusal"])
+        assert machine.m.cell.gain == 2.5
+        host.send({"topic": "umo/plant/press/cell/cook", "text": "PRESS"})
+        await until(lambda: any(each.path == "cell.cook" for each in machine.events))
+        who = [each.who for each in machine.events if each.path == "cell.gain"]
+        assert who[0].startswith("homeassistant, unverified")
+
+    tried(broker, work)
+
+
+def test_without_commands_everything_is_refused(broker: Mosquitto) -> None:
+    async def work(machine: TriedMachine, host: SparkplugHost) -> None:
+        host.send({"topic": "umo/plant/set/cell/gain", "text": "2.5"})
+        await until(lambda: "only reads" in topics(host).get("umo/plant/refusal", ""))
+        assert machine.m.cell.gain == 1.0
+
+    tried(broker, work, read_only=True)
+
+
+def test_at_the_end_the_device_is_offline(broker: Mosquitto) -> None:
+    async def work(machine: TriedMachine, host: SparkplugHost) -> None:
+        await machine.end()
+        await until(lambda: topics(host)["umo/plant/status"] == "offline")
+        machine.begin()
+        await until(lambda: topics(host)["umo/plant/status"] == "online")
+
+    tried(broker, work)
+
+
+def test_a_prefix_that_no_topic_can_have_is_refused() -> None:
+    with pytest.raises(OptionError, match="prefix"):
+        HomeAssistant(prefix="a/#")
+
+
+def test_home_assistants_own_schemas_accept_discovery(broker: Mosquitto) -> None:
+    python = os.environ.get("UMO_HOMEASSISTANT_PYTHON")
+    if not python:
+        pytest.skip("UMO_HOMEASSISTANT_PYTHON names no Python with the package homeassistant")
+    lines: list[str] = []
+
+    async def work(machine: TriedMachine, host: SparkplugHost) -> None:
+        for topic, text in topics(host).items():
+            if topic.startswith("homeassistant/"):
+                lines.append(json.dumps([topic.split("/")[1], json.loads(text)]))
+
+    tried(broker, work)
+    judge = Path(__file__).parent / "mqtt" / "judge_discovery.py"
+    done = subprocess.run([python, judge], input="\n".join(lines), text=True, capture_output=True, timeout=60)
+    assert lines
+    assert done.stdout.split("\n")[:-1] == ["judged"], done.stdout + done.stderr

@@ -1,0 +1,164 @@
+"""The kit of faces: a face that keeps the contract passes it, and each of ten broken ones is caught."""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import sys
+from typing import Any
+
+import pytest
+
+from helpers.mirror import Mirror, MirrorClient
+from umo import Quality
+from umo.faces.face import User
+from umo.testing.faces import RULES, TriedFace, try_rule
+from umo.testing.faces.client import Grade
+
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux")
+
+
+@pytest.fixture(autouse=True)
+def folders(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("UMO_FRAMES", str(tmp_path / "frames"))
+    monkeypatch.setenv("UMO_STATE", str(tmp_path / "state"))
+
+
+async def client(face: Any, user: str) -> MirrorClient:
+    return MirrorClient(face, user)
+
+
+@pytest.mark.parametrize("name", RULES)
+def test_a_face_that_keeps_the_contract_passes(name: str) -> None:
+    assert asyncio.run(try_rule(TriedFace("mirror", Mirror, client), RULES[name])) in (None, "")
+
+
+class Frozen(Mirror):
+    """Its values stand still after the end."""
+
+    async def end(self, why: str) -> None:
+        pass
+
+
+class AllGood(Mirror):
+    """It knows no qualities."""
+
+    def grade(self, quality: Quality) -> Grade:
+        return Grade.GOOD
+
+
+class StaleIsGood(Mirror):
+    def grade(self, quality: Quality) -> Grade:
+        return Grade.GOOD if quality is Quality.STALE else super().grade(quality)
+
+
+class OwnTimes(Mirror):
+    """Its times are those of its calls."""
+
+    def seen(self, item: Any, changes: Any) -> Any:
+        import time
+
+        return dataclasses.replace(super().seen(item, changes), time=time.time())
+
+    async def frames(self, changes: Any) -> None:
+        changes = dataclasses.replace(changes, places=range(len(changes.values)))
+        await super().frames(changes)
+
+
+class FirstOnly(Mirror):
+    """It shows what was first."""
+
+    async def frames(self, changes: Any) -> None:
+        if not self.shown:
+            await super().frames(changes)
+
+
+class Numbers(Mirror):
+    """It has no names of states."""
+
+    def seen(self, item: Any, changes: Any) -> Any:
+        seen = super().seen(item, changes)
+        return dataclasses.replace(seen, value=float(changes.values[item.number]))
+
+
+class WrongUnit(Mirror):
+    def seen(self, item: Any, changes: Any) -> Any:
+        return dataclasses.replace(super().seen(item, changes), unit="m")
+
+
+class Silent(Mirror):
+    """It loses the words of a refusal."""
+
+    async def begin(self, machine: Any, commands: Any) -> None:
+        class Quiet:
+            async def ask(self, *given: Any, **more: Any) -> Any:
+                from umo.errors import CommandRefused, UmoError
+
+                try:
+                    return await commands.ask(*given, **more)
+                except UmoError:
+                    raise CommandRefused("no") from None
+
+        await super().begin(machine, Quiet())
+
+
+class Swallows(Mirror):
+    """It tells no refusal."""
+
+    async def begin(self, machine: Any, commands: Any) -> None:
+        class ItemKind:
+            async def ask(self, *given: Any, **more: Any) -> Any:
+                from umo.errors import UmoError
+
+                try:
+                    return await commands.ask(*given, **more)
+                except UmoError:
+                    return None
+
+        await super().begin(machine, ItemKind())
+
+
+class Nobody(Mirror):
+    """Every user has the same name."""
+
+    async def begin(self, machine: Any, commands: Any) -> None:
+        class Same:
+            async def ask(self, user: User, *given: Any, **more: Any) -> Any:
+                return await commands.ask(dataclasses.replace(user, name="gateway"), *given, **more)
+
+        await super().begin(machine, Same())
+
+
+class Immortal(Mirror):
+    """For it, every client lives for ever."""
+
+    async def begin(self, machine: Any, commands: Any) -> None:
+        class Same:
+            async def ask(self, user: User, *given: Any, **more: Any) -> Any:
+                return await commands.ask(dataclasses.replace(user, is_alive=lambda: True), *given, **more)
+
+        await super().begin(machine, Same())
+
+
+BROKEN: dict[type[Mirror], str] = {
+    Frozen: "ends",
+    AllGood: "qualities",
+    StaleIsGood: "stale",
+    OwnTimes: "stale",
+    FirstOnly: "changes",
+    Numbers: "states",
+    WrongUnit: "units",
+    Silent: "refusals",
+    Swallows: "refusals",
+    Nobody: "users",
+    Immortal: "held",
+}
+"""Each broken face, and the rule that catches it."""
+
+
+@pytest.mark.parametrize("face", BROKEN, ids=lambda face: face.__name__)
+def test_a_broken_face_is_caught_in_words(face: type[Mirror], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("umo.testing.faces.face_rules.TOLD_WITHIN", 0.3)
+    found = asyncio.run(try_rule(TriedFace("broken", face, client), RULES[BROKEN[face]]))
+    assert found
+    assert RULES[BROKEN[face]].sentence in found
