@@ -15,7 +15,7 @@ from typing import Any
 
 from umo.cycle.client_commands import DEAD_MAN_TIME
 from umo.cycle.events import CommandState, Event
-from umo.errors import CommandRefused, FramesError, UmoError
+from umo.errors import CommandRefused, FramesError, LeaseHeld, UmoError
 from umo.faces.face import User
 from umo.frames import Reader
 from umo.frames.client_memory import LEASE
@@ -55,15 +55,21 @@ class Gateway:
         """What is held, by path, and for whom."""
         self._pending: dict[object, tuple[User, str]] = {}
         """Commands whose end is still to come: user and path."""
+        self._sole: User | None = None
+        """Who has the lease alone (`take_lease`); None: all users share it."""
         self._last = 0.0
         self._is_closed = False
         self._keeping = asyncio.create_task(self._keep())
 
     # Commands ------------------------------------------------------------------------------------------
 
-    async def ask(self, user: User, do: str, path: str = "", **more: Any) -> Any:
-        """Carry out a command; its result when it has ended (`umo.faces.face.Commands`)."""
-        if (refusal := self._refusal(user, do, path)) is not None:
+    async def ask(
+        self, user: User, do: str, path: str = "", *, sent: Callable[[int], object] = lambda number: None, **more: Any
+    ) -> Any:
+        """Carry out a command; its result when it has ended (`umo.faces.face.Commands`). `sent` is told the number that
+        its events have."""
+        refusal = f"{do}: the lease is taken for each command" if do in OWN else self._refusal(user, do, path)
+        if refusal is not None:
             raise CommandRefused(refusal)
         who = f"{self._named(user)} ({self._face})"
         if do == "stop":
@@ -73,7 +79,7 @@ class Gateway:
         self._pending[this] = user, path
         try:
             await self._take_lease(who)
-            return await self._carry_out(user, do, path, who, more)
+            return await self._carry_out(user, do, path, who, more, sent)
         finally:
             del self._pending[this]
             self._last = time.monotonic()
@@ -88,8 +94,8 @@ class Gateway:
             return f"{self._face} does not prove who its users are: it takes commands of this computer only"
         if not user.name.strip():
             return "a command needs the name of its user"
-        if do in OWN:
-            return f"{do}: the lease is taken for each command"
+        if do not in OWN and (owner := self._owner) is not None and owner.name != user.name and do != "stop":
+            return f"{self._named(owner)} has the lease"
         if user.is_remote and (refusal := remote_refusal(Roles.load(), user.name, do)) is not None:
             return refusal
         if do != "stop" and self._is_kept_up(do, path) and user.is_alive is None:
@@ -109,11 +115,14 @@ class Gateway:
         name = printable(" ".join(user.name.split()))[:MAX_NAME]
         return name if user.proved else f"{name}, unverified"
 
-    async def _carry_out(self, user: User, do: str, path: str, who: str, more: Mapping[str, Any]) -> Any:
+    async def _carry_out(
+        self, user: User, do: str, path: str, who: str, more: Mapping[str, Any], sent: Callable[[int], object]
+    ) -> Any:
         if kept_up := self._is_kept_up(do, path):
             self._station.sign(self._lease, path)
         start = self._reader.next_event
-        answers = Answers(self._reader, await self._send(do, path=path, who=who, **more), start)
+        sent(number := await self._send(do, path=path, who=who, **more))
+        answers = Answers(self._reader, number, start)
         if kept_up:
             self._held[path] = user
         try:
@@ -149,14 +158,39 @@ class Gateway:
 
     # The lease -----------------------------------------------------------------------------------------
 
-    async def _take_lease(self, who: str) -> None:
+    async def take_lease(self, user: User, *, over: bool = False) -> int:
+        """Take the lease for one user, who alone commands from now on, as long as `user.is_alive` says so; its number.
+        LeaseHeld if another has it, unless it is deliberately taken over (`over`)."""
+        if (refusal := self._refusal(user, "lease", "")) is not None:
+            raise CommandRefused(refusal)
+        owner = self._owner
+        if owner is not None and owner.name != user.name and not over:
+            raise LeaseHeld(f"{self._named(owner)} has the lease")
+        await self._take_lease(f"{self._named(user)} ({self._face})", over=over, anew=owner is None or over)
+        self._sole = user
+        return self._lease
+
+    def give_back(self, user: User) -> None:
+        """The user who had the lease alone no longer needs it; it ends when nobody else does."""
+        if self._sole is not None and self._sole.name == user.name:
+            self._sole, self._last = None, -inf
+
+    @property
+    def _owner(self) -> User | None:
+        """Who has the lease alone."""
+        if self._sole is not None and not (_lives(self._sole) and self._reader.lease_held(self._lease)):
+            self._sole = None
+        return self._sole
+
+    async def _take_lease(self, who: str, *, over: bool = False, anew: bool = False) -> None:
         """LeaseHeld if another client has it."""
         async with self._taking:
-            if self._reader.lease_held(self._lease):
+            if self._reader.lease_held(self._lease) and not anew:
                 return
             self._held.clear()
             start = self._reader.next_event
-            answers = Answers(self._reader, await self._send("lease", who=who, seconds=LEASE_TIME), start)
+            asked = await self._send("lease", who=who, seconds=LEASE_TIME, over=over)
+            answers = Answers(self._reader, asked, start)
             while (event := answers.end()) is None:
                 if await self._looked() == inf:
                     raise FramesError("the run has ended before it answered")
@@ -183,7 +217,8 @@ class Gateway:
             user = self._held.pop(path)
             with suppress(UmoError):
                 await self._send("let go", path=path, who=self._named(user))
-        if not (self._held or self._pending) and time.monotonic() - self._last > LINGER:
+        is_needed = self._held or self._pending or self._owner is not None
+        if not is_needed and time.monotonic() - self._last > LINGER:
             await self._give_back()
         else:
             self._sign(LEASE, *self._held)

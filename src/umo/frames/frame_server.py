@@ -62,6 +62,15 @@ def new_path(station: str) -> Path:
     return folder() / f"{name}-{os.getpid()}-{time.monotonic_ns():x}{SUFFIX}"
 
 
+def sockets() -> list[Path]:
+    """What bears the name of a station's socket, of living processes or dead ones; nothing is removed."""
+    place = folder()
+    try:
+        return [place / name for name in os.listdir(place) if _OPEN.fullmatch(name)]
+    except OSError as error:
+        raise FramesError(f"no folder for frames: {error}") from None
+
+
 def rings() -> list[Path]:
     """The sockets of running stations, oldest first. Those of dead processes are removed, and nothing else."""
     place = folder()

@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from umo.cycle.events import EVENT_TEXT_BYTES
+from umo.cycle.events import EVENT_TEXT_BYTES, Event
 from umo.cycle.frame import Signal
 from umo.cycle.journal import ErrorKind, Kind
 from umo.errors import FramesError
@@ -86,6 +86,21 @@ EVENT_ROW = np.dtype(
     ]
 )
 """An event (`umo.cycle.events`): texts are UTF-8 and cut to their places."""
+
+_EVENT = struct.Struct("<dQQ" + "".join(f"{EVENT_ROW[i].itemsize}s" for i in range(4, 8)))
+
+
+def pack_event(memory: Any, at: int, event: Event) -> None:
+    """Write an event to its row, without the `sequence` that stands before it."""
+    texts = (event.who, event.path, event.asked, event.text)
+    places = (cut(text, EVENT_ROW[4 + i].itemsize) for i, text in enumerate(texts))
+    _EVENT.pack_into(memory, at, event.time, event.command, event.state, *places)
+
+
+def cut(text: str, size: int) -> bytes:
+    """The text cut to so many bytes, without half a character at the end."""
+    return text.encode(errors="replace")[:size].decode(errors="ignore").encode()
+
 
 Column = tuple[str, str, int, str]
 """Name, numpy type, count, unit."""

@@ -285,6 +285,12 @@ class Reader:
         head = self.head
         return self._copy(max(0, head - min(count, self.slots)), head)
 
+    def every(self, first: int, stride: int, most: int) -> Frames:
+        """Every `stride`-th frame from the number `first` on, at most `most`: those that are still there, oldest first.
+        Leaves `next` and `lost` alone."""
+        numbers = np.arange(first, self.head, stride, dtype=np.uint64)[:most]
+        return self._whole(self._rows[numbers % np.uint64(self.slots)], numbers)
+
     def values(self, frame: Any) -> dict[str, float | str]:
         """The value of every object by path: a number in its unit, or the name of a state; NaN: it was never read."""
         numbers = frame["values"].tolist()
@@ -456,7 +462,10 @@ class Reader:
             return np.zeros(0, self._dtype)
         begin, end = start % self.slots, (stop - 1) % self.slots + 1
         parts = [self._rows[begin:end]] if begin < end else [self._rows[begin:], self._rows[:end]]
-        rows = np.concatenate(parts)  # as bytes: numpy would pack the fields of frames together
+        return self._whole(np.concatenate(parts), numbers)
+
+    def _whole(self, rows: npt.NDArray[np.uint8], numbers: npt.NDArray[np.uint64]) -> Frames:
+        """Those of the frames, copied as bytes (numpy would pack their fields together), that are whole."""
         frames = rows.view(self._dtype)[:, 0]
         ended = self._live[Live.STATE] == Stage.ENDED  # looked up before the head, which then stands
         oldest = self.head - self.slots - ended  # frame `oldest` may be being written over at this moment

@@ -32,6 +32,8 @@ from umo.frames.layout import (
     Layout,
     Live,
     arrange,
+    cut,
+    pack_event,
 )
 from umo.frames.memory import RunDescriptors, fill
 from umo.objects import MachineNumber
@@ -50,7 +52,6 @@ UTC_PAUSE = 1_000_000_000
 COLLECTIONS = [name for name, *_ in USAGE].index("collections")
 LATE_SHARE = 0.5
 """Share of the period that waking up and execution take, above which the counters are read."""
-_EVENT = struct.Struct("<dQQ" + "".join(f"{EVENT_ROW[i].itemsize}s" for i in range(4, 8)))
 ORDERED = platform.machine().lower() in ("x86_64", "amd64", "i686")
 """Whether stores become visible in program order: a sequence counter is enough then."""
 BODY = 16
@@ -196,9 +197,7 @@ class Ring:
                 self._refresh(self._tunable_at[event.path])
             at = self._events_at + number % EVENTS * EVENT_ROW.itemsize
             self._words[at >> 3] = 0
-            texts = (event.who, event.path, event.asked, event.text)
-            cut = (_cut(text, EVENT_ROW[4 + i].itemsize) for i, text in enumerate(texts))
-            _EVENT.pack_into(self._map, at + 8, event.time, event.command, event.state, *cut)
+            pack_event(self._map, at + 8, event)
             self._words[at >> 3] = number + 1
             self._live[Live.EVENT] = number + 1
 
@@ -209,7 +208,7 @@ class Ring:
         if self._shown_lease != (lease.number, lease.holder):
             self._shown_lease = lease.number, lease.holder
             live[Live.LEASE] = -1
-            self._bytes[HOLDER : HOLDER + NAME] = _cut(lease.holder, NAME).ljust(NAME, b"\0")
+            self._bytes[HOLDER : HOLDER + NAME] = cut(lease.holder, NAME).ljust(NAME, b"\0")
             live[Live.LEASE] = lease.number
 
     def _fill(self, frame: Frame, at: int) -> None:
@@ -255,7 +254,7 @@ class Ring:
         if old:
             self._utc, self._utc_until = utc(), frame.began + UTC_PAUSE
         first, checksum = self._entries, self._keep(journal) if journal.count else 0
-        text = _cut(progress.text, NOTE)
+        text = cut(progress.text, NOTE)
         self._seldom_packed = SELDOM.pack(
             *self._counts, *self._utc, taken,
             first, journal.count, journal.lost, journal.sampled, journal.updated, checksum,
@@ -286,8 +285,3 @@ class Ring:
         for view in (self._live, self._words, self._numbers, self._bytes):
             view.release()
         self._map.close()
-
-
-def _cut(text: str, size: int) -> bytes:
-    """The text cut to so many bytes, without half a character at the end."""
-    return text.encode(errors="replace")[:size].decode(errors="ignore").encode()

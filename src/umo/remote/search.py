@@ -6,12 +6,17 @@ import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from umo.errors import FramesError, UmoError, text_of
 from umo.frames import Reader, rings
 from umo.text import did_you_mean
+
+FINDERS = "umo.finders"
+"""Entry points that find the frames of stations elsewhere: each takes a name, and gives a `Reader`, or None if the name
+is not one of its kind."""
 
 
 def frames_at(path: Path) -> Reader:
@@ -47,6 +52,8 @@ def reading(path: Path) -> Iterator[None]:
 def find_running(name: str | None, said: Callable[[str], object] = lambda text: None) -> Reader:
     """The frames of one running station, by name, folder or pid (`meant_by`); FramesError lists those that run. `said`
     is told of a ring that cannot be read beside others that can."""
+    if name is not None and "/" in name and (elsewhere := _elsewhere(name)) is not None:
+        return elsewhere
     unread: list[str] = []
     found = readers(unread.append)
     if unread and not found:
@@ -68,6 +75,20 @@ def find_running(name: str | None, said: Callable[[str], object] = lambda text: 
         raise FramesError(several_runs(name, fitting))
     pids = ", ".join(f"{reader.about['station']} (pid {reader.about['pid']})" for reader in fitting)
     raise FramesError(f"several stations are running; give a name or a pid: {pids}")
+
+
+def _elsewhere(name: str) -> Reader | None:
+    """The frames of a station on another computer, by the first finder that knows such names; None: none does."""
+    for point in sorted(entry_points(group=FINDERS)):
+        try:
+            find = point.load()
+        except ModuleNotFoundError as error:
+            if os.path.exists(name):
+                return None
+            raise FramesError(f'{name} needs {error.name}: pip install "umo[{point.name}]"') from None
+        if (found := find(name)) is not None:
+            return cast("Reader", found)
+    return None
 
 
 def meant_by(name: str, found: Sequence[Reader]) -> list[Reader]:

@@ -1,0 +1,202 @@
+"""Commands to a station of a fleet: queries, each with a number of its own and a time until which it is valid.
+
+A query at `umo/SITE/STATION/command/USER` carries JSON: `id` (16 to 64 characters, chosen at random), `sent` and
+`until` (UTC, s), `client`, `do`, `path` and what else the command has. Its first answer is `{"number": n}`, the number
+that the events of the machine tell with it; its last is `{"result": ...}` or `{"error": ..., "kind": ...}`.
+
+A command is carried out once: one that comes again, by a copy of the network or of somebody else, has the answer of the
+first. Numbers are remembered for longer than a command may be valid; what was sent before the gateway began is refused,
+as it may have been carried out then. What a client holds is held while it gives signs of life at
+`umo/SITE/STATION/sign/USER/CLIENT`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+import zenoh
+
+from umo.errors import CommandRefused, UmoError, text_of
+from umo.faces.face import User
+from umo.faces.gateway import Gateway
+from umo.fleet import fleet_keys as keys
+from umo.fleet.fleet_keys import StationKey
+
+LONGEST_VALID = 30.0
+"""Time in s that a command may be valid at most."""
+REMEMBERED = 3 * LONGEST_VALID
+"""Time in s for which the number of a command is remembered."""
+CLOCK_ERROR = 1.0
+"""Difference of two clocks in s that is accepted."""
+SIGN_TIMEOUT = 1.0
+"""Time in s without a sign of life after which what a client holds is let go of."""
+MAX_BYTES = 4096
+"""Length of a command."""
+MAX_REMEMBERED = 10_000
+FIELDS = ("value", "arguments")
+"""What a command may carry beside `do` and `path`."""
+
+
+@dataclass(frozen=True)
+class FleetUsers:
+    """Who the users of a fleet are. `is_proved`: by the certificate with which they have connected, which the rules of
+    the fleet bind to their name in the key. Without that everybody is on this computer."""
+
+    is_proved: bool = False
+
+    def user(self, name: str, is_alive: Callable[[], bool]) -> User:
+        return User(name, self.is_proved, is_remote=self.is_proved, is_alive=is_alive)
+
+
+@dataclass
+class Told:
+    """What became of a command."""
+
+    at: float
+    done: asyncio.Event = field(default_factory=asyncio.Event)
+    number: int | None = None
+    answer: dict[str, Any] = field(
+        default_factory=lambda: {
+            "error": "the gateway has ended; whether it was done is not known",
+            "kind": "TaskFailed",
+        }
+    )
+
+
+class FleetCommands:
+    """Those to one station. `gateway`: gives what passes them on. `utc`: of this computer, s."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        key: StationKey,
+        users: FleetUsers,
+        gateway: Callable[[], Gateway],
+        utc: Callable[[], float] = time.time,
+    ) -> None:
+        self._users, self._gateway, self._utc = users, gateway, utc
+        self._loop = asyncio.get_running_loop()
+        self._began = utc()
+        self._told: dict[tuple[str, str], Told] = {}
+        self._signs: dict[tuple[str, str], float] = {}
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._queries = session.declare_queryable(key.key(keys.COMMAND, keys.ANY), self._asked)
+        self._signed = session.declare_subscriber(key.key(keys.SIGN, keys.ANY, keys.ANY), self._sign)
+
+    # Threads of Zenoh ----------------------------------------------------------------------------------------
+
+    def _asked(self, query: zenoh.Query) -> None:
+        with suppress(RuntimeError):  # the loop has ended
+            self._loop.call_soon_threadsafe(self._begin, query)
+
+    def _sign(self, sample: zenoh.Sample) -> None:
+        *_, user, client = str(sample.key_expr).split("/")
+        self._signs[user, client] = time.monotonic()
+
+    # Commands ------------------------------------------------------------------------------------------------
+
+    def _begin(self, query: zenoh.Query) -> None:
+        task = self._loop.create_task(self._answer(query))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _answer(self, query: zenoh.Query) -> None:
+        name = str(query.key_expr).rpartition("/")[2]
+
+        def reply(answer: dict[str, Any]) -> None:
+            with suppress(zenoh.ZError):  # the client has gone
+                query.reply(query.key_expr, json.dumps(answer))
+
+        try:
+            command = self._parsed(name, query)
+            await self._once(name, command, reply)
+        except Exception as error:
+            reply({"error": text_of(error), "kind": type(error).__name__})
+        finally:
+            query.drop()
+
+    def _parsed(self, name: str, query: zenoh.Query) -> dict[str, Any]:
+        if keys.ANY in name or query.payload is None:
+            raise CommandRefused("a command needs the name of its user in its key, and a text")
+        data = bytes(query.payload)
+        if len(data) > MAX_BYTES:
+            raise CommandRefused(f"a command of {len(data)} bytes is too long; the most are {MAX_BYTES}")
+        try:
+            command = json.loads(data)
+            texts = [command[key] for key in ("id", "client", "do")] + [command.get("path", "")]
+            sent, until = float(command["sent"]), float(command["until"])
+        except (ValueError, KeyError, TypeError, RecursionError):
+            raise CommandRefused("this is not a command of a fleet") from None
+        if not all(isinstance(each, str) for each in texts) or not 16 <= len(texts[0]) <= 64:
+            raise CommandRefused("this is not a command of a fleet")
+        self._check_times(sent, until)
+        return dict(command)
+
+    def _check_times(self, sent: float, until: float) -> None:
+        now = self._utc()
+        if not now <= until + CLOCK_ERROR:
+            raise CommandRefused(f"it came {now - until:.1f} s too late: compare the clocks of the computers")
+        if not (sent <= now + CLOCK_ERROR and until - sent <= LONGEST_VALID):
+            raise CommandRefused("it was sent in the future, or is valid for too long: compare the clocks")
+        if sent < self._began - CLOCK_ERROR:
+            raise CommandRefused("it was sent before the gateway began: it may have been carried out")
+
+    async def _once(self, name: str, command: dict[str, Any], reply: Callable[[dict[str, Any]], object]) -> None:
+        """Carry it out, or tell what has become of it."""
+        self._forget()
+        this = name, command["id"]
+        told = self._told.get(this)
+        if told is not None:
+            if told.number is not None:
+                reply({"number": told.number})
+            await told.done.wait()
+            reply(told.answer)
+            return
+        if len(self._told) >= MAX_REMEMBERED:
+            raise CommandRefused("too many commands in a short time")
+        told = self._told[this] = Told(time.monotonic())
+
+        def sent(number: int) -> None:
+            told.number = number
+            reply({"number": number})
+
+        try:
+            told.answer = {"result": await self._carry_out(name, command, sent)}
+        except UmoError as error:
+            told.answer = {"error": str(error), "kind": type(error).__name__}
+        finally:
+            told.done.set()
+        reply(told.answer)
+
+    async def _carry_out(self, name: str, command: dict[str, Any], sent: Callable[[int], object]) -> Any:
+        client, do, gateway = command["client"], command["do"], self._gateway()
+        self._signs[name, client] = time.monotonic()
+        user = self._users.user(name, lambda: self._is_signed(name, client))
+        if do == "lease":
+            return await gateway.take_lease(user, over=command.get("over") is True)
+        if do == "give back":
+            return gateway.give_back(user)
+        more = {key: command[key] for key in FIELDS if key in command}
+        return await gateway.ask(user, do, command.get("path", ""), sent=sent, **more)
+
+    def _is_signed(self, name: str, client: str) -> bool:
+        return time.monotonic() - self._signs.get((name, client), float("-inf")) < SIGN_TIMEOUT
+
+    def _forget(self) -> None:
+        old = time.monotonic() - REMEMBERED
+        for this in [each for each, told in self._told.items() if told.at < old and told.done.is_set()]:
+            del self._told[this]
+        self._signs = {each: at for each, at in list(self._signs.items()) if at > old}
+
+    async def close(self) -> None:
+        self._queries.undeclare()
+        self._signed.undeclare()
+        for task in list(self._tasks):
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)

@@ -1,0 +1,157 @@
+"""The gateway of a computer: publishes every station that runs on it, and passes commands on.
+
+One task looks at all rings, one after the other: waking up costs more than reading. A station is found within
+`SEARCH_PAUSE`; whatever is wrong with one disturbs no other.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from math import inf
+from pathlib import Path
+
+import zenoh
+
+from umo.errors import FramesError, UmoError, text_of
+from umo.faces.gateway import Gateway
+from umo.fleet.fleet_commands import FleetCommands, FleetUsers
+from umo.fleet.fleet_keys import StationKey, segment
+from umo.fleet.station_publisher import StationPublisher
+from umo.frames import Reader
+from umo.frames.frame_server import sockets
+from umo.remote.search import frames_at
+
+log = logging.getLogger("umo.fleet")
+RATE = 10.0
+"""Deltas a second of each station at most, by default."""
+SLOWEST, FASTEST = 0.1, 50.0
+SEARCH_PAUSE = 0.5
+"""Time in s from one search for stations to the next."""
+REFUSED_PAUSE = 5.0
+"""Time in s after which a ring that could not be read is tried again."""
+
+
+class PublishedStation:
+    """A station with its commands."""
+
+    def __init__(self, publisher: StationPublisher, session: zenoh.Session, users: FleetUsers, read_only: bool) -> None:
+        self.publisher = publisher
+        self._looked = asyncio.Event()
+        self._is_over = False
+        self._gateway: Gateway | None = None
+        self._read_only = read_only
+        self.commands = FleetCommands(session, publisher.key, users, self._ask)
+
+    def look(self) -> bool:
+        goes_on = self.publisher.look()
+        self._is_over = not goes_on
+        looked, self._looked = self._looked, asyncio.Event()
+        looked.set()
+        return goes_on
+
+    async def _wait(self) -> float:
+        if not self._is_over:
+            await self._looked.wait()
+        return inf if self._is_over else self.publisher.time
+
+    def _ask(self) -> Gateway:
+        """The way of commands to this run, from the first one on."""
+        if self._gateway is None:
+            self._gateway = Gateway(self.publisher.reader, "fleet", self._wait, is_reader=self._read_only)
+        return self._gateway
+
+    async def close(self) -> None:
+        await self.commands.close()
+        if self._gateway is not None:
+            await self._gateway.close()
+        self.publisher.close()
+
+
+class FleetGateway:
+    """`site`: the first word of the keys of this computer's stations. `say` is told of what a user has to know."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        site: str,
+        users: FleetUsers,
+        *,
+        rate: float = RATE,
+        read_only: bool = True,
+        say: Callable[[str], object] = log.info,
+        find: Callable[[], list[Path]] = sockets,
+    ) -> None:
+        self._session, self._site, self._users = session, site, users
+        self._interval, self._read_only, self._say, self._find = 1.0 / rate, read_only, say, find
+        self._stations: dict[Path, PublishedStation] = {}
+        self._refused: dict[Path, float] = {}
+        self._searched = -inf
+
+    @property
+    def stations(self) -> list[StationKey]:
+        return [each.publisher.key for each in self._stations.values()]
+
+    async def run(self) -> None:
+        """Publish until cancelled."""
+        try:
+            while True:
+                began = time.monotonic()
+                if began - self._searched >= SEARCH_PAUSE:
+                    self._searched = began
+                    await self._search()
+                await self._look()
+                await asyncio.sleep(max(0.001, began + self._interval - time.monotonic()))
+        finally:
+            for path in list(self._stations):
+                await self._leave(path)
+
+    async def _look(self) -> None:
+        for path, station in list(self._stations.items()):
+            try:
+                goes_on = station.look()
+            except Exception as error:  # of a damaged ring
+                self._say(f"{station.publisher.key}: its frames cannot be published: {text_of(error)}")
+                self._refused[path] = time.monotonic() + REFUSED_PAUSE
+                goes_on = False
+            if not goes_on:
+                await self._leave(path)
+
+    async def _leave(self, path: Path) -> None:
+        station = self._stations.pop(path)
+        self._say(f"{station.publisher.key} has ended")
+        with suppress(zenoh.ZError, UmoError):
+            await station.close()
+
+    async def _search(self) -> None:
+        """Publish the stations that have begun."""
+        now = time.monotonic()
+        there = self._find()
+        self._refused = {path: until for path, until in self._refused.items() if path in there and until > now}
+        for path in there:
+            if path not in self._stations and path not in self._refused:
+                try:
+                    reader = await asyncio.to_thread(frames_at, path)
+                    self._begin(path, reader)
+                except (UmoError, OSError, zenoh.ZError) as error:
+                    self._refused[path] = now + REFUSED_PAUSE
+                    if path.exists():  # it has not just ended
+                        self._say(f"{path.name}: {text_of(error)}")
+
+    def _begin(self, path: Path, reader: Reader) -> None:
+        if not reader.alive:
+            reader.close()
+            raise FramesError("it has ended")
+        key = self._key_of(reader)
+        publisher = StationPublisher(self._session, key, reader, self._interval)
+        self._stations[path] = PublishedStation(publisher, self._session, self._users, self._read_only)
+        self._say(f"{key} (pid {reader.about['pid']})")
+
+    def _key_of(self, reader: Reader) -> StationKey:
+        """Its name; of several runs of one name the later ones have their pid, too."""
+        name = segment(str(reader.about["station"]))
+        key = StationKey(self._site, name)
+        return key if key not in self.stations else StationKey(self._site, f"{name}.{reader.about['pid']}")

@@ -1,0 +1,267 @@
+"""A station of a fleet as if it ran on this computer: its frames in a ring of this process, its commands passed on.
+
+    reader = find("cell7/press")        # as `umo.remote.search.find_running` gives one
+
+One thread applies what comes, in order, answers the commands that stand in the ring's cells, and tells what is no
+longer fresh. The mirror is of one run: it ends with it.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import queue
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zenoh
+import zenoh.ext
+
+from umo.cycle.events import CommandState, Event
+from umo.errors import FramesError, UmoError
+from umo.fleet import fleet_keys as keys
+from umo.fleet.fleet_keys import StationKey
+from umo.fleet.fleet_session import LOCAL_NETWORK, FleetNetwork, anybody, opened
+from umo.fleet.message_parts import unpacked
+from umo.fleet.mirror_commands import MirrorCommands
+from umo.fleet.run_words import Rest, WordFrame, Words, peek
+from umo.frames import Reader
+from umo.frames.layout import Layout, Live
+from umo.frames.memory import RunDescriptors
+from umo.frames.ring_copy import RingCopy
+from umo.objects import Quality
+from umo.system.utc import utc
+from umo.text import did_you_mean
+
+log = logging.getLogger("umo.fleet")
+ANSWER_TIME = 3.0
+"""Time in s within which a station declares itself."""
+STALE_AFTER = 1.5
+"""Time in s without a delta after which no value is fresh, 10 periods if that is longer."""
+LOOK = 0.02
+"""Time in s from one look at the cells to the next."""
+
+
+class FleetReader(Reader):
+    """A reader of a mirror, which ends with it."""
+
+    def __init__(self, path: Path, ends: RunDescriptors, end: Callable[[], None]) -> None:
+        super().__init__(path, ends)
+        self._end_mirror = end
+
+    def close(self) -> None:
+        super().close()
+        self._end_mirror()
+
+
+class FleetMirror:
+    """`declaration`: the answer to a query for it (`StationPublisher`)."""
+
+    def __init__(self, session: zenoh.Session, key: StationKey, declaration: bytes, user: str) -> None:
+        self.key = key
+        self._session = session
+        about, described, words, rest = unpacked(declaration)
+        facts = json.loads(about)
+        self._run = bytes.fromhex(facts["run"])
+        layout = Layout.parse(described)
+        layout.about.update(site=key.site, station=str(key), place="")
+        self._words = WordFrame(layout)
+        writer, self._readers = RunDescriptors.pair()
+        self._ring = RingCopy(layout, writer)
+        self._image: Words = np.zeros(self._words.count, np.uint64)
+        self._number = int(facts["number"])
+        self._events = 0
+        """Those in the ring."""
+        fields = layout.dtype.fields
+        assert fields is not None
+        self._time = fields["time"][1] // 8
+        self._next_event = max(0, int(facts["event"]) - 1)
+        self.lost = 0
+        """Deltas that did not come."""
+        self._incoming: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
+        self._ended = threading.Event()
+        self._heard = time.monotonic()
+        self._is_stale = False
+        self._limit = max(STALE_AFTER, 10 * float(layout.about["period"]))
+        if words:
+            self._image[:] = np.frombuffer(words, np.uint64)
+            self._take_rest(rest)
+            self._show()
+        self._commands = MirrorCommands(session, key, user, self._ring, self._tell)
+        self._subscribers = [
+            self._subscribed(keys.DELTA),
+            self._subscribed(keys.EVENT, history=zenoh.ext.HistoryConfig(max_samples=64)),
+        ]
+        self._thread = threading.Thread(target=self._follow, name=f"umo fleet {key}", daemon=True)
+        self._thread.start()
+
+    def reader(self) -> Reader:
+        return FleetReader(Path(str(self.key)), self._readers, self.close)
+
+    def _subscribed(self, kind: str, history: zenoh.ext.HistoryConfig | None = None) -> Any:
+        return zenoh.ext.declare_advanced_subscriber(
+            self._session,
+            self.key.key(kind),
+            lambda sample: self._incoming.put((kind, bytes(sample.payload))),
+            history=history,
+            recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+        )
+
+    # The thread ----------------------------------------------------------------------------------------------
+
+    def _follow(self) -> None:
+        while not self._ended.is_set():
+            try:
+                kind, data = self._incoming.get(timeout=LOOK)
+            except queue.Empty:
+                kind, data = "", b""
+            try:
+                if kind == keys.DELTA:
+                    self._take_delta(data)
+                elif kind == keys.EVENT:
+                    self._take_events(data)
+                self._commands.look()
+                if not self._is_stale and time.monotonic() - self._heard > self._limit:
+                    self._grow_stale()
+            except UmoError as error:
+                log.warning("%s: %s", self.key, error)
+            except Exception as error:
+                log.warning("%s: %s", self.key, error, exc_info=error)
+        self._finish()
+
+    def _take_delta(self, data: bytes) -> None:
+        run, number = peek(data)
+        if run != self._run:  # another run has begun: this one has ended
+            self._ended.set()
+            return
+        if number <= self._number:  # it came twice
+            return
+        delta = self._words.parse(data)
+        self._heard, self._is_stale = time.monotonic(), False
+        if number != self._number + 1 and not delta.is_full:
+            self._ask_again()
+            return
+        self.lost += number - self._number - 1
+        self._number = number
+        self._words.apply(delta, self._image)
+        if delta.rest:
+            self._take_rest(delta.rest)
+        self._show()
+        if delta.is_last:
+            self._take_waiting_events()
+            self._ended.set()
+
+    def _ask_again(self) -> None:
+        """Deltas are missing: take the image as it is now."""
+        about, _, words, rest = unpacked(declaration_of(self._session, self.key))
+        facts = json.loads(about)
+        if bytes.fromhex(facts["run"]) != self._run or not words:
+            return
+        self.lost += max(0, int(facts["number"]) - self._number - 1)
+        self._number = int(facts["number"])
+        self._image[:] = np.frombuffer(words, np.uint64)
+        self._take_rest(rest)
+        self._show()
+
+    def _take_rest(self, data: bytes) -> None:
+        rest = Rest.parse(data)
+        self._ring.live({Live.STATE: rest.state, Live.MODE: rest.mode, Live.MISSED: rest.missed})
+        self._ring.lease(rest.lease, rest.holder)
+        self._ring.tunables(rest.tunables)
+
+    def _take_waiting_events(self) -> None:
+        """The events that came before the end, which may be behind it in the queue."""
+        time.sleep(LOOK)
+        with suppress(queue.Empty):
+            while True:
+                kind, data = self._incoming.get_nowait()
+                if kind == keys.EVENT:
+                    self._take_events(data)
+
+    def _take_events(self, data: bytes) -> None:
+        told = json.loads(data)
+        if bytes.fromhex(told["run"]) != self._run:
+            return
+        for number, *given in told["events"]:
+            if number >= self._next_event:
+                self._next_event = number + 1
+                at, path, text, who, command, state, asked = given
+                local = self._commands.local(int(command))
+                self._tell(Event(at, path, text, who, local, CommandState(state), asked))
+                if local and state != CommandState.BEGUN:
+                    self._commands.has_ended(local)
+
+    def _tell(self, event: Event) -> None:
+        """Add an event to the ring; one without a time is of now."""
+        now = float(self._image.view("<f8")[self._time]) if not event.time else event.time
+        self._ring.event(self._events, event._replace(time=now))
+        self._events += 1
+
+    # The ring ------------------------------------------------------------------------------------------------
+
+    def _show(self) -> None:
+        """The image as a frame; its time on this computer's clock is that of its UTC."""
+        frame = np.frombuffer(bytearray(self._image.tobytes()), self._words.dtype)
+        moment = int(frame["began"][0]) + int(frame["utc"][0])
+        offset, _ = utc()
+        frame["began"] = min(moment - offset, time.monotonic_ns())
+        frame["utc"] = moment - frame["began"]
+        self._ring.frame(frame.tobytes())
+
+    def _grow_stale(self) -> None:
+        """Nothing has come for too long: no value is fresh."""
+        self._is_stale = True
+        frame = np.frombuffer(bytearray(self._image.tobytes()), self._words.dtype)
+        frame["quality"] = np.maximum(frame["quality"], np.uint8(Quality.STALE))
+        self._image[:] = np.frombuffer(frame.tobytes(), np.uint64)
+        self._number = -2  # the next delta does not follow this image
+        self._show()
+
+    def _finish(self) -> None:
+        for each in self._subscribers:
+            each.undeclare()
+        self._ring.close()
+
+    def close(self) -> None:
+        self._ended.set()
+        if threading.current_thread() is not self._thread:
+            self._thread.join(ANSWER_TIME)
+        with suppress(zenoh.ZError):
+            self._session.close()
+
+
+def declaration_of(session: zenoh.Session, key: StationKey) -> bytes:
+    """The declaration of a station; FramesError if it does not answer."""
+    for reply in session.get(key.key(keys.DECLARATION), timeout=ANSWER_TIME):
+        if reply.ok is not None:
+            return bytes(reply.ok.payload)
+    raise FramesError(f"{key} does not answer")
+
+
+def find(name: str, network: FleetNetwork = LOCAL_NETWORK, user: str = "") -> Reader:
+    """The frames of a station of the fleet, `SITE/STATION`. FramesError lists those that are there."""
+    key = keys.station_key(name)
+    session = opened(network, "client" if network.connect else "peer")
+    try:
+        until = time.monotonic() + ANSWER_TIME
+        while key not in (there := anybody(session)):
+            if time.monotonic() > until:
+                names = [str(each) for each in there]
+                running = ", ".join(names) or "none; `umo fleet` publishes those of a computer"
+                raise FramesError(f"{name!r} is not in the fleet{did_you_mean(name, names)}; there are: {running}")
+            time.sleep(LOOK)
+        return FleetMirror(session, key, declaration_of(session, key), user).reader()
+    except BaseException:
+        session.close()
+        raise
+
+
+def find_named(name: str) -> Reader | None:
+    """`find` for names that can be of a fleet and are no folder; None for others."""
+    return find(name) if keys.is_station_key(name) and not os.path.isdir(name) else None

@@ -1,0 +1,157 @@
+"""The commands of this process to a station of a fleet: taken from the cells of its mirror, and passed on."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+import zenoh
+
+from umo.cycle.client_commands import DEAD_MAN_TIME, ClientCommand
+from umo.cycle.events import CommandState, Event
+from umo.fleet import fleet_keys as keys
+from umo.fleet.fleet_keys import StationKey, segment
+from umo.frames.layout import Live
+from umo.frames.ring_copy import RingCopy
+from umo.remote.queue import Receiver
+from umo.system.processes import user_name
+
+VALID = 5.0
+"""Time in s for which a command is valid."""
+LONGEST_WAIT = 86_400.0
+"""Time in s that the end of an action is waited for."""
+EVENT_WAIT = 0.2
+"""Time in s within which the machine's own event follows its answer, at most."""
+SIGN_PAUSE = 0.1
+"""Time in s from one sign of life to the next."""
+
+
+class MirrorCommands:
+    """`tell` adds an event to the ring."""
+
+    def __init__(
+        self, session: zenoh.Session, key: StationKey, user: str, ring: RingCopy, tell: Callable[[Event], None]
+    ) -> None:
+        self._session, self._key, self._ring, self._tell = session, key, ring, tell
+        self._user, self._client = segment(user or user_name()), secrets.token_hex(8)
+        self._inbox = Receiver(ring.cells)
+        self._lock = threading.Lock()
+        self._numbers: dict[int, int] = {}
+        """The number here of each number of the station."""
+        self._answers: list[tuple[float, ClientCommand, dict[str, Any]]] = []
+        """Last answers, each with the time from which on it is told, if no event of the machine has told it before."""
+        self._ended: set[int] = set()
+        """Commands whose end an event of the machine has told."""
+        self._lease, self._lease_key = 0, ""
+        self._held: set[str] = set()
+        self._signed = 0.0
+        self._is_stopped = False
+
+    def local(self, number: int) -> int:
+        """The number that a command of the station has here; 0: it is not from here."""
+        with self._lock:
+            return self._numbers.get(number, 0) if number else 0
+
+    def look(self) -> None:
+        """Pass on what has come in; answer what was answered."""
+        while (command := self._inbox.get()) is not None:
+            self._pass_on(command)
+        self._ring.live({Live.TAKEN: self._inbox.taken, Live.DROPPED: self._inbox.dropped})
+        if not self._is_stopped and (stop := self._ring.cells.stop) is not None:
+            self._is_stopped = True
+            self._send(ClientCommand(0, stop[1], do="stop"))
+        now = time.monotonic()
+        with self._lock:
+            due = [each for each in self._answers if each[0] <= now]
+            self._answers = [each for each in self._answers if each[0] > now]
+        for _, command, answer in due:
+            self._answer(command, answer)
+        if now - self._signed > SIGN_PAUSE:
+            self._signed = now
+            self._sign(now)
+
+    def _pass_on(self, command: ClientCommand) -> None:
+        if command.do not in ("lease", "stop") and command.key != self._lease_key:
+            self._answer(command, {"error": "it has not the lease", "kind": "CommandRefused"})
+            return
+        self._send(command)
+
+    def _send(self, command: ClientCommand) -> None:
+        now = time.time()
+        asked = {
+            "id": secrets.token_hex(16), "client": self._client, "sent": now, "until": now + VALID,
+            "do": command.do, "path": command.path,
+        }  # fmt: skip
+        if command.value is not None:
+            asked["value"] = command.value
+        if command.arguments:
+            asked["arguments"] = dict(command.arguments)
+        if command.over:
+            asked["over"] = True
+        wait = [0.0, 0]  # for its event; whether the last answer has come
+
+        def reply(reply: zenoh.Reply) -> None:
+            if reply.ok is None:
+                return
+            answer = json.loads(bytes(reply.ok.payload))
+            with self._lock:
+                if "number" in answer:
+                    self._numbers[answer["number"]] = command.number
+                    wait[0] = EVENT_WAIT
+                else:
+                    wait[1] = 1
+                    self._answers.append((time.monotonic() + wait[0], command, answer))
+
+        def done() -> None:
+            if not wait[1]:
+                lost = {"error": "no answer: whether it was done is not known", "kind": "TaskFailed"}
+                with self._lock:
+                    self._answers.append((0.0, command, lost))
+
+        self._session.get(
+            self._key.key(keys.COMMAND, self._user),
+            zenoh.handlers.Callback(reply, done),
+            payload=json.dumps(asked),
+            timeout=LONGEST_WAIT if command.do == "call" else 2 * VALID,
+            consolidation=zenoh.ConsolidationMode.NONE,
+        )
+
+    def _answer(self, command: ClientCommand, answer: dict[str, Any]) -> None:
+        """Tell the last answer, where no event of the machine does."""
+        failed = "error" in answer
+        if command.do == "lease" and not failed:
+            self._lease, self._lease_key = int(answer["result"]), command.key
+            self._ring.lease(self._lease, command.who.encode())
+        if command.do == "give back" and not failed:
+            self._lease, self._lease_key = 0, ""
+        if command.do == "write" or command.do == "call":
+            (self._held.discard if failed or command.do == "call" else self._held.add)(command.path)
+        if not command.number or command.number in self._ended:
+            return
+        text = f"{answer['kind']}: {answer['error']}" if failed else _json(answer.get("result"))
+        state = CommandState.REFUSED if failed else CommandState.DONE
+        self._tell(Event(0.0, command.path, text, command.who, command.number, state, str(command)))
+
+    def has_ended(self, number: int) -> None:
+        """An event of the machine has told the end of this command."""
+        self._ended.add(number)
+
+    def _sign(self, now: float) -> None:
+        """Pass the signs of life on; let go of what is no longer held here."""
+        cells = self._ring.cells
+        if not self._lease or now - cells.signed("", self._lease) > DEAD_MAN_TIME:
+            return
+        with suppress(zenoh.ZError):
+            self._session.put(self._key.key(keys.SIGN, self._user, self._client), b"")
+        for path in [each for each in self._held if now - cells.signed(each, self._lease) > DEAD_MAN_TIME]:
+            self._held.discard(path)
+            self._send(ClientCommand(0, do="let go", path=path))
+
+
+def _json(result: Any) -> str:
+    return "" if result is None else json.dumps(result)

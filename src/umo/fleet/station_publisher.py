@@ -1,0 +1,173 @@
+"""One running station as a fleet sees it: its declaration, deltas, events and status."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Sequence
+from math import ceil
+from typing import Any
+
+import numpy as np
+import zenoh
+import zenoh.ext
+
+from umo.cycle.stage import Stage
+from umo.fleet import fleet_keys as keys
+from umo.fleet.fleet_keys import StationKey
+from umo.fleet.message_parts import packed
+from umo.fleet.run_words import FULL, LAST, Delta, Rest, WordFrame, Words
+from umo.frames import Reader
+from umo.frames.layout import DESCRIPTION, HOLDER, NAME
+from umo.frames.reader import NumberedEvent
+from umo.presentation.run_facts import ALARMS
+
+CACHED = 30.0
+"""Time in s of which a publisher keeps the deltas, for those who have missed some."""
+HEARTBEAT = 0.5
+"""Time in s within which a subscriber learns that it has missed the last message."""
+CACHED_EVENTS = 64
+MOST = 100
+"""Deltas of one look at most: the rest of what a ring holds follows at the next ones."""
+REST_EVERY = 10
+"""The rest is in every so many deltas, also if it has not changed."""
+STATUS_PAUSE = 1.0
+"""Time in s from one status to the next."""
+
+
+class StationPublisher:
+    """`interval`: s from one delta to the next, at least."""
+
+    def __init__(self, session: zenoh.Session, key: StationKey, reader: Reader, interval: float) -> None:
+        self.key, self.reader = key, reader
+        about = reader.about
+        period = float(about["period"])
+        self.stride = max(1, round(interval / period)) if period else 1
+        self.run = run_of(about)
+        self._frames = WordFrame(reader.layout)
+        self._tunables = 8 * len(reader.layout.tunables)
+        oldest = max(0, reader.head - reader.slots + 1)
+        self._next = ceil(max(0, oldest - self.stride + 1) / self.stride)
+        self._event = 0
+        self._words: Words | None = None
+        self._rest = b""
+        self.latest: tuple[int, bytes, bytes] | None = None
+        """Number, words and rest of the last delta."""
+        self.time = float("-inf")
+        """Of the last frame that was published, s on the cycle's clock."""
+        self._status: dict[str, Any] = {}
+        self._status_at = 0.0
+        samples = max(MOST, ceil(2 * CACHED / max(interval, self.stride * period or interval)))
+        self._deltas = self._advanced(session, keys.DELTA, samples)
+        self._events = self._advanced(session, keys.EVENT, CACHED_EVENTS)
+        self._declared = session.declare_queryable(key.key(keys.DECLARATION), self._declare)
+        self._told = session.declare_queryable(key.key(keys.STATUS), self._tell_status)
+        self._statuses = session.declare_publisher(
+            key.key(keys.STATUS), congestion_control=zenoh.CongestionControl.DROP
+        )
+        self.look()
+        self._alive = session.liveliness().declare_token(key.key(keys.ALIVE))
+
+    def _advanced(self, session: zenoh.Session, kind: str, samples: int) -> zenoh.ext.AdvancedPublisher:
+        return zenoh.ext.declare_advanced_publisher(
+            session,
+            self.key.key(kind),
+            congestion_control=zenoh.CongestionControl.DROP,
+            cache=zenoh.ext.CacheConfig(samples),
+            sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=HEARTBEAT),
+            publisher_detection=True,
+        )
+
+    # Looks ---------------------------------------------------------------------------------------------
+
+    def look(self) -> bool:
+        """Publish what is new. False: the run has ended, and everything of it was told."""
+        reader, stride = self.reader, self.stride
+        ended = reader.state is Stage.ENDED  # before the frames: the last ones are among them
+        frames = reader.every(self._next * stride + stride - 1, stride, MOST)
+        if len(frames):
+            rest = self._rest_of().packed()
+            for frame in frames:
+                self._publish(frame, (int(frame["sequence"]) // 2 - stride) // stride, rest)
+            self.time = float(frames[-1]["time"])
+        if ended and len(frames) < MOST:
+            self._publish_last()
+        self._publish_events(reader.events(self._event))
+        if (now := time.monotonic()) - self._status_at >= STATUS_PAUSE or ended:
+            self._status_at = now
+            self._publish_status()
+        return not ended or len(frames) == MOST
+
+    def _publish(self, frame: Any, number: int, rest: bytes, flags: int = 0) -> None:
+        words = self._frames.words(frame)
+        if self._words is None or number > self._next:
+            flags |= FULL
+        places, changed = self._frames.changed(words, None if flags & FULL else self._words)
+        told = rest if rest != self._rest or number % REST_EVERY == 0 or flags else b""
+        self._deltas.put(Delta(self.run, number, flags, places, changed, told).packed())
+        self._next, self._words, self._rest = number + 1, words, rest
+        self.latest = number, words.tobytes(), rest
+
+    def _publish_last(self) -> None:
+        """The last frame of all, whatever its number, and the end."""
+        if (frame := self.reader.latest()) is not None:
+            self._publish(frame, self._next, self._rest_of().packed(), LAST)
+
+    def _rest_of(self) -> Rest:
+        memory = self.reader.live(0, DESCRIPTION)
+        live = np.frombuffer(memory, "<i8")
+        tunables = self.reader.told()[-self._tunables :] if self._tunables else b""
+        return Rest.of(live, memory[HOLDER : HOLDER + NAME], tunables)
+
+    def _publish_events(self, events: Sequence[NumberedEvent]) -> None:
+        if not events:
+            return
+        self._event = events[-1].number + 1
+        told = [[each.number, *each.event] for each in events]
+        self._events.put(json.dumps({"run": self.run.hex(), "events": told}))
+
+    # Queries, of a thread of Zenoh ---------------------------------------------------------------------------
+
+    def _declare(self, query: zenoh.Query) -> None:
+        with query:
+            number, words, rest = self.latest or (-1, b"", b"")
+            about = {
+                "run": self.run.hex(), "number": number, "stride": self.stride, "site": self.key.site,
+                "event": self._event,
+            }  # fmt: skip
+            query.reply(query.key_expr, packed(json.dumps(about).encode(), self.reader.layout.describe(), words, rest))
+
+    def _tell_status(self, query: zenoh.Query) -> None:
+        with query:
+            query.reply(query.key_expr, json.dumps(self._status))
+
+    def _publish_status(self) -> None:
+        if (status := status_of(self.reader)) != self._status:
+            self._status = status
+            self._statuses.put(json.dumps(status))
+
+    def close(self) -> None:
+        for each in (self._alive, self._declared, self._told, self._statuses, self._deltas, self._events):
+            each.undeclare()
+        self.reader.close()
+
+
+def run_of(about: dict[str, Any]) -> bytes:
+    """8 bytes that tell a run from every other one."""
+    text = json.dumps([about[key] for key in ("station", "place", "pid", "started", "started_monotonic")])
+    return hashlib.blake2b(text.encode(), digest_size=8).digest()
+
+
+def status_of(reader: Reader) -> dict[str, Any]:
+    """What a list of stations shows of a run."""
+    about, frame = reader.about, reader.latest()
+    facts = reader.facts(frame)
+    return {
+        "station": about["station"], "wiring": about["wiring"], "pid": about["pid"], "since": about["started"],
+        "period": about["period"], "state": str(reader.state),
+        "mode": None if reader.mode is None else str(reader.mode),
+        "lease": reader.holder, "missed": reader.missed,
+        "alarms": len(reader.alarms(frame)), "text": facts.get(ALARMS, ""),
+        "faults": reader.faults(frame), "states": reader.unit_states(frame), "progress": facts.get("progress", ""),
+    }  # fmt: skip
