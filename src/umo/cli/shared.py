@@ -96,14 +96,15 @@ class HelpPanel:
     """A panel of the help. Makes commands in it, whose own help ends with examples and exit statuses, and whose errors
     are told as by `guarded`. A command returns its exit status, or None for 0."""
 
-    def __init__(self, title: str) -> None:
-        self._title = title
+    def __init__(self, title: str, group: typer.Typer = app) -> None:
+        """`group`: the command whose subcommands they are."""
+        self._title, self._group = title, group
 
     def __call__(
         self, name: str | None = None, *, epilog: str, status: str = USUAL_STATUS, **options: Any
     ) -> Callable[[F], F]:
         end = f"{epilog}\n\nExit status: {status}"
-        register = app.command(name, cls=Subcommand, epilog=end, rich_help_panel=self._title, **options)
+        register = self._group.command(name, cls=Subcommand, epilog=end, rich_help_panel=self._title, **options)
 
         def command(work: F) -> F:
             register(wraps(work)(lambda **given: guarded(partial(work, **given))))

@@ -26,8 +26,10 @@ import zenoh.ext
 from umo.cycle.events import CommandState, Event
 from umo.errors import FramesError, UmoError
 from umo.fleet import fleet_keys as keys
+from umo.fleet import fleet_settings
 from umo.fleet.fleet_keys import StationKey
-from umo.fleet.fleet_session import LOCAL_NETWORK, FleetNetwork, anybody, opened
+from umo.fleet.fleet_session import anybody, opened
+from umo.fleet.fleet_settings import FleetSettings
 from umo.fleet.message_parts import unpacked
 from umo.fleet.mirror_commands import MirrorCommands
 from umo.fleet.run_words import Rest, WordFrame, Words, peek
@@ -244,9 +246,12 @@ def declaration_of(session: zenoh.Session, key: StationKey) -> bytes:
     raise FramesError(f"{key} does not answer")
 
 
-def find(name: str, network: FleetNetwork = LOCAL_NETWORK, user: str = "") -> Reader:
-    """The frames of a station of the fleet, `SITE/STATION`. FramesError lists those that are there."""
+def find(name: str, settings: FleetSettings | None = None) -> Reader:
+    """The frames of a station of the fleet, `SITE/STATION`. FramesError lists those that are there. `settings`:
+    default: those of this user."""
     key = keys.station_key(name)
+    settings = fleet_settings.load() if settings is None else settings
+    network = settings.network
     session = opened(network, "client" if network.connect else "peer")
     try:
         until = time.monotonic() + ANSWER_TIME
@@ -256,7 +261,7 @@ def find(name: str, network: FleetNetwork = LOCAL_NETWORK, user: str = "") -> Re
                 running = ", ".join(names) or "none; `umo fleet` publishes those of a computer"
                 raise FramesError(f"{name!r} is not in the fleet{did_you_mean(name, names)}; there are: {running}")
             time.sleep(LOOK)
-        return FleetMirror(session, key, declaration_of(session, key), user).reader()
+        return FleetMirror(session, key, declaration_of(session, key), settings.user).reader()
     except BaseException:
         session.close()
         raise

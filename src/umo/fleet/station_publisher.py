@@ -148,7 +148,8 @@ class StationPublisher:
             self._statuses.put(json.dumps(status))
 
     def close(self) -> None:
-        for each in (self._alive, self._declared, self._told, self._statuses, self._deltas, self._events):
+        undeclared: list[Any] = [self._alive, self._declared, self._told, self._statuses, self._deltas, self._events]
+        for each in undeclared:
             each.undeclare()
         self.reader.close()
 

@@ -1,0 +1,77 @@
+"""`umo fleet serve` and `umo fleet router`."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+from collections.abc import Coroutine, Mapping
+from contextlib import suppress
+from typing import Any
+
+from umo.errors import OptionError
+from umo.fleet import fleet_settings
+from umo.fleet.fleet_commands import FleetUsers
+from umo.fleet.fleet_gateway import FASTEST, SLOWEST, FleetGateway
+from umo.fleet.fleet_session import LOCAL, FleetNetwork, opened
+from umo.system.realtime import drop_realtime
+
+from .console import out, say
+
+NICENESS = 5
+"""By how much its priority is below that of a usual program."""
+
+
+def serve_gateway(changes: Mapping[str, Any], *, commands: bool, rate: float) -> int:
+    """Publish the stations of this computer until Ctrl-C or SIGTERM."""
+    if not SLOWEST <= rate <= FASTEST:
+        raise OptionError(f"--rate {rate:g} is not from {SLOWEST:g} to {FASTEST:g}")
+    settings = fleet_settings.load(changes=changes)
+    network = settings.network
+    if commands and not (network.is_local or network.is_proved):
+        raise OptionError("commands of other computers need tls: its certificates prove who they are")
+    drop_realtime()
+    with suppress(OSError):
+        os.nice(NICENESS)
+    session = opened(network, "client" if network.connect and not network.listen else "peer")
+    try:
+        _tell(
+            "publishes the stations of", settings.site, network, "reading and commands" if commands else "reading only"
+        )
+
+        async def serving() -> None:
+            users = FleetUsers(is_proved=network.is_proved)
+            await FleetGateway(session, settings.site, users, rate=rate, read_only=not commands, say=say).run()
+
+        asyncio.run(_until_stopped(serving()))
+    finally:
+        session.close()
+    say("the gateway has ended; stations that run go on")
+    return 0
+
+
+def serve_router(changes: Mapping[str, Any]) -> int:
+    """Join computers until Ctrl-C or SIGTERM."""
+    settings = fleet_settings.load(changes=changes)
+    network = settings.network
+    session = opened(network, "router")
+    try:
+        _tell("routes for", settings.site, network, "everybody" if not network.is_proved else "those with certificates")
+        asyncio.run(_until_stopped(asyncio.Event().wait()))
+    finally:
+        session.close()
+    return 0
+
+
+def _tell(does: str, site: str, network: FleetNetwork, may: str) -> None:
+    where = ", ".join((*network.listen, *network.connect)) or LOCAL
+    out.print(f"{does} {site}: {where}  ({may})", soft_wrap=True, highlight=False, markup=False)
+
+
+async def _until_stopped(work: Coroutine[Any, Any, object]) -> None:
+    serving = asyncio.ensure_future(work)
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, serving.cancel)
+    with suppress(asyncio.CancelledError):
+        await serving

@@ -1,0 +1,88 @@
+"""The settings of a fleet on this computer, for its gateway and for every command that reaches other stations.
+
+# ~/.config/umo/fleet.toml
+site = "cell7"                        # default: the name of this computer
+connect = ["tls/plant.local:7447"]    # routers, or other computers; default: this computer only
+listen = []                           # addresses at which others reach this one
+certificates = "~/.config/umo/fleet"  # folder of ca.pem, certificate.pem, key.pem (umo fleet certificate)
+user = "ann"                          # whose commands these are; default: the user of this computer
+"""
+
+from __future__ import annotations
+
+import socket
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from umo.errors import OptionError
+from umo.fleet.fleet_keys import segment
+from umo.fleet.fleet_session import FleetNetwork
+from umo.system import roles
+from umo.system.processes import user_name
+from umo.text import did_you_mean
+
+KEYS = ("site", "connect", "listen", "certificates", "user")
+MAX_BYTES = 1 << 16
+
+
+@dataclass(frozen=True)
+class FleetSettings:
+    site: str
+    network: FleetNetwork
+    user: str
+
+
+def place() -> Path:
+    """The file of this user: `umo/fleet.toml` beside the file of roles."""
+    return roles.place().with_name("fleet.toml")
+
+
+def load(file: Path | None = None, changes: Mapping[str, Any] | None = None) -> FleetSettings:
+    """The settings of the file (default: that of this user; a missing one is empty), with what a command line changes.
+    OptionError for a mistake in either."""
+    file = place() if file is None else file
+    given = _read(file) | {key: value for key, value in (changes or {}).items() if value}
+    for key in given:
+        if key not in KEYS:
+            raise OptionError(f"{file}: there is no {key!r}{did_you_mean(key, KEYS)}; there are {', '.join(KEYS)}")
+    folder = given.get("certificates")
+    network = FleetNetwork(
+        _addresses(given, "connect"),
+        _addresses(given, "listen"),
+        None if folder is None else Path(_text(given, "certificates")).expanduser(),
+    )
+    site = segment(_text(given, "site") if "site" in given else socket.gethostname())
+    return FleetSettings(site, network, segment(_text(given, "user") if "user" in given else user_name()))
+
+
+def _read(file: Path) -> dict[str, Any]:
+    try:
+        with open(file, "rb") as stream:
+            data = stream.read(MAX_BYTES + 1)
+    except FileNotFoundError:
+        return {}
+    except OSError as error:
+        raise OptionError(f"{file} cannot be read: {error.strerror}") from None
+    try:
+        if len(data) > MAX_BYTES:
+            raise ValueError(f"it is longer than {MAX_BYTES} bytes")
+        return tomllib.loads(data.decode())
+    except ValueError as error:
+        raise OptionError(f"{file}: {error}") from None
+
+
+def _text(given: Mapping[str, Any], key: str) -> str:
+    value = given[key]
+    if not isinstance(value, str | Path) or not str(value).strip():
+        raise OptionError(f"{key} = {value!r} is not a text")
+    return str(value)
+
+
+def _addresses(given: Mapping[str, Any], key: str) -> Sequence[str]:
+    value = given.get(key, ())
+    if isinstance(value, str) or not all(isinstance(each, str) for each in value):
+        raise OptionError(f'{key} = {value!r} is not a list of addresses, as ["tls/plant.local:7447"]')
+    return tuple(value)
