@@ -63,12 +63,17 @@ class FleetReader(Reader):
 
 
 class FleetMirror:
-    """`declaration`: the answer to a query for it (`StationPublisher`)."""
+    """FramesError if the station does not declare itself. The mirror closes the session in the end."""
 
-    def __init__(self, session: zenoh.Session, key: StationKey, declaration: bytes, user: str) -> None:
+    def __init__(self, session: zenoh.Session, key: StationKey, user: str) -> None:
         self.key = key
         self._session = session
-        about, described, words, rest = unpacked(declaration)
+        self._incoming: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
+        self._subscribers = [  # first: no delta is missed between the declaration and the first one
+            self._subscribed(keys.DELTA),
+            self._subscribed(keys.EVENT, history=zenoh.ext.HistoryConfig(max_samples=64)),
+        ]
+        about, described, words, rest = unpacked(declaration_of(session, key))
         facts = json.loads(about)
         self._run = bytes.fromhex(facts["run"])
         layout = Layout.parse(described)
@@ -86,7 +91,6 @@ class FleetMirror:
         self._next_event = max(0, int(facts["event"]) - 1)
         self.lost = 0
         """Deltas that did not come."""
-        self._incoming: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
         self._ended = threading.Event()
         self._heard = time.monotonic()
         self._is_stale = False
@@ -96,10 +100,6 @@ class FleetMirror:
             self._take_rest(rest)
             self._show()
         self._commands = MirrorCommands(session, key, user, self._ring, self._tell)
-        self._subscribers = [
-            self._subscribed(keys.DELTA),
-            self._subscribed(keys.EVENT, history=zenoh.ext.HistoryConfig(max_samples=64)),
-        ]
         self._thread = threading.Thread(target=self._follow, name=f"umo fleet {key}", daemon=True)
         self._thread.start()
 
@@ -261,7 +261,7 @@ def find(name: str, settings: FleetSettings | None = None) -> Reader:
                 running = ", ".join(names) or "none; `umo fleet` publishes those of a computer"
                 raise FramesError(f"{name!r} is not in the fleet{did_you_mean(name, names)}; there are: {running}")
             time.sleep(LOOK)
-        return FleetMirror(session, key, declaration_of(session, key), settings.user).reader()
+        return FleetMirror(session, key, settings.user).reader()
     except BaseException:
         session.close()
         raise
