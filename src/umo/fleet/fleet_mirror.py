@@ -16,6 +16,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -70,8 +71,7 @@ class FleetMirror:
         self._session = session
         self._incoming: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
         self._subscribers = [  # first: no delta is missed between the declaration and the first one
-            self._subscribed(keys.DELTA),
-            self._subscribed(keys.EVENT, history=zenoh.ext.HistoryConfig(max_samples=64)),
+            subscribed(session, key.key(kind), partial(self._put, kind)) for kind in (keys.DELTA, keys.EVENT)
         ]
         about, described, words, rest = unpacked(declaration_of(session, key))
         facts = json.loads(about)
@@ -106,14 +106,8 @@ class FleetMirror:
     def reader(self) -> Reader:
         return FleetReader(Path(str(self.key)), self._readers, self.close)
 
-    def _subscribed(self, kind: str, history: zenoh.ext.HistoryConfig | None = None) -> Any:
-        return zenoh.ext.declare_advanced_subscriber(
-            self._session,
-            self.key.key(kind),
-            lambda sample: self._incoming.put((kind, bytes(sample.payload))),
-            history=history,
-            recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
-        )
+    def _put(self, kind: str, sample: zenoh.Sample) -> None:
+        self._incoming.put((kind, bytes(sample.payload)))
 
     # The thread ----------------------------------------------------------------------------------------------
 
@@ -236,6 +230,18 @@ class FleetMirror:
             self._thread.join(ANSWER_TIME)
         with suppress(zenoh.ZError):
             self._session.close()
+
+
+def subscribed(session: zenoh.Session, key: str, take: Callable[[zenoh.Sample], None]) -> Any:
+    """A subscriber that also gets what was published before it was there, and what it has missed since, as far as the
+    publisher still has it. It may get messages twice: those of a station have numbers."""
+    return zenoh.ext.declare_advanced_subscriber(
+        session,
+        key,
+        take,
+        history=zenoh.ext.HistoryConfig(detect_late_publishers=True),
+        recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+    )
 
 
 def declaration_of(session: zenoh.Session, key: StationKey) -> bytes:

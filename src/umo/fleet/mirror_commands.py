@@ -76,8 +76,8 @@ class MirrorCommands:
             self._sign(now)
 
     def _pass_on(self, command: ClientCommand) -> None:
-        if command.do not in ("lease", "stop") and command.key != self._lease_key:
-            self._answer(command, {"error": "it has not the lease", "kind": "CommandRefused"})
+        if command.do != "lease" and not (self._lease and command.key == self._lease_key):
+            self._answer(command, {"error": "nobody has the lease; take it first", "kind": "CommandRefused"})
             return
         self._send(command)
 

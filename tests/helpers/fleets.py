@@ -1,0 +1,109 @@
+"""A gateway of a fleet in this process, and clients of it, on a free port of loopback."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import secrets
+import socket
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from umo.errors import FramesError
+from umo.fleet.fleet_commands import FleetUsers
+from umo.fleet.fleet_gateway import FleetGateway
+from umo.fleet.fleet_keys import StationKey
+from umo.fleet.fleet_mirror import find
+from umo.fleet.fleet_session import FleetNetwork, opened
+from umo.fleet.fleet_settings import FleetSettings
+from umo.remote.attached import RemoteStation
+from umo.testing.faces import TriedMachine
+from umo.testing.faces.tried_machine import until
+
+PLANT = StationKey("cell7", "plant")
+
+
+def free_port() -> int:
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])
+
+
+class Fleet:
+    """`port`: of the gateway, which listens there."""
+
+    def __init__(self, machine: TriedMachine, port: int) -> None:
+        self.machine, self.address = machine, f"tcp/127.0.0.1:{port}"
+        self.said: list[str] = []
+        self._serving: asyncio.Task[None] | None = None
+        self._session: zenoh.Session | None = None
+        self._clients: list[RemoteStation] = []
+
+    def _paths(self) -> list[Path]:
+        try:
+            with self.machine.find() as reader:
+                return [reader.path]
+        except FramesError:
+            return []
+
+    async def begin(self, *, rate: float = 50.0, read_only: bool = False) -> None:
+        """Start the gateway."""
+        self._session = await asyncio.to_thread(opened, FleetNetwork(listen=[self.address]), "peer")
+        gateway = FleetGateway(
+            self._session, PLANT.site, FleetUsers(), rate=rate, read_only=read_only, say=self.said.append,
+            find=self._paths,
+        )  # fmt: skip
+        self._serving = asyncio.create_task(gateway.run())
+
+    async def end(self) -> None:
+        """End the gateway as SIGTERM does."""
+        if self._serving is not None and self._session is not None:
+            self._serving.cancel()
+            await asyncio.gather(self._serving, return_exceptions=True)
+            await asyncio.to_thread(self._session.close)  # type: ignore[no-untyped-call]
+            self._serving = None
+
+    async def client(self, user: str = "ann") -> RemoteStation:
+        """A client of the plant in another session."""
+        settings = FleetSettings("desk", FleetNetwork(connect=[self.address]), user)
+        client = RemoteStation(await asyncio.to_thread(find, str(PLANT), settings))
+        self._clients.append(client)
+        await until(lambda: client.reader.head)
+        return client
+
+    async def session(self) -> zenoh.Session:
+        """A session of a client that knows Zenoh only; the caller closes it."""
+        return await asyncio.to_thread(opened, FleetNetwork(connect=[self.address]), "client")
+
+    async def close(self) -> None:
+        for each in self._clients:
+            await asyncio.to_thread(each.close)
+        await self.end()
+
+
+@asynccontextmanager
+async def fleet_of(machine: TriedMachine, **more: Any) -> AsyncIterator[Fleet]:
+    fleet = Fleet(machine, free_port())
+    await fleet.begin(**more)
+    try:
+        yield fleet
+    finally:
+        await fleet.close()
+
+
+async def asked(session: zenoh.Session, user: str, **command: Any) -> list[dict[str, Any]]:
+    """All answers to a command that is written by hand."""
+    now = time.time()
+    given = {"id": secrets.token_hex(16), "client": "by hand", "sent": now, "until": now + 5.0, "path": ""} | command
+    key = PLANT.key("command", user)
+
+    def get() -> list[dict[str, Any]]:
+        replies = session.get(key, payload=json.dumps(given), timeout=5.0, consolidation=zenoh.ConsolidationMode.NONE)
+        return [json.loads(bytes(each.ok.payload)) for each in replies if each.ok is not None]
+
+    return await asyncio.to_thread(get)
