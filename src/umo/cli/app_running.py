@@ -16,9 +16,19 @@ Running = Annotated[
 ]
 
 
-@command(epilog="Examples: umo ps  |  umo ps --json")
-def ps(as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False) -> None:
+@command(epilog="Examples: umo ps  |  umo ps --json  |  umo ps --fleet")
+def ps(
+    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+    fleet: Annotated[
+        bool, typer.Option("--fleet", help="Those of the fleet, on all computers (see umo fleet --help).")
+    ] = False,
+) -> None:
     """List the stations that run in real time, and the devices whose last run ended unsafely."""
+    if fleet:
+        from .ps_fleet import ps_fleet
+
+        ps_fleet(as_json)
+        return
     from .ps import ps as show
 
     show(as_json)

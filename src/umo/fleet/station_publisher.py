@@ -136,11 +136,14 @@ class StationPublisher:
                 "run": self.run.hex(), "number": number, "stride": self.stride, "site": self.key.site,
                 "event": self._event,
             }  # fmt: skip
-            query.reply(query.key_expr, packed(json.dumps(about).encode(), self.reader.layout.describe(), words, rest))
+            query.reply(
+                self.key.key(keys.DECLARATION),
+                packed(json.dumps(about).encode(), self.reader.layout.describe(), words, rest),
+            )
 
     def _tell_status(self, query: zenoh.Query) -> None:
         with query:
-            query.reply(query.key_expr, json.dumps(self._status))
+            query.reply(self.key.key(keys.STATUS), json.dumps(self._status))
 
     def _publish_status(self) -> None:
         if (status := status_of(self.reader)) != self._status:
