@@ -15,7 +15,7 @@ from umo.text import printable
 from .console import out, plain_table
 
 COLUMNS = ("station", "since", "state", "mode", "lease", "missed", "alarms", "progress")
-SEARCH_TIME = 1.5
+SEARCH_TIME = 3.0
 """Time in s that stations are waited for."""
 SEARCH_PAUSE = 0.05
 
