@@ -91,7 +91,8 @@ class StationPublisher:
             for frame in frames:
                 self._publish(frame, (int(frame["sequence"]) // 2 - stride) // stride, rest)
             self.time = float(frames[-1]["time"])
-        self._publish_events(reader.events(self._event))
+        if reader.next_event > self._event:
+            self._publish_events(reader.events(self._event))
         if ended and len(frames) < MOST:  # after everything else
             self._publish_last()
         if (now := time.monotonic()) - self._status_at >= STATUS_PAUSE or ended:
