@@ -12,13 +12,13 @@ port = 9464
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import Any
 
 from umo.errors import OptionError, text_of
 from umo.faces.face import Face
-from umo.faces.face_registry import find_face
+from umo.faces.face_registry import FaceNotInstalled, find_face
 from umo.faces.host import FASTEST, RATE, SLOWEST
 from umo.signature import parameters_of
 from umo.text import did_you_mean
@@ -93,6 +93,19 @@ def faces_of(
         if face not in chosen:
             raise OptionError(f"an option of {face}{did_you_mean(face, chosen)}: the faces are {', '.join(chosen)}")
     return [(name, _made(name, {**settings.options.get(name, {}), **changes.get(name, {})})) for name in chosen]
+
+
+def faces_present(settings: FaceSettings) -> tuple[FaceSettings, list[str]]:
+    """The settings without the faces whose libraries are not installed, and how to install these. OptionError for a
+    face that cannot be made."""
+    options, missing = {}, []
+    for name, given in settings.options.items():
+        try:
+            _made(name, dict(given))
+            options[name] = given
+        except FaceNotInstalled as error:
+            missing.append(str(error))
+    return replace(settings, options=options), missing
 
 
 def _made(name: str, given: dict[str, Any]) -> Face:
