@@ -139,7 +139,7 @@ def program(text: str) -> list[str]:
 def test_one_that_ends_is_told_once_and_started_again_after_growing_pauses(said: list[str], tmp_path: Path) -> None:
     time, file = Time(), tmp_path / "starts"
     text = f"open({str(file)!r}, 'a').write('x'); print('it is dark'); raise SystemExit(3)"
-    with FacesBeside({LAMP: {}}, command=program(text), clock=time) as beside:
+    with FacesBeside("rig.toml", {LAMP: {}}, command=program(text), clock=time) as beside:
         beside.look(None, [])
         assert beside._process is None  # the machine does not run yet
 
@@ -166,7 +166,7 @@ def test_one_that_ends_is_told_once_and_started_again_after_growing_pauses(said:
 def test_one_that_has_lived_for_long_is_told_anew_and_started_soon(said: list[str], tmp_path: Path) -> None:
     time, file = Time(), tmp_path / "starts"
     text = f"open({str(file)!r}, 'a').write('x'); import signal; signal.pause()"
-    with FacesBeside({LAMP: {}}, command=program(text), clock=time) as beside:
+    with FacesBeside("rig.toml", {LAMP: {}}, command=program(text), clock=time) as beside:
         for count in (1, 2, 3):
             beside.look(1, [])
             assert beside._process is not None
@@ -180,7 +180,7 @@ def test_one_that_has_lived_for_long_is_told_anew_and_started_soon(said: list[st
 
 def test_one_that_floods_is_read_in_pieces(said: list[str]) -> None:
     text = "n = 0\nwhile True:\n    n += 1\n    print('line', n, flush=True)"
-    with FacesBeside({LAMP: {}}, command=program(text)) as beside:
+    with FacesBeside("rig.toml", {LAMP: {}}, command=program(text)) as beside:
         until(lambda: beside.look(1, []) or said)
         for _ in range(5):
             before = len(said)
@@ -189,9 +189,9 @@ def test_one_that_floods_is_read_in_pieces(said: list[str]) -> None:
 
 
 def test_one_that_does_not_end_is_killed(said: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("umo.faces.host.END_TIMEOUT", 0.05)
+    monkeypatch.setattr(faces_beside, "END_TIMEOUT", 0.05)
     text = "import signal; signal.signal(15, signal.SIG_IGN); print('deaf', flush=True); signal.pause()"
-    with FacesBeside({LAMP: {}}, command=program(text)) as beside:
+    with FacesBeside("rig.toml", {LAMP: {}}, command=program(text)) as beside:
         until(lambda: beside.look(1, []) or said)
         process = beside._process
     assert process is not None
@@ -200,7 +200,7 @@ def test_one_that_does_not_end_is_killed(said: list[str], monkeypatch: pytest.Mo
 
 def test_one_that_cannot_be_started_is_told_and_tried_again(said: list[str]) -> None:
     time = Time()
-    with FacesBeside({LAMP: {}}, command=["/no/such/program"], clock=time) as beside:
+    with FacesBeside("rig.toml", {LAMP: {}}, command=["/no/such/program"], clock=time) as beside:
         for _ in range(3):
             beside.look(1, [])
             time.now += MAX_PAUSE

@@ -27,8 +27,8 @@ FIRST_PAUSE, MAX_PAUSE = 1.0, 60.0
 """Time in s after which a process that has ended is started again: it doubles, until one has lived for the longest."""
 NICENESS = 15
 """Of the process, from its first moment on."""
-KILL_TIMEOUT = 1.0
-"""Time in s that it may take to die; it holds nothing of the machine."""
+END_TIMEOUT, KILL_TIMEOUT = 5.0, 1.0
+"""Times in s that the process has to end, and to die."""
 MAX_TOLD = 50
 """Lines of the process that are not repeated."""
 MAX_BYTES = 1 << 16
@@ -43,7 +43,7 @@ def faces_of(wiring: str, table: Mapping[str, Any], tell: Callable[[str], object
     from umo.faces.face_settings import KEYS, faces_present, settings_of
 
     try:
-        present, missing = faces_present(settings_of(table))
+        present, missing = faces_present(settings_of(table, wiring))
     except OptionError as error:
         mistake = Mistake(wiring, "faces", str(error).removeprefix("faces: "))
         raise WiringError("1 mistake in the wiring", [mistake]) from None
@@ -53,9 +53,9 @@ def faces_of(wiring: str, table: Mapping[str, Any], tell: Callable[[str], object
     return kept if present.options else {}
 
 
-def faces_of_plan(plan: Plan) -> dict[str, Any]:
-    """Those of a run (`faces_of`)."""
-    return faces_of(str(plan.wiring) if plan.wiring_name else "wiring", plan.wired.faces)
+def wiring_of(plan: Plan) -> str:
+    """The file of a run's wiring."""
+    return str(plan.wiring) if plan.wiring_name else "wiring"
 
 
 def names_in(table: Mapping[str, Any]) -> list[str]:
@@ -68,10 +68,16 @@ class FacesBeside:
     machine is safe at the end of the block."""
 
     def __init__(
-        self, table: Mapping[str, Any], *, command: Sequence[str] = (), clock: Callable[[], float] = monotonic
+        self,
+        wiring: str,
+        table: Mapping[str, Any],
+        *,
+        command: Sequence[str] = (),
+        clock: Callable[[], float] = monotonic,
     ) -> None:
-        """`table`: as from `faces_of`; empty: nothing is started. `command`: the program, for tests."""
-        self._table = table
+        """`table`: as from `faces_of` with this wiring; empty: nothing is started. `command`: the program, for
+        tests."""
+        self._wiring, self._table = wiring, table
         self._command = command or [sys.executable, "-P", "-m", "umo.cli.serve_faces"]
         self._clock = clock
         self._process: subprocess.Popen[bytes] | None = None
@@ -103,7 +109,7 @@ class FacesBeside:
                 table.write(json.dumps(self._table, default=str).encode())
                 table.seek(0)
                 self._process = subprocess.Popen(
-                    [*self._command, str(os.getpid()), str(pid)], stdin=table, stdout=subprocess.PIPE,
+                    [*self._command, str(os.getpid()), str(pid), self._wiring], stdin=table, stdout=subprocess.PIPE,
                     stderr=subprocess.STDOUT, env=environ, start_new_session=True,
                 )  # fmt: skip
         except OSError as error:  # a full disk, too many processes
@@ -156,8 +162,6 @@ class FacesBeside:
     ) -> None:
         if self._process is None:
             return
-        from umo.faces.host import END_TIMEOUT
-
         assert self._process.stdout is not None
         with handling(signal.SIG_IGN), self._process.stdout, suppress(subprocess.TimeoutExpired):
             self._process.terminate()

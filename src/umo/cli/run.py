@@ -22,7 +22,7 @@ from umo.process.outcome import Failed, Outcome, plain, plain_reports
 from umo.process.start import LINUX
 
 from .console import err, out, say
-from .faces_beside import FacesBeside, faces_of_plan
+from .faces_beside import FacesBeside, faces_of, wiring_of
 from .follow import RingFrame, follow
 from .long_runs import RunningSummary, TraceParts, prune
 from .progress_line import RunProgressLine
@@ -58,7 +58,7 @@ def run_station(job: Job, record: Record = Record(), *, full_traceback: bool = F
     """
     check_file("--summary", record.summary)
     plan = Plan(job)
-    faces = faces_of_plan(plan) if serve else {}
+    faces = faces_of(wiring_of(plan), plan.wired.faces) if serve else {}
     if job.options.get("realtime") and not plan.wired.paced and not job.manual:
         say("--realtime has no effect: the timer of this wiring is a real-time timer")
     try:
@@ -126,7 +126,7 @@ def _run(
             observers.append(TraceFile(trace, folder.path / "trace.csv"))
             observers.append(RunningSummary(result, folder.path / "summary.json"))
         frame = RingFrame(plan.machine)
-        beside = FacesBeside(faces)
+        beside = FacesBeside(wiring_of(plan), faces)
         result.outcome, result.elapsed = follow(plan.job, frame, observers, result.equipment_faults, beside)
         result.progress = frame.progress
         if folder is not None:

@@ -10,7 +10,7 @@ import signal
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -45,12 +45,11 @@ class FaceOptions:
 
 def serve(chosen: FaceOptions) -> int:
     """Serve until Ctrl-C or SIGTERM, also while the station does not run."""
-    given = settings_of(_table(chosen.station))
-    settings = FaceSettings(
-        given.rate if chosen.rate is None else chosen.rate,
-        given.commands if chosen.commands is None else chosen.commands,
-        given.dead_bands,
-        given.options,
+    given = settings_of(*_table(chosen.station))
+    settings = replace(
+        given,
+        rate=given.rate if chosen.rate is None else chosen.rate,
+        commands=given.commands if chosen.commands is None else chosen.commands,
     )
     faces = faces_of(settings, chosen.names, options_from(chosen.options))
     drop_realtime()
@@ -61,14 +60,14 @@ def serve(chosen: FaceOptions) -> int:
     return 0
 
 
-def serve_beside(parent: int, station: int, table: Mapping[str, Any]) -> int:
-    """Serve the faces of a table `[faces]` for one run (the pid of its control process), until SIGTERM or the end of
-    `parent`, however that ends. What there is to tell goes to stdout in lines; 2 for an error that is told there."""
+def serve_beside(parent: int, station: int, wiring: str, table: Mapping[str, Any]) -> int:
+    """Serve the faces of the table of a wiring for one run (the pid of its control process), until SIGTERM or the end
+    of `parent`, however that ends. What there is to tell goes to stdout in lines; 2 for an error that is told there."""
     die_with_parent(parent, signal.SIGKILL)
     name_process("umo face")
     drop_realtime(niceness=0)
     try:
-        settings = settings_of(table)
+        settings = settings_of(table, wiring)
         _serve(str(station), settings, faces_of(settings, [], {}), partial(print, flush=True))
     except UmoError as error:
         print(error, flush=True)
@@ -91,14 +90,15 @@ def _serve(
     asyncio.run(_until_stopped(host))
 
 
-def _table(station: str | None) -> dict[str, object]:
-    """The table `[faces]` of the station's wiring; empty where that cannot be found."""
+def _table(station: str | None) -> tuple[dict[str, Any], str]:
+    """The table `[faces]` of the station's wiring, and its file; empty where that cannot be found."""
     with suppress(Exception):  # it does not run yet, or is no folder
         with find_running(station) as reader:
             place, wiring = Path(reader.about["place"]), str(reader.about.get("wiring", ""))
         file = Station(place.name, place).wiring(wiring or None)
-        return {} if file is None else source.read(file).faces
-    return {}
+        if file is not None:
+            return source.read(file).faces, str(file)
+    return {}, "wiring"
 
 
 def _tell(faces: Sequence[tuple[str, Face]], settings: FaceSettings) -> None:
@@ -118,4 +118,4 @@ async def _until_stopped(host: FaceHost) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(serve_beside(int(sys.argv[1]), int(sys.argv[2]), json.load(sys.stdin)))
+    sys.exit(serve_beside(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3], json.load(sys.stdin)))
