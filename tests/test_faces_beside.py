@@ -198,13 +198,25 @@ def test_one_that_does_not_end_is_killed(said: list[str], monkeypatch: pytest.Mo
     assert process.returncode == -signal.SIGKILL
 
 
-def test_one_that_cannot_be_started_is_told_and_tried_again(said: list[str]) -> None:
+@pytest.mark.parametrize(
+    ("command", "table", "why"),
+    [
+        ("/no/such/program", {LAMP: {}}, "No such file or directory"),
+        ("a\0b", {LAMP: {}}, "embedded null byte"),
+        ("true", {LAMP: {(): 1}}, "keys must be"),
+    ],
+)
+def test_one_that_cannot_be_started_is_told_and_tried_again(
+    said: list[str], command: str, table: dict[str, Any], why: str
+) -> None:
     time = Time()
-    with FacesBeside("rig.toml", {LAMP: {}}, command=["/no/such/program"], clock=time) as beside:
+    with FacesBeside("rig.toml", table, command=[command], clock=time) as beside:
         for _ in range(3):
             beside.look(1, [])
             time.now += MAX_PAUSE
-    assert said == ["the faces cannot be started: No such file or directory; it is tried again"]
+    [line] = said
+    assert line.startswith("the faces cannot be started: ")
+    assert why in line
 
 
 # Beside a run ---------------------------------------------------------------------------------------------

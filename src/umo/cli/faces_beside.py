@@ -15,7 +15,7 @@ from time import monotonic
 from types import TracebackType
 from typing import Any
 
-from umo.errors import Mistake, OptionError, WiringError
+from umo.errors import Mistake, OptionError, WiringError, text_of
 from umo.process.job import Plan
 from umo.process.start import ONE_THREAD
 from umo.system import notify
@@ -112,8 +112,8 @@ class FacesBeside:
                     [*self._command, str(os.getpid()), str(pid), self._wiring], stdin=table, stdout=subprocess.PIPE,
                     stderr=subprocess.STDOUT, env=environ, start_new_session=True,
                 )  # fmt: skip
-        except OSError as error:  # a full disk, too many processes
-            self._missed(f"the faces cannot be started: {error.strerror}; it is tried again")
+        except Exception as error:  # a full disk, too many processes: none of it ends the run
+            self._missed(f"the faces cannot be started: {text_of(error)}; it is tried again")
             return
         with suppress(OSError):  # it has ended
             os.setpriority(os.PRIO_PROCESS, self._process.pid, NICENESS)
