@@ -45,7 +45,11 @@ class Watched:
         """Folder of the station; empty: it has none."""
         self.name = self.station
         """Name of this run on the page; two runs of one station have different names."""
-        self.run = reader.path.name
+        self.is_elsewhere = "site" in reader.about
+        """Whether it runs on another computer: this is its mirror."""
+        self.run = f"{self.about['pid']}-{reader.about['started']}" if self.is_elsewhere else reader.path.name
+        self.viewers = 0
+        """Number of pages that show it."""
         self.entries: list[dict[str, Any]] = [*reader.layout.objects, *reader.layout.signals]
         self.columns = {str(entry["path"]): column for column, entry in enumerate(self.entries)}
         self.period = float(self.about["period"])

@@ -4,6 +4,7 @@ import { address, allow, el, setText, store } from "./dom.js";
 import { Feed } from "./feed.js";
 import { Client, words } from "./client.js";
 import { inSentence } from "./presentation.js";
+import { FleetTable } from "./fleet_table.js";
 import { list, nameOf, offer, runAfter } from "./stations.js";
 import { clearing, faultsOf, forbidden, statusOf } from "./status.js";
 import { nextTab } from "./tabs.js";
@@ -43,6 +44,7 @@ const tabs = [...document.querySelectorAll("button")].filter((button) => button.
 /** @type {{name: string, run: string | null, view: Page.View | null} | null} */
 let mounted = null;
 const LATCHED = /to be acknowledged|one of many/;  // in the reason of an interlock whose cause is gone (umo/cycle)
+const fleet = new FleetTable((name) => choose(name));
 let asked = 0;
 /** @type {{name: string, place: string, run: string} | null} */
 let lastRun = null;
@@ -76,7 +78,7 @@ async function show() {
     main.setAttribute("aria-labelledby", `tab-${name}`);
   }
   mounted = { name, run: feed.run, view: loaded && new loaded.View(element, feed, client) };
-  if (!loaded) list(element, feed, choose);
+  if (!loaded) list(element, feed, choose, fleet.element);
 }
 
 /** @param {string} name  "": the list. */
@@ -158,6 +160,7 @@ feed.on("connection", () => {
   say();
   if (feed.connected && lastRun) announce("The connection to the server is back.");
 });
+feed.on("fleet", () => fleet.update(feed.fleet));
 feed.on("stations", () => {
   offer(station, feed);
   if (!feed.description) show();
