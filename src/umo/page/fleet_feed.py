@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import time
 from typing import Any
 
 from umo.fleet import fleet_settings
-from umo.fleet.fleet_mirror import find
+from umo.fleet.fleet_keys import TWIN, station_key
+from umo.fleet.fleet_mirror import answer_of, find
 from umo.fleet.fleet_presence import FleetPresence, FleetStation
 from umo.fleet.fleet_session import opened
 from umo.page.watched_run import Watched
@@ -34,6 +36,12 @@ class FleetFeed:
     def watched(self, name: str) -> Watched:
         """A mirror of a station; it may take some seconds. FramesError if it does not answer."""
         return Watched(find(name, self._settings))
+
+    def twin(self, name: str) -> dict[str, Any] | None:
+        """The description of a station's twin, or what is wrong with it as `error`; None: it declares none. FramesError
+        if it does not answer."""
+        found = json.loads(answer_of(self._session, station_key(name), TWIN))
+        return found if isinstance(found, dict) else None
 
     def is_unseen(self, watched: Watched) -> bool:
         """Whether no page has shown this mirror for some time."""

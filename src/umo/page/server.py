@@ -91,8 +91,8 @@ def application(options: Options, feed: Feed, ended: Callable[[asyncio.Task[None
     routes = [
         Route("/", index),
         WebSocketRoute("/ws", page),
-        Route("/twin/{name}", _twin),
-        Route("/csv/{name}", _csv),
+        Route("/twin/{name:path}", _twin),  # a name of a fleet has a slash
+        Route("/csv/{name:path}", _csv),
         Mount("/static", StaticFiles(directory=STATIC)),
     ]
     app = Starlette(routes=routes, lifespan=lifespan)
@@ -103,8 +103,9 @@ def application(options: Options, feed: Feed, ended: Callable[[asyncio.Task[None
 
 
 async def _twin(request: Request) -> Response:
-    watched = request.app.state.feed.watched.get(request.path_params["name"])
-    found = None if watched is None else await asyncio.to_thread(described_twin, watched.reader.layout)
+    feed = request.app.state.feed
+    watched = feed.watched.get(request.path_params["name"])
+    found = None if watched is None else await asyncio.to_thread(described_twin, watched, feed.fleet)
     return PlainTextResponse("no twin\n", 404) if found is None else JSONResponse(found)
 
 
