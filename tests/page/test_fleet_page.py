@@ -124,5 +124,5 @@ def test_one_click_in_the_table_shows_the_station(rig: Rig, page: Any) -> None:
     page.click("table.fleet button:has-text('cell7/conveyor')")
     page.wait_for_selector("#tab-machine:not([disabled])")
     page.click("#tab-machine")
-    page.locator('tr[data-path="encoder"]').wait_for()
+    page.locator('tr[data-path="sorter.diverter"]').wait_for()
     assert page.faults == []
