@@ -21,6 +21,7 @@ from bench import (
     alarms,
     dead_device,
     endurance,
+    faces,
     figures,
     live,
     native,
@@ -76,6 +77,9 @@ def main() -> int:
         takes = options.slow_devices * len(slow_devices.KINDS) * (slow_devices.BLOCK + 2.0)
         report.stream(console, slow_devices.TITLE, takes, partial(slow_devices.measure, options.slow_devices))
         return 0
+    if options.faces:
+        report.stream(console, faces.TITLE, faces.takes(options.faces), partial(faces.measure, options.faces))
+        return 0
     if options.rates:
         takes = options.rates * len(several_rates.KINDS) * (several_rates.BLOCK + 2.0)
         report.stream(console, several_rates.TITLE, takes, partial(several_rates.measure, options.rates))
@@ -115,6 +119,14 @@ def _options() -> argparse.Namespace:
     )
     alone.add_argument(
         "--rates", type=int, metavar="PAIRS", help="a part of 1 ms with slower parts beside it; 30 for a result"
+    )
+    alone.add_argument(
+        "--faces",
+        type=int,
+        nargs="?",
+        const=30,
+        metavar="PAIRS",
+        help="each face with a client of another project, and a loop of 1 ms with all of them; default: 30",
     )
     alone.add_argument("--alarms", type=int, metavar="ROUNDS", help="a loop with 1,000 alarms; 50 for a result")
     parser.add_argument("--pairs", type=int, default=30, help="pairs of blocks of a row of --against; default: 30")

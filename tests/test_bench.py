@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import AsyncExitStack, ExitStack
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from bench import against, native, report, scan, zones
+from bench import against, faces, native, report, scan, zones
 from bench.driver import Fill, Loop
 from bench.drivers import kernel
 from bench.drivers import table as drivers
@@ -144,3 +144,14 @@ def test_a_row_is_worse_only_if_its_whole_interval_is():
 def test_the_interval_of_a_median_is_that_of_the_tables(count, rank):
     """Conover, Practical Nonparametric Statistics, 3.2: of 30 values the 10th and the 21st."""
     assert against.lower_rank(count) == rank
+
+
+def test_a_face_whose_client_is_not_installed_is_named_and_left_out(monkeypatch):
+    class Missing(faces.CLIENTS[0]):
+        def __init__(self, folder):
+            raise NotHere("Debian's package prometheus")
+
+    monkeypatch.setattr(faces, "CLIENTS", (Missing, Missing))
+    monkeypatch.setattr(faces, "running", lambda *given: AsyncExitStack())
+    [row] = faces.measure(30, lambda what: None)
+    assert (row.what, row.verdict) == ("prometheus", "left out: Debian's package prometheus")

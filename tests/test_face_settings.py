@@ -119,3 +119,13 @@ def test_a_library_that_is_not_installed_is_told_with_its_extra(monkeypatch: pyt
     monkeypatch.setattr(face_registry.importlib, "import_module", fail)
     with pytest.raises(OptionError, match=r'the face lamp needs glow: pip install "umo\[lamp\]"'):
         face_registry.find_face("lamp")
+
+
+def test_a_relative_path_of_a_wiring_starts_from_its_folder_and_one_of_the_command_line_does_not(
+    tmp_path: Path,
+) -> None:
+    settings = settings_of({LAMP: {"place": "cell.pem"}}, str(tmp_path / "rig.toml"))
+    ((_, face),) = faces_of(settings, [], {})
+    ((_, other),) = faces_of(settings, [], {LAMP: {"place": "other.pem"}})
+    assert isinstance(face, Lamp) and isinstance(other, Lamp)
+    assert (face.place, other.place) == (tmp_path / "cell.pem", Path("other.pem"))

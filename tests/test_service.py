@@ -153,6 +153,7 @@ def test_a_machine_whose_ends_are_not_recorded_is_not_restarted() -> None:
 def test_no_process_is_killed_before_the_wirings_limits_have_passed() -> None:
     slow = Wired({}, [], process=ProcessSettings(hang_timeout=20.0, reset_for=300.0))
     assert stop_limit(slow) - stop_limit(Wired({}, [])) >= 2 * 290 + 3 * 19
+    assert stop_limit(Wired({}, [], faces={"prometheus": {}})) == stop_limit(Wired({}, [])) + 6  # faces that hang
     assert unit(slow)["TimeoutStopSec"] == unit(slow)["TimeoutAbortSec"] == str(stop_limit(slow))
     assert (unit()["KillMode"], unit()["KillSignal"], unit()["WatchdogSignal"]) == (
         "control-group",

@@ -80,6 +80,9 @@ def run(
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Start without the kept values of the last run (see umo kept).")
     ] = False,
+    no_faces: Annotated[
+        bool, typer.Option("--no-faces", help="Do not serve the faces of the wiring (see umo face).")
+    ] = False,
     full_traceback: Annotated[
         bool, typer.Option("--traceback", help="Show the full traceback of an exception.")
     ] = False,
@@ -91,6 +94,7 @@ def run(
     name.
 
     In real time the loop runs in its own process. A guardian process resets the machine if the loop dies or hangs.
+    The faces of the wiring are served by another process.
     Trace (CSV) and plot (PNG) go to runs/. Ctrl-C stops safely: every actuator goes to its default.
     """
     name = _named(context, help_, station, wiring)
@@ -109,7 +113,7 @@ def run(
         raise OptionError("--keep and --keep-runs are for the record: leave out --no-record")
     room = None if keep is None else size("--keep", keep, least=10**6)
     record = Record(not no_record, not no_plot, summary, room, keep_runs)
-    return run_station(job, record, full_traceback=full_traceback)
+    return run_station(job, record, full_traceback=full_traceback, serve=not no_faces)
 
 
 def _injected(faults: list[str] | None, seed: int | None) -> dict[str, Any]:

@@ -96,7 +96,7 @@ def face(
 
 @command(
     epilog="Examples: umo view  |  umo view ztheta --open  |  umo view --port 8300  |  "
-    "umo view --host 0.0.0.0 --certificate cell.pem --key cell.key",
+    "umo view --fleet  |  umo view --host 0.0.0.0 --certificate cell.pem --key cell.key",
     status="0 ended by Ctrl-C; 2 a mistake, told on stderr",
 )
 def view(
@@ -130,6 +130,9 @@ def view(
         Path | None, typer.Option(metavar="FILE.pem", help="Certificate for TLS (https); needs --key.")
     ] = None,
     key: Annotated[Path | None, typer.Option(metavar="FILE.key", help="Private key of the certificate.")] = None,
+    fleet: Annotated[
+        bool, typer.Option("--fleet", help="With the stations of all computers (see umo fleet --help).")
+    ] = False,
 ) -> None:
     """Show running stations in a browser: scope, machine, twin, operate. Prints the address, which carries a token.
 
@@ -141,7 +144,7 @@ def view(
     from .page import ViewOptions
     from .page import view as show
 
-    show(ViewOptions(station, host, port, token, open_, operate, certificate, key))
+    show(ViewOptions(station, host, port, token, open_, operate, certificate, key, fleet))
 
 
 @command(epilog="Examples: umo mode ztheta  |  umo mode ztheta manual  |  umo mode ztheta automatic --take")

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from umo.cycle.alarming import declared_alarms, turn_text
 from umo.cycle.inhibition import interlocks_of
-from umo.errors import Mistake, OptionError
+from umo.errors import Mistake, OptionError, WiringError
 from umo.exit_status import ExitStatus
 from umo.objects import Compound, actions_of, numbers_of
 from umo.presentation.durations import duration
@@ -23,6 +23,7 @@ from umo.wiring.process_table import remarks
 from umo.wiring.wired import Wired
 
 from .console import err, out
+from .faces_beside import faces_of, names_in
 from .station_options import machine_of
 
 
@@ -58,6 +59,12 @@ def _check_wiring(machine: Compound, file: Path | None) -> int:
     if reported(check(machine, file)):
         return ExitStatus.MISTAKE
     wired = resolve(machine, file)
+    notes: list[str] = []
+    try:
+        faces = names_in(faces_of(str(file), wired.faces, notes.append))
+    except WiringError as error:
+        reported(list(error.mistakes))
+        return ExitStatus.MISTAKE
     tunable = sum(number.declared.tunable for number in numbers_of(machine).values())
     alarms = declared_alarms(machine)
     offered = [(len(actions_of(machine)), "action"), (tunable, "tunable number"), (len(alarms), "alarm")]
@@ -66,13 +73,14 @@ def _check_wiring(machine: Compound, file: Path | None) -> int:
         f"{_count(len(wired.wires), 'object')} on {_count(len(wired.drivers), 'driver')}",
         period,
         *(_count(number, what) for number, what in offered if number),
+        *([f"served by {', '.join(faces)}"] if faces else []),
     ]
     out.print(f"ok: {file or 'everything simulated'}: {', '.join(found)}", soft_wrap=True)
     for line in _rates(wired):
         out.print(line, soft_wrap=True)
     if late := turn_text(alarms, wired.period):
         out.print(late, soft_wrap=True)
-    for remark in remarks(wired):
+    for remark in [*remarks(wired), *notes]:
         out.print(f"note: {remark}", soft_wrap=True)
     return 0
 

@@ -18,6 +18,7 @@ from umo.process.job import Job
 from umo.process.outcome import Outcome
 
 from .console import say
+from .faces_beside import FacesBeside
 from .ps import readers
 from .shared import handling
 
@@ -55,11 +56,16 @@ def _signal(about: Mapping[str, Any]) -> Signal:
 
 
 def follow(
-    job: Job, frame: RingFrame, observers: list[Callable[[Any], None]], faults: FaultLog
+    job: Job, frame: RingFrame, observers: list[Callable[[Any], None]], faults: FaultLog, faces: FacesBeside
 ) -> tuple[Outcome, float]:
     """Start the job, show every frame to the observers until it ends: its outcome, and the s that it ran. `faults` gets
-    those of equipment."""
-    with Started(job, is_service=True) as started, handling(lambda number, frame: started.ask_to_stop(number)):
+    those of equipment. `faces` are served while it runs, and end after it."""
+
+    def stop(number: int, frame: object) -> None:
+        faces.is_ending = True
+        started.ask_to_stop(number)
+
+    with faces, Started(job, is_service=True) as started, handling(stop):
         told, begun, lost = 0, None, 0
         while True:
             outcome = started.outcome
@@ -77,6 +83,8 @@ def follow(
                 lost = started.frames.lost
             if outcome is not None:
                 break
+            if begun is not None:
+                faces.look(started.pid, job.path)
             started.poll(POLL_TIMEOUT)
         elapsed = 0.0 if begun is None else time.perf_counter() - begun
     if outcome.driven and begun is None:  # there was no memory, or no folder, for the frames

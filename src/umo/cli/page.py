@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from html import escape
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from umo.errors import FramesError
@@ -23,6 +24,9 @@ from umo.text import did_you_mean, printable
 
 from .console import out, say
 from .ps import readers
+
+if TYPE_CHECKING:
+    from umo.page.fleet_feed import FleetFeed
 
 LIBRARIES = ("starlette", "uvicorn", "websockets")
 DEFAULT_PORT = 8270
@@ -47,6 +51,7 @@ class ViewOptions:
     operate: bool = False
     certificate: Path | None = None
     key: Path | None = None
+    fleet: bool = False
 
 
 def view(choice: ViewOptions) -> int:
@@ -66,7 +71,7 @@ def view(choice: ViewOptions) -> int:
     token = choice.token or new_token(folder() / "page.token")
     operate = local or choice.operate
     first = None if named is None else InitialStation(*named)
-    options = Options(choice.host, port, token, first, operate, choice.certificate, choice.key)
+    options = Options(choice.host, port, token, first, operate, choice.certificate, choice.key, _fleet(choice))
     address = f"http{'s' if choice.certificate else ''}://{_shown_host(choice.host)}:{port}/"
 
     def ready() -> None:
@@ -84,6 +89,17 @@ def view(choice: ViewOptions) -> int:
             _opening().unlink(missing_ok=True)
     say("the page has ended; stations that run go on")
     return 0
+
+
+def _fleet(choice: ViewOptions) -> FleetFeed | None:
+    """The stations of other computers, if they are asked for."""
+    if not choice.fleet:
+        return None
+    if find_spec("zenoh") is None:
+        raise PageError('a fleet needs zenoh: pip install "umo[fleet]"')
+    from umo.page.fleet_feed import FleetFeed
+
+    return FleetFeed()
 
 
 def _check(choice: ViewOptions, local: bool) -> None:

@@ -22,6 +22,7 @@ from umo.process.outcome import Failed, Outcome, plain, plain_reports
 from umo.process.start import LINUX
 
 from .console import err, out, say
+from .faces_beside import FacesBeside, faces_of, wiring_of
 from .follow import RingFrame, follow
 from .long_runs import RunningSummary, TraceParts, prune
 from .progress_line import RunProgressLine
@@ -50,13 +51,14 @@ class Record:
     """Number of runs of the station that are kept, with this one; None: all."""
 
 
-def run_station(job: Job, record: Record = Record(), *, full_traceback: bool = False) -> int:
-    """Run a station's application to its end; the exit status.
+def run_station(job: Job, record: Record = Record(), *, full_traceback: bool = False, serve: bool = True) -> int:
+    """Run a station's application to its end; the exit status. `serve`: the faces of its wiring too.
 
     In real time it runs in processes of its own (`umo.process`), in virtual time in this one.
     """
     check_file("--summary", record.summary)
     plan = Plan(job)
+    faces = faces_of(wiring_of(plan), plan.wired.faces) if serve else {}
     if job.options.get("realtime") and not plan.wired.paced and not job.manual:
         say("--realtime has no effect: the timer of this wiring is a real-time timer")
     try:
@@ -68,7 +70,7 @@ def run_station(job: Job, record: Record = Record(), *, full_traceback: bool = F
         _make_room(plan, record)
         parts = None if record.keep is None else TraceParts(folder.path, record.keep)
     try:
-        result = _run(plan, trace, folder, parts)
+        result = _run(plan, trace, folder, parts, faces)
     except BaseException:  # Ctrl-C before the run, a job that cannot be handed to another process
         if folder is not None and not len(trace.rows):
             folder.discard()
@@ -109,8 +111,11 @@ def _make_room(plan: Plan, record: Record) -> None:
             say(f"--keep: {RUNS}/ has {free / 1e6:.0f} MB left, and the trace takes up to {record.keep / 1e6:.0f} MB")
 
 
-def _run(plan: Plan, trace: Trace, folder: RunFolder | None, parts: TraceParts | None) -> RunSummary:
-    """The run itself, with what is told of it. Its error is in the result; the actuators are reset."""
+def _run(
+    plan: Plan, trace: Trace, folder: RunFolder | None, parts: TraceParts | None, faces: dict[str, Any]
+) -> RunSummary:
+    """The run itself, with what is told of it. Its error is in the result; the actuators are reset. `faces`: served in
+    real time only."""
     result = RunSummary(Statistics(), injected=() if plan.wired.injection is None else plan.wired.injection.texts)
     with RunProgressLine(err) as shown:
         observers: list[Any] = [result.statistics, trace, shown, *([] if parts is None else [parts])]
@@ -121,7 +126,8 @@ def _run(plan: Plan, trace: Trace, folder: RunFolder | None, parts: TraceParts |
             observers.append(TraceFile(trace, folder.path / "trace.csv"))
             observers.append(RunningSummary(result, folder.path / "summary.json"))
         frame = RingFrame(plan.machine)
-        result.outcome, result.elapsed = follow(plan.job, frame, observers, result.equipment_faults)
+        beside = FacesBeside(wiring_of(plan), faces)
+        result.outcome, result.elapsed = follow(plan.job, frame, observers, result.equipment_faults, beside)
         result.progress = frame.progress
         if folder is not None:
             folder.complete = frame.whole

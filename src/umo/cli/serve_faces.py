@@ -1,21 +1,29 @@
-"""`umo face`: serve a running station in other protocols."""
+"""`umo face`: serve a running station in other protocols. As a program it serves those of the wiring for `umo run`:
+the table is its standard input."""
 
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import signal
-from collections.abc import Sequence
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
+from umo.errors import UmoError
+from umo.exit_status import ExitStatus
 from umo.faces.face import Face
 from umo.faces.face_settings import FaceSettings, faces_of, options_from, settings_of
 from umo.faces.host import FaceHost
 from umo.process.station import Station
 from umo.remote.search import find_running
-from umo.system.realtime import drop_realtime
+from umo.system.processes import name_process
+from umo.system.realtime import die_with_parent, drop_realtime
 from umo.wiring import source
 
 from .console import out, say
@@ -37,39 +45,60 @@ class FaceOptions:
 
 def serve(chosen: FaceOptions) -> int:
     """Serve until Ctrl-C or SIGTERM, also while the station does not run."""
-    given = settings_of(_table(chosen.station))
-    settings = FaceSettings(
-        given.rate if chosen.rate is None else chosen.rate,
-        given.commands if chosen.commands is None else chosen.commands,
-        given.dead_bands,
-        given.options,
+    given = settings_of(*_table(chosen.station))
+    settings = replace(
+        given,
+        rate=given.rate if chosen.rate is None else chosen.rate,
+        commands=given.commands if chosen.commands is None else chosen.commands,
     )
     faces = faces_of(settings, chosen.names, options_from(chosen.options))
-    host = FaceHost(
-        chosen.station,
-        faces,
-        rate=settings.rate,
-        read_only=not settings.commands,
-        dead_bands=settings.dead_bands,
-        say=say,
-        opened=lambda: _tell(faces, settings),
-    )
     drop_realtime()
     with suppress(OSError):
         os.nice(NICENESS)
-    asyncio.run(_until_stopped(host))
+    _serve(chosen.station, settings, faces, say)
     say("the faces have ended; stations that run go on")
     return 0
 
 
-def _table(station: str | None) -> dict[str, object]:
-    """The table `[faces]` of the station's wiring; empty where that cannot be found."""
+def serve_beside(parent: int, station: int, wiring: str, table: Mapping[str, Any]) -> int:
+    """Serve the faces of the table of a wiring for one run (the pid of its control process), until SIGTERM or the end
+    of `parent`, however that ends. What there is to tell goes to stdout in lines; 2 for an error that is told there."""
+    die_with_parent(parent, signal.SIGKILL)
+    name_process("umo face")
+    drop_realtime(niceness=0)
+    try:
+        settings = settings_of(table, wiring)
+        _serve(str(station), settings, faces_of(settings, [], {}), partial(print, flush=True))
+    except UmoError as error:
+        print(error, flush=True)
+        return ExitStatus.MISTAKE
+    return 0
+
+
+def _serve(
+    station: str | None, settings: FaceSettings, faces: Sequence[tuple[str, Face]], tell: Callable[[str], object]
+) -> None:
+    host = FaceHost(
+        station,
+        faces,
+        rate=settings.rate,
+        read_only=not settings.commands,
+        dead_bands=settings.dead_bands,
+        say=tell,
+        opened=lambda: _tell(faces, settings),
+    )
+    asyncio.run(_until_stopped(host))
+
+
+def _table(station: str | None) -> tuple[dict[str, Any], str]:
+    """The table `[faces]` of the station's wiring, and its file; empty where that cannot be found."""
     with suppress(Exception):  # it does not run yet, or is no folder
         with find_running(station) as reader:
             place, wiring = Path(reader.about["place"]), str(reader.about.get("wiring", ""))
         file = Station(place.name, place).wiring(wiring or None)
-        return {} if file is None else source.read(file).faces
-    return {}
+        if file is not None:
+            return source.read(file).faces, str(file)
+    return {}, "wiring"
 
 
 def _tell(faces: Sequence[tuple[str, Face]], settings: FaceSettings) -> None:
@@ -86,3 +115,7 @@ async def _until_stopped(host: FaceHost) -> None:
         loop.add_signal_handler(number, serving.cancel)
     with suppress(asyncio.CancelledError):
         await serving
+
+
+if __name__ == "__main__":
+    sys.exit(serve_beside(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3], json.load(sys.stdin)))

@@ -77,6 +77,7 @@ def write_unit(
 
 def _command(station: str, found: Station, wiring: str | None, words: Sequence[str]) -> tuple[list[str], Plan]:
     """The command line of the run, with absolute paths, and its plan."""
+    from .faces_beside import faces_of, wiring_of
     from .station_options import parse
 
     given, rest, of_run = _options_of_run(station, words)
@@ -86,6 +87,8 @@ def _command(station: str, found: Station, wiring: str | None, words: Sequence[s
     options = parse(found, wiring, rest, of_run)
     realtime = bool(given["realtime"] or given["manual"])
     plan = Plan(Job(station, wiring=wiring, options=options | ({"realtime": True} if realtime else {})))
+    if not given["no_faces"]:
+        faces_of(wiring_of(plan), plan.wired.faces)
     line = [sys.executable, "-P", "-m", "umo_command", "run"]
     line.append(station if found.path.parent == SHIPPED else str(found.path))
     if wiring is not None:

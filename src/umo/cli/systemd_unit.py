@@ -21,6 +21,8 @@ from umo.process.reset import DEATH_TIMEOUT
 from umo.wiring.process_table import longest_period
 from umo.wiring.wired import Wired
 
+from .faces_beside import END_TIMEOUT, KILL_TIMEOUT
+
 NO_RESTART = (ExitStatus.MISTAKE, ExitStatus.UNREACHED, ExitStatus.NOT_RECORDED)
 """Statuses after which a person is needed. An end that must be acknowledged is a mistake (2) of the next start."""
 SUCCESS = (ExitStatus.TIME_OVER, 129, 130, 143)
@@ -153,11 +155,12 @@ def start_limit(wired: Wired) -> int:
 def stop_limit(wired: Wired) -> int:
     """s from the request to stop to the end of the last process, at most: a stop in a step of connecting, a control
     process that hangs, a reset that is tried for as long as the wiring says, and then once more, kept values, the
-    record."""
+    record, faces."""
     process = wired.process
     until_dead = STARTING_LIMIT + 2 * longest_period(wired) + STARVED_LIMITS * process.hang_timeout + DEATH_TIMEOUT
     reset = 2 * process.reset_for + settling(wired) + DEATH_TIMEOUT + REPORTING_LIMIT
-    return math.ceil(until_dead + reset + BLACK_BOX_TIMEOUT + LAST_TIMEOUT + RECORD_TIME)
+    faces = END_TIMEOUT + KILL_TIMEOUT if wired.faces else 0.0
+    return math.ceil(until_dead + reset + BLACK_BOX_TIMEOUT + LAST_TIMEOUT + faces + RECORD_TIME)
 
 
 def quoted(word: str, *, variables: bool = True) -> str:

@@ -12,13 +12,17 @@ from umo.text import did_you_mean
 GROUP = "umo.faces"
 
 
+class FaceNotInstalled(OptionError):
+    """The library of a face is not installed; says how to install it."""
+
+
 def known_faces() -> dict[str, str]:
     """The registered faces by name, each `module:Class`; none is imported."""
     return {point.name: point.value for point in sorted(entry_points(group=GROUP))}
 
 
 def find_face(name: str) -> type[Face]:
-    """The class of a face; OptionError if there is none of this name, or its library is not installed."""
+    """The class of a face; OptionError if there is none of this name, FaceNotInstalled without its library."""
     points = known_faces()
     place = name if ":" in name else points.get(name)
     if place is None:
@@ -29,7 +33,7 @@ def find_face(name: str) -> type[Face]:
     except ModuleNotFoundError as error:
         if ":" in name or (error.name or "").startswith("umo"):
             raise OptionError(f"face {name!r} cannot be imported: {error}") from error
-        raise OptionError(f'the face {name} needs {error.name}: pip install "umo[{name}]"') from None
+        raise FaceNotInstalled(f'the face {name} needs {error.name}: pip install "umo[{name}]"') from None
     except (Exception, SystemExit) as error:  # a module may raise anything
         raise OptionError(f"face {name!r} cannot be imported: {text_of(error)}") from error
     if not (isinstance(found, type) and issubclass(found, Face)):

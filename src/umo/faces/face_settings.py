@@ -12,13 +12,13 @@ port = 9464
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import Any
 
 from umo.errors import OptionError, text_of
 from umo.faces.face import Face
-from umo.faces.face_registry import find_face
+from umo.faces.face_registry import FaceNotInstalled, find_face
 from umo.faces.host import FASTEST, RATE, SLOWEST
 from umo.signature import parameters_of
 from umo.text import did_you_mean
@@ -37,6 +37,8 @@ class FaceSettings:
     dead_bands: Mapping[str, float] = field(default_factory=dict)
     options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """The options of each face, by its name."""
+    file: str = "wiring"
+    """The wiring: relative paths start from its station, or from its folder."""
 
     def __post_init__(self) -> None:
         if not _is_number(self.rate) or not SLOWEST <= self.rate <= FASTEST:
@@ -48,8 +50,8 @@ class FaceSettings:
                 raise OptionError(f"faces: the dead band {band!r} of {path} is not a number from 0 on")
 
 
-def settings_of(table: Mapping[str, Any]) -> FaceSettings:
-    """The settings of a table `[faces]`; OptionError for what it cannot have."""
+def settings_of(table: Mapping[str, Any], file: str = "wiring") -> FaceSettings:
+    """The settings of the table `[faces]` of a wiring; OptionError for what it cannot have."""
     faces: dict[str, Mapping[str, Any]] = {}
     for key, value in table.items():
         if key in KEYS:
@@ -62,7 +64,7 @@ def settings_of(table: Mapping[str, Any]) -> FaceSettings:
     bands = table.get("dead_bands", {})
     if not isinstance(bands, Mapping):
         raise OptionError("faces: dead_bands is a table of numbers by path")
-    return FaceSettings(table.get("rate", RATE), table.get("commands", False), dict(bands), faces)
+    return FaceSettings(table.get("rate", RATE), table.get("commands", False), dict(bands), faces, file)
 
 
 def options_from(texts: Iterable[str]) -> dict[str, dict[str, Any]]:
@@ -92,18 +94,32 @@ def faces_of(
     for face in changes:
         if face not in chosen:
             raise OptionError(f"an option of {face}{did_you_mean(face, chosen)}: the faces are {', '.join(chosen)}")
-    return [(name, _made(name, {**settings.options.get(name, {}), **changes.get(name, {})})) for name in chosen]
+    return [(name, _made(name, settings, changes.get(name, {}))) for name in chosen]
 
 
-def _made(name: str, given: dict[str, Any]) -> Face:
+def faces_present(settings: FaceSettings) -> tuple[FaceSettings, list[str]]:
+    """The settings without the faces whose libraries are not installed, and how to install these. OptionError for a
+    face that cannot be made."""
+    options, missing = {}, []
+    for name, given in settings.options.items():
+        try:
+            _made(name, settings, {})
+            options[name] = given
+        except FaceNotInstalled as error:
+            missing.append(str(error))
+    return replace(settings, options=options), missing
+
+
+def _made(name: str, settings: FaceSettings, changes: Mapping[str, Any]) -> Face:
     from pydantic import ValidationError
 
-    from umo.wiring.schema import mistakes_of, options_of
+    from umo.wiring.schema import arguments_of, mistakes_of
 
     cls = find_face(name)
     signature = parameters_of(cls)
+    given = {**settings.options.get(name, {}), **changes}
     try:
-        options = options_of(cls.__name__, signature, given)
+        options = arguments_of(cls, signature, given, settings.file, changes)
     except ValidationError as error:
         raise OptionError(
             "; ".join(f"{name}.{key}: {text}" for key, text in mistakes_of(error, list(signature)))

@@ -55,7 +55,7 @@ class FleetUsers:
 
 
 @dataclass
-class Told:
+class CommandOutcome:
     """What became of a command."""
 
     at: float
@@ -83,7 +83,7 @@ class FleetCommands:
         self._users, self._gateway, self._utc = users, gateway, utc
         self._loop = asyncio.get_running_loop()
         self._began = utc()
-        self._told: dict[tuple[str, str], Told] = {}
+        self._told: dict[tuple[str, str], CommandOutcome] = {}
         self._signs: dict[tuple[str, str], float] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._queries = session.declare_queryable(key.key(keys.COMMAND, keys.ANY), self._asked)
@@ -160,7 +160,7 @@ class FleetCommands:
             return
         if len(self._told) >= MAX_REMEMBERED:
             raise CommandRefused("too many commands in a short time")
-        told = self._told[this] = Told(time.monotonic())
+        told = self._told[this] = CommandOutcome(time.monotonic())
 
         def sent(number: int) -> None:
             told.number = number

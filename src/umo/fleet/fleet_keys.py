@@ -8,7 +8,7 @@ from typing import NamedTuple
 from umo.errors import OptionError
 
 ROOT = "umo"
-DECLARATION, DELTA, EVENT, STATUS, ALIVE, COMMAND, SIGN = (
+DECLARATION, DELTA, EVENT, STATUS, ALIVE, COMMAND, SIGN, TWIN = (
     "declaration",
     "delta",
     "event",
@@ -16,6 +16,7 @@ DECLARATION, DELTA, EVENT, STATUS, ALIVE, COMMAND, SIGN = (
     "alive",
     "command",
     "sign",
+    "twin",
 )
 ANY = "*"
 _SEGMENT = re.compile(r"[\w.-]{1,64}", re.ASCII)

@@ -77,7 +77,7 @@ class FleetMirror:
         facts = json.loads(about)
         self._run = bytes.fromhex(facts["run"])
         layout = Layout.parse(described)
-        layout.about.update(site=key.site, station=str(key), place="")
+        layout.about.update(site=key.site, station=str(key), place="", twin=bool(facts.get("twin")))
         self._words = WordFrame(layout)
         writer, self._readers = RunDescriptors.pair()
         self._ring = RingCopy(layout, writer)
@@ -246,7 +246,12 @@ def subscribed(session: zenoh.Session, key: str, take: Callable[[zenoh.Sample], 
 
 def declaration_of(session: zenoh.Session, key: StationKey) -> bytes:
     """The declaration of a station; FramesError if it does not answer."""
-    for reply in session.get(key.key(keys.DECLARATION), timeout=ANSWER_TIME):
+    return answer_of(session, key, keys.DECLARATION)
+
+
+def answer_of(session: zenoh.Session, key: StationKey, kind: str) -> bytes:
+    """What a station answers to a query of one kind; FramesError if it does not."""
+    for reply in session.get(key.key(kind), timeout=ANSWER_TIME):
         if reply.ok is not None:
             return bytes(reply.ok.payload)
     raise FramesError(f"{key} does not answer")

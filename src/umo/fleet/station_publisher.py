@@ -14,6 +14,7 @@ import zenoh
 import zenoh.ext
 
 from umo.cycle.stage import Stage
+from umo.errors import text_of
 from umo.fleet import fleet_keys as keys
 from umo.fleet.fleet_keys import StationKey
 from umo.fleet.message_parts import packed
@@ -22,6 +23,7 @@ from umo.frames import Reader
 from umo.frames.layout import DESCRIPTION, HOLDER, NAME
 from umo.frames.reader import NumberedEvent
 from umo.presentation.run_facts import ALARMS
+from umo.twin import declares_twin, twin_of
 
 CACHED = 30.0
 """Time in s of which a publisher keeps the deltas, for those who have missed some."""
@@ -65,6 +67,7 @@ class StationPublisher:
         self._events = self._advanced(session, keys.EVENT, CACHED_EVENTS)
         self._declared = session.declare_queryable(key.key(keys.DECLARATION), self._declare)
         self._told = session.declare_queryable(key.key(keys.STATUS), self._tell_status)
+        self._twin = session.declare_queryable(key.key(keys.TWIN), self._describe_twin)
         self._statuses = session.declare_publisher(
             key.key(keys.STATUS), congestion_control=zenoh.CongestionControl.DROP
         )
@@ -93,7 +96,8 @@ class StationPublisher:
             for frame in frames:
                 self._publish(frame, (int(frame["sequence"]) // 2 - stride) // stride, rest)
             self.time = float(frames[-1]["time"])
-        self._publish_events(reader.events(self._event))
+        if reader.next_event > self._event:
+            self._publish_events(reader.events(self._event))
         if ended and len(frames) < MOST:  # after everything else
             self._publish_last()
         if (now := time.monotonic()) - self._status_at >= STATUS_PAUSE or ended:
@@ -136,7 +140,7 @@ class StationPublisher:
             number, words, rest = self.latest or (-1, b"", b"")
             about = {
                 "run": self.run.hex(), "number": number, "stride": self.stride, "site": self.key.site,
-                "event": self._event,
+                "event": self._event, "twin": declares_twin(self.reader.layout),
             }  # fmt: skip
             query.reply(
                 self.key.key(keys.DECLARATION),
@@ -147,13 +151,29 @@ class StationPublisher:
         with query:
             query.reply(self.key.key(keys.STATUS), json.dumps(self._status))
 
+    def _describe_twin(self, query: zenoh.Query) -> None:
+        with query:
+            try:
+                twin = twin_of(self.reader.layout)
+            except Exception as error:  # of the station's own code
+                twin = {"error": text_of(error)}
+            query.reply(self.key.key(keys.TWIN), json.dumps(twin))
+
     def _publish_status(self) -> None:
         if (status := status_of(self.reader)) != self._status:
             self._status = status
             self._statuses.put(json.dumps(status))
 
     def close(self) -> None:
-        undeclared: list[Any] = [self._alive, self._declared, self._told, self._statuses, self._deltas, self._events]
+        undeclared: list[Any] = [
+            self._alive,
+            self._declared,
+            self._told,
+            self._twin,
+            self._statuses,
+            self._deltas,
+            self._events,
+        ]
         for each in undeclared:
             each.undeclare()
         self.reader.close()

@@ -64,6 +64,7 @@ MAX_COUNT = 1 << 62
 """The largest count of frames, entries or events that is taken for sound."""
 
 
+STAGES, MODES, WORST = {int(each): each for each in Stage}, {int(each): each for each in Mode}, max(Quality)
 SILENCE = 1.0
 """s without a frame, and 10 periods, after which a running station is said to be silent."""
 
@@ -170,7 +171,7 @@ class Reader:
         if not self.alive:
             return Stage.ENDED
         number = self._live[Live.STATE]
-        return Stage(number) if number in set(Stage) else Stage.RUNNING
+        return STAGES.get(number, Stage.RUNNING)
 
     @property
     def is_finished(self) -> bool:
@@ -193,8 +194,7 @@ class Reader:
     @property
     def mode(self) -> Mode | None:
         """Mode of the machine; None if it takes no commands from outside."""
-        number = self._live[Live.MODE]
-        return Mode(number) if number in set(Mode) else None
+        return MODES.get(self._live[Live.MODE])
 
     @property
     def lease(self) -> tuple[int, str]:
@@ -466,11 +466,11 @@ class Reader:
 
     def _whole(self, rows: npt.NDArray[np.uint8], numbers: npt.NDArray[np.uint64]) -> Frames:
         """Those of the frames, copied as bytes (numpy would pack their fields together), that are whole."""
-        frames = rows.view(self._dtype)[:, 0]
+        frames = np.ndarray(len(rows), self._dtype, rows)
         ended = self._live[Live.STATE] == Stage.ENDED  # looked up before the head, which then stands
         oldest = self.head - self.slots - ended  # frame `oldest` may be being written over at this moment
         whole = (numbers.astype(np.int64) > oldest) & (frames["sequence"] == 2 * numbers + 2)
-        whole &= np.isfinite(frames["time"]) & (frames["quality"] <= max(Quality)).all(axis=1)
+        whole &= np.isfinite(frames["time"]) & (frames["quality"] <= WORST).all(axis=1)
         if self._checked:
             content = self.layout.content
             sums = [zlib.crc32(row[16:content].data, zlib.crc32(row[:8].data)) for row in rows]

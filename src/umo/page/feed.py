@@ -7,11 +7,15 @@ import sys
 import time
 from contextlib import ExitStack, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from umo.errors import FramesError, text_of
 from umo.frames import Reader, rings
 from umo.page.watched_run import Watched
 from umo.text import printable
+
+if TYPE_CHECKING:
+    from umo.page.fleet_feed import FleetFeed
 
 RATE = 30.0
 """Looks at the rings a second while a page is open."""
@@ -32,7 +36,9 @@ MAX_ENDED = 4
 class Feed:
     """`watched` are the runs by name. A run that has ended stays until the station, in this folder, starts again."""
 
-    def __init__(self) -> None:
+    def __init__(self, fleet: FleetFeed | None = None) -> None:
+        """`fleet`: with the stations of other computers."""
+        self.fleet = fleet
         self.watched: dict[str, Watched] = {}
         self.pages = 0
         """Number of open pages."""
@@ -89,9 +95,24 @@ class Feed:
                 self._attach(watched)
             else:  # its guardian is resetting the machine
                 watched.close()
+        for watched in list(self.watched.values()):
+            if self.fleet is not None and watched.is_elsewhere and self.fleet.is_unseen(watched):
+                self.watched.pop(watched.name, None)
+                await asyncio.to_thread(watched.close)
         ended = [name for name, watched in self.watched.items() if watched.over]
         for name in ended[:-MAX_ENDED]:
             self.watched.pop(name).close()
+
+    async def open_elsewhere(self, name: str) -> None:
+        """Watch a station of the fleet. FramesError if it does not answer."""
+        before = self.watched.get(name)
+        if self.fleet is None or (before is not None and not before.ended):
+            return
+        watched = await asyncio.to_thread(self.fleet.watched, name)
+        if (before := self.watched.get(name)) is not None and not before.ended:  # another page was quicker
+            await asyncio.to_thread(watched.close)
+        else:
+            self._attach(watched)
 
     def _attach(self, watched: Watched) -> None:
         before = self.watched.get(watched.name)
@@ -129,6 +150,8 @@ class Feed:
         for watched in self.watched.values():
             watched.close()
         self.watched.clear()
+        if self.fleet is not None:
+            self.fleet.close()
 
 
 def _opened(paths: list[Path]) -> list[tuple[Path, Watched | Exception]]:

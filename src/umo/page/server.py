@@ -16,7 +16,7 @@ from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import uvicorn
 from starlette.applications import Starlette
@@ -34,6 +34,9 @@ from umo.page.session import InitialStation, Session
 from umo.page.subscriptions import HistoryPart, csv_of, in_worker
 from umo.page.unauthenticated import HttpConnection, UnauthenticatedConnections
 from umo.page.watched_run import described_twin
+
+if TYPE_CHECKING:
+    from umo.page.fleet_feed import FleetFeed
 
 STATIC = Path(__file__).parent / "static"
 MAX_MESSAGE_BYTES = 1 << 16
@@ -60,6 +63,8 @@ class Options:
     operate: bool = True
     certificate: Path | None = None
     key: Path | None = None
+    fleet: FleetFeed | None = None
+    """The stations of other computers."""
 
 
 def application(options: Options, feed: Feed, ended: Callable[[asyncio.Task[None]], None]) -> ASGIApp:
@@ -86,8 +91,8 @@ def application(options: Options, feed: Feed, ended: Callable[[asyncio.Task[None
     routes = [
         Route("/", index),
         WebSocketRoute("/ws", page),
-        Route("/twin/{name}", _twin),
-        Route("/csv/{name}", _csv),
+        Route("/twin/{name:path}", _twin),  # a name of a fleet has a slash
+        Route("/csv/{name:path}", _csv),
         Mount("/static", StaticFiles(directory=STATIC)),
     ]
     app = Starlette(routes=routes, lifespan=lifespan)
@@ -98,8 +103,9 @@ def application(options: Options, feed: Feed, ended: Callable[[asyncio.Task[None
 
 
 async def _twin(request: Request) -> Response:
-    watched = request.app.state.feed.watched.get(request.path_params["name"])
-    found = None if watched is None else await asyncio.to_thread(described_twin, watched.reader.layout)
+    feed = request.app.state.feed
+    watched = feed.watched.get(request.path_params["name"])
+    found = None if watched is None else await asyncio.to_thread(described_twin, watched, feed.fleet)
     return PlainTextResponse("no twin\n", 404) if found is None else JSONResponse(found)
 
 
@@ -142,7 +148,7 @@ def serve(options: Options, listening: socket.socket, ready: Callable[[], None])
 
 def server(options: Options, ready: Callable[[], None]) -> Server:
     """The server, not yet running."""
-    app = application(options, Feed(), lambda task: serving.feed_ended(task))
+    app = application(options, Feed(options.fleet), lambda task: serving.feed_ended(task))
     http: Any = partial(HttpConnection, UnauthenticatedConnections(), _tls(options))
     config = uvicorn.Config(
         app, loop="asyncio", http=http, log_level="error", access_log=False, lifespan="on",

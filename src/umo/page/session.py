@@ -4,14 +4,15 @@ From the page, JSON: `watch` (name of a run; "": none; place: its folder, null: 
 trigger), `extremes` (id; anew: from now on), `stop` (id), `window` (id, paths, start, stop, width), `measure` (id,
 paths, start, stop), `command` (id, do, path, value, arguments, over, who), `touch` (number of the state that it
 answers, held).
-To the page, JSON: `server`, `stations`, `description`, `state`, `extremes`, `measured`, `answer`, `error`; binary:
-points (`umo.page.subscriptions.packed`).
+To the page, JSON: `server`, `stations`, `fleet`, `description`, `state`, `extremes`, `measured`, `answer`, `error`;
+binary: points (`umo.page.subscriptions.packed`).
 """
 
 from __future__ import annotations
 
 import asyncio
 import json
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -20,7 +21,7 @@ from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from umo.errors import FramesError
+from umo.errors import FramesError, UmoError
 from umo.page.extremes import ExtremesNews
 from umo.page.feed import Feed
 from umo.page.page_client import PageClient
@@ -35,6 +36,8 @@ MAX_HELD = 256
 """Paths that a page holds at once, at most."""
 CLOSE_TIMEOUT = 1.0
 """s that a page is given to take the end of its socket."""
+FLEET_PAUSE = 0.5
+"""s from one table of the fleet to the next."""
 READ_ONLY = "this page is read-only"
 
 
@@ -71,6 +74,7 @@ class Session:
         self._state = 0
         """Number of the state that was sent last."""
         self._stations = ""
+        self._fleet, self._fleet_due = "", 0.0
         self._sending = asyncio.Lock()
         self._asked: asyncio.Queue[Callable[[], str | bytes]] = asyncio.Queue(MAX_REQUESTS)
         self._client: PageClient | None = None
@@ -87,7 +91,7 @@ class Session:
         finally:
             self._feed.pages -= 1
             sending.cancel()
-            self._end_extremes()
+            self._forget()
             await self._drop_client()
             with suppress(asyncio.CancelledError):
                 await sending
@@ -116,6 +120,7 @@ class Session:
         await self._tell(self._server | {"type": "server"})
         while True:
             await self._tell_stations()
+            await self._tell_fleet()
             await self._tell_state()
             for live in list(self._live.values()):
                 message = await in_worker(live.next) if live.takes_long else live.next()
@@ -141,7 +146,18 @@ class Session:
             self._forget()
             self._watched = watched
             if watched is not None:
+                watched.viewers += 1
                 await self._tell(watched.description())
+
+    async def _tell_fleet(self) -> None:
+        """The table of the fleet, once a second if it has changed, while the page shows no station."""
+        fleet, now = self._feed.fleet, time.monotonic()
+        if fleet is None or self._watched is not None or now < self._fleet_due:
+            return
+        self._fleet_due = now + FLEET_PAUSE
+        if (text := json.dumps({"type": "fleet", "stations": fleet.rows()})) != self._fleet:
+            self._fleet = text
+            await self._send(text)
 
     async def _tell_state(self) -> None:
         watched = self._watched
@@ -241,10 +257,16 @@ class Session:
         await self._drop_client()
         self._name, self._place = name, place
         self._forget()
+        try:
+            await self._feed.open_elsewhere(name)
+        except UmoError as error:
+            raise BadRequest(str(error)) from None
 
     def _forget(self) -> None:
         """Nothing is watched, and nothing is subscribed to."""
         self._end_extremes()
+        if self._watched is not None:
+            self._watched.viewers -= 1
         self._watched, self._state = None, 0
         self._live.clear()
 

@@ -6,14 +6,14 @@ import json
 import time
 from collections import deque
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from umo.cycle.columns import TAKEN_BY_CLIENT
 from umo.cycle.events import Event
 from umo.errors import UmoError
-from umo.frames import Layout, Reader, Stage
+from umo.frames import Reader, Stage
 from umo.frames.alarm_list import AlarmRow
 from umo.objects import Quality
 from umo.page.ending import UNKNOWN_END, BoxInWords, Ending, ending_of, newest_box
@@ -24,6 +24,9 @@ from umo.presentation.value_text import SIGNS, WORDS, as_shown
 from umo.scope.history import History
 from umo.text import printable
 from umo.twin import declares_twin, twin_of
+
+if TYPE_CHECKING:
+    from umo.page.fleet_feed import FleetFeed
 
 TOLD_FACTS = ("station", "wiring", "place", "pid", "period")
 """Facts of the run that a page is told."""
@@ -45,7 +48,11 @@ class Watched:
         """Folder of the station; empty: it has none."""
         self.name = self.station
         """Name of this run on the page; two runs of one station have different names."""
-        self.run = reader.path.name
+        self.is_elsewhere = "site" in reader.about
+        """Whether it runs on another computer: this is its mirror."""
+        self.run = f"{self.about['pid']}-{reader.about['started']}" if self.is_elsewhere else reader.path.name
+        self.viewers = 0
+        """Number of pages that show it."""
         self.entries: list[dict[str, Any]] = [*reader.layout.objects, *reader.layout.signals]
         self.columns = {str(entry["path"]): column for column, entry in enumerate(self.entries)}
         self.period = float(self.about["period"])
@@ -54,7 +61,7 @@ class Watched:
         """Since this server follows the run."""
         self._more_extremes: list[Extremes] = []
         """Those that pages have begun anew."""
-        self.twin = declares_twin(reader.layout)
+        self.twin = bool(reader.about.get("twin")) or declares_twin(reader.layout)
         self.stage = reader.state
         self.number = 0
         """Number of the state: the next one is made when a page asks for it."""
@@ -182,7 +189,7 @@ class Watched:
         """Facts of the run in words; empty: there is nothing to say."""
         reader, frame = self.reader, self._frame
         facts = {"station": reader.title, "state": "", "end": self.ending.text if self.ending else ""}
-        facts |= reader.facts(frame)
+        facts |= {"control" if name == "lease" else name: text for name, text in reader.facts(frame).items()}
         facts["execution"] = "" if frame is None else duration(int(frame["execution"]) * 1e-9)
         facts["not seen"] = f"{reader.lost:,} periods" if reader.lost else ""
         return facts | {"pid": str(self.about["pid"])}
@@ -253,13 +260,16 @@ class Watched:
         self.reader.close()
 
 
-def described_twin(layout: Layout) -> dict[str, Any] | None:
+def described_twin(watched: Watched, fleet: FleetFeed | None) -> dict[str, Any] | None:
     """The twin of a station, or what is wrong with its declaration as `error`; None: the station declares none."""
     try:
-        found = twin_of(layout)
+        if fleet is not None and watched.is_elsewhere:
+            found = fleet.twin(watched.station)
+        else:
+            found = twin_of(watched.reader.layout)
     except UmoError as error:
         return {"error": str(error)}
-    return found and found | {"paths": list(map(as_shown, found["paths"]))}
+    return found and found | {"paths": list(map(as_shown, found.get("paths", ())))}
 
 
 def _alarm(row: AlarmRow) -> dict[str, Any]:

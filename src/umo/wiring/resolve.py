@@ -126,7 +126,9 @@ class _Resolver:
             self.source.mistake(f'wire."{path}"', f"the machine has no such object{self.source.near(path, self.items)}")
         self._check_periods(period)
         parameters = self._parameters() if self.source.parameters else []
-        wired = Wired(drivers, wires, period, timer, parameters, watchdogs, self.hardware, rates=rates)
+        wired = Wired(
+            drivers, wires, period, timer, parameters, watchdogs, self.hardware, rates=rates, faces=self.source.faces
+        )
         self._check_time(wired)
         self._check_plants()
         wired = dataclasses.replace(wired, process=process_of(self.source, wired), paced=paced, injection=injection)

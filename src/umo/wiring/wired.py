@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
@@ -251,6 +251,8 @@ class Wired:
     """The faults that are injected on purpose; None without any."""
     rates: Sequence[Rate] = ()
     """The parts with rates of their own, the fastest first."""
+    faces: Mapping[str, Any] = field(default_factory=dict)
+    """The table of the station's faces, as written (`umo.faces.face_settings` reads it)."""
 
     @property
     def devices(self) -> list[str]:

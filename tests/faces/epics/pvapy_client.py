@@ -16,6 +16,9 @@ own = threading.local()
 """Channels of this thread."""
 seen: list[Any] = []
 """Channels that are monitored."""
+counting = threading.Lock()
+told = 0
+"""The number of their changes so far."""
 
 
 def channel(name: str, timeout: float) -> pva.Channel:
@@ -50,11 +53,17 @@ def monitor(names: list[str]) -> None:
     """See all changes of these from now on."""
     for name in names:
         each = pva.Channel(name)
-        each.monitor(lambda value: None, "field()")
+        each.monitor(count, "field()")
         seen.append(each)
 
 
-ORDERS = {"get": get, "put": put, "call": call, "monitor": monitor}
+def count(value: Any) -> None:
+    global told
+    with counting:
+        told += 1
+
+
+ORDERS = {"get": get, "put": put, "call": call, "monitor": monitor, "counted": lambda: told}
 
 
 def carry_out(order: dict[str, Any]) -> None:

@@ -1,8 +1,10 @@
 /** The page: which station and which view is shown, the header, the connection. */
 
-import { address, el, setText, store } from "./dom.js";
+import { address, allow, el, setText, store } from "./dom.js";
 import { Feed } from "./feed.js";
 import { Client, words } from "./client.js";
+import { inSentence } from "./presentation.js";
+import { FleetTable } from "./fleet_table.js";
 import { list, nameOf, offer, runAfter } from "./stations.js";
 import { clearing, faultsOf, forbidden, statusOf } from "./status.js";
 import { nextTab } from "./tabs.js";
@@ -42,6 +44,7 @@ const tabs = [...document.querySelectorAll("button")].filter((button) => button.
 /** @type {{name: string, run: string | null, view: Page.View | null} | null} */
 let mounted = null;
 const LATCHED = /to be acknowledged|one of many/;  // in the reason of an interlock whose cause is gone (umo/cycle)
+const fleet = new FleetTable((name) => choose(name));
 let asked = 0;
 /** @type {{name: string, place: string, run: string} | null} */
 let lastRun = null;
@@ -75,7 +78,7 @@ async function show() {
     main.setAttribute("aria-labelledby", `tab-${name}`);
   }
   mounted = { name, run: feed.run, view: loaded && new loaded.View(element, feed, client) };
-  if (!loaded) list(element, feed, choose);
+  if (!loaded) list(element, feed, choose, fleet.element);
 }
 
 /** @param {string} name  "": the list. */
@@ -113,7 +116,7 @@ function fold() {
 /** The equipment in fault, each with the button that clears it: made anew only if they change. @param {Record<string, string> | undefined} found */
 function showFaults(found) {
   const { shown, more } = faultsOf(found);
-  const key = JSON.stringify([shown, more, client.possible && !feed.ended, client.leased]);
+  const key = JSON.stringify([shown, more, client.possible && !feed.ended, client.barrier()]);
   if (key === faultsShown) return;
   faultsShown = key;
   const each = shown.flatMap(({ path, text }) => [clearButton(path), ` ${text} `]);
@@ -122,9 +125,9 @@ function showFaults(found) {
 
 /** @param {string} path */
 function clearButton(path) {
-  const button = clearing(path, () => command({ do: "clear", path }, `clear ${path}`));
+  const button = clearing(path, () => command({ do: "clear", path }, `clear ${inSentence(path)}`));
   button.hidden = !client.possible || feed.ended;
-  button.disabled = !client.leased;
+  allow(button, client.barrier(), button.title);
   return button;
 }
 
@@ -140,13 +143,13 @@ function onState() {
   if (!state) return;
   const { progress, missed, mode, driven } = state.facts;
   const parts = [progress, `missed ${missed}`, mode, driven && `driven: ${driven}`];
-  if (client.holder) parts.push(`lease: ${client.leased ? "you" : client.holder}`);
+  if (state.mode) parts.push(`control: ${client.leased ? "you" : client.holder || "nobody"}`);
   setText(summary, parts.filter(Boolean).join(" · "));
   showFaults(state.faults);
   const why = forbidden(state.inhibited, state.faults).map((reason) => `⊘ ${reason}`).join("; ");
   setText(reasons, why);
   acknowledge.hidden = !LATCHED.test(why) || !client.possible || feed.ended;  // while its cause is there nothing can be acknowledged
-  acknowledge.disabled = !client.leased;
+  allow(acknowledge, client.barrier(), "Acknowledge the latched interlocks of the machine");
   document.title = `${feed.station} · umo`;
   stop.hidden = !client.possible || feed.ended;
   say();
@@ -157,6 +160,7 @@ feed.on("connection", () => {
   say();
   if (feed.connected && lastRun) announce("The connection to the server is back.");
 });
+feed.on("fleet", () => fleet.update(feed.fleet));
 feed.on("stations", () => {
   offer(station, feed);
   if (!feed.description) show();
@@ -211,7 +215,7 @@ async function command(message, what) {
   if (answer.state !== "done") announce(words(client.asked[0]));
 }
 
-stop.onclick = () => command({ do: "stop" }, `stop ${feed.station}`);
+stop.onclick = () => command({ do: "stop" }, `end the run of ${feed.station}`);
 acknowledge.onclick = () => command({ do: "acknowledge", path: "" }, "acknowledge");
 byName("#theme").onclick = () => {
   const dark = getComputedStyle(document.documentElement).colorScheme.includes("dark");

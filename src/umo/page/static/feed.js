@@ -4,7 +4,7 @@ const MAX_EVENTS = 1000;  // that are kept, and as many missed periods
 const RETRY_PAUSES = [250, 500, 1000, 2000];  // ms from one attempt to the next
 
 /**
- * @typedef {"stations" | "description" | "state" | "connection"} Kind
+ * @typedef {"stations" | "fleet" | "description" | "state" | "connection"} Kind
  * @typedef {{paths: string[], start: number, stop: number}} Stretch
  */
 
@@ -48,6 +48,8 @@ export class Feed {
     this.server = null;
     /** @type {Page.Line[]} */
     this.stations = [];
+    /** @type {Page.FleetRow[]} The stations of all computers, where the server follows a fleet. */
+    this.fleet = [];
     /** @type {string | null} Name of the run to show; "": the list of stations; null: what the server chooses. */
     this.wanted = null;
     /** @type {string | null} Its folder: another server may know another station by that name; null: not known. */
@@ -134,6 +136,12 @@ export class Feed {
     this.stations = stations;
     if (this.description && !stations.some(({ name, place }) => name === this.station && place === this._place)) this._forget();  // e.g. ended while the server was away
     this._emit("stations");
+  }
+
+  /** @param {{stations: Page.FleetRow[]}} message */
+  _on_fleet({ stations }) {
+    this.fleet = stations;
+    this._emit("fleet");
   }
 
   /** @param {Page.Description} message */
@@ -294,7 +302,7 @@ export class Feed {
     if (this._socket?.readyState === WebSocket.OPEN) this._socket.send(JSON.stringify(message));
   }
 
-  /** Call a listener on "stations", "description", "state" or "connection"; the result ends that. @param {Kind} kind @param {() => void} listener @returns {() => void} */
+  /** Call a listener on "stations", "fleet", "description", "state" or "connection"; the result ends that. @param {Kind} kind @param {() => void} listener @returns {() => void} */
   on(kind, listener) {
     const all = this._listeners.get(kind) ?? new Set();
     this._listeners.set(kind, all.add(listener));

@@ -32,13 +32,14 @@ export function offer(select, { stations, station }) {
   if (select.value !== chosen) select.value = chosen;
 }
 
-/** The list of running stations, and what to type if there is none. @param {HTMLElement} element @param {Feed} feed @param {(name: string) => void} choose */
-export function list(element, { stations, wanted: chosen, server }, choose) {
+/** The list of running stations, and what to type if there is none. @param {HTMLElement} element @param {Feed} feed @param {(name: string) => void} choose @param {HTMLElement} fleet  Of all computers. */
+export function list(element, { stations, wanted: chosen, server }, choose, fleet) {
   const wanted = chosen ?? server?.station;
   const lines = stations.map((line) => el("li", {}, el("button", {
     className: line.ending?.failed ? "failed" : "", textContent: sentenceOf(line, stations), onclick: () => choose(line.name),
   })));
   if (lines.length) element.append(el("h2", { textContent: "Stations" }), el("ul", {}, ...lines));
+  element.append(fleet);
   const missing = wanted && !stations.some(({ name }) => name === wanted);
   const text = missing ? `${wanted} is not running. ` : lines.length ? "" : "No station is running. ";
   element.append(el("p", { textContent: `${text}Start one in a terminal:` }));

@@ -138,6 +138,24 @@ declare namespace Page {
 
   interface Line { name: string; station: string; place: string; stage: string; wiring: string; ending?: Ending }
 
+  /** A station of a fleet (umo/page/fleet_feed.py). */
+  interface FleetRow {
+    name: string;
+    wiring: string;
+    /** Whether it is there now; else the rest is what it told last. */
+    present: boolean;
+    state: string;
+    mode: string;
+    lease: string;
+    missed: number;
+    /** How many are not normal. */
+    alarms: number;
+    alarm: string;
+    /** Equipment in fault, by its path. */
+    faults: string[];
+    progress: string;
+  }
+
   /** A value with what is known of it. */
   interface Sample { value: number | null; raw: number | null; quality: number; time?: number }
 
