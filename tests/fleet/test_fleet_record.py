@@ -285,6 +285,7 @@ def test_a_full_disk_is_told_once_and_the_oldest_values_are_a_gap_when_there_is_
     folder: RecordFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(fleet_record, "FLUSH", 0.0)
+    monkeypatch.setattr(fleet_record, "FLUSHES", 10**9)
     monkeypatch.setattr(fleet_record, "TAKE_WAIT", 0.0)
     said: list[str] = []
     known = KnownRun()

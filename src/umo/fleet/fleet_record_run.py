@@ -22,12 +22,9 @@ MAX_WAITING = 8 << 20
 """Bytes of deltas that wait for the declaration of their run at most."""
 MAX_EVENTS = 10_000
 """Events that wait to be written at most."""
-BEFORE, AWAY, LOST, FULL_DISK = (
-    "before it was recorded",
-    "the recorder was away",
-    "they did not come",
-    "no room on disk",
-)
+BEFORE, AWAY, LOST = "before it was recorded", "the recorder was away", "they did not come"
+FULL_DISK, UNDECLARED = "no room on disk", "the station did not declare itself"
+"""Why something is missing."""
 UNKNOWN = Rest(0, -1, 0, 0, b"", b"")
 
 
