@@ -12,7 +12,9 @@ import pytest
 
 pytest.importorskip("zenoh", reason="the extra fleet is not installed")
 pytest.importorskip("duckdb", reason="the extra fleet-history is not installed")
-pq = pytest.importorskip("pyarrow.parquet", reason="the extra fleet-history is not installed")
+pytest.importorskip("pyarrow", reason="the extra fleet-history is not installed")
+
+import pyarrow.parquet as pq
 
 from helpers.fleet_histories import KnownRun, by_duckdb, rows
 from helpers.fleets import PLANT, free_port
@@ -21,7 +23,7 @@ from umo.fleet import fleet_record, fleet_record_files
 from umo.fleet.fleet_query import asked
 from umo.fleet.fleet_record import FleetRecorder, Incoming, key_pattern
 from umo.fleet.fleet_record_files import RecordFolder
-from umo.fleet.fleet_record_run import AWAY, BEFORE, FULL_DISK, LOST, UNDECLARED, Recorded, RecordedRun
+from umo.fleet.fleet_record_run import AWAY, BEFORE, FULL_DISK, LOST, UNDECLARED, FollowedRun, Recorded
 from umo.fleet.fleet_session import FleetNetwork, opened
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a fleet needs Linux")
@@ -32,8 +34,8 @@ def nothing(text: str) -> None:
     pass
 
 
-def followed(known: KnownRun, *numbers: int, recorded: Recorded | None = None, declared: int | None = 0) -> RecordedRun:
-    run = RecordedRun(known.run, recorded or Recorded())
+def followed(known: KnownRun, *numbers: int, recorded: Recorded | None = None, declared: int | None = 0) -> FollowedRun:
+    run = FollowedRun(known.run, recorded or Recorded())
     if declared is not None:
         run.take_declaration(known.declaration(declared))
     for number in numbers:
@@ -41,11 +43,11 @@ def followed(known: KnownRun, *numbers: int, recorded: Recorded | None = None, d
     return run
 
 
-def numbers(run: RecordedRun) -> list[int]:
+def numbers(run: FollowedRun) -> list[int]:
     return [each.number for each in run.taken]
 
 
-def gaps(run: RecordedRun) -> list[tuple[str, int, int, str]]:
+def gaps(run: FollowedRun) -> list[tuple[str, int, int, str]]:
     return [(each.of, each.first, each.last, each.why) for each in run.gaps]
 
 
@@ -183,7 +185,7 @@ def folder(tmp_path: Path) -> Any:
 
 
 def test_parts_become_the_file_of_their_hour_with_the_same_rows(folder: RecordFolder) -> None:
-    written(folder, KnownRun(), range(0, 10), range(10, 25), range(25, 30))
+    written(folder, KnownRun(), range(10), range(10, 25), range(25, 30))
     place = folder.place("values", PLANT)
     folder.tidy(place, HOUR, "")
     assert [each.name for each in place.iterdir()] == [f"{HOUR}.00000002.parquet"]
@@ -200,7 +202,7 @@ def test_parts_become_the_file_of_their_hour_with_the_same_rows(folder: RecordFo
 
 def test_an_hour_that_comes_again_after_a_step_of_the_clock_is_added_to(folder: RecordFolder) -> None:
     place = folder.place("values", PLANT)
-    written(folder, KnownRun(), range(0, 10))
+    written(folder, KnownRun(), range(10))
     folder.tidy(place, "2026-11-25T15", "")
     written(folder, KnownRun(), range(10, 20), hour="2026-11-25T15")
     written(folder, KnownRun(), range(20, 30))
@@ -213,7 +215,7 @@ def test_parts_that_were_left_over_by_the_end_of_a_merge_are_not_counted_twice(
     folder: RecordFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     place = folder.place("values", PLANT)
-    written(folder, KnownRun(), range(0, 10), range(10, 20))
+    written(folder, KnownRun(), range(10), range(10, 20))
     for hour in (HOUR, "2026-11-25T15"):
         with monkeypatch.context() as patched:
             patched.setattr(Path, "unlink", lambda path, missing_ok=False: None)
@@ -228,7 +230,7 @@ def test_torn_and_half_written_files_are_set_aside_and_the_others_go_on(tmp_path
     said: list[str] = []
     root = tmp_path / "history"
     folder = RecordFolder(root, said.append)
-    written(folder, KnownRun(), range(0, 10), range(10, 20))
+    written(folder, KnownRun(), range(10), range(10, 20))
     place = folder.place("values", PLANT)
     whole = next(place.glob("*01.parquet")).read_bytes()
     (place / f"{HOUR}.00000002.parquet").write_bytes(whole[: len(whole) // 2])
@@ -243,7 +245,7 @@ def test_torn_and_half_written_files_are_set_aside_and_the_others_go_on(tmp_path
 
 
 def test_nothing_is_merged_while_a_question_is_answered(folder: RecordFolder) -> None:
-    written(folder, KnownRun(), range(0, 10), range(10, 20))
+    written(folder, KnownRun(), range(10), range(10, 20))
     place = folder.place("values", PLANT)
     with asked(folder.root, "SELECT 1"):
         folder.tidy(place, HOUR, "")
@@ -253,7 +255,7 @@ def test_nothing_is_merged_while_a_question_is_answered(folder: RecordFolder) ->
 
 
 def test_older_hours_are_removed(folder: RecordFolder) -> None:
-    written(folder, KnownRun(), range(0, 10), hour="2026-10-01T00")
+    written(folder, KnownRun(), range(10), hour="2026-10-01T00")
     written(folder, KnownRun(), range(10, 20))
     folder.tidy(folder.place("values", PLANT), HOUR, "2026-11-01T00")
     assert levels(folder.root) == [number / 10 for number in range(10, 20)]
@@ -268,7 +270,7 @@ def test_a_disk_that_is_full_costs_no_file_and_no_number(folder: RecordFolder, m
     def full(file: int) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    written(folder, KnownRun(), range(0, 10))
+    written(folder, KnownRun(), range(10))
     with monkeypatch.context() as patched:
         patched.setattr(fleet_record_files.os, "fsync", full)
         with pytest.raises(OSError, match="No space left"):
@@ -365,7 +367,7 @@ def test_patterns_are_keys_of_zenoh() -> None:
     ],
 )
 def test_a_mistake_in_a_question_is_told_in_a_line(folder: RecordFolder, sql: str, words: str) -> None:
-    written(folder, KnownRun(), range(0, 10))
+    written(folder, KnownRun(), range(10))
     with pytest.raises(OptionError, match=words) as told:
         rows(folder.root, sql)
     assert "\n" not in str(told.value)
@@ -382,7 +384,7 @@ def test_views_are_there_without_files_and_a_folder_without_history_is_told(tmp_
 def test_only_files_of_the_last_hours_are_read(folder: RecordFolder) -> None:
     from datetime import UTC, datetime
 
-    written(folder, KnownRun(), range(0, 10), hour="2026-11-25T10")
+    written(folder, KnownRun(), range(10), hour="2026-11-25T10")
     written(folder, KnownRun(), range(10, 20), hour="2026-11-25T14")
     now = datetime(2026, 11, 25, 14, 30, tzinfo=UTC)
     for last, count in ((3600.0, 10), (5 * 3600.0, 20)):

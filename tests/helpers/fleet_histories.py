@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import threading
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -74,6 +74,14 @@ def by_duckdb(sql: str) -> list[Any]:
     """DuckDB alone."""
     with duckdb.connect() as connection:
         return list(connection.execute(sql).fetchall())
+
+
+async def until_recorded(condition: Callable[[], Any], within: float = 40.0) -> Any:
+    """What a condition about files returns, once it is true: asked beside the loop, in which the machine runs."""
+    async with asyncio.timeout(within):
+        while not (found := await asyncio.to_thread(condition)):
+            await asyncio.sleep(0.1)
+    return found
 
 
 class Recording:

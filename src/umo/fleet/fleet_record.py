@@ -29,7 +29,7 @@ from umo.fleet.fleet_keys import StationKey, station_of
 from umo.fleet.fleet_mirror import ANSWER_TIME, subscribed
 from umo.fleet.fleet_record_files import RecordFolder
 from umo.fleet.fleet_record_rows import events_table, gaps_table
-from umo.fleet.fleet_record_run import RecordedRun
+from umo.fleet.fleet_record_run import FollowedRun
 from umo.fleet.run_words import peek
 
 log = logging.getLogger("umo.fleet")
@@ -87,7 +87,7 @@ class Followed:
     """A run with the times of what was done with it."""
 
     key: StationKey
-    run: RecordedRun
+    run: FollowedRun
     heard: float
     written: float
     asked: float = float("-inf")
@@ -174,7 +174,7 @@ class FleetRecorder:
         now = time.monotonic()
         followed = self._followed.get((key, run))
         if followed is None:
-            followed = Followed(key, RecordedRun(run, self._folder.recorded(key)), now, now)
+            followed = Followed(key, FollowedRun(run, self._folder.recorded(key)), now, now)
             self._followed[key, run] = followed
             self._say(f"{key} is recorded")
         followed.heard = now

@@ -38,7 +38,7 @@ class Recorded:
     """Last number of each gap by what it counts, run and first number."""
 
 
-class RecordedRun:
+class FollowedRun:
     """`recorded`: what the files had of it when the recorder began."""
 
     def __init__(self, run: bytes, recorded: Recorded) -> None:
