@@ -230,11 +230,13 @@ def test_a_text_and_what_cannot_be_set_are_refused_where_they_are_declared() -> 
 
 
 INT, BOOL, ENUM = {"type": "int"}, {"type": "bool"}, {"type": "Enum", "members": {"0": "A", "1": "B"}}
+NAMED = {"type": "name", "members": {"0": "none", "2": "soap"}}
 PLAIN = [
     ({"type": "float"}, 0.1, 0.1), ({"type": "float"}, nan, None), ({"type": "float"}, inf, None),
     ({"type": "float"}, sys.float_info.max, sys.float_info.max),
     (INT, 3.0, 3), (INT, float(MAX_EXACT - 1), MAX_EXACT - 1), (INT, float(MAX_EXACT), None), (INT, -1e300, None),
     (INT, nan, None), (BOOL, 1.0, True), (BOOL, 0.0, False), (ENUM, 1.0, "B"), (ENUM, nan, None),
+    (NAMED, 2.0, "soap"), (NAMED, 3.0, None),
 ]  # fmt: skip
 
 

@@ -18,15 +18,20 @@ from hypothesis import strategies as st
 
 import umo
 from helpers import brewing
+from helpers.machines import timer
 from helpers.waiting import until
-from umo import Number
+from umo import Compound, DigitalSensor, Number, connect, published
 from umo.cli import recipe_list
 from umo.cli.recipe_list import _named
 from umo.cycle.events import CommandState
 from umo.errors import DeclarationError, RecipeError, UmoError
+from umo.frames import Reader
 from umo.operation.recipe_book import MAX_RECORDED, RecipeBook
 from umo.operation.recipes import Recipe, read_recipes, recipe_from_content, recipe_of
+from umo.process.kept_file import NUMBERS
+from umo.process.kept_sections import sections_of
 from umo.process.station import find
+from umo.testing import periods
 
 
 class Colour(Enum):
@@ -249,6 +254,54 @@ def test_what_was_used_is_recorded_and_bounded(book: RecipeBook[Batch]) -> None:
     assert book.record["others"] == {"batches": 5}
     first = next(iter(book.record.values()))
     assert (first["batches"], first["values"]["temperature"]) == (1, 30.0)
+
+
+def mixer(place: Path) -> Any:
+    class Mixer(Compound):
+        timer: DigitalSensor
+
+        def setup(self) -> None:
+            self.book = RecipeBook(Batch, place)
+
+    return Mixer(timer=timer())
+
+
+def kept_of(connection: Any) -> dict[str, Any]:
+    """What the keeper of a run would write now."""
+    with published(connection, "mixer") as ring, Reader(ring.path) as reader:
+        periods(connection.root, 2)
+        kept: dict[str, Any] = sections_of(reader.layout)[NUMBERS](reader.latest())
+    return kept
+
+
+@pytest.mark.parametrize(
+    ("chosen", "then", "why"),
+    [
+        (("b",), "b", ""),
+        (("c",), None, "'c' is not one of the program's own, b, z"),
+        (("b", '{"temperature": 41}'), None, "the values of that recipe had been sent by a client; choose it again"),
+        (("trial", '{"temperature": 41}'), None, "the values of that recipe had been sent by a client"),
+        ((), None, ""),
+    ],
+)
+def test_a_choice_is_kept_over_a_restart_by_its_name(tmp_path: Path, chosen: Any, then: str | None, why: str) -> None:
+    for name in ("a", "b", "c"):
+        (tmp_path / f"{name}.toml").write_text("temperature = 30\n")
+    first = connect(mixer(tmp_path))
+    with first as m:
+        if chosen:
+            m.book.choose(*chosen)
+        kept = kept_of(first)
+    (tmp_path / "a.toml").rename(tmp_path / "z.toml")  # the numbers of the recipes are others now
+    (tmp_path / "c.toml").unlink()
+    (tmp_path / "b.toml").write_text("temperature = 31\n")
+    again = connect(mixer(tmp_path))
+    again.kept = kept
+    with again as m:
+        recipe = m.book.chosen
+        assert (recipe and (recipe.name, recipe.temperature)) == (then and (then, 31.0))
+        assert m.book.numbers["choice"].names[m.book.choice] == (then or "the program's own")
+        assert again.not_restored.get("book.choice", "").startswith(why) and len(again.not_restored) == bool(why)
 
 
 # A running station -----------------------------------------------------------------------------------

@@ -214,8 +214,8 @@ def page(chromium: Any) -> Iterator[Any]:
 def take_lease(page: Any, url: str, name: str = "Ann") -> None:
     page.goto(url + "#view=operate")
     page.get_by_label("Your name").fill(name)
-    page.get_by_role("button", name="Take the lease").click()
-    page.get_by_text("You have the lease.").wait_for()
+    page.get_by_role("button", name="Take control").click()
+    page.get_by_text("You have control.").wait_for()
 
 
 def control(page: Any, path: str) -> Any:

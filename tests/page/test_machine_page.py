@@ -34,8 +34,8 @@ def test_an_actuator_is_written_from_its_row_under_the_lease(page: Any, tmp_path
         written = row(page, "sorter.belt.setpoint")
         assert written.get_by_role("button", name="Set", exact=True).is_disabled()
         page.get_by_label("Your name").fill("Ann")
-        page.get_by_role("button", name="Take the lease").click()
-        page.get_by_text("You have the lease.").wait_for()
+        page.get_by_role("button", name="Take control").click()
+        page.get_by_text("You have control.").wait_for()
         written.locator('input[type="number"]').fill("0.1")
         written.get_by_role("button", name="Set", exact=True).click()
         eventually(lambda: station.sorter.belt.setpoint.read() > 0.09)
@@ -107,12 +107,12 @@ def test_the_recipe_of_the_next_batch_is_chosen_with_its_values_before_the_eyes(
             "50",
             "75",
         ]
-        book.get_by_label("book: recipe").select_option("paint")
+        book.get_by_label("Recipe for the next batch").select_option("paint")
         book.get_by_role("button", name="Choose for the next batch").click()
         book.locator(".answer[data-state='done']").wait_for()
         eventually(lambda: station.book.choice == "paint")
         book.evaluate("(element) => { element.querySelector('option').value = 'lacquer'; }")
-        book.get_by_label("book: recipe").select_option("lacquer")
+        book.get_by_label("Recipe for the next batch").select_option("lacquer")
         book.get_by_role("button", name="Choose for the next batch").click()
         book.get_by_text("no recipe 'lacquer'").wait_for()
         assert station.book.choice == "paint"
@@ -132,7 +132,7 @@ def test_an_action_tells_its_progress_and_its_end_where_it_was_started(page: Any
         page.reload()  # the machine knows it, whoever asks
         control(page, "soak").get_by_text("runs for").or_(control(page, "soak").get_by_text("cancelled")).wait_for()
         control(page, "soak").get_by_text("cancelled").wait_for()  # with the lease of the page that was left
-        page.get_by_role("button", name="Take the lease").click()
+        page.get_by_role("button", name="Take control").click()
         soak.get_by_label("soak duration").fill("-1")
         soak.get_by_role("button", name="soak").click()
         soak.get_by_text("refused: duration: -1 s is outside 0 to 36000").wait_for()
@@ -146,7 +146,8 @@ def test_nothing_moves_when_the_lease_is_taken_an_alarm_comes_and_a_command_is_a
 ) -> None:
     boxes = """[...document.querySelectorAll(".commands button, .choose button, .control button")].map((each) => {
         const box = each.getBoundingClientRect();
-        return [each.textContent, box.x, box.y + document.querySelector("section.operate").scrollTop, box.width];
+        const scrolled = document.querySelector("section.operate").scrollTop;
+        return [each.dataset.command ?? each.textContent, box.x, box.y + scrolled, box.width];
     })"""
     page.set_viewport_size({"width": width, "height": 900})
     fault = "reactors.1.level disconnect at 8 s"
@@ -161,8 +162,8 @@ def test_nothing_moves_when_the_lease_is_taken_an_alarm_comes_and_a_command_is_a
         page.get_by_text("Alarms: 1 standing").wait_for()
         assert page.evaluate(boxes) == before
         page.get_by_label("Your name").fill("Ann")
-        page.get_by_role("button", name="Take the lease").click()
-        page.get_by_text("You have the lease.").wait_for()
+        page.get_by_role("button", name="Take control").click()
+        page.get_by_text("You have control.").wait_for()
         leased = page.evaluate(boxes)
         page.locator("[data-states='reactors.1.unit']").get_by_role("button", name="clear").click()
         page.get_by_text("it cannot be cleared").first.wait_for()

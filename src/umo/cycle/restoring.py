@@ -1,8 +1,8 @@
 """Kept numbers: what a machine takes over from its last run, and what is said of each value that it does not take.
 
 An entry is the plain data that `umo.process.kept_file` has: `value` (a number, true or false, the name of an Enum's
-member; None: it had none), `unit` and `type`. It counts after the wiring's parameters, before the first period. A value
-that is not valid any more costs this value: the number has its default, or what the wiring sets.
+member or of a named number; None: it had none), `unit` and `type`. It counts after the wiring's parameters, before the
+first period. A value that is not valid any more costs this value: the number has its default, or what the wiring sets.
 """
 
 from __future__ import annotations
@@ -22,14 +22,18 @@ from umo.wiring.wired import Parameter, apply_parameters
 
 MAX_EXACT = 1 << 53
 """Frames have floats: a whole number is exact up to this one."""
+NAME = "name"
+"""The type of a kept number that has names: what a number means may have changed since, what a name means has not."""
 Undo = Callable[[Callable[[], object]], object]
 
 
 def kept_kind(number: MachineNumber) -> dict[str, Any]:
-    """The type of a kept number as plain data; of an Enum the names of its members by their numbers."""
+    """The type of a kept number as plain data; of an Enum and of a named number the names by their numbers."""
     if isinstance(number.kind, EnumMeta):
         members: list[Any] = list(number.kind)
         return {"type": "Enum", "members": {str(number_in(number.kind, member)): member.name for member in members}}
+    if number.declared.names:
+        return {"type": NAME, "members": {str(value): name for value, name in number.declared.names.items()}}
     if number.kind is None:
         return {"type": "int" if isinstance(number.value, int) else "float"}
     return {"type": number.kind.__name__}
@@ -130,7 +134,16 @@ def _value_of(number: MachineNumber, entry: Mapping[str, Any]) -> Any:
     if entry["unit"] != number.declared.unit and not isinstance(number.kind, EnumMeta):
         units = [shown_unit(unit) or "no unit" for unit in (entry["unit"], number.declared.unit)]
         raise RangeError(f"it was kept in {units[0]}, and is declared in {units[1]}")
-    return entry["value"]
+    by_name = entry["type"] == NAME and number.declared.names
+    return _number_of(number, str(entry["value"])) if by_name else entry["value"]
+
+
+def _number_of(number: MachineNumber, name: str) -> int:
+    """RangeError where no value has this name any more."""
+    known = {each: value for value, each in number.declared.names.items()}
+    if name not in known:
+        raise RangeError(f"{name!r} is not one of {', '.join(known)}{did_you_mean(name, known)}")
+    return known[name]
 
 
 def _cause(error: RangeError, path: str) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from umo.errors import RecipeError
+from umo.errors import RangeError, RecipeError
 from umo.objects import Compound, Number, action
 from umo.objects.laws import laws_in
 from umo.operation.recipes import Recipe, describe_fields, read_recipes, recipe_from_content
@@ -22,7 +22,8 @@ class RecipeBook(Generic[R]):
 
     Recipes are read when it is made; after that no file is read. RecipeError if one of them is wrong. A client chooses
     another one by the action `choose`; the program takes it with its next `next()`, never within a batch. Frames show
-    which recipe was begun last and which one is chosen (`begun`, `choice`).
+    which recipe was begun last and which one is chosen (`begun`, `choice`). The choice is kept over a restart by its
+    name; of a recipe whose values a client has sent it is not.
     """
 
     def __init__(self, kind: type[R], place: Path) -> None:
@@ -34,14 +35,27 @@ class RecipeBook(Generic[R]):
         """The recipe that `next` returned last."""
         self.chosen: R | None = None
         """The recipe that a client has chosen; None: the program's own."""
-        self.begun = self.choice = 0
-        """The numbers of `current` and `chosen` (`number_of`)."""
+        self.begun = 0
+        """The number of `current` (`number_of`)."""
+        self._choice = 0
+        self._by_number: dict[int, R | None] = dict(enumerate([None, *self.recipes.values()]))
         self.numbers = {
             "begun": Number(shown=True, names=recipe_names(self.recipes, "none")),
-            "choice": Number(shown=True, names=recipe_names(self.recipes, "the program's own")),
+            "choice": Number(shown=True, kept=True, names=recipe_names(self.recipes, "the program's own")),
         }
         self._record: dict[str, dict[str, Any]] = {}
         self._others = 0
+
+    @property
+    def choice(self) -> int:
+        """The number of `chosen`. RangeError where it is set to one whose values are not known."""
+        return self._choice
+
+    @choice.setter
+    def choice(self, number: int) -> None:
+        if number not in self._by_number:
+            raise RangeError("the values of that recipe had been sent by a client; choose it again")
+        self.chosen, self._choice = self._by_number[number], number
 
     def begin(self) -> None:
         """A run begins: nothing is recorded and nothing has been used. What was chosen stays."""
@@ -56,13 +70,15 @@ class RecipeBook(Generic[R]):
         that were read at the start.
         """
         found = recipe_from_content(self.kind, name, content) if content else self._known(name)
-        self.chosen, self.choice = found, self.number_of(found)
+        number = self.number_of(found)
+        self._by_number[number] = found
+        self.choice = number
         return f"{found.name} {found.hash}"
 
     @action(harmless=True)
     def follow_plan(self) -> None:
         """Forget what was chosen: the batches that begin from now on have the recipes of the program."""
-        self.chosen, self.choice = None, 0
+        self.choice = 0
 
     def next(self, planned: str = "") -> R:
         """The recipe for the next batch: the chosen one, else the planned one, else the one used last, else the first.

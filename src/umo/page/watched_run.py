@@ -182,7 +182,7 @@ class Watched:
         """Facts of the run in words; empty: there is nothing to say."""
         reader, frame = self.reader, self._frame
         facts = {"station": reader.title, "state": "", "end": self.ending.text if self.ending else ""}
-        facts |= reader.facts(frame)
+        facts |= {"control" if name == "lease" else name: text for name, text in reader.facts(frame).items()}
         facts["execution"] = "" if frame is None else duration(int(frame["execution"]) * 1e-9)
         facts["not seen"] = f"{reader.lost:,} periods" if reader.lost else ""
         return facts | {"pid": str(self.about["pid"])}

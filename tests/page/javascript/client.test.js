@@ -98,3 +98,21 @@ test("a jog has a button for each direction of its range, which may be without l
   const ranges = [[], [{ ...about, minimum: 0, maximum: 5 }], [{ ...about, minimum: -5, maximum: 5 }], [{ ...about, minimum: null, maximum: null }]];
   assert.deepEqual(ranges.map(directions), [1, 1, 2, 2]);
 });
+
+test("what bars a page from commanding is named, the gravest first", async () => {
+  const { client, feed, told } = page();
+  feed._text({ type: "server", operate: true });
+  const barriers = async (message, number = null) => {
+    client._number = number;
+    await told({ type: "state", ...message });
+    return [client.barrier(), client.barrier(false)];
+  };
+  assert.deepEqual(await barriers({}), Array(2).fill("belt takes no commands"));
+  assert.deepEqual(await barriers({ mode: "automatic", lease: { number: 0, holder: "" } }), Array(2).fill("Take control first"));
+  assert.deepEqual(await barriers({ mode: "automatic", lease: { number: 1, holder: "Ben" } }), Array(2).fill("Ben has control"));
+  assert.deepEqual(await barriers({ mode: "automatic", lease: { number: 2, holder: "Ann" } }, 2), ["", "In manual mode only"]);
+  assert.deepEqual(await barriers({ mode: "manual", lease: { number: 2, holder: "Ann" } }, 2), ["", ""]);
+  assert.deepEqual(await barriers({ stage: "ended", mode: "manual" }, 2), Array(2).fill("The run has ended"));
+  feed.connected = false;
+  assert.equal(client.barrier(), "The connection to the server is lost");
+});

@@ -4,11 +4,12 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { folded, generalised, linesOf } from "../../../src/umo/page/static/folding.js";
 import { filtered, groupsOf, partsOf } from "../../../src/umo/page/static/parts.js";
-import { shownQuality, valueText } from "../../../src/umo/page/static/presentation.js";
+import { inSentence, readable, shownQuality, valueText } from "../../../src/umo/page/static/presentation.js";
 import { nameOf, runAfter } from "../../../src/umo/page/static/stations.js";
 import { faultsOf, forbidden, statusOf } from "../../../src/umo/page/static/status.js";
 import { nextTab } from "../../../src/umo/page/static/tabs.js";
 import { loadsAt } from "../../../src/umo/page/static/twin/loads.js";
+import { statesOf } from "../../../src/umo/page/static/unit_command.js";
 import { Undo } from "../../../src/umo/page/static/undo.js";
 
 const QUALITIES = [["●", "good"], ["▲", "out of range"], ["◇", "unreferenced"], ["◔", "stale"], ["✕", "bad"]];
@@ -101,11 +102,22 @@ test("silence is said with its seconds, and told once without them", () => {
   assert.match(statusOf({ ...KNOWN, connected: false, refused: true }).text, /refuses this page/);
 });
 
+test("a path is read as a heading, and within a sentence", () => {
+  assert.deepEqual(["sorter.light_barrier", "reactors.0", "zones[0..999]", "soak", ""].map(readable), ["Sorter light barrier", "Reactors 0", "Zones 0..999", "Soak", ""]);
+  assert.deepEqual(["reactors.0", "X1.belt"].map(inSentence), ["reactors 0", "X1 belt"]);
+});
+
+test("a command names the states in which it is possible, or, of many, the one in which it is not", () => {
+  const unit = { states: { 2: "stopped", 4: "idle", 17: "complete" }, commands: { start: { 4: 3 }, reset: { 2: 15, 17: 15 }, stop: { 3: 7, 4: 7, 6: 7 } } };
+  assert.deepEqual([statesOf(unit, "start", "4"), statesOf(unit, "start", "2"), statesOf(unit, "reset", "4")], ["", "in Idle", "in Stopped, Complete"]);
+  assert.deepEqual([statesOf(unit, "stop", "2"), statesOf(unit, "stop", "")], ["not in Stopped", "not in Unknown"]);
+});
+
 test("equipment in fault is told once, with its reason, and the first few of many", () => {
   assert.deepEqual(faultsOf(undefined), { shown: [], more: 0 });
   const faults = { a: "too hot", b: "no feed", c: "stuck", d: "stuck" };
   const { shown, more } = faultsOf(faults);
-  assert.deepEqual([shown.length, more, shown[0]], [3, 1, { path: "a", text: "✖ a is in fault: too hot" }]);
+  assert.deepEqual([shown.length, more, shown[0]], [3, 1, { path: "a", text: "✖ A is in fault: too hot" }]);
   assert.deepEqual(forbidden({ "a.heater": "a is in fault", "b.valve": "door open" }, faults), ["door open (1 actuator)"]);
 });
 

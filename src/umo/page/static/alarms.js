@@ -1,6 +1,6 @@
 /** The alarms of a machine: those that are not normal, what is to be acknowledged first. */
 
-import { el, setText } from "./dom.js";
+import { allow, el, setText } from "./dom.js";
 import { clockText, wallTime } from "./presentation.js";
 
 /**
@@ -38,8 +38,8 @@ export class AlarmList {
     const standing = alarms.filter(({ annunciated }) => annunciated).length;
     setText(this._count, alarms.length ? `Alarms: ${standing} standing, ${open} to be acknowledged` : "Alarms: none");
     this.element.dataset.open = String(open > 0);
-    this._all.disabled = !this._client.leased || !open;
-    const told = JSON.stringify([alarms, this._client.leased, feed.ended]);
+    allow(this._all, this._client.barrier() || (open ? "" : "There is nothing to acknowledge"));
+    const told = JSON.stringify([alarms, this._client.barrier()]);
     if (told === this._told) return;
     this._told = told;
     this._rows.replaceChildren(...alarms.slice(0, MAX_ROWS).map((alarm) => this._row(alarm, feed)));
@@ -49,9 +49,9 @@ export class AlarmList {
   _row(alarm, feed) {
     const { path, priority, state, text, since, note, who, asks, resets, shelves } = alarm;
     const when = since === null ? "" : wallTime(feed.state?.utc, since) || clockText(since);
-    const disabled = !this._client.leased || feed.ended;
+    const reason = this._client.barrier();
     const button = (/** @type {string} */ name, /** @type {string} */ what, /** @type {unknown} */ value) => (
-      el("button", { textContent: name, type: "button", disabled, "aria-label": `${name} ${path}`, onclick: () => this._ask(what, path, value) }));
+      el("button", { textContent: name, type: "button", disabled: Boolean(reason), title: reason, "aria-label": `${name} ${path}`, onclick: () => this._ask(what, path, value) }));
     return el("tr", { "data-alarm": path, "data-state": state, "data-priority": priority },
       el("td", { className: "sign", title: priority, textContent: SIGNS[/** @type {keyof typeof SIGNS} */ (priority)] ?? "●" }),
       el("td", { className: "text", title: note }, el("strong", { textContent: text }), el("small", { textContent: ` ${path}${note ? ` · ${note}` : ""}` })),

@@ -1,8 +1,9 @@
 /** The page: which station and which view is shown, the header, the connection. */
 
-import { address, el, setText, store } from "./dom.js";
+import { address, allow, el, setText, store } from "./dom.js";
 import { Feed } from "./feed.js";
 import { Client, words } from "./client.js";
+import { inSentence } from "./presentation.js";
 import { list, nameOf, offer, runAfter } from "./stations.js";
 import { clearing, faultsOf, forbidden, statusOf } from "./status.js";
 import { nextTab } from "./tabs.js";
@@ -113,7 +114,7 @@ function fold() {
 /** The equipment in fault, each with the button that clears it: made anew only if they change. @param {Record<string, string> | undefined} found */
 function showFaults(found) {
   const { shown, more } = faultsOf(found);
-  const key = JSON.stringify([shown, more, client.possible && !feed.ended, client.leased]);
+  const key = JSON.stringify([shown, more, client.possible && !feed.ended, client.barrier()]);
   if (key === faultsShown) return;
   faultsShown = key;
   const each = shown.flatMap(({ path, text }) => [clearButton(path), ` ${text} `]);
@@ -122,9 +123,9 @@ function showFaults(found) {
 
 /** @param {string} path */
 function clearButton(path) {
-  const button = clearing(path, () => command({ do: "clear", path }, `clear ${path}`));
+  const button = clearing(path, () => command({ do: "clear", path }, `clear ${inSentence(path)}`));
   button.hidden = !client.possible || feed.ended;
-  button.disabled = !client.leased;
+  allow(button, client.barrier(), button.title);
   return button;
 }
 
@@ -140,13 +141,13 @@ function onState() {
   if (!state) return;
   const { progress, missed, mode, driven } = state.facts;
   const parts = [progress, `missed ${missed}`, mode, driven && `driven: ${driven}`];
-  if (client.holder) parts.push(`lease: ${client.leased ? "you" : client.holder}`);
+  if (state.mode) parts.push(`control: ${client.leased ? "you" : client.holder || "nobody"}`);
   setText(summary, parts.filter(Boolean).join(" · "));
   showFaults(state.faults);
   const why = forbidden(state.inhibited, state.faults).map((reason) => `⊘ ${reason}`).join("; ");
   setText(reasons, why);
   acknowledge.hidden = !LATCHED.test(why) || !client.possible || feed.ended;  // while its cause is there nothing can be acknowledged
-  acknowledge.disabled = !client.leased;
+  allow(acknowledge, client.barrier(), "Acknowledge the latched interlocks of the machine");
   document.title = `${feed.station} · umo`;
   stop.hidden = !client.possible || feed.ended;
   say();
@@ -211,7 +212,7 @@ async function command(message, what) {
   if (answer.state !== "done") announce(words(client.asked[0]));
 }
 
-stop.onclick = () => command({ do: "stop" }, `stop ${feed.station}`);
+stop.onclick = () => command({ do: "stop" }, `end the run of ${feed.station}`);
 acknowledge.onclick = () => command({ do: "acknowledge", path: "" }, "acknowledge");
 byName("#theme").onclick = () => {
   const dark = getComputedStyle(document.documentElement).colorScheme.includes("dark");

@@ -2,7 +2,7 @@
 
 import { plain, unquoted } from "./client.js";
 import { el, setText } from "./dom.js";
-import { lasting } from "./presentation.js";
+import { lasting, readable } from "./presentation.js";
 
 /**
  * @typedef {import("./feed.js").Feed} Feed
@@ -56,14 +56,15 @@ export class CallLine {
     this.element = el("small", { className: "call", textContent: help, title: help });
   }
 
-  /** Whether it runs. @param {Feed} feed @param {Client} client */
-  refresh({ events, state, ended }, client) {
+  /** Whether it runs. @param {Feed} feed @param {Client} client @param {string} [why]  Why it cannot be called now, before what it does. */
+  refresh({ events, state, ended }, client, why = "") {
     const call = lastCall(this._paths, events, client.asked);
     const told = call && !ended && !(this._quiet && call.state === "done");
     const text = told ? callWords(call, state?.time ?? 0, client.leased ? client.holder : "") : "";
-    const name = call && this._named ? `${call.path.slice(call.path.lastIndexOf(".") + 1)}: ` : "";
-    setText(this.element, text ? name + text : this._help);
-    this.element.title = text ? `${name}${text}\n${this._help}`.trim() : this._help;
+    const name = call && this._named ? `${readable(call.path.slice(call.path.lastIndexOf(".") + 1))}: ` : "";
+    const help = [why, this._help].filter(Boolean).join(". ");
+    setText(this.element, text ? name + text : help);
+    this.element.title = text ? `${name}${text}\n${help}`.trim() : help;
     this.element.dataset.state = text && call ? (call.ended === null ? "begun" : call.state) : "";
     return Boolean(call && call.state === "begun" && call.ended === null && !ended);
   }

@@ -50,18 +50,26 @@ export class Client {
 
   get manual() { return this.feed.state?.mode === "manual"; }
 
-  /** Whether this page may call an action now. @param {Page.Action} action */
-  allows(action) { return this.leased && (this.manual || action.harmless); }
+  /** Why this page may not command now; "": it may. @param {boolean} inAutomatic  Whether it is possible in automatic mode too. */
+  barrier(inAutomatic = true) {
+    const { connected, ended, server, station, state } = this.feed;
+    if (!connected) return "The connection to the server is lost";
+    if (ended) return "The run has ended";
+    if (!server?.operate) return "This page is read-only";
+    if (!state?.mode) return `${station} takes no commands`;
+    if (!this.leased) return this.holder ? `${this.holder} has control` : "Take control first";
+    return inAutomatic || this.manual ? "" : "In manual mode only";
+  }
 
   /** @param {string} who @param {boolean} over  From another one. */
   async take(who, over) {
-    const answer = await this.ask({ do: "lease", who, over }, over ? "take the lease over" : "take the lease");
+    const answer = await this.ask({ do: "lease", who, over }, over ? "take control over" : "take control");
     if (answer.state === "done") this._number = answer.lease ?? null;
     this._changed();
   }
 
   async giveBack() {
-    await this.ask({ do: "give back" }, "give the lease back");
+    await this.ask({ do: "give back" }, "give control back");
     this._lost();
   }
 
@@ -113,7 +121,7 @@ export class Client {
     if (this.leased) this.feed.touch([...this._held.keys()]);
     else if (this._number !== null && (number > this._number || (number === this._number && !holder))) {
       const text = `${holder ? `${holder} has taken it over` : "it has ended"}, and what you held was released`;
-      this._remember(this._entry("your lease", "", "cancelled", text));
+      this._remember(this._entry("your control", "", "cancelled", text));
       this._lost();
     }
     this._changed();

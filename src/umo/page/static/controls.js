@@ -1,10 +1,10 @@
 /** Controls made from the declarations: actuators, actions, jogs, tunable numbers, sensors. */
 
-import { breakable, el, setText } from "./dom.js";
+import { allow, el, setText } from "./dom.js";
 import { CallLine } from "./calls.js";
 import { plain, unquoted } from "./client.js";
 import { NumberInput } from "./number.js";
-import { isBinary, numberText, shownQuality, unitOf, valueText } from "./presentation.js";
+import { inSentence, isBinary, numberText, readable, shownQuality, unitOf, valueText } from "./presentation.js";
 
 /**
  * @typedef {import("./feed.js").Feed} Feed
@@ -13,6 +13,7 @@ import { isBinary, numberText, shownQuality, unitOf, valueText } from "./present
 
 const SLIDE_PAUSE = 100;  // ms between two values of a slider that is moved
 const LET_GO = ["pointerup", "pointercancel", "keyup"];  // end a jog wherever they happen: its button may be gone
+const RELEASE = "Send the default; the program may write it again";
 const JOG_SHARE = 0.1;  // of the range: the first value of a jog
 
 /** @param {string} path */
@@ -30,13 +31,13 @@ export class ActuatorControl {
     /** @type {ReturnType<typeof setTimeout> | null} */
     this._timer = null;
     this._newest = 0;
-    this._release = el("button", { textContent: "Release", type: "button", title: "Send the default; the program may write it again", onclick: () => this._letGo() });
+    this._release = el("button", { textContent: "Release", type: "button", onclick: () => this._letGo() });
     this._number = isBinary(entry) ? null : new NumberInput(entry, entry.path, { slide: inRow ? null : (value) => this._slid(value), unit: false });
     this._buttons = this._number ? [setButton()] : this._states();
     this._reason = el("small", { className: "reason" });
     this._word = el("small", { className: "word" });
     this.element = el("form", { className: "control actuator", "data-control": entry.path, noValidate: true, onsubmit: (/** @type {Event} */ event) => this._submitted(event) },
-      inRow ? null : labelOf(name(entry.path), entry, this._reason, this._word), this._number?.element, el("span", { className: "buttons" }, ...this._buttons, this._release));
+      inRow ? null : labelOf(entry.path, name(entry.path), entry, this._reason, this._word), this._number?.element, el("span", { className: "buttons" }, ...this._buttons, this._release));
   }
 
   /** Why the last value that this page gave was not taken; "": it was. */
@@ -90,10 +91,10 @@ export class ActuatorControl {
     this._reason.title = reason;
     setText(this._word, lastOf(feed));
     this.element.classList.toggle("inhibited", Boolean(reason));
-    const enabled = this._client.leased && this._client.manual;
-    for (const button of this._buttons) button.disabled = !enabled;
-    this._number?.enable(enabled);
-    this._release.disabled = !(enabled && this._client.holds(this.path));
+    const barrier = this._client.barrier(false);
+    for (const button of this._buttons) allow(button, barrier);
+    this._number?.enable(!barrier);
+    allow(this._release, barrier || (this._client.holds(this.path) ? "" : "This page has written nothing here"), RELEASE);
     for (const button of this._number ? [] : this._buttons) {
       const on = value !== null && button.dataset.state === (value > 0.5 ? this._entry.one : this._entry.zero);
       button.setAttribute("aria-pressed", String(on));
@@ -102,8 +103,8 @@ export class ActuatorControl {
   }
 }
 
-/** The name of a control, and its unit: the fields below one another stand in line. @param {string} text @param {{look?: string}} about @param {Node[]} more */
-const labelOf = (text, about, ...more) => el("span", { className: "label" }, ...breakable(text), el("span", { className: "unit", textContent: ` ${unitOf(about)}`.trimEnd() }), ...more);
+/** The name of a control, and its unit: the fields below one another stand in line. @param {string} path @param {string} text @param {{look?: string}} about @param {Node[]} more */
+const labelOf = (path, text, about, ...more) => el("span", { className: "label", title: path }, readable(text), el("span", { className: "unit", textContent: ` ${unitOf(about)}`.trimEnd() }), ...more);
 
 /** It leaves the focus in the field: one that is left shows the present value again, which the end of the click would send. */
 const setButton = () => el("button", { textContent: "Set", type: "submit", onmousedown: (/** @type {Event} */ event) => event.preventDefault() });
@@ -112,7 +113,7 @@ const setButton = () => el("button", { textContent: "Set", type: "submit", onmou
 const lastOf = ({ ended }) => (ended ? "last value" : "");
 
 /** An input with the name of what it gives. @param {Page.Argument} about @param {Node} input */
-const labelled = (about, input) => el("label", {}, `${about.name} `, input);
+const labelled = (about, input) => el("label", {}, `${inSentence(about.name)} `, input);
 
 /** One input for each argument of an action. */
 class Arguments {
@@ -161,7 +162,7 @@ export class ActionControl {
     this._client = client;
     this._action = action;
     this._arguments = new Arguments(action);
-    this._call = el("button", { textContent: name(action.path), title: action.help, type: "submit" });
+    this._call = el("button", { textContent: readable(name(action.path)), type: "submit" });
     this._cancel = el("button", { textContent: "Cancel", type: "button", className: "cancel", onclick: () => client.ask({ do: "cancel", path: action.path }) });
     this._line = new CallLine(sentence(action.help), [action.path]);
     this.element = el("form", { className: `control action${action.apart ? " apart" : ""}`, "data-control": action.path, noValidate: true, onsubmit: (/** @type {Event} */ event) => this._submitted(event) },
@@ -178,13 +179,13 @@ export class ActionControl {
 
   /** @param {Feed} feed */
   refresh(feed) {
-    const enabled = this._client.allows(this._action);
-    this._call.disabled = !enabled;
-    this._arguments.enable(enabled);
-    const begun = this._line.refresh(feed, this._client);
+    const barrier = this._client.barrier(this._action.harmless);
+    allow(this._call, barrier, this._action.help);
+    this._arguments.enable(!barrier);
+    const begun = this._line.refresh(feed, this._client, this._client.barrier() ? "" : barrier);  // what bars everything is told once, above
     this.element.classList.toggle("running", begun);
     this._cancel.classList.toggle("away", !begun);  // its room stays: nothing moves under a button that is held
-    this._cancel.disabled = !begun || !this._client.leased;
+    allow(this._cancel, this._client.barrier() || (begun ? "" : "It does not run"));
   }
 }
 
@@ -201,7 +202,7 @@ export class JogControl {
     this._speed = this._about && new NumberInput(this._about, `${action.path} ${this._about.name}`, { value: first(this._about) });
     this._line = new CallLine("Hold the button.", [action.path], { quiet: true });
     this.element = el("div", { className: "control jog", "data-control": action.path },
-      el("span", { className: "label" }, ...breakable(name(action.path))), el("span", { className: "buttons" }, ...this._buttons),
+      el("span", { className: "label", title: action.path }, readable(name(action.path))), el("span", { className: "buttons" }, ...this._buttons),
       this._about && this._speed && labelled(this._about, this._speed.element),
       ...this._others.elements, this._line.element);
   }
@@ -258,11 +259,11 @@ export class JogControl {
 
   /** @param {Feed} feed */
   refresh(feed) {
-    const enabled = this._client.allows(this._action);
-    this._line.refresh(feed, this._client);
-    for (const button of this._buttons) button.disabled = !enabled;
-    this._speed?.enable(enabled);
-    this._others.enable(enabled);
+    const barrier = this._client.barrier(this._action.harmless);
+    this._line.refresh(feed, this._client, this._client.barrier() ? "" : barrier);
+    for (const button of this._buttons) allow(button, barrier);
+    this._speed?.enable(!barrier);
+    this._others.enable(!barrier);
   }
 }
 
@@ -280,7 +281,7 @@ export class TunableControl {
     this._word = el("small", { className: "word" });
     this._undo = el("button", { textContent: "Undo", type: "button", onclick: () => this._back() });
     this.element = el("form", { className: "control tunable", "data-control": about.path, noValidate: true, onsubmit: (/** @type {Event} */ event) => this._submitted(event) },
-      labelOf(about.name, about, this._word), this._number.element, el("span", { className: "buttons" }, this._set, this._undo));
+      labelOf(about.path, about.name, about, this._word), this._number.element, el("span", { className: "buttons" }, this._set, this._undo));
   }
 
   /** @param {Event} event */
@@ -312,12 +313,11 @@ export class TunableControl {
   refresh(feed) {
     this._number.show(feed.state?.tuned?.[this._about.path] ?? null);
     setText(this._word, lastOf(feed));
-    const enabled = this._client.leased;
-    this._set.disabled = !enabled;
-    this._number.enable(enabled);
+    const barrier = this._client.barrier();
+    allow(this._set, barrier);
+    this._number.enable(!barrier);
     const before = this._client.tuned.last(this._about.path);
-    this._undo.disabled = !enabled || before === null;
-    this._undo.title = before === null ? "Nothing to undo" : `Back to ${numberText(before)}`;
+    allow(this._undo, barrier || (before === null ? "Nothing to undo" : ""), before === null ? "" : `Back to ${numberText(before)}`);
   }
 }
 
@@ -328,7 +328,7 @@ export class SensorControl {
     this._entry = entry;
     this._value = el("output", {});
     this._word = el("small", { className: "word" });
-    this.element = el("div", { className: "control sensor", "data-control": entry.path }, el("span", { className: "label" }, ...breakable(name(entry.path))), this._word, this._value);
+    this.element = el("div", { className: "control sensor", "data-control": entry.path }, el("span", { className: "label", title: entry.path }, readable(name(entry.path))), this._word, this._value);
   }
 
   /** @param {Feed} feed */

@@ -21,6 +21,13 @@ export function setText(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
+/** Let a button be used, or say why it cannot be, also to those who hear the page. @param {HTMLButtonElement} button @param {string} reason  "": it can be used. @param {string} [help] */
+export function allow(button, reason, help = "") {
+  const title = [reason, help].filter(Boolean).join(". ");
+  button.disabled = Boolean(reason);
+  if (button.title !== title) button.title = title;
+}
+
 /** A name that is broken after its dots and underscores only. @param {string} name @returns {Node[]} */
 export function breakable(name) {
   const parts = name.split(/(?<=[._])/);

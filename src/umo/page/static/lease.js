@@ -1,7 +1,7 @@
-/** The lease and the mode: who may command, and how this page comes to it. */
+/** Who has control (the lease) and the mode, and how this page comes to it. */
 
 import { words } from "./client.js";
-import { el, setText, store } from "./dom.js";
+import { allow, el, setText, store } from "./dom.js";
 
 /**
  * @typedef {import("./feed.js").Feed} Feed
@@ -23,7 +23,7 @@ export class LeaseBar {
     this._holder = el("span", { className: "holder" });
     this._name = el("input", { type: "text", placeholder: "Your name", maxLength: 40, "aria-label": "Your name", value: store.get("name"), onchange: () => store.set("name", this._name.value) });
     this._take = el("button", { onclick: () => this._taken() });
-    this._give = el("button", { textContent: "Give the lease back", onclick: () => client.giveBack() });
+    this._give = el("button", { textContent: "Give control back", onclick: () => client.giveBack() });
     this._mode = MODES.map((mode) => el("button", { textContent: mode, "data-mode": mode, onclick: () => client.ask({ do: "mode", value: mode }, `mode ${mode}`) }));
     this._why = el("span", { className: "hint" });
     this.element = el("div", { className: "bar lease" }, this._holder, this._name, this._take, this._give,
@@ -45,13 +45,13 @@ export class LeaseBar {
   refresh() {
     const client = this._client;
     const { ended, station, state } = this._feed;
-    setText(this._holder, ended ? `${station} has ended.` : client.leased ? "You have the lease." : client.holder ? `${client.holder} has the lease.` : "Nobody has the lease.");
-    setText(this._take, !client.holder ? "Take the lease" : this._sure === client.holder ? `Yes, take it over from ${client.holder}` : "Take it over");
+    setText(this._holder, ended ? `${station} has ended.` : client.leased ? "You have control." : client.holder ? `${client.holder} has control.` : "Nobody has control.");
+    setText(this._take, !client.holder ? "Take control" : this._sure === client.holder ? `Yes, take it over from ${client.holder}` : "Take it over");
     this._take.hidden = this._name.hidden = client.leased || !client.possible || ended;
     this._give.hidden = !client.leased;
     for (const button of this._mode) {
       button.setAttribute("aria-pressed", String(button.dataset.mode === state?.mode));
-      button.disabled = !client.leased;
+      allow(button, client.barrier());
     }
     const [last] = client.asked;
     const refused = this._answers && last && ["refused", "failed"].includes(last.state);
@@ -64,5 +64,5 @@ export class LeaseBar {
 function why(feed, client) {
   if (!feed.server?.operate) return "This page is read-only. `umo view --operate` lets it operate.";
   if (!feed.state?.mode) return `${feed.station} takes no commands.`;
-  return client.leased ? "" : "The controls need the lease: give your name and take it. One commands at a time, and everybody sees who.";
+  return client.leased ? "" : "Give your name and take control, then everything below can be used. One has control at a time, and everybody sees who.";
 }

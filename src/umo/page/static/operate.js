@@ -1,13 +1,14 @@
-/** Operate: the lease, the mode, and the controls of every part of the machine. */
+/** Operate: control, the mode, and the controls of every part of the machine. */
 
 import { AlarmList } from "./alarms.js";
 import { ActionControl, ActuatorControl, JogControl, SensorControl, TunableControl } from "./controls.js";
-import { address, el, setText } from "./dom.js";
+import { address, allow, el, setText } from "./dom.js";
 import { words } from "./client.js";
 import { LeaseBar } from "./lease.js";
 import { filtered, groupsOf, isActuator, partsOf } from "./parts.js";
 import { RecipePanel } from "./recipes.js";
 import { StatesPanel } from "./states.js";
+import { inSentence, readable } from "./presentation.js";
 import { clearing, forbidden } from "./status.js";
 
 /**
@@ -91,7 +92,7 @@ class Family {
     this._client = client;
     /** @type {Part[] | null} */
     this._made = null;
-    this.element = el("details", { className: "part family", "data-part": title }, el("summary", { textContent: `${title} (${parts.length})` }));
+    this.element = el("details", { className: "part family", "data-part": title }, el("summary", { textContent: `${readable(title)} (${parts.length})` }));
     this.element.ontoggle = () => this.refresh();
   }
 
@@ -114,9 +115,11 @@ class Part {
     this._client = client;
     /** @type {Control[] | null} */
     this._controls = null;
+    /** @type {Map<string, HTMLElement>} */
+    this._barriers = new Map();
     this._reasons = el("p", { className: "reasons" });
-    this._clear = clearing(part.path, () => client.ask({ do: "clear", path: part.path }, `clear ${part.path}`));
-    this.element = el("details", { className: "part", "data-part": part.path }, el("summary", { textContent: part.title }));
+    this._clear = clearing(part.path, () => client.ask({ do: "clear", path: part.path }, `clear ${inSentence(part.path)}`));
+    this.element = el("details", { className: "part", "data-part": part.path }, el("summary", { textContent: readable(part.title), title: part.path }));
     this.element.ontoggle = () => this.refresh();
   }
 
@@ -136,15 +139,23 @@ class Part {
     if (objects.some(isActuator)) this.element.append(el("div", { className: "why" }, this._reasons, this._clear));
     const shown = Object.entries(sections).filter(([, controls]) => controls.length);
     this.element.append(el("div", { className: "controls" }, ...shown.flatMap(([title, controls]) => [
-      title ? el("h3", { textContent: title }) : null, ...controls.map(({ element }) => element),
+      title ? this._heading(title) : null, ...controls.map(({ element }) => element),
     ])));
     return Object.values(sections).flat();
+  }
+
+  /** With why what stands below it cannot be used. @param {string} title */
+  _heading(title) {
+    const barrier = el("small", { className: "barrier" });
+    this._barriers.set(title, barrier);
+    return el("h3", {}, title, " ", barrier);
   }
 
   refresh() {
     if (!this.element.open || !this._feed.state) return;
     this._controls ??= this._fill();
     for (const control of this._controls) control.refresh(this._feed);
+    for (const [title, barrier] of this._barriers) setText(barrier, this._client.barrier(title !== "Actuators"));
     this._forbidden();
   }
 
@@ -157,7 +168,7 @@ class Part {
     const others = forbidden(own, faults).map((reason) => `⊘ inhibited: ${reason}`);
     const text = [...(fault ? [`✖ in fault: ${fault}`] : []), ...others].join("; ");
     this._clear.hidden = !fault || !this._client.possible || this._feed.ended;
-    this._clear.disabled = !this._client.leased;
+    allow(this._clear, this._client.barrier());
     setText(this._reasons, text);
     this._reasons.title = text;
   }

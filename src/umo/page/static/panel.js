@@ -1,4 +1,4 @@
-/** Beside the objects: the run, the lease, the newest black box, the events. */
+/** Beside the objects: the run, who has control, the newest black box, the events. */
 
 import { el, setText } from "./dom.js";
 import { sentence } from "./marks.js";

@@ -87,6 +87,15 @@ export function lasting(seconds) {
   return `${Math.trunc(days)} d ${Math.trunc(hours) % 24} h`;
 }
 
+/** A path as a heading: `sorter.light_barrier` is `Sorter light barrier`. @param {string} path */
+export function readable(path) {
+  const text = path.replace(/(?<!\.)\.(?!\.)|_|\[/g, " ").replaceAll("]", "");
+  return text.charAt(0).toUpperCase() + text.slice(1);
+}
+
+/** A path within a sentence. @param {string} path */
+export const inSentence = (path) => readable(path).replace(/^./, path.charAt(0));
+
 /** A time on the cycle's clock. @param {number} seconds */
 export const clockText = (seconds, digits = 3) => `${fixed(seconds, digits)} s`;
 

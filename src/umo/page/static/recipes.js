@@ -1,13 +1,15 @@
 /** The recipes of a machine: the one that runs, those that can be chosen with their values, and the choice. */
 
 import { words } from "./client.js";
-import { el, setText } from "./dom.js";
-import { numberText, unitOf } from "./presentation.js";
+import { allow, el, setText } from "./dom.js";
+import { inSentence, numberText, unitOf } from "./presentation.js";
 
 /**
  * @typedef {import("./feed.js").Feed} Feed
  * @typedef {import("./client.js").Client} Client
  */
+
+const PLAN = "The batches that begin from now on have the recipes of the program";
 
 /** A value of a recipe. @param {unknown} value @returns {string} */
 export function recipeText(value) {
@@ -24,15 +26,15 @@ export class RecipePanel {
     this._client = client;
     this._begun = el("output", { className: "recipe-name" });
     this._next = el("output", { className: "recipe-name" });
-    this._select = el("select", { "aria-label": `${book.path}: recipe`, onchange: () => this._mark() },
+    this._select = el("select", { "aria-label": "Recipe for the next batch", onchange: () => this._mark() },
       ...book.recipes.map(({ name }) => el("option", { textContent: name, value: name })));
     this._choose = el("button", { textContent: "Choose for the next batch", type: "submit" });
-    const title = "The batches that begin from now on have the recipes of the program";
-    this._plan = el("button", { textContent: "Follow the program", type: "button", title, onclick: () => this._ask("follow_plan", {}, "the recipes of the program") });
+    this._plan = el("button", { textContent: "Follow the program", type: "button", onclick: () => this._ask("follow_plan", {}, "the recipes of the program") });
     this._answer = el("p", { className: "answer", "aria-live": "polite" });
-    const path = book.path.includes(".") ? ` of ${book.path}` : "";
-    this.element = el("section", { className: "part recipes", "data-book": book.path, "aria-label": `Recipes${path}` },
-      el("h3", { textContent: `Recipes${path}` }),
+    const part = book.path.slice(0, Math.max(0, book.path.lastIndexOf(".")));
+    this._title = part ? `Recipes of ${inSentence(part)}` : "Recipes";
+    this.element = el("section", { className: "part recipes", "data-book": book.path, "aria-label": this._title },
+      el("h3", { textContent: this._title }),
       el("dl", { className: "recipe-facts" }, el("dt", { textContent: "begun last" }), el("dd", {}, this._begun), el("dt", { textContent: "next batch" }), el("dd", {}, this._next)),
       el("form", { className: "choose", onsubmit: (/** @type {Event} */ event) => this._submitted(event) }, this._select, this._choose, this._plan),
       this._answer,
@@ -65,7 +67,7 @@ export class RecipePanel {
   /** @param {string} action @param {Record<string, unknown>} given @param {string} what */
   async _ask(action, given, what) {
     this._say("sent", `${what}: …`);
-    const { state, text } = await this._client.ask({ do: "call", path: `${this._book.path}.${action}`, arguments: given }, `${this._book.path}: ${what}`);
+    const { state, text } = await this._client.ask({ do: "call", path: `${this._book.path}.${action}`, arguments: given }, `${this._title}: ${what}`);
     this._say(state, state === "done" ? `${what}: chosen for the batches that begin from now on` : words({ what, state, text: text ?? "" }));
   }
 
@@ -80,9 +82,11 @@ export class RecipePanel {
   refresh(feed) {
     setText(this._begun, this._shown(feed, "begun"));
     setText(this._next, this._shown(feed, "choice"));
-    const enabled = this._client.leased;
+    const reason = this._client.barrier();
     this._select.disabled = !this._client.possible || feed.ended;
-    this._choose.disabled = this._plan.disabled = !enabled;
+    allow(this._choose, reason);
+    allow(this._plan, reason, PLAN);
+    if (!this._answer.dataset.state) setText(this._answer, reason);
   }
 
   /** @param {Feed} feed @param {string} which */

@@ -3,7 +3,8 @@
 import { CallLine } from "./calls.js";
 import { ActionControl } from "./controls.js";
 import { el, setText } from "./dom.js";
-import { numberText, valueText } from "./presentation.js";
+import { inSentence, numberText, readable, valueText } from "./presentation.js";
+import { MANUAL, UnitCommand } from "./unit_command.js";
 
 /**
  * @typedef {import("./feed.js").Feed} Feed
@@ -15,7 +16,6 @@ const COLUMN = 112;  // px from one state of the diagram to the next
 const ROW = 58;
 const WIDTH = 96;
 const HEIGHT = 34;
-const IN_MANUAL = ["stop", "abort", "clear"];  // possible in manual mode too
 const WAYS_LEFT_OUT = ["stop", "abort"];  // they lead away from nearly every state
 const COUNTERS = ["produced", "rejected"];
 const OWN = ["state", "mode"];  // named values that have a place of their own
@@ -78,35 +78,31 @@ export class StatesPanel {
     this._client = client;
     const actions = (feed.description?.actions ?? []).filter(({ path }) => path.startsWith(`${unit.path}.`));
     const named = new Map(actions.map((action) => [action.path.slice(unit.path.length + 1), action]));
-    this._buttons = Object.keys(unit.commands).map((name) => this._button(name, named.get(name)));
+    const title = unit.part || (feed.description?.station ?? "");
+    this._commands = Object.keys(unit.commands).map((name) => new UnitCommand(client, unit, name, title, named.get(name)));
     this._others = actions.filter(({ path }) => !(path.slice(unit.path.length + 1) in unit.commands)).map((action) => new ActionControl(client, action));
     this._state = el("output", { className: "state-name" });
     this._counts = el("span", { className: "counts" });
     this._reason = el("p", { className: "reasons" });
+    this._barrier = el("p", { className: "barrier" });
     this._line = new CallLine("", Object.keys(unit.commands).map((each) => `${unit.path}.${each}`), { named: true });
     this._named = (feed.description?.signals ?? []).filter(({ path, states }) => states && path.startsWith(`${unit.path}.`) && !OWN.includes(path.slice(unit.path.length + 1)));
     this._diagram = new Diagram(unit);
-    const apart = this._buttons.filter(({ dataset }) => named.get(dataset.command ?? "")?.apart);
-    const usual = this._buttons.filter((button) => !apart.includes(button));
-    this.element = el("section", { className: "part states", "data-states": unit.path, "aria-label": unit.path },
-      el("h3", { textContent: unit.part || unit.path }),
+    const [usual, apart] = [false, true].map((wanted) => this._commands.filter((each) => each.apart === wanted).map(({ element }) => element));
+    this.element = el("section", { className: "part states", "data-states": unit.path, "aria-label": readable(title) },
+      el("h3", { textContent: readable(title), title: unit.path }),
       el("div", { className: "state-head" }, this._state, this._counts),
       this._reason,
-      el("div", { className: "commands", role: "group", "aria-label": `Commands of ${unit.path}` }, ...usual, el("span", { className: "apart" }, ...apart)),
+      el("div", { className: "commands", role: "group", "aria-label": `Commands of ${inSentence(title)}` }, ...usual, el("span", { className: "apart" }, ...apart)),
+      this._barrier,
       this._line.element,
       this._diagram.element,
-      el("details", {}, el("summary", { textContent: "Mode and counters" }), ...this._others.map(({ element }) => element)));
-  }
-
-  /** @param {string} name @param {Page.Action | undefined} action */
-  _button(name, action) {
-    const path = `${this._unit.path}.${name}`;
-    return el("button", { textContent: name, title: action?.help ?? "", "data-command": name, type: "button", onclick: () => this._client.ask({ do: "call", path, arguments: {} }, path) });
+      el("details", {}, el("summary", { textContent: "Mode and counters of the part" }), ...this._others.map(({ element }) => element)));
   }
 
   /** @param {Feed} feed */
   refresh(feed) {
-    const { path, part, states, commands } = this._unit;
+    const { path, part, states } = this._unit;
     const value = feed.latest(`${path}.state`)?.value ?? null;
     const number = value === null ? "" : String(value);
     const name = states[number] ?? "unknown";
@@ -116,14 +112,12 @@ export class StatesPanel {
     setText(this._reason, fault && `✖ in fault: ${fault}`);
     this._reason.title = fault;
     const counts = COUNTERS.map((each) => `${numberText(feed.latest(`${path}.${each}`)?.value)} ${each}`);
-    setText(this._counts, [...(feed.ended ? ["last values"] : []), ...this._named.map((entry) => `${entry.path.slice(path.length + 1)} ${valueText(entry, feed.latest(entry.path)?.value)}`), ...counts].join(", "));
+    const named = this._named.map((entry) => `${inSentence(entry.path.slice(path.length + 1))} ${valueText(entry, feed.latest(entry.path)?.value)}`);
+    setText(this._counts, [...(feed.ended ? ["last values"] : []), ...named, ...counts].join(", "));
     this._line.refresh(feed, this._client);
     this._diagram.show(number, name);
-    for (const button of this._buttons) {
-      const command = button.dataset.command ?? "";
-      const manual = this._client.manual && !IN_MANUAL.includes(command);
-      button.disabled = !this._client.leased || manual || !(number in commands[command]);
-    }
+    setText(this._barrier, this._client.barrier() || (this._client.manual ? MANUAL : ""));
+    for (const each of this._commands) each.refresh(number);
     for (const each of this._others) each.refresh(feed);
   }
 }

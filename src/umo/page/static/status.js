@@ -1,7 +1,7 @@
 /** The line of the page that says how the run and the connection are. */
 
 import { el } from "./dom.js";
-import { lasting } from "./presentation.js";
+import { inSentence, lasting, readable } from "./presentation.js";
 
 const MAX_FAULTS = 3;  // equipments in fault that are told in words
 const SILENCE = 1;  // s without news, after which the page says so; of frames 10 periods, if that is more (frames/reader.py)
@@ -40,14 +40,14 @@ function ended(station, ending) {
  * @param {Record<string, string> | undefined} faults
  */
 export function faultsOf(faults) {
-  const found = Object.entries(faults ?? {}).map(([path, reason]) => ({ path, text: `✖ ${path} is in fault: ${reason}` }));
+  const found = Object.entries(faults ?? {}).map(([path, reason]) => ({ path, text: `✖ ${readable(path)} is in fault: ${reason}` }));
   return { shown: found.slice(0, MAX_FAULTS), more: Math.max(0, found.length - MAX_FAULTS) };
 }
 
 /** The button that clears a fault. @param {string} path @param {() => void} onclick */
 export function clearing(path, onclick) {
-  const title = `End the fault of ${path}: what had failed is initialised again`;
-  return el("button", { className: "clear", textContent: "Clear", title, "aria-label": `Clear ${path}`, onclick });
+  const title = `End the fault of ${inSentence(path)}: what had failed is initialised again`;
+  return el("button", { className: "clear", textContent: "Clear", title, "aria-label": `Clear ${inSentence(path)}`, onclick });
 }
 
 /**
