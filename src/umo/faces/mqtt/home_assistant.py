@@ -136,14 +136,14 @@ def plain(name: str) -> str:
 
 
 def value_topic(base: str, name: str) -> str:
-    return f"{base}/value/{name.replace('.', '/')}"
+    return f"{base}/value/{re.sub('[+#]', '_', name).replace('.', '/')}"
 
 
 def number_of(payload: bytes) -> float:
     try:
         return float(payload[:100])
     except ValueError:
-        raise OptionError(f"{payload[:40]!r} is not a number") from None
+        raise OptionError(f"{payload[:40].decode(errors='replace')!r} is not a number") from None
 
 
 def text_of_time(utc: float) -> str | None:
