@@ -211,3 +211,17 @@ def test_the_broker_tells_the_death_of_a_face_that_was_killed(broker: Mosquitto)
             await host.close()
 
     asyncio.run(work())
+
+
+def test_a_broker_that_is_not_there_is_told_once(broker: Mosquitto, caplog: pytest.LogCaptureFixture) -> None:
+    async def work() -> None:
+        async with TriedMachine() as machine:
+            broker.kill()
+            face = Sparkplug(port=broker.port)
+            async with hosted(machine, face):
+                await until(lambda: caplog.messages)
+                broker.start()
+                await until(lambda: face._link is not None and face._link.is_up)
+        assert caplog.messages == [f"no broker at mqtt://127.0.0.1:{broker.port}; it is tried again"]
+
+    asyncio.run(work())
