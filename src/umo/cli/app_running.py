@@ -75,7 +75,10 @@ def face(
         float | None, typer.Option(callback=finite, help="Looks at the machine a second; default: 10.")
     ] = None,
     option: Annotated[
-        list[str] | None, typer.Option(metavar="FACE.NAME=VALUE", help="An option of a face, as its page in docs/ lists them; may be repeated.")
+        list[str] | None,
+        typer.Option(
+            metavar="FACE.NAME=VALUE", help="An option of a face, as its page in docs/ lists them; may be repeated."
+        ),
     ] = None,
 ) -> int:
     """Serve a running station to clients of other protocols, until Ctrl-C.

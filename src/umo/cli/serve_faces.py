@@ -19,6 +19,7 @@ from umo.system.realtime import drop_realtime
 from umo.wiring import source
 
 from .console import out, say
+from .shared import import_from_here
 
 NICENESS = 5
 """By how much its priority is below that of a usual program."""
@@ -44,6 +45,8 @@ def serve(chosen: FaceOptions) -> int:
         given.dead_bands,
         given.options,
     )
+    if any(":" in name for name in chosen.names):
+        import_from_here()
     faces = faces_of(settings, chosen.names, options_from(chosen.options))
     host = FaceHost(
         chosen.station,
