@@ -202,7 +202,7 @@ def _value(base: str, item: FaceItem) -> dict[str, Any]:
 
 def _component(item: FaceItem, base: str) -> tuple[str, dict[str, Any]]:
     """Which entity an item is, and what only that has."""
-    unit = {"unit_of_measurement": item.look} if item.unit else {}
+    unit = {"unit_of_measurement": item.look} if item.look else {}
     if item.kind is ItemKind.TUNABLE and not item.states:
         low, high = (limit if limit is not None else other for limit, other in zip(
             (item.minimum, item.maximum), DEFAULT_LIMITS, strict=True))  # fmt: skip
