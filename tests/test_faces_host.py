@@ -228,6 +228,18 @@ def test_refusals_are_the_machines_own_errors() -> None:
     commanded(step)
 
 
+@pytest.mark.parametrize("more", [{"arguments": 5}, {"seconds": float("nan")}, {"colour": "red"}])
+def test_what_the_machine_would_not_take_for_a_command_is_refused_at_once(more: dict[str, Any]) -> None:
+    async def work() -> None:
+        face = Recorder()
+        async with TriedMachine() as rig, hosted(rig, face):
+            await until(lambda: face.told)
+            with pytest.raises(CommandRefused, match=r"call cell\.add: it is no command"):
+                await face.commands.ask(ANN, "call", "cell.add", **more)
+
+    asyncio.run(work())
+
+
 def test_an_action_returns_its_result() -> None:
     async def step(rig: Any, face: Recorder) -> None:
         assert await face.commands.ask(ANN, "call", "cell.add", arguments={"weight": 2.0}) == 4.0
