@@ -89,7 +89,8 @@ def faces_of(
     chosen = list(names) or list(settings.options)
     if not chosen:
         raise OptionError(
-            "name a face, as in `umo face prometheus`, or give the wiring of a running station a table [faces.prometheus]"
+            "name a face, as in `umo face prometheus`, or give the wiring of a running station "
+            "a table [faces.prometheus]"
         )
     for face in changes:
         if face not in chosen:
