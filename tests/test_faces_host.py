@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 import sys
 from typing import Any
 
@@ -11,10 +12,12 @@ import pytest
 from helpers.faced import Recorder, hosted
 from umo import Quality
 from umo.cycle.client_commands import Mode
-from umo.errors import CommandRefused, OptionError, RangeError, TaskFailed
+from umo.errors import CommandRefused, OptionError, RangeError, TaskFailed, UmoError
+from umo.faces.endpoint import Endpoint
 from umo.faces.face import User
 from umo.faces.face_declaration import ItemKind
 from umo.faces.face_image import ChangeFilter
+from umo.faces.host import FaceHost
 from umo.testing.faces import TriedMachine
 from umo.testing.faces.tried_machine import Phase, until
 
@@ -110,6 +113,21 @@ def test_a_face_that_fails_is_told_begins_again_and_disturbs_no_other(monkeypatc
             assert face.calls.count("begin") == 1
 
     asyncio.run(work())
+
+
+def test_a_face_that_cannot_open_its_server_is_named_with_what_to_do() -> None:
+    class Listening(Recorder):
+        async def open(self) -> None:
+            Endpoint("127.0.0.1", port).listening().close()
+
+    async def work() -> None:
+        async with TriedMachine() as rig:
+            with pytest.raises(UmoError, match=rf"^lamp: .* port {port}: .*; give another `port`$"):
+                await FaceHost(None, [("lamp", Listening())], find=rig.find).run()
+
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        asyncio.run(work())
 
 
 def test_a_slow_face_gets_fewer_calls_with_the_last_values() -> None:
@@ -208,6 +226,18 @@ def test_refusals_are_the_machines_own_errors() -> None:
             await face.commands.ask(ANN, "write", "cell.valve", value=1.0)
 
     commanded(step)
+
+
+@pytest.mark.parametrize("more", [{"arguments": 5}, {"seconds": float("nan")}, {"colour": "red"}])
+def test_what_the_machine_would_not_take_for_a_command_is_refused_at_once(more: dict[str, Any]) -> None:
+    async def work() -> None:
+        face = Recorder()
+        async with TriedMachine() as rig, hosted(rig, face):
+            await until(lambda: face.told)
+            with pytest.raises(CommandRefused, match=r"call cell\.add: it is no command"):
+                await face.commands.ask(ANN, "call", "cell.add", **more)
+
+    asyncio.run(work())
 
 
 def test_an_action_returns_its_result() -> None:

@@ -58,7 +58,11 @@ def watch(
 def face(
     names: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[FACE]...", help="Names of faces; default: those of the table `faces` of the wiring."),
+        typer.Argument(
+            metavar="[FACE]...",
+            help="epics, homeassistant, opcua, prometheus, sparkplug, or a face of your own as module:Class; default: "
+            "those of the table `faces` of the wiring.",
+        ),
     ] = None,
     station: Annotated[
         str | None, typer.Option(help="Name, folder or pid; required if several run. It may start later.")
@@ -71,7 +75,10 @@ def face(
         float | None, typer.Option(callback=finite, help="Looks at the machine a second; default: 10.")
     ] = None,
     option: Annotated[
-        list[str] | None, typer.Option(metavar="FACE.NAME=VALUE", help="An option of a face; may be repeated.")
+        list[str] | None,
+        typer.Option(
+            metavar="FACE.NAME=VALUE", help="An option of a face, as its page in docs/ lists them; may be repeated."
+        ),
     ] = None,
 ) -> int:
     """Serve a running station to clients of other protocols, until Ctrl-C.

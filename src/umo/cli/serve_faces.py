@@ -27,6 +27,7 @@ from umo.system.realtime import die_with_parent, drop_realtime
 from umo.wiring import source
 
 from .console import out, say
+from .shared import import_from_here
 
 NICENESS = 5
 """By how much its priority is below that of a usual program."""
@@ -51,6 +52,8 @@ def serve(chosen: FaceOptions) -> int:
         rate=given.rate if chosen.rate is None else chosen.rate,
         commands=given.commands if chosen.commands is None else chosen.commands,
     )
+    if any(":" in name for name in chosen.names):
+        import_from_here()
     faces = faces_of(settings, chosen.names, options_from(chosen.options))
     drop_realtime()
     with suppress(OSError):

@@ -83,7 +83,7 @@ class Gateway:
         if self._is_closed:
             return "the run has ended"
         if self._is_reader:
-            return f"{self._face} only reads here: it was started without commands"
+            return f"{self._face} only reads here: it was started without --commands"
         if user.is_remote and not user.proved:
             return f"{self._face} does not prove who its users are: it takes commands of this computer only"
         if not user.name.strip():

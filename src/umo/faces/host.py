@@ -82,8 +82,11 @@ class FaceHost:
         """Serve until cancelled. UmoError if a face cannot open its server at the start."""
         opened: list[Face] = []
         try:
-            for _, face in self._faces:
-                await face.open()
+            for name, face in self._faces:
+                try:
+                    await face.open()
+                except UmoError as error:
+                    raise UmoError(f"{name}: {error}") from error
                 opened.append(face)
             self._opened()
             tasks = [asyncio.create_task(self._serve(name, face)) for name, face in self._faces]
@@ -109,7 +112,8 @@ class FaceHost:
                 reader = await asyncio.to_thread(self._find)
             except UmoError as error:
                 if str(error) != told:
-                    self._say(told := str(error))
+                    told = str(error)
+                    self._say(f"{told}; looking for it")
                 await asyncio.sleep(SEARCH_PAUSE)
                 continue
             told = ""

@@ -112,7 +112,7 @@ def _run_metrics(machine: Declaration, changes: Changes) -> Iterator[Metric]:
     """Periods, missed ones, latency, the age of the last period."""
     values = {item.path: float(changes.values[item.number]) for item in machine.of_kind(ItemKind.RUN)}
     counters = {
-        "periods": "Periods since connecting.",
+        "periods": "Periods of the run.",
         "missed": "Periods that were missed.",
     }
     for name, text in counters.items():

@@ -136,14 +136,14 @@ def plain(name: str) -> str:
 
 
 def value_topic(base: str, name: str) -> str:
-    return f"{base}/value/{name.replace('.', '/')}"
+    return f"{base}/value/{re.sub('[+#]', '_', name).replace('.', '/')}"
 
 
 def number_of(payload: bytes) -> float:
     try:
         return float(payload[:100])
     except ValueError:
-        raise OptionError(f"{payload[:40]!r} is not a number") from None
+        raise OptionError(f"{payload[:40].decode(errors='replace')!r} is not a number") from None
 
 
 def text_of_time(utc: float) -> str | None:
@@ -202,7 +202,7 @@ def _value(base: str, item: FaceItem) -> dict[str, Any]:
 
 def _component(item: FaceItem, base: str) -> tuple[str, dict[str, Any]]:
     """Which entity an item is, and what only that has."""
-    unit = {"unit_of_measurement": item.look} if item.unit else {}
+    unit = {"unit_of_measurement": item.look} if item.look else {}
     if item.kind is ItemKind.TUNABLE and not item.states:
         low, high = (limit if limit is not None else other for limit, other in zip(
             (item.minimum, item.maximum), DEFAULT_LIMITS, strict=True))  # fmt: skip
