@@ -26,7 +26,7 @@ from umo.faces.opcua.ua_machine import Called, MachineNodes
 from umo.faces.opcua.ua_packml import URI as PACKML
 from umo.faces.opcua.ua_packml import PackMLUnits
 from umo.faces.opcua.ua_security import Security
-from umo.faces.opcua.ua_session import UaSession
+from umo.faces.opcua.ua_session import OF_SUBSCRIPTION, UaSession
 from umo.faces.opcua.ua_tree import NodeTree
 from umo.faces.opcua.ua_values import GONE, data_value, state_text
 from umo.frames.reader import NumberedEvent
@@ -115,7 +115,8 @@ class OpcUa(Face):
                 gc.enable()
 
     async def begin(self, machine: Declaration, commands: Commands) -> None:
-        if self._shown is None or _fixed(self._shown) != _fixed(machine):
+        before, self._shown = self._shown, None  # if this fails it is built anew
+        if before is None or _fixed(before) != _fixed(machine):
             await self._build(machine)
         self._shown = machine
         assert self._nodes is not None and self._kinds is not None
@@ -182,7 +183,7 @@ class OpcUa(Face):
     async def _call(self, session: UaSession, request: ua.CallMethodRequest) -> Answer:
         nodes, commands = self._nodes, self._commands
         if nodes is None:
-            return await self._standard(request)
+            return await self._standard(session, request)
         called = nodes.methods.get(request.MethodId)
         if called is None and (alarm := self._acknowledged(request)) is not None:
             event = request.InputArguments[0].Value if request.InputArguments else None
@@ -191,7 +192,7 @@ class OpcUa(Face):
                 return Answer(ua.CallMethodResult(unknown), f"{alarm} has changed since that event")
             request.InputArguments, called = [], Called("acknowledge alarm", alarm, {})
         if called is None:
-            return await self._standard(request)
+            return await self._standard(session, request)
         if commands is None:
             gone = ua.StatusCode(ua.StatusCodes.BadNoCommunication)
             return Answer(ua.CallMethodResult(gone), "the machine does not run")
@@ -204,8 +205,11 @@ class OpcUa(Face):
             return self._nodes.alarm_of(request.ObjectId)
         return self._nodes.acknowledging.get(request.MethodId)
 
-    async def _standard(self, request: ua.CallMethodRequest) -> Answer:
-        """A method of the server itself."""
+    async def _standard(self, session: UaSession, request: ua.CallMethodRequest) -> Answer:
+        """A method of the server itself. Those that name a subscription are for its session only."""
+        given = request.InputArguments
+        if request.MethodId in OF_SUBSCRIPTION and given and not session.owns(given[0].Value):
+            return Answer(ua.CallMethodResult(ua.StatusCode(ua.StatusCodes.BadSubscriptionIdInvalid)))
         return Answer((await self.server.iserver.method_service.call([request]))[0])
 
     def _tell_refusal(self, who: str, words: str) -> None:
