@@ -183,7 +183,7 @@ def discovery(machine: Declaration, base: str, prefix: str) -> Mapping[str, Mapp
     found: dict[str, dict[str, Any]] = {}
     mark = mark_of(machine)
 
-    def add(component: str, name: str, about: Mapping[str, Any]) -> None:
+    def add(component: str, name: str, about: dict[str, Any]) -> None:
         while (topic := f"{prefix}/{component}/umo_{station}/{plain(name)}/config") in found:  # a.b_c and a_b.c
             name += "_"
         found[topic] = _common(station, base, name, mark) | about
