@@ -12,7 +12,7 @@ import pytest
 from helpers.faced import Recorder, hosted
 from umo.cycle.client_commands import Mode
 from umo.cycle.events import CommandState
-from umo.errors import CommandRefused, RangeError, StateError
+from umo.errors import CommandRefused, RangeError, StateError, TaskFailed
 from umo.faces import gateway
 from umo.faces.command_users import MAX_REFUSED, REFUSAL_PAUSE, RefusalLimit, who_text
 from umo.faces.face import User
@@ -132,7 +132,7 @@ def test_a_client_that_has_gone_before_its_command_was_sent_commands_nothing() -
     commanded(step)
 
 
-def test_no_flood_of_commands_keeps_a_user_from_stopping(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_flood_of_commands_keeps_a_user_from_cancelling_and_stopping(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gateway, "MAX_COMMANDS", 2)
 
     async def step(rig: Any, face: Recorder) -> None:
@@ -140,6 +140,10 @@ def test_no_flood_of_commands_keeps_a_user_from_stopping(monkeypatch: pytest.Mon
         await until(lambda: len(face.commands._pending) == 2)
         with pytest.raises(CommandRefused, match="too many commands"):
             await face.commands.ask(user("bob"), "tune", "cell.gain", value=2.0)
+        with pytest.raises(TaskFailed, match="was cancelled"):
+            await asyncio.gather(face.commands.ask(user("bob"), "cancel", "cell.cook"), *cooking)
+        cooking = [asyncio.create_task(face.commands.ask(user(), "call", "cell.cook")) for _ in range(2)]
+        await until(lambda: len(face.commands._pending) == 2)
         await face.commands.ask(user("bob"), "stop")
         await until(lambda: rig.connection.stop.requested)
         for each in cooking:

@@ -10,6 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from umo.errors import FramesError, text_of
 from umo.faces.face import Face
 from umo.faces.face_settings import FaceSettings, faces_of, options_from, settings_of
 from umo.faces.host import FaceHost
@@ -63,12 +64,20 @@ def serve(chosen: FaceOptions) -> int:
 
 
 def _table(station: str | None) -> dict[str, object]:
-    """The table `[faces]` of the station's wiring; empty where that cannot be found."""
-    with suppress(Exception):  # it does not run yet, or is no folder
+    """The table `[faces]` of the wiring with which the station runs; empty where that cannot be read, which is said."""
+    try:
         with find_running(station) as reader:
             place, wiring = Path(reader.about["place"]), str(reader.about.get("wiring", ""))
         file = Station(place.name, place).wiring(wiring or None)
-        return {} if file is None else source.read(file).faces
+        found = source.read({} if file is None else file)
+        for mistake in found.mistakes:
+            if mistake.key in ("", "faces"):
+                say(f"no table [faces] is read from the wiring, only the options given here count: {mistake}")
+        return found.faces
+    except FramesError:  # the host says so
+        say("no table [faces] is read from a wiring, as no station runs: only the options given here count")
+    except Exception as error:  # its files have changed
+        say(f"no table [faces] is read from the wiring, only the options given here count: {text_of(error)}")
     return {}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+import os
 import socket
 import ssl
 from dataclasses import dataclass
@@ -44,7 +45,8 @@ class Endpoint:
         try:
             return socket.create_server((self.host, self.port), family=family, backlog=64)
         except OSError as error:
-            raise UmoError(f"{self.host} port {self.port}: {error.strerror or error}") from None
+            reason = os.strerror(error.errno) if error.errno and error.errno > 0 else error
+            raise UmoError(f"{self.host} port {self.port}: {reason}") from None
 
     def context(self) -> ssl.SSLContext | None:
         """For TLS; None without a certificate. UmoError if the files are none."""

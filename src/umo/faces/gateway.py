@@ -29,6 +29,8 @@ LINGER = 5.0
 """Time in s from the last command, when nothing runs and nothing is held, until the lease is given back."""
 MAX_COMMANDS, MAX_OF_USER = 64, 16
 """Commands of a face, and of one of its users, whose end is still to come, at most."""
+ENDING = ("cancel", "let go")
+"""Commands that end something: of them twice as many."""
 OWN = ("lease", "give back")
 """Commands that the gateway gives by itself."""
 MAX_PATH = 96
@@ -109,7 +111,8 @@ class Gateway:
             return None
         if self._is_kept_up(do, path) and user.is_alive is None:
             return f"{path} is kept up only while its client lives, and {self._face} does not tell that"
-        if len(self._pending) >= MAX_COMMANDS or self._count_of(user) >= MAX_OF_USER:
+        room = 2 if do in ENDING else 1
+        if len(self._pending) >= room * MAX_COMMANDS or self._count_of(user) >= room * MAX_OF_USER:
             return "too many commands at once"
         return None
 
