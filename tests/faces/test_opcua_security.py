@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable, Coroutine
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 
@@ -149,6 +149,9 @@ def test_another_computer_needs_a_certificate_that_is_known_and_a_user_with_a_ro
                 await client.mode("manual")
 
         await connected(url, named("ann"), refused, security=secured)
+        clients.write_text(Path(old["certificate"]).read_text())
+        with pytest.raises(RefusedByFace):  # taken out of the file while the face runs
+            await OpcUaClient.connect(url, named("ann"), security=secured)
         assert any(each.who == "ann (quickopcua)" for each in machine.events)
 
     run(work, host=own_address(), certificate=server["both"], clients=str(clients))
@@ -282,6 +285,30 @@ def test_a_client_can_change_no_subscription_of_another() -> None:
                     await attack
             machine.set("cell.level", 80)
             await until(lambda: heard.values[-1] == 40.0, 5.0)
+
+    run(work)
+
+
+def test_a_flood_of_refusals_is_few_events() -> None:
+    """They would push alarms out of the queues of other clients."""
+
+    class Events:
+        told: ClassVar[list[str]] = []
+
+        def event_notification(self, event: Any) -> None:
+            self.told.append(event.Message.Text)
+
+    async def work(machine: TriedMachine, face: Any) -> None:
+        async with Client(face.address) as ann, Client(face.address) as eve:
+            await (await ann.create_subscription(50, Events())).subscribe_events()
+            node = eve.get_node(ua.NodeId("tunable:cell.gain", await eve.get_namespace_index("urn:umo:plant")))
+            for _ in range(60):
+                with pytest.raises(ua.UaStatusCodeError):
+                    await node.write_value(2.0)
+            machine.set("cell.level", 190)
+            await until(lambda: any("too full" in each for each in Events.told))
+            refusals = [each for each in Events.told if "only reads" in each]
+            assert 1 <= len(refusals) < 30
 
     run(work)
 

@@ -35,13 +35,14 @@ def lives(user: User) -> bool:
 
 
 class RefusalLimit:
-    """Which refusals are told as events: the first of a user, and another one after `REFUSAL_PAUSE`."""
+    """Which refusals are told as events: the first of a user, and another one after `pause` in s."""
 
-    def __init__(self) -> None:
+    def __init__(self, pause: float = REFUSAL_PAUSE) -> None:
+        self._pause = pause
         self._told: dict[str, float] = {}
 
     def is_told(self, who: str, now: float) -> bool:
-        self._told = {each: then for each, then in self._told.items() if now - then < REFUSAL_PAUSE}
+        self._told = {each: then for each, then in self._told.items() if now - then < self._pause}
         if who in self._told or len(self._told) >= MAX_REFUSED:
             return False
         self._told[who] = now

@@ -6,6 +6,7 @@ import asyncio
 import gc
 import logging
 import socket
+import time
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -15,6 +16,7 @@ from typing import Any
 from asyncua import ua
 from asyncua.common.xmlimporter import XmlImporter
 
+from umo.faces.command_users import RefusalLimit
 from umo.faces.endpoint import Endpoint
 from umo.faces.face import Changes, Commands, Face
 from umo.faces.face_declaration import Declaration, ItemKind
@@ -37,6 +39,8 @@ COMPANIONS = ("Di", "IA", "Machinery", "PackML")
 """The NodeSet2 files of the OPC Foundation that are imported, in this order."""
 REFUSAL = 300
 """Severity of the event of a refusal."""
+REFUSAL_PAUSE = 1.0
+"""Time in s from one event of a refusal of a user to the next."""
 
 
 class OpcUa(Face):
@@ -74,6 +78,7 @@ class OpcUa(Face):
         self._units: PackMLUnits | None = None
         self._happenings: Happenings | None = None
         self._commands: ClientCommands | None = None
+        self._refusals = RefusalLimit(REFUSAL_PAUSE)
         self._utc = 0.0
         self.address = ""
         """Where it is reached."""
@@ -213,16 +218,19 @@ class OpcUa(Face):
         return Answer((await self.server.iserver.method_service.call([request]))[0])
 
     def _tell_refusal(self, who: str, words: str) -> None:
-        """To the variable LastRefusal, and as an event."""
-        task = asyncio.create_task(self._tell(f"{who}: {words}"))
+        """To the variable LastRefusal, and as an event, one a second of a user: many would push alarms out of queues
+        that clients have."""
+        is_event = self._refusals.is_told(who, time.monotonic())
+        task = asyncio.create_task(self._tell(f"{who}: {words}", is_event))
         self.server.iserver.answering.add(task)
         task.add_done_callback(self.server.iserver.answering.discard)
 
-    async def _tell(self, words: str) -> None:
+    async def _tell(self, words: str, is_event: bool) -> None:
         assert self._tree is not None and self._nodes is not None and self._happenings is not None
         text = ua.DataValue(ua.Variant(words, ua.VariantType.String), SourceTimestamp=datetime.now(UTC))
         await put(self._tree.value_of(self._nodes.refusal), text)
-        await self._happenings.tell("", words, REFUSAL)
+        if is_event:
+            await self._happenings.tell("", words, REFUSAL)
 
 
 async def put(where: Any, value: ua.DataValue) -> None:
