@@ -12,7 +12,7 @@ import pytest
 from helpers.faced import Recorder, hosted
 from umo.cycle.client_commands import Mode
 from umo.cycle.events import CommandState
-from umo.errors import CommandRefused, RangeError, StateError, TaskFailed
+from umo.errors import CommandRefused, RangeError, StateError, TaskFailed, UmoError
 from umo.faces import gateway
 from umo.faces.command_users import MAX_REFUSED, REFUSAL_PAUSE, RefusalLimit, who_text
 from umo.faces.face import User
@@ -128,6 +128,17 @@ def test_a_client_that_has_gone_before_its_command_was_sent_commands_nothing() -
         with pytest.raises(CommandRefused, match="its client has gone"):
             await face.commands.ask(user(is_alive=lambda: False), "call", "cell.add", arguments={"weight": 1.0})
         assert not [each for each in rig.events if each.path == "cell.add"]
+
+    commanded(step)
+
+
+def test_a_command_that_is_under_way_when_the_face_ends_is_answered_in_words() -> None:
+    async def step(rig: Any, face: Recorder) -> None:
+        cooking = asyncio.create_task(face.commands.ask(user(), "call", "cell.cook"))
+        await until(lambda: any(each.path == "cell.cook" for each in rig.events))
+        await face.commands.close()
+        with pytest.raises(UmoError, match="ended"):
+            await cooking
 
     commanded(step)
 

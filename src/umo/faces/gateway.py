@@ -156,7 +156,7 @@ class Gateway:
         sees what its command has done. An action whose client has gone is cancelled."""
         cancelled, seen, event = False, -inf, None
         while True:
-            event = event or answers.end()
+            event = event or self._answer_of(answers)
             if event is not None and event.time <= seen:
                 return event
             if seen == inf:
@@ -165,6 +165,12 @@ class Gateway:
                 cancelled = True
                 await self._send("cancel", path=path, who=who_text(user, self._face))
             seen = await self._looked()
+
+    def _answer_of(self, answers: Answers) -> Event | None:
+        """The last answer, if it has come. FramesError if the face has ended meanwhile."""
+        if self._is_closed:
+            raise FramesError("the run has ended before it answered")
+        return answers.end()
 
     def _send(self, do: str, **more: Any) -> asyncio.Future[int]:
         """In a thread: the queue may be full, or it is another client's turn."""
@@ -193,7 +199,7 @@ class Gateway:
             self._held.clear()
             start = self._reader.next_event
             answers = Answers(self._reader, await self._send("lease", who=who, seconds=LEASE_TIME), start)
-            while (event := answers.end()) is None:
+            while (event := self._answer_of(answers)) is None:
                 if await self._looked() == inf:
                     raise FramesError("the run has ended before it answered")
             if event.state is not CommandState.DONE:
@@ -245,6 +251,8 @@ class Gateway:
 
     async def close(self) -> None:
         """The face ends: the lease is given back, and the machine lets go of what was held. From now on it refuses."""
+        if self._is_closed:
+            return
         self._is_closed = True
         self._keeping.cancel()
         await asyncio.gather(self._keeping, return_exceptions=True)
