@@ -31,7 +31,7 @@ FRESH = Quality.UNREFERENCED
 """The worst quality with which a value is told. A value that is STALE or BAD is left out."""
 
 
-class Connection(H11Protocol):
+class MetricsConnection(H11Protocol):
     """uvicorn would keep one that never asks for ever: it counts as a client."""
 
     _watching: asyncio.TimerHandle | None = None
@@ -84,7 +84,7 @@ class Prometheus(Face):
         registry = CollectorRegistry()
         registry.register(self._metrics)
         config = uvicorn.Config(
-            make_asgi_app(registry), http=Connection, ws="none", lifespan="off", log_level="error", access_log=False,
+            make_asgi_app(registry), http=MetricsConnection, ws="none", lifespan="off", log_level="error", access_log=False,
             server_header=False, proxy_headers=False, limit_concurrency=MAX_CLIENTS, timeout_keep_alive=IDLE_TIMEOUT,
             timeout_graceful_shutdown=1,
         )  # fmt: skip
