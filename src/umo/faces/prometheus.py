@@ -85,8 +85,8 @@ class Prometheus(Face):
         registry.register(self._metrics)
         config = uvicorn.Config(
             make_asgi_app(registry), http=MetricsConnection, ws="none", lifespan="off", log_level="error",
-            access_log=False, server_header=False, proxy_headers=False, limit_concurrency=MAX_CLIENTS, timeout_keep_alive=IDLE_TIMEOUT,
-            timeout_graceful_shutdown=1,
+            access_log=False, server_header=False, proxy_headers=False, limit_concurrency=MAX_CLIENTS,
+            timeout_keep_alive=IDLE_TIMEOUT, timeout_graceful_shutdown=1,
         )  # fmt: skip
         context = self._endpoint.context()
         config.load()
