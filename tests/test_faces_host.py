@@ -15,8 +15,8 @@ from umo.cycle.client_commands import Mode
 from umo.errors import CommandRefused, OptionError, RangeError, TaskFailed, UmoError
 from umo.faces.endpoint import Endpoint
 from umo.faces.face import User
-from umo.faces.face_declaration import ItemKind
-from umo.faces.face_image import ChangeFilter
+from umo.faces.face_declaration import ItemKind, declaration_of
+from umo.faces.face_image import ChangeFilter, FaceImage
 from umo.faces.host import FaceHost
 from umo.testing.faces import TriedMachine
 from umo.testing.faces.tried_machine import Phase, until
@@ -78,6 +78,22 @@ def test_a_value_that_the_device_does_not_give_is_stale_with_the_time_of_the_las
     asyncio.run(work())
 
 
+def test_a_value_that_is_no_number_is_never_good() -> None:
+    async def work() -> None:
+        async with TriedMachine() as rig:
+            await until(lambda: rig.number > 5)
+            with rig.find() as reader:
+                image, frames = FaceImage(reader, declaration_of(reader)), reader.read()
+                frames["values"], frames["quality"] = float("nan"), Quality.GOOD
+                frames["quality"][:, 0] = Quality.STALE
+                reader.read = lambda: frames  # type: ignore[method-assign, assignment]
+                image.look()
+                count = len(reader.layout.objects)
+                assert image.quality[:count].tolist() == [Quality.STALE] + [Quality.BAD] * (count - 1)
+
+    asyncio.run(work())
+
+
 def test_a_silent_machine_makes_every_value_stale_until_it_speaks_again(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("umo.faces.host.SILENCE", 0.05)
 
@@ -128,6 +144,27 @@ def test_a_face_that_cannot_open_its_server_is_named_with_what_to_do() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         asyncio.run(work())
+
+
+def test_events_while_a_face_begins_are_told() -> None:
+    class Beginning(Recorder):
+        gate: asyncio.Event
+
+        async def begin(self, machine: Any, commands: Any) -> None:
+            await super().begin(machine, commands)
+            await self.gate.wait()
+
+    async def work() -> None:
+        face = Beginning()
+        face.gate = asyncio.Event()
+        async with TriedMachine() as rig, hosted(rig, face):
+            await until(lambda: face.calls)
+            rig.set("cell.level", 190)
+            await until(lambda: any(each.path == "cell.full" for each in rig.events))
+            face.gate.set()
+            await until(lambda: any(each.event.path == "cell.full" for each in face.heard))
+
+    asyncio.run(work())
 
 
 def test_a_slow_face_gets_fewer_calls_with_the_last_values() -> None:

@@ -53,7 +53,7 @@ def watch(
 @command(
     epilog="Examples: umo face prometheus  |  umo face opcua epics --station ztheta --commands  |  "
     "umo face prometheus --option prometheus.port=9465",
-    status="0 ended by Ctrl-C or SIGTERM; 2 a mistake, told on stderr",
+    status="0 ended by Ctrl-C or SIGTERM; 1 a port or a file cannot be had; 2 a mistake, told on stderr",
 )
 def face(
     names: Annotated[

@@ -15,7 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from umo.errors import UmoError
+from umo.errors import FramesError, UmoError, text_of
 from umo.exit_status import ExitStatus
 from umo.faces.face import Face
 from umo.faces.face_settings import FaceSettings, faces_of, options_from, settings_of
@@ -94,13 +94,21 @@ def _serve(
 
 
 def _table(station: str | None) -> tuple[dict[str, Any], str]:
-    """The table `[faces]` of the station's wiring, and its file; empty where that cannot be found."""
-    with suppress(Exception):  # it does not run yet, or is no folder
+    """The table `[faces]` of the wiring with which the station runs, and its file; empty where that cannot be read,
+    which is said."""
+    try:
         with find_running(station) as reader:
             place, wiring = Path(reader.about["place"]), str(reader.about.get("wiring", ""))
         file = Station(place.name, place).wiring(wiring or None)
-        if file is not None:
-            return source.read(file).faces, str(file)
+        found = source.read({} if file is None else file)
+        for mistake in found.mistakes:
+            if mistake.key in ("", "faces"):
+                say(f"no table [faces] is read from the wiring, only the options given here count: {mistake}")
+        return found.faces, "wiring" if file is None else str(file)
+    except FramesError:  # the host says so
+        say("no table [faces] is read from a wiring, as no station runs: only the options given here count")
+    except Exception as error:  # its files have changed
+        say(f"no table [faces] is read from the wiring, only the options given here count: {text_of(error)}")
     return {}, "wiring"
 
 

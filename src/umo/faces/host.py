@@ -178,10 +178,10 @@ class FaceHost:
             return inf if run.over else run.image.time
 
         gateway = Gateway(run.reader, name, looked, is_reader=self._read_only or not face.takes_commands)
-        why = "the face has ended"
+        event, why = run.reader.next_event, "the face has ended"  # those while it begins are told, too
         try:
             await face.begin(run.machine, gateway)
-            await self._tell(face, run)
+            await self._tell(face, run, event)
             why = run.over
         finally:
             try:
@@ -190,9 +190,9 @@ class FaceHost:
             finally:
                 await gateway.close()
 
-    async def _tell(self, face: Face, run: Run) -> None:
-        """Tell a face what is new until the run is over."""
-        changes, event = ChangeFilter(run.image, run.machine, self._dead_bands), run.reader.next_event
+    async def _tell(self, face: Face, run: Run, event: int) -> None:
+        """Tell a face what is new until the run is over. `event`: the number of the first event that is told."""
+        changes = ChangeFilter(run.image, run.machine, self._dead_bands)
         over = ""
         while not over:
             over, waiting = run.over, run.looked  # before the look: the last one is told, too
