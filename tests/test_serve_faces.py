@@ -40,7 +40,7 @@ def test_the_table_of_the_wiring_that_runs_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: list[str]
 ) -> None:
     station(tmp_path, "[faces]\ncommands = true\n", monkeypatch)
-    assert serve_faces._table("plant") == {"commands": True}
+    assert serve_faces._table("plant")[0] == {"commands": True}
     assert not said
 
 
@@ -51,11 +51,11 @@ def test_a_face_that_begins_before_its_station_says_that_it_has_no_table(
         raise FramesError("no station is running")
 
     monkeypatch.setattr(serve_faces, "find_running", none)
-    assert serve_faces._table("plant") == {}
+    assert serve_faces._table("plant")[0] == {}
     assert "no table [faces] is read" in said[0]
 
 
 def test_a_wiring_that_cannot_be_read_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: list[str]) -> None:
     station(tmp_path, "[faces\n", monkeypatch)
-    assert serve_faces._table("plant") == {}
+    assert serve_faces._table("plant")[0] == {}
     assert "real.toml" in said[0]
