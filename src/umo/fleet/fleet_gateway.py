@@ -17,9 +17,9 @@ from pathlib import Path
 import zenoh
 
 from umo.errors import FramesError, UmoError, text_of
-from umo.faces.gateway import Gateway
 from umo.fleet.fleet_commands import FleetCommands, FleetUsers
 from umo.fleet.fleet_keys import StationKey, segment
+from umo.fleet.sole_lease import SoleLease
 from umo.fleet.station_publisher import StationPublisher
 from umo.frames import Reader
 from umo.frames.frame_server import sockets
@@ -42,7 +42,7 @@ class PublishedStation:
         self.publisher = publisher
         self._looked = asyncio.Event()
         self._is_over = False
-        self._gateway: Gateway | None = None
+        self._gateway: SoleLease | None = None
         self._read_only = read_only
         self.commands = FleetCommands(session, publisher.key, users, self._ask)
 
@@ -58,10 +58,10 @@ class PublishedStation:
             await self._looked.wait()
         return inf if self._is_over else self.publisher.time
 
-    def _ask(self) -> Gateway:
+    def _ask(self) -> SoleLease:
         """The way of commands to this run, from the first one on."""
         if self._gateway is None:
-            self._gateway = Gateway(self.publisher.reader, "fleet", self._wait, is_reader=self._read_only)
+            self._gateway = SoleLease(self.publisher.reader, "fleet", self._wait, is_reader=self._read_only)
         return self._gateway
 
     async def close(self) -> None:
