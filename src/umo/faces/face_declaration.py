@@ -144,10 +144,10 @@ def items_of(layout: Layout) -> tuple[FaceItem, ...]:
 
 
 def _item(number: int, kind: ItemKind, path: str, about: Mapping[str, Any]) -> FaceItem:
-    return FaceItem(
-        number, kind, path, about,
-        str(about.get("unit") or ""), about.get("minimum"), about.get("maximum"), _states(about),
-    )  # fmt: skip
+    unit, low, high = str(about.get("unit") or ""), about.get("minimum"), about.get("maximum")
+    if states := _states(about):  # the limits of an axis are those of its position
+        low = high = None
+    return FaceItem(number, kind, path, about, unit, low, high, states)
 
 
 def _states(about: Mapping[str, Any]) -> Mapping[int, str]:
