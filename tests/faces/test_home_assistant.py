@@ -14,10 +14,12 @@ from typing import Any
 import pytest
 
 from helpers.faced import hosted
-from helpers.mqtt import MOSQUITTO, Mosquitto, SparkplugHost
+from helpers.home_assistant import HomeAssistantClient
+from helpers.mqtt import MOSQUITTO, Mosquitto
 from umo.errors import OptionError
+from umo.faces.face import Face
 from umo.faces.mqtt.home_assistant import HomeAssistant
-from umo.testing.faces import TriedMachine
+from umo.testing.faces import RULES, ForeignClient, TriedFace, TriedMachine, try_rule
 from umo.testing.faces.tried_machine import until
 
 pytestmark = [
@@ -35,18 +37,29 @@ def broker(tmp_path: Path) -> Iterator[Mosquitto]:
     found.kill()
 
 
-def topics(host: SparkplugHost) -> dict[str, str]:
-    """The last text of each topic."""
-    return {each["topic"]: each["text"] for each in host.heard if each["kind"] == "plain"}
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.smoke) if n == "tunes" else n for n in RULES])
+def test_home_assistant_passes_the_kit(broker: Mosquitto, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("umo.testing.faces.face_rules.TOLD_WITHIN", 5.0)  # node begins
+
+    async def client(face: Face, user: str) -> ForeignClient:
+        found = await HomeAssistantClient(user).connect(broker.port)
+        await until(lambda: len(found.entities) > 10 and found.topics.get("umo/plant/status") == "online")
+        return found
+
+    def face() -> Face:
+        return HomeAssistant(port=broker.port)
+
+    tried = TriedFace("homeassistant", face, client, writes=False, is_named=False)
+    assert asyncio.run(try_rule(tried, RULES[name])) in (None, "")
 
 
 def tried(broker: Mosquitto, work: Callable[..., Any], read_only: bool = False) -> None:
     async def all_of_it() -> None:
         async with TriedMachine() as machine:
-            host = await SparkplugHost().connect(broker.port)
+            host = await HomeAssistantClient().connect(broker.port)
             try:
                 async with hosted(machine, HomeAssistant(port=broker.port), read_only=read_only):
-                    await until(lambda: topics(host).get("umo/plant/status") == "online")
+                    await until(lambda: host.topics.get("umo/plant/status") == "online")
                     await work(machine, host)
             finally:
                 await host.close()
@@ -54,13 +67,13 @@ def tried(broker: Mosquitto, work: Callable[..., Any], read_only: bool = False) 
     asyncio.run(all_of_it())
 
 
-def level(host: SparkplugHost) -> Any:
-    return json.loads(topics(host)["umo/plant/value/cell/level"])
+def level(host: HomeAssistantClient) -> Any:
+    return json.loads(host.topics["umo/plant/value/cell/level"])
 
 
 def test_every_item_is_discovered_with_what_its_entity_requires(broker: Mosquitto) -> None:
-    async def work(machine: TriedMachine, host: SparkplugHost) -> None:
-        found = {t: json.loads(x) for t, x in topics(host).items() if t.startswith("homeassistant/")}
+    async def work(machine: TriedMachine, host: HomeAssistantClient) -> None:
+        found = {t: json.loads(x) for t, x in host.topics.items() if t.startswith("homeassistant/")}
         kinds = {topic.split("/")[1] for topic in found}
         assert kinds == set(NEEDED)
         for topic, about in found.items():
@@ -78,7 +91,7 @@ def test_every_item_is_discovered_with_what_its_entity_requires(broker: Mosquitt
 
 
 def test_a_stale_value_is_told_as_such(broker: Mosquitto) -> None:
-    async def work(machine: TriedMachine, host: SparkplugHost) -> None:
+    async def work(machine: TriedMachine, host: HomeAssistantClient) -> None:
         await until(lambda: level(host)["value"] == 10.0 and level(host)["quality"] == "good")
         machine.set("cell.level", OSError("unplugged"))
         await until(lambda: level(host)["quality"] == "stale")
@@ -87,13 +100,13 @@ def test_a_stale_value_is_told_as_such(broker: Mosquitto) -> None:
 
 
 def test_a_number_is_set_a_button_pressed_and_a_refusal_told(broker: Mosquitto) -> None:
-    async def work(machine: TriedMachine, host: SparkplugHost) -> None:
+    async def work(machine: TriedMachine, host: HomeAssistantClient) -> None:
         host.send({"topic": "umo/plant/set/cell/gain", "text": "2.5"})
         await until(lambda: machine.m.cell.gain == 2.5)
         host.send({"topic": "umo/plant/set/cell/gain", "text": "11"})
-        await until(lambda: "11" in topics(host).get("umo/plant/refusal", ""))
+        await until(lambda: "11" in host.topics.get("umo/plant/refusal", ""))
         host.send({"topic": "umo/plant/set/cell/gain", "text": "much"})
-        await until(lambda: "not a number" in topics(host)["umo/plant/refusal"])
+        await until(lambda: "not a number" in host.topics["umo/plant/refusal"])
         assert machine.m.cell.gain == 2.5
         host.send({"topic": "umo/plant/press/cell/cook", "text": "PRESS"})
         await until(lambda: any(each.path == "cell.cook" for each in machine.events))
@@ -104,20 +117,20 @@ def test_a_number_is_set_a_button_pressed_and_a_refusal_told(broker: Mosquitto) 
 
 
 def test_without_commands_everything_is_refused(broker: Mosquitto) -> None:
-    async def work(machine: TriedMachine, host: SparkplugHost) -> None:
+    async def work(machine: TriedMachine, host: HomeAssistantClient) -> None:
         host.send({"topic": "umo/plant/set/cell/gain", "text": "2.5"})
-        await until(lambda: "only reads" in topics(host).get("umo/plant/refusal", ""))
+        await until(lambda: "only reads" in host.topics.get("umo/plant/refusal", ""))
         assert machine.m.cell.gain == 1.0
 
     tried(broker, work, read_only=True)
 
 
 def test_at_the_end_the_device_is_offline(broker: Mosquitto) -> None:
-    async def work(machine: TriedMachine, host: SparkplugHost) -> None:
+    async def work(machine: TriedMachine, host: HomeAssistantClient) -> None:
         await machine.end()
-        await until(lambda: topics(host)["umo/plant/status"] == "offline")
+        await until(lambda: host.topics["umo/plant/status"] == "offline")
         machine.begin()
-        await until(lambda: topics(host)["umo/plant/status"] == "online")
+        await until(lambda: host.topics["umo/plant/status"] == "online")
 
     tried(broker, work)
 
@@ -133,8 +146,8 @@ def test_home_assistants_own_schemas_accept_discovery(broker: Mosquitto) -> None
         pytest.skip("UMO_HOMEASSISTANT_PYTHON names no Python with the package homeassistant")
     lines: list[str] = []
 
-    async def work(machine: TriedMachine, host: SparkplugHost) -> None:
-        for topic, text in topics(host).items():
+    async def work(machine: TriedMachine, host: HomeAssistantClient) -> None:
+        for topic, text in host.topics.items():
             if topic.startswith("homeassistant/"):
                 lines.append(json.dumps([topic.split("/")[1], json.loads(text)]))
 

@@ -11,7 +11,7 @@ import time
 from collections.abc import Mapping
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from helpers import npm
 from umo.testing.faces import ForeignClient, RefusedByFace, Seen
@@ -70,7 +70,7 @@ class SparkplugHost(ForeignClient):
         self._waiting: dict[str, asyncio.Future[Any]] = {}
         self.alive = False
 
-    async def connect(self, port: int, node: str = "plant") -> SparkplugHost:
+    async def connect(self, port: int, node: str = "plant") -> Self:
         modules = await asyncio.to_thread(npm.modules, FOLDER)
         self._process = await asyncio.create_subprocess_exec(
             "node", str(FOLDER / "client.mjs"), str(modules), str(port), "umo", node,

@@ -5,22 +5,30 @@ from __future__ import annotations
 import asyncio
 import json
 import re
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Coroutine, Iterable, Mapping
 from datetime import UTC, datetime
 from math import isnan
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from umo.errors import OptionError, UmoError
 from umo.faces.face import Changes, Commands, Face, User
 from umo.faces.face_declaration import Declaration, FaceItem, ItemKind
-from umo.faces.mqtt.broker import Broker, BrokerAddress, Message
+from umo.faces.face_image import NEVER_TAKEN
+from umo.faces.mqtt.broker import Broker, Message, arguments_of
+from umo.faces.mqtt.broker_address import BrokerAddress
 from umo.objects import Quality
 
 USER = "homeassistant"
 """The name of the user of every command: the protocol tells none."""
 ONLINE, OFFLINE = b"online", b"offline"
 PRESS = b"PRESS"
+INTERVAL = 1.0
+FASTEST, SLOWEST = 0.1, 3600.0
+"""Times in s from one message of a number to the next: default and limits."""
 STEP = 0.001
 """Smallest step of a number that Home Assistant can set."""
 DEFAULT_LIMITS = -1e9, 1e9
@@ -35,6 +43,7 @@ class HomeAssistant(Face):
         port: of the broker.
         prefix: of discovery, as Home Assistant is set up.
         topic: below which the station's own topics are.
+        interval: s from one message of a number to the next, 0.1 to 3600; states and qualities are told at once.
         ca: file of the certificates that the broker's is checked with (PEM): TLS.
         certificate: file of the own certificate and key (PEM).
         user: for the broker.
@@ -43,19 +52,24 @@ class HomeAssistant(Face):
 
     def __init__(
         self, port: int = 1883, host: str = "127.0.0.1", prefix: str = "homeassistant", topic: str = "umo",
-        ca: Path | None = None, certificate: Path | None = None, user: str = "", password_file: Path | None = None,
+        interval: float = INTERVAL, ca: Path | None = None, certificate: Path | None = None, user: str = "",
+        password_file: Path | None = None,
     ) -> None:  # fmt: skip
         for name, text in (("prefix", prefix), ("topic", topic)):
             if not text or set(text) & set("+#\0"):
                 raise OptionError(f"{name} {text!r} is empty or has one of + #, which topics cannot have")
+        if not FASTEST <= interval <= SLOWEST:
+            raise OptionError(f"interval {interval} is not from {FASTEST:g} to {SLOWEST:g} s")
         self._broker = BrokerAddress(host, port, ca, certificate, user, password_file)
-        self._prefix, self._topic = prefix, topic
+        self._prefix, self._topic, self._interval = prefix, topic, interval
         self._machine: Declaration | None = None
         self._commands: Commands | None = None
         self._changes: Changes | None = None
         self._link: Broker | None = None
         self._missed: set[int] = set()
         """Items whose last value the broker has not got."""
+        self._waiting: deque[Message] = deque()
+        """What is told before values: discovery, and that the station is there."""
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def open(self) -> None:
@@ -66,15 +80,20 @@ class HomeAssistant(Face):
         self._machine, self._commands, self._changes = machine, commands, None
         self._base = f"{self._topic}/{plain(machine.station)}"
         self._missed = set(range(len(machine.items)))
+        self._has_states = np.array([bool(item.states) for item in machine.items])
+        self._qualities = np.full(len(machine.items), NEVER_TAKEN, np.uint8)
         orders = [f"{self._base}/set/#", f"{self._base}/press/#"]
         name = f"umo-ha-{plain(machine.station)}"
         self._link = Broker(self._broker, name, self._last, orders, self._came_up, self._hear)
         self._link.start()
+        self._keep(self._tell_numbers())
 
     async def frames(self, changes: Changes) -> None:
-        self._changes = changes
-        self._missed.update(changes.places.tolist())
-        self._send_values()
+        self._changes, places = changes, changes.places
+        self._missed.update(places.tolist())
+        at_once = self._has_states[places] | (changes.quality[places] != self._qualities[places])
+        self._qualities = changes.quality
+        self._send_values(places[at_once].tolist())
 
     async def end(self, why: str) -> None:
         for task in self._tasks:
@@ -83,23 +102,32 @@ class HomeAssistant(Face):
         if link is not None:
             await link.stop(self._last())
 
+    async def _tell_numbers(self) -> None:
+        while True:
+            await asyncio.sleep(self._interval)
+            self._send_values(self._missed)
+
     def _last(self) -> Message:
         return Message(f"{self._base}/status", OFFLINE, 1, retain=True)
 
     def _came_up(self) -> None:
         """Everything is told again: the broker may have lost it."""
-        assert self._machine is not None and self._link is not None
+        assert self._machine is not None
         self._missed = set(range(len(self._machine.items)))
-        for topic, config in discovery(self._machine, self._base, self._prefix).items():
-            self._link.send(topic, json.dumps(config).encode(), retain=True)
-        self._send_values()
-        self._link.send(f"{self._base}/status", ONLINE, retain=True)
+        told = discovery(self._machine, self._base, self._prefix)
+        self._waiting = deque(Message(topic, json.dumps(config).encode()) for topic, config in told.items())
+        self._waiting.append(Message(f"{self._base}/status", ONLINE))
+        self._send_values(self._missed)
 
-    def _send_values(self) -> None:
-        """The last value of each item that the broker has not got; while it is away only the last one is kept."""
-        if self._machine is None or self._changes is None or self._link is None or not self._link.is_up:
+    def _send_values(self, places: Iterable[int]) -> None:
+        """The last values of these items. While the broker is away only the last ones are kept."""
+        if self._machine is None or self._link is None:
             return
-        for place in sorted(self._missed):
+        while self._waiting:
+            if not self._link.send(self._waiting[0].topic, self._waiting[0].payload, retain=True):
+                return
+            self._waiting.popleft()
+        for place in sorted(places) if self._changes is not None else ():
             item = self._machine.items[place]
             if not self._link.send(value_topic(self._base, item.name), told(item, self._changes), retain=True):
                 return
@@ -108,7 +136,10 @@ class HomeAssistant(Face):
     # Commands ------------------------------------------------------------------------------------------
 
     def _hear(self, topic: str, payload: bytes) -> None:
-        task = asyncio.get_running_loop().create_task(self._carry_out(topic.removeprefix(f"{self._base}/"), payload))
+        self._keep(self._carry_out(topic.removeprefix(f"{self._base}/"), payload))
+
+    def _keep(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.get_running_loop().create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
@@ -118,16 +149,20 @@ class HomeAssistant(Face):
         path, user = path.replace("/", "."), User(USER, proved=False, is_remote=self._broker.is_remote)
         try:
             if do == "press":
-                await self._commands.ask(user, "call", path, arguments={})
+                arguments = {} if payload == PRESS else arguments_of(payload)
+                result = await self._commands.ask(user, "call", path, arguments=arguments)
             else:
-                await self._commands.ask(user, "tune", path, value=number_of(payload))
+                result = await self._commands.ask(user, "tune", path, value=number_of(payload))
+            self._answer("done", path, f"{path}: {json.dumps(result)}")
         except UmoError as error:
-            self._tell(f"{path}: {error}")
+            self._answer("refusal", path, f"{path}: {error}")
 
-    def _tell(self, text: str) -> None:
+    def _answer(self, topic: str, path: str, text: str) -> None:
+        """The answer to a command, after the values that it has changed."""
         if self._link is not None:
-            refusal = {"text": text[:255], "time": text_of_time(datetime.now(UTC).timestamp())}
-            self._link.send(f"{self._base}/refusal", json.dumps(refusal).encode())
+            self._send_values(self._missed)
+            answer = {"path": path[:255], "text": text[:255], "time": text_of_time(datetime.now(UTC).timestamp())}
+            self._link.send(f"{self._base}/{topic}", json.dumps(answer).encode())
 
 
 def plain(name: str) -> str:
