@@ -30,10 +30,10 @@ def free_port() -> int:
 class Mosquitto:
     """A broker on a port of this computer, which can be killed and started again."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, settings: str = "allow_anonymous true\n") -> None:
         self.port = free_port()
         self._config = folder / f"mosquitto-{self.port}.conf"
-        self._config.write_text(f"listener {self.port} 127.0.0.1\nallow_anonymous true\n")
+        self._config.write_text(f"listener {self.port} localhost\n{settings}")
         self.start()
 
     def start(self) -> None:
