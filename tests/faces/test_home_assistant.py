@@ -14,11 +14,17 @@ from typing import Any
 import pytest
 
 from helpers.faced import hosted
+from helpers.foreign_python import foreign_python
 from helpers.home_assistant import HomeAssistantClient
 from helpers.mqtt import MOSQUITTO, Mosquitto
+from umo import connect, published
 from umo.errors import OptionError
 from umo.faces.face import Face
+from umo.faces.face_declaration import declaration_of
 from umo.faces.mqtt.home_assistant import HomeAssistant
+from umo.faces.mqtt.home_assistant_discovery import discovery
+from umo.frames import Reader
+from umo.process.station import Station, shipped
 from umo.testing.faces import RULES, ForeignClient, TriedFace, TriedMachine, try_rule
 from umo.testing.faces.tried_machine import until
 
@@ -26,6 +32,7 @@ pytestmark = [
     pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux"),
     pytest.mark.skipif(MOSQUITTO is None, reason="Debian's package mosquitto is not installed"),
 ]
+JUDGE = Path(__file__).parent / "home_assistant"
 NEEDED = {"sensor": "state_topic", "binary_sensor": "state_topic", "number": "command_topic", "button": "command_topic"}
 """What the documentation of each entity requires."""
 
@@ -140,19 +147,47 @@ def test_a_prefix_that_no_topic_can_have_is_refused() -> None:
         HomeAssistant(prefix="a/#")
 
 
-def test_home_assistants_own_schemas_accept_discovery(broker: Mosquitto) -> None:
-    python = os.environ.get("UMO_HOMEASSISTANT_PYTHON")
-    if not python:
-        pytest.skip("UMO_HOMEASSISTANT_PYTHON names no Python with the package homeassistant")
-    lines: list[str] = []
+# Judged by Home Assistant --------------------------------------------------------------------------------
+
+
+def judged(lines: list[Any]) -> str:
+    """What Home Assistant's own schemas and templates say of [component, configuration, text of the value]."""
+    python = os.environ.get("UMO_HOMEASSISTANT_PYTHON") or foreign_python(JUDGE / "requirements.txt", "Home Assistant")
+    text = "\n".join(map(json.dumps, lines))
+    done = subprocess.run([python, JUDGE / "judge_discovery.py"], input=text, text=True, capture_output=True)
+    return done.stdout or done.stderr
+
+
+@pytest.mark.timeout(600)  # it is installed once
+def test_home_assistants_own_schemas_and_templates_accept_the_kits_machine(broker: Mosquitto) -> None:
+    lines: list[Any] = []
 
     async def work(machine: TriedMachine, host: HomeAssistantClient) -> None:
-        for topic, text in host.topics.items():
+        await until(lambda: level(host)["value"] == 10.0)
+        for topic, text in list(host.topics.items()):
             if topic.startswith("homeassistant/"):
-                lines.append(json.dumps([topic.split("/")[1], json.loads(text)]))
+                about = json.loads(text)
+                lines.append([topic.split("/")[1], about, host.topics.get(about.get("state_topic", ""))])
 
     tried(broker, work)
-    judge = Path(__file__).parent / "mqtt" / "judge_discovery.py"
-    done = subprocess.run([python, judge], input="\n".join(lines), text=True, capture_output=True, timeout=60)
-    assert lines
-    assert done.stdout.split("\n")[:-1] == ["judged"], done.stdout + done.stderr
+    assert len([each for each in lines if each[2]]) > 10
+    assert judged(lines) == "judged\n"
+
+
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("name", shipped())
+def test_home_assistants_own_schemas_accept_the_stations_that_ship(name: str) -> None:
+    connection = connect(Station(name, shipped()[name]).machine())
+    with connection, published(connection, name, "simulated") as ring, Reader(ring.path) as reader:
+        found = discovery(declaration_of(reader), f"umo/{name}", "homeassistant")
+    assert len(found) > 5
+    assert judged([[topic.split("/")[1], about, None] for topic, about in found.items()]) == "judged\n"
+
+
+@pytest.mark.timeout(600)
+def test_home_assistants_own_schemas_can_say_no() -> None:
+    config = {"state_topic": "a", "device_class": "enum", "options": ["a"], "value_template": "{{ value_json.value }}"}
+    wrong = ["sensor", {**config, "availability": []}, '{"value": "b"}']
+    said = judged([["number", config, None], wrong]).splitlines()
+    assert len(said) == 3
+    assert "none of its options" in said[1]
