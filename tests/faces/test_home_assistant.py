@@ -123,6 +123,24 @@ def test_a_number_is_set_a_button_pressed_and_a_refusal_told(broker: Mosquitto) 
     tried(broker, work)
 
 
+def test_a_retained_order_is_not_carried_out_and_the_next_one_is(broker: Mosquitto) -> None:
+    async def work() -> None:
+        async with TriedMachine() as machine:
+            host = await HomeAssistantClient().connect(broker.port)
+            try:
+                host.send({"topic": "umo/plant/set/cell/gain", "text": "7", "retain": True})
+                await until(lambda: "umo/plant/set/cell/gain" in host.topics)
+                async with hosted(machine, HomeAssistant(port=broker.port)):
+                    await until(lambda: host.topics.get("umo/plant/status") == "online")
+                    await host.tune("cell.gain", 2.0)
+                    assert machine.m.cell.gain == 2.0
+                    assert not [each for each in machine.events if each.path == "cell.gain" and "7" in each.text]
+            finally:
+                await host.close()
+
+    asyncio.run(work())
+
+
 def test_without_commands_everything_is_refused(broker: Mosquitto) -> None:
     async def work(machine: TriedMachine, host: HomeAssistantClient) -> None:
         host.send({"topic": "umo/plant/set/cell/gain", "text": "2.5"})
