@@ -5,10 +5,14 @@ What is judged are JSON lines of [component, configuration, text of the state to
 It runs in an environment of Home Assistant, not of umo.
 """
 
+import asyncio
 import importlib
 import json
 import sys
+import tempfile
 
+from homeassistant.core import HomeAssistant
+from homeassistant.helpers import frame
 from homeassistant.helpers.template import TemplateEnvironment
 
 
@@ -34,10 +38,17 @@ def judge(component, config, text):
         float(shown)
 
 
-for line in sys.stdin:
-    component, config, text = json.loads(line)
-    try:
-        judge(component, config, text)
-    except Exception as error:
-        print(f"{component} {config.get('unique_id')}: {error!r}")
-print("judged")
+async def main():
+    core = HomeAssistant(tempfile.gettempdir())  # its schemas ask for it
+    if hasattr(frame, "async_setup"):
+        frame.async_setup(core)
+    for line in sys.stdin:
+        component, config, text = json.loads(line)
+        try:
+            judge(component, config, text)
+        except Exception as error:
+            print(f"{component} {config.get('unique_id')}: {error!r}")
+    print("judged")
+
+
+asyncio.run(main())
