@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from helpers.faced import hosted
@@ -19,11 +20,12 @@ from helpers.home_assistant import HomeAssistantClient
 from helpers.mqtt import MOSQUITTO, Mosquitto
 from umo import connect, published
 from umo.errors import OptionError
-from umo.faces.face import Face
-from umo.faces.face_declaration import declaration_of
+from umo.faces.face import Changes, Face
+from umo.faces.face_declaration import Declaration, FaceItem, ItemKind, declaration_of
 from umo.faces.mqtt.home_assistant import HomeAssistant
 from umo.faces.mqtt.home_assistant_discovery import discovery
 from umo.frames import Reader
+from umo.objects import Quality
 from umo.process.station import Station, shipped
 from umo.testing.faces import RULES, ForeignClient, TriedFace, TriedMachine, try_rule
 from umo.testing.faces.tried_machine import until
@@ -163,6 +165,89 @@ def test_at_the_end_the_device_is_offline(broker: Mosquitto) -> None:
 def test_a_prefix_that_no_topic_can_have_is_refused() -> None:
     with pytest.raises(OptionError, match="prefix"):
         HomeAssistant(prefix="a/#")
+
+
+# How often ------------------------------------------------------------------------------------------------
+
+
+class Network:
+    """In place of a broker: notes what it is given; `room`: how many messages it still takes."""
+
+    is_up = True
+
+    def __init__(self, *given: Any) -> None:
+        self.told: list[str] = []
+        self.room = 1000
+
+    def start(self) -> None:
+        pass
+
+    def send(self, topic: str, payload: bytes, retain: bool = False) -> bool:
+        self.room -= 1
+        if self.room >= 0:
+            self.told.append(topic.removeprefix("umo/plant/value/"))
+        return self.room >= 0
+
+    async def stop(self, last: Any) -> None:
+        pass
+
+
+MACHINE = Declaration(
+    "plant", "", "1-1", 0.01, 0.0,
+    (FaceItem(0, ItemKind.SENSOR, "level", {}), FaceItem(1, ItemKind.SENSOR, "limit", {}, states={0: "NO", 1: "YES"})),
+    (), (), (), False,
+)  # fmt: skip
+
+
+def changed(*places: int, stale: int = -1) -> Changes:
+    quality = np.array([Quality.STALE if place == stale else Quality.GOOD for place in range(2)], np.uint8)
+    return Changes(1, 1e9, None, np.array(places), np.ones(2), quality, np.full(2, 1e9))
+
+
+async def begun(monkeypatch: pytest.MonkeyPatch) -> tuple[HomeAssistant, Network]:
+    monkeypatch.setattr("umo.faces.mqtt.home_assistant.Broker", Network)
+    face = HomeAssistant(interval=0.1)
+    await face.begin(MACHINE, None)  # type: ignore[arg-type]
+    network: Any = face._link
+    return face, network
+
+
+def test_states_and_qualities_are_told_at_once_and_numbers_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def work() -> None:
+        face, network = await begun(monkeypatch)
+        for places, stale, at_once in (((0, 1), -1, ["level", "limit"]), ((0, 1), -1, ["limit"]), ((0,), 0, ["level"])):
+            network.told.clear()
+            await face.frames(changed(*places, stale=stale))
+            assert network.told == at_once
+        await face.frames(changed(0, stale=0))
+        await face.frames(changed(0, stale=0))
+        network.told.clear()
+        await until(lambda: network.told)
+        assert network.told == ["level"]
+        await face.end("")
+
+    asyncio.run(work())
+
+
+def test_what_the_network_does_not_take_is_told_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def work() -> None:
+        face, network = await begun(monkeypatch)
+        network.room = 2
+        face._came_up()
+        await face.frames(changed(0, 1))
+        assert len(network.told) == 2
+        network.room = 1000
+        await until(lambda: "limit" in network.told)
+        assert [each.partition("/")[0] for each in network.told] == [*["homeassistant"] * 3, "umo", "level", "limit"]
+        await face.end("")
+
+    asyncio.run(work())
+
+
+@pytest.mark.parametrize("interval", [0.01, 1e9, float("nan")])
+def test_an_interval_out_of_its_range_is_refused(interval: float) -> None:
+    with pytest.raises(OptionError, match="interval"):
+        HomeAssistant(interval=interval)
 
 
 # Judged by Home Assistant --------------------------------------------------------------------------------

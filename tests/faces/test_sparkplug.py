@@ -110,6 +110,9 @@ def test_a_full_store_drops_the_oldest_and_counts(broker: Mosquitto) -> None:
             async with hosted(machine, face):
                 await until(lambda: face.dropped > 10)
                 assert len(face._stored) == 20
+                oldest, dropped = face._stored[0].timestamp, face.dropped
+                await until(lambda: face.dropped > dropped + 40)
+                assert face._stored[0].timestamp > oldest
                 broker.start()
                 await host.connect(broker.port)
                 try:
