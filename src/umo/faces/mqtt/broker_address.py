@@ -7,7 +7,7 @@ import ssl
 from dataclasses import dataclass
 from pathlib import Path
 
-from umo.errors import OptionError, UmoError
+from umo.errors import OptionError
 from umo.faces.endpoint import is_local
 
 MAX_PASSWORD = 1024
@@ -49,19 +49,21 @@ class BrokerAddress:
         return not is_local(self.host)
 
     def context(self) -> ssl.SSLContext | None:
-        """For TLS; None without `ca`. UmoError if the files are none."""
+        """For TLS; None without `ca`. OptionError if the files are none."""
         if self.ca is None:
             return None
+        file = self.ca
         try:
-            context = ssl.create_default_context(cafile=self.ca)
+            context = ssl.create_default_context(cafile=file)
             if self.certificate is not None:
-                context.load_cert_chain(self.certificate)
+                file = self.certificate
+                context.load_cert_chain(file)
         except OSError as error:
-            raise UmoError(f"{self.ca}, {self.certificate}: no certificates ({reason_of(error)})") from None
+            raise OptionError(f"{file}: no certificates ({reason_of(error)})") from None
         return context
 
     def password(self) -> str | None:
-        """The first line of the file; UmoError if it cannot be read."""
+        """The first line of the file; OptionError if it cannot be read."""
         if self.password_file is None:
             return None
         try:
@@ -70,9 +72,9 @@ class BrokerAddress:
                     raise PermissionError("others may read it: chmod 600")
                 line = stream.readline(MAX_PASSWORD).rstrip("\r\n")
         except (OSError, ValueError) as error:
-            raise UmoError(f"{self.password_file}: no password ({reason_of(error)})") from None
+            raise OptionError(f"{self.password_file}: no password ({reason_of(error)})") from None
         if not line:
-            raise UmoError(f"{self.password_file}: its first line is no password")
+            raise OptionError(f"{self.password_file}: its first line is no password")
         return line
 
     def __str__(self) -> str:
