@@ -69,6 +69,7 @@ def tried(broker: Mosquitto, work: Callable[..., Any], read_only: bool = False) 
             try:
                 async with hosted(machine, HomeAssistant(port=broker.port), read_only=read_only):
                     await until(lambda: host.topics.get("umo/plant/status") == "online")
+                    await host.heard_by_broker()  # what is retained comes in any order
                     await work(machine, host)
             finally:
                 await host.close()
