@@ -137,6 +137,7 @@ class Plant:
         return "\n".join((self._folder / f"{name}.log").read_text()[-2000:] for name in ("station", "face"))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", [1])
 def test_kills_at_random_lead_to_no_message_that_sparkplug_does_not_allow(tmp_path: Path, seed: int) -> None:
     choose = Random(seed)
