@@ -19,7 +19,7 @@ test: $(STAMP)
 test-page: $(STAMP)
 	$(PYTEST) tests/page $(ARGS)
 
-# The faces, each with clients of other projects; make test runs one test of each. About 3 minutes.
+# The faces, each with clients of other projects; make test runs one test of each. About 6 minutes.
 test-faces: $(STAMP)
 	$(PYTEST) tests/faces $(ARGS)
 
