@@ -29,6 +29,7 @@ from umo.errors import FramesError, UmoError
 from umo.fleet import fleet_keys as keys
 from umo.fleet import fleet_settings
 from umo.fleet.fleet_keys import StationKey
+from umo.fleet.fleet_rules import USER
 from umo.fleet.fleet_session import anybody, opened
 from umo.fleet.fleet_settings import FleetSettings
 from umo.fleet.message_parts import unpacked
@@ -257,7 +258,8 @@ def find(name: str, settings: FleetSettings | None = None) -> Reader:
     default: those of this user."""
     key = keys.station_key(name)
     settings = fleet_settings.load() if settings is None else settings
-    network = settings.network
+    settings.require(USER)
+    network = settings.network.client()
     session = opened(network, "client" if network.connect else "peer")
     try:
         until = time.monotonic() + ANSWER_TIME
