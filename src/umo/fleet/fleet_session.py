@@ -93,11 +93,11 @@ def _is_loopback(address: str) -> bool:
 def rules_of(network: FleetNetwork, mode: str) -> dict[str, Any] | None:
     """The access control of whoever listens. OptionError if a network with certificates has no rules: then no name
     is proved. A client that is connected relies on those of the router, whose certificate has proved its host."""
-    if mode == "client" or network.is_local:
+    if mode == "client":
         return None
     if network.is_proved and network.certificates is not None:
         return FleetRules.load(network.certificates / fleet_rules.FILE).settings() if network.listen else None
-    return fleet_rules.reading_only()
+    return None if network.is_local else fleet_rules.reading_only()
 
 
 LOCAL_NETWORK = FleetNetwork()
