@@ -48,6 +48,8 @@ ANSWER_TIME = 3.0
 """Time in s within which a station declares itself."""
 STALE_AFTER = 1.5
 """Time in s without a delta after which no value is fresh, 10 periods if that is longer."""
+CHECK_PAUSE = 0.5
+"""Time in s from one question of which run there is to the next."""
 LOOK = 0.02
 """Time in s from one look at the cells to the next."""
 
@@ -89,11 +91,14 @@ class FleetMirror:
         fields = layout.dtype.fields
         assert fields is not None
         self._time = fields["time"][1] // 8
+        (width,) = fields["quality"][0].shape
+        self._qualities = slice(fields["quality"][1], fields["quality"][1] + width)
         self._next_event = max(0, int(facts["event"]) - 1)
         self.lost = 0
         """Deltas that did not come."""
         self._ended = threading.Event()
         self._heard = time.monotonic()
+        self._checked = float("-inf")
         self._is_stale = False
         self._limit = max(STALE_AFTER, 10 * float(layout.about["period"]))
         if words:
@@ -134,8 +139,8 @@ class FleetMirror:
 
     def _take_delta(self, data: bytes) -> None:
         run, number = peek(data)
-        if run != self._run:  # another run has begun: this one has ended
-            self._ended.set()
+        if run != self._run:
+            self._check_run()
             return
         if number <= self._number:  # it came twice
             return
@@ -147,12 +152,28 @@ class FleetMirror:
         self.lost += number - self._number - 1
         self._number = number
         self._words.apply(delta, self._image)
+        if self._image.view(np.uint8)[self._qualities].max(initial=0) > Quality.BAD:
+            self._number = -2  # the next delta does not follow this image
+            raise FramesError("a delta holds what no station has; it was not used")
         if delta.rest:
             self._take_rest(delta.rest)
         self._show()
         if delta.is_last:
             self._take_waiting_events()
             self._ended.set()
+
+    def _check_run(self) -> None:
+        """A delta of another run has come: this one has ended, if the station says so. Anything else is no delta of
+        its gateway, or an old one."""
+        now = time.monotonic()
+        if now - self._checked < CHECK_PAUSE:
+            return
+        self._checked = now
+        about, *_ = unpacked(declaration_of(self._session, self.key))
+        if bytes.fromhex(json.loads(about)["run"]) != self._run:
+            self._ended.set()
+        else:
+            log.warning("%s: a delta of another run has come; it was not used", self.key)
 
     def _ask_again(self) -> None:
         """Deltas are missing: take the image as it is now."""

@@ -45,7 +45,6 @@ PUBLISH = (
     "liveliness_token",
 )
 EVERYTHING = (*PUBLISH, "query", "liveliness_query")
-SEEN = (keys.DECLARATION, keys.STATUS, keys.ALIVE, keys.DELTA, keys.EVENT)
 PRESENCE = tuple(f"{keys.ROOT}/{keys.ANY}/{keys.ANY}/{kind}" for kind in (keys.ALIVE, keys.STATUS))
 CACHE = "@adv/**"
 """Below the key of a publisher: what it keeps, and its heartbeat. `**` alone does not name it."""
@@ -137,8 +136,8 @@ class FleetRules:
 
 
 def seen_at(sites: Sequence[str]) -> list[str]:
-    """What whoever may see the stations of these sites asks for."""
-    return [f"{keys.ROOT}/{site}/*/{kind}{more}" for site in sites for kind in SEEN for more in ("", f"/{CACHE}")]
+    """What whoever may see the stations of these sites asks for: all keys of one word, which commands are not."""
+    return [f"{keys.ROOT}/{site}/*/*{more}" for site in sites for more in ("", f"/{CACHE}")]
 
 
 def reading_only() -> dict[str, Any]:
