@@ -23,7 +23,8 @@ HOST = "localhost"
 
 
 def authority_in(folder: Path) -> Authority:
-    """Router plant, sites cell7 and cell8, users ann, bob, and eve of cell8 only; the certificate of late was valid until yesterday."""
+    """Router plant, sites cell7 and cell8, users ann, bob, and eve of cell8 only. The certificate of late was valid
+    until yesterday."""
     authority = Authority.create(folder)
     authority.issue("router", "plant", [HOST])
     for name in ("cell7", "cell8"):

@@ -48,6 +48,8 @@ ANSWER_TIME = 3.0
 """Time in s within which a station declares itself."""
 STALE_AFTER = 1.5
 """Time in s without a delta after which no value is fresh, 10 periods if that is longer."""
+NONE = -2
+"""Number of an image that no delta follows."""
 CHECK_PAUSE = 0.5
 """Time in s from one question of which run there is to the next."""
 LOOK = 0.02
@@ -140,20 +142,22 @@ class FleetMirror:
     def _take_delta(self, data: bytes) -> None:
         run, number = peek(data)
         if run != self._run:
-            self._check_run()
+            self._check("a delta of another run has come; it was not used")
             return
         if number <= self._number:  # it came twice
+            if self._is_stale:
+                self._check("")
             return
         delta = self._words.parse(data)
         self._heard, self._is_stale = time.monotonic(), False
         if number != self._number + 1 and not delta.is_full:
             self._ask_again()
             return
-        self.lost += number - self._number - 1
+        self._count_lost(number)
         self._number = number
         self._words.apply(delta, self._image)
         if self._image.view(np.uint8)[self._qualities].max(initial=0) > Quality.BAD:
-            self._number = -2  # the next delta does not follow this image
+            self._number = NONE
             raise FramesError("a delta holds what no station has; it was not used")
         if delta.rest:
             self._take_rest(delta.rest)
@@ -162,18 +166,21 @@ class FleetMirror:
             self._take_waiting_events()
             self._ended.set()
 
-    def _check_run(self) -> None:
-        """A delta of another run has come: this one has ended, if the station says so. Anything else is no delta of
-        its gateway, or an old one."""
+    def _check(self, otherwise: str) -> None:
+        """What has come does not follow: the run may have ended, or its last delta was of nobody's. The station says
+        so; if it does not, `otherwise` is told."""
         now = time.monotonic()
         if now - self._checked < CHECK_PAUSE:
             return
         self._checked = now
         about, *_ = unpacked(declaration_of(self._session, self.key))
-        if bytes.fromhex(json.loads(about)["run"]) != self._run:
+        facts = json.loads(about)
+        if bytes.fromhex(facts["run"]) != self._run:
             self._ended.set()
-        else:
-            log.warning("%s: a delta of another run has come; it was not used", self.key)
+        elif int(facts["number"]) < self._number:
+            self._number = NONE
+        elif otherwise:
+            log.warning("%s: %s", self.key, otherwise)
 
     def _ask_again(self) -> None:
         """Deltas are missing: take the image as it is now."""
@@ -181,11 +188,15 @@ class FleetMirror:
         facts = json.loads(about)
         if bytes.fromhex(facts["run"]) != self._run or not words:
             return
-        self.lost += max(0, int(facts["number"]) - self._number - 1)
-        self._number = int(facts["number"])
+        self._count_lost(number := int(facts["number"]))
+        self._number = number
         self._image[:] = np.frombuffer(words, np.uint64)
         self._take_rest(rest)
         self._show()
+
+    def _count_lost(self, number: int) -> None:
+        if self._number != NONE:
+            self.lost += max(0, number - self._number - 1)
 
     def _take_rest(self, data: bytes) -> None:
         rest = Rest.parse(data)
@@ -223,9 +234,9 @@ class FleetMirror:
 
     # The ring ------------------------------------------------------------------------------------------------
 
-    def _show(self) -> None:
+    def _show(self, image: Words | None = None) -> None:
         """The image as a frame; its time on this computer's clock is that of its UTC."""
-        frame = np.frombuffer(bytearray(self._image.tobytes()), self._words.dtype)
+        frame = np.frombuffer(bytearray((self._image if image is None else image).tobytes()), self._words.dtype)
         moment = int(frame["began"][0]) + int(frame["utc"][0])
         offset, _ = utc()
         frame["began"] = min(moment - offset, time.monotonic_ns())
@@ -237,9 +248,7 @@ class FleetMirror:
         self._is_stale = True
         frame = np.frombuffer(bytearray(self._image.tobytes()), self._words.dtype)
         frame["quality"] = np.maximum(frame["quality"], np.uint8(Quality.STALE))
-        self._image[:] = np.frombuffer(frame.tobytes(), np.uint64)
-        self._number = -2  # the next delta does not follow this image
-        self._show()
+        self._show(np.frombuffer(frame.tobytes(), np.uint64))
 
     def _finish(self) -> None:
         for each in self._subscribers:
