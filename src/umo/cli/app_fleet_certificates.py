@@ -74,7 +74,9 @@ def user(
     name: CertificateName,
     sites: Annotated[
         list[str] | None,
-        typer.Option("--site", help="Only stations of this site are open to them; may be repeated. Default: all."),
+        typer.Option(
+            "--site", metavar="SITE", help="Only stations of this site are open to them; may be repeated. Default: all."
+        ),
     ] = None,
     folder: Folder = DEFAULT,
 ) -> int:
