@@ -89,7 +89,7 @@ def test_who_has_a_certificate_sees_and_commands_under_the_own_name(authority: A
         assert machine.m.cell.gain == 2.5
         assert next(each for each in machine.events if each.path == "cell.gain").who == "ann (fleet)"
         bob = await fleet.client("bob")
-        with pytest.raises(CommandRefused, match="bob may see; lease needs the role tune"):
+        with pytest.raises(CommandRefused, match="bob may see; tune needs the role tune"):
             await asyncio.to_thread(bob.lease("bob").__enter__)
 
     tried(authority, work, by_router=by_router)
