@@ -57,7 +57,7 @@ def serve(
 ) -> int:
     """Publish the stations that run on this computer, also those that start later, until Ctrl-C.
 
-    `umo ps --fleet` lists them, and SITE/STATION is their name for `umo watch`, `umo attach` and the others. Without
+    `umo ps --fleet` lists them, and SITE/STATION is their name for `umo watch`, `umo.attach` and the others. Without
     addresses this computer only is reached. The file ~/.config/umo/fleet.toml has the same settings.
     """
     from .serve_fleet import serve_gateway
