@@ -1,0 +1,144 @@
+"""`python -m bench --fleet MINUTES`: a fleet of ten computers, two routers and a hundred stations, and what befalls it."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bench.fleet import report_file, verdicts
+from bench.fleet.commands import done_by
+from bench.fleet.namespaces import missing
+from bench.fleet.parts import Part
+from bench.fleet.plant import OWN, OWN_ADDRESS, FleetPlant
+from bench.fleet.strikes import Striker
+from bench.report import Doing, Target
+
+TITLE = "A fleet: computers as network namespaces, routers, gateways, stations; each killed in turn"
+SEED = 25
+SETTLING = 4.0
+"""Time in s after all is there, and before the end."""
+STRIKE_TAKES = 11.0
+"""Time in s of a strike with the pause after it, about."""
+COMMAND_STATION = f"{OWN}/Plant"
+
+
+@dataclass(frozen=True)
+class Size:
+    computers: int = 10
+    made: int = 10
+    """Stations that do not exist, of each computer; of one that has a real one, one less."""
+    real: int = 5
+    commands: int = 10_000
+
+    @property
+    def stations(self) -> int:
+        return self.computers * self.made + self.real
+
+
+FULL = Size(made=9, real=5)
+SHORT = Size(computers=3, made=4, real=1, commands=300)
+
+
+def takes(minutes: float) -> float:
+    return 60.0 * minutes + 30.0
+
+
+def measure(minutes: float, doing: Doing, size: Size = FULL, seed: int = SEED) -> Iterator[Target]:
+    if (why := missing()) is not None:
+        yield Target("a fleet", "", "-", f"not measured: {why}")
+        return
+    with FleetPlant(Path(tempfile.mkdtemp(prefix="umo-fleet-")), size.computers, size.made, size.real) as plant:
+        yield from Campaign(plant, size, seed).run(60.0 * minutes, doing)
+
+
+class Campaign:
+    def __init__(self, plant: FleetPlant, size: Size, seed: int) -> None:
+        self._plant, self._size = plant, size
+        followers = [plant.router_address(0), plant.router_address(1)]
+        views = [f"{site}/made000" for site in plant.sites[:4]]
+        self.checker = self._follower("checker", "checker", followers[0])
+        self.recorder = self._follower("recorder", "checker", followers[1])
+        self.viewer = self._follower("viewer", "viewer", followers[0], *views)
+        self.own = plant.own_gateway() if size.real else None
+        self._seed = seed
+
+    def _follower(self, name: str, module: str, *words: str) -> Part:
+        plant = self._plant
+        return plant.python(name, plant.desk, f"bench.fleet.{module}", str(plant.folder / f"{name}.json"), *words)
+
+    def _commands(self, seconds: float) -> Part:
+        plant, count = self._plant, self._size.commands
+        rate = max(1.0, count / max(seconds - SETTLING, 1.0))
+        words = (str(plant.folder / "commands.json"), OWN_ADDRESS, COMMAND_STATION, str(count), f"{rate:g}")
+        return plant.python("commands", 0, "bench.fleet.commands", *words)
+
+    def report(self, name: str) -> Any:
+        return report_file.read(self._plant.folder / f"{name}.json") or {}
+
+    # The run ---------------------------------------------------------------------------------------------
+
+    def run(self, seconds: float, doing: Doing) -> Iterator[Target]:
+        plant, parts = self._plant, [self.checker, self.recorder, self.viewer]
+        commands = self._commands(seconds)
+        try:
+            doing("it begins")
+            for part in (*parts, *plant.rings, *plant.stations):
+                part.start()
+            plant.wait(lambda: len(plant.truths) == self._size.stations, "all rings are there")
+            plant.wait(self._all_seen, "all stations are seen")
+            if self.own is not None:
+                self.own.start()
+                time.sleep(SETTLING)
+                commands.start()
+            striker = Striker(plant, {"recorder": self.recorder, "checker": self.checker}, self.own, self._seed)
+            began = time.monotonic()
+            self._strike(striker, seconds, doing)
+            doing("it ends")
+            striker.pause(SETTLING, SETTLING)
+            if self.own is not None:
+                plant.wait(lambda: not commands.is_running, "all commands have an answer", 2 * SETTLING + 20)
+            self.viewer.end()
+            for part in (*plant.rings, *plant.stations):
+                part.end()
+            striker.pause(2 * SETTLING, 2 * SETTLING)
+            for part in parts:
+                part.end()
+        finally:
+            for each in (*parts, commands, *([self.own] if self.own else [])):
+                each.kill()
+        yield from self._verdicts(striker, began)
+
+    def _all_seen(self) -> bool:
+        present: set[str] = set()
+        for _, key, comes in self.report("viewer").get("changes", []):
+            (present.add if comes else present.discard)(key)
+        return len(present) == self._size.stations
+
+    def _strike(self, striker: Striker, seconds: float, doing: Doing) -> None:
+        """As many of each kind as there is time for."""
+        times = max(1, round(seconds / STRIKE_TAKES / len(striker.kinds)))
+        order = striker.order(times)
+        for number, strike in enumerate(order):
+            doing(f"strike {number + 1} of {len(order)}")
+            striker.done.append(strike())
+            striker.pause(SETTLING, 1.5 * SETTLING)
+
+    def _verdicts(self, striker: Striker, began: float) -> Iterator[Target]:
+        kinds = [each.kind for each in striker.done]
+        told = ", ".join(f"{kinds.count(kind)} {kind}" for kind in sorted(set(kinds)))
+        size = self._size
+        where = f"{size.stations} stations ({size.real} real) on {size.computers} computers, two routers"
+        yield Target(where, "-", told, "")
+        sums = verdicts.sums_of(list(self._plant.truths.values()), self.report("checker"))
+        yield from verdicts.deltas(sums)
+        for line in sums.worst[:10]:
+            yield Target("    " + line, "", "", "")
+        viewed = self.report("viewer")
+        yield verdicts.views(viewed)
+        yield from verdicts.presence(striker.done, viewed["changes"], began)
+        if self.own is not None:
+            yield from verdicts.commands(self.report("commands"), done_by(self._plant.carried_out))
