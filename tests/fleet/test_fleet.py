@@ -103,6 +103,20 @@ def test_values_grow_stale_when_nothing_comes_and_are_good_again_when_it_does() 
     tried(work)
 
 
+def test_a_gateway_that_was_away_for_long_does_not_bring_old_values_back() -> None:
+    async def work(machine: TriedMachine, fleet: Fleet) -> None:
+        client = await fleet.client()
+        await until(lambda: client.reader.head > 20)
+        await fleet.end()
+        await until(lambda: quality(client, "cell.limit") is Quality.STALE)
+        await fleet.begin()
+        await until(lambda: quality(client, "cell.limit") is Quality.GOOD)
+        numbers = client.reader.read()["number"].tolist()
+        assert {after - before for before, after in pairwise(numbers)} == {0, 20}  # 0: as it grew stale
+
+    tried(work)
+
+
 def test_the_end_of_the_run_is_the_end_of_its_mirror_with_its_last_events() -> None:
     async def work(machine: TriedMachine, fleet: Fleet) -> None:
         client = await fleet.client()

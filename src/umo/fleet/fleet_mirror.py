@@ -201,23 +201,21 @@ class FleetMirror:
 
     # The ring ------------------------------------------------------------------------------------------------
 
-    def _show(self) -> None:
-        """The image as a frame; its time on this computer's clock is that of its UTC."""
+    def _show(self, best: Quality = Quality.GOOD) -> None:
+        """The image as a frame, of which no value is better than `best`; its time on this computer's clock is that of
+        its UTC."""
         frame = np.frombuffer(bytearray(self._image.tobytes()), self._words.dtype)
         moment = int(frame["began"][0]) + int(frame["utc"][0])
         offset, _ = utc()
         frame["began"] = min(moment - offset, time.monotonic_ns())
         frame["utc"] = moment - frame["began"]
+        frame["quality"] = np.maximum(frame["quality"], np.uint8(best))
         self._ring.frame(frame.tobytes())
 
     def _grow_stale(self) -> None:
         """Nothing has come for too long: no value is fresh."""
         self._is_stale = True
-        frame = np.frombuffer(bytearray(self._image.tobytes()), self._words.dtype)
-        frame["quality"] = np.maximum(frame["quality"], np.uint8(Quality.STALE))
-        self._image[:] = np.frombuffer(frame.tobytes(), np.uint64)
-        self._number = -2  # the next delta does not follow this image
-        self._show()
+        self._show(Quality.STALE)
 
     def _finish(self) -> None:
         for each in self._subscribers:
