@@ -143,6 +143,8 @@ class FleetMirror:
         if number != self._number + 1 and not delta.is_full:
             self._ask_again()
             return
+        if delta.is_last:  # before the ring says that the run has ended
+            self._take_waiting_events()
         self.lost += number - self._number - 1
         self._number = number
         self._words.apply(delta, self._image)
@@ -150,7 +152,6 @@ class FleetMirror:
             self._take_rest(delta.rest)
         self._show()
         if delta.is_last:
-            self._take_waiting_events()
             self._ended.set()
 
     def _ask_again(self) -> None:
