@@ -28,6 +28,7 @@ from umo.cycle.events import CommandState, Event
 from umo.errors import FramesError, UmoError
 from umo.fleet import fleet_keys as keys
 from umo.fleet import fleet_settings
+from umo.fleet.arrival_ages import ArrivalAges
 from umo.fleet.fleet_keys import StationKey
 from umo.fleet.fleet_session import anybody, opened
 from umo.fleet.fleet_settings import FleetSettings
@@ -46,7 +47,7 @@ log = logging.getLogger("umo.fleet")
 ANSWER_TIME = 3.0
 """Time in s within which a station declares itself."""
 STALE_AFTER = 1.5
-"""Time in s without a delta after which no value is fresh, 10 periods if that is longer."""
+"""Age in s of a delta from which on no value is fresh, 10 periods if that is longer."""
 LOOK = 0.02
 """Time in s from one look at the cells to the next."""
 
@@ -87,7 +88,8 @@ class FleetMirror:
         """Those in the ring."""
         fields = layout.dtype.fields
         assert fields is not None
-        self._time = fields["time"][1] // 8
+        self._time, self._began = (fields[name][1] // 8 for name in ("time", "began"))
+        self._ages = ArrivalAges()
         self._next_event = max(0, int(facts["event"]) - 1)
         self.lost = 0
         """Deltas that did not come."""
@@ -139,7 +141,6 @@ class FleetMirror:
         if number <= self._number:  # it came twice
             return
         delta = self._words.parse(data)
-        self._heard, self._is_stale = time.monotonic(), False
         if number != self._number + 1 and not delta.is_full:
             self._ask_again()
             return
@@ -155,7 +156,9 @@ class FleetMirror:
             self._ended.set()
 
     def _ask_again(self) -> None:
-        """Deltas are missing: take the image as it is now."""
+        """Deltas are missing: take the image as it is now. Until the answer nothing is known to be fresh."""
+        if not self._is_stale:
+            self._grow_stale()
         about, _, words, rest = unpacked(declaration_of(self._session, self.key))
         facts = json.loads(about)
         if bytes.fromhex(facts["run"]) != self._run or not words:
@@ -202,7 +205,13 @@ class FleetMirror:
 
     # The ring ------------------------------------------------------------------------------------------------
 
-    def _show(self, best: Quality = Quality.GOOD) -> None:
+    def _show(self) -> None:
+        """The image, which has just come. What comes late, as after a loss of the network, is not fresh."""
+        self._heard, self._is_stale = time.monotonic(), False
+        is_late = self._ages.age(int(self._image.view("<i8")[self._began])) > self._limit
+        self._add(Quality.STALE if is_late else Quality.GOOD)
+
+    def _add(self, best: Quality) -> None:
         """The image as a frame, of which no value is better than `best`; its time on this computer's clock is that of
         its UTC."""
         frame = np.frombuffer(bytearray(self._image.tobytes()), self._words.dtype)
@@ -216,7 +225,7 @@ class FleetMirror:
     def _grow_stale(self) -> None:
         """Nothing has come for too long: no value is fresh."""
         self._is_stale = True
-        self._show(Quality.STALE)
+        self._add(Quality.STALE)
 
     def _finish(self) -> None:
         for each in self._subscribers:
