@@ -1,4 +1,4 @@
-"""`python -m bench --fleet MINUTES`: a fleet of ten computers, two routers and a hundred stations, and what befalls it."""
+"""`python -m bench --fleet MINUTES`: ten computers, two routers, a hundred stations, and what befalls them."""
 
 from __future__ import annotations
 

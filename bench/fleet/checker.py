@@ -154,8 +154,8 @@ class Checker:
             return
         run, _ = peek(data)
         if (follower := self.followed.get((key, run))) is None:
-            words = MADE_WORDS if key.station.startswith(MADE) else None
-            follower = self.followed[key, run] = Follower(key, words)
+            known = MADE_WORDS if key.station.startswith(MADE) else None
+            follower = self.followed[key, run] = Follower(key, known)
         if not follower.take(data) and time.monotonic() - follower.asked > ASK_AGAIN:
             follower.asked = time.monotonic()
             self._session.get(
@@ -183,7 +183,7 @@ def main(report: Path, addresses: list[str]) -> None:
             print(f"{error}", file=sys.stderr)
         file.write(checker.found)
     file.write(checker.found, now=True)
-    session.close()  # type: ignore[no-untyped-call]
+    session.close()
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""A client that commands a station and repeats itself: `python -m bench.fleet.commands REPORT ADDRESS STATION NUMBER RATE`.
+"""A client that commands a station: `python -m bench.fleet.commands REPORT ADDRESS STATION NUMBER RATE`.
 
 Each command has an id of its own. Some are sent two or three times at once, as a network may copy them; one that has
 no answer is sent again under its id until it has one or is no longer valid. The answers are noted.
@@ -116,7 +116,7 @@ def main(report: Path, address: str, station: str, number: int, rate: float) -> 
         file.write(commander.found)
         threading.Event().wait(0.01)
     file.write(commander.found, now=True)
-    session.close()  # type: ignore[no-untyped-call]
+    session.close()
 
 
 def done_by(file: Path) -> Counter[int]:

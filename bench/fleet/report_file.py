@@ -1,4 +1,4 @@
-"""What a process of the bench has found, in a file that the bench reads while the process goes on, or after its death."""
+"""What a process of the bench has found, in a file that can be read while the process goes on, or after its death."""
 
 from __future__ import annotations
 

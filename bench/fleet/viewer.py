@@ -87,7 +87,7 @@ def main(report: Path, address: str, names: list[str]) -> None:
     file.write(found, now=True)
     for view in views:
         view.ends = True
-    session.close()  # type: ignore[no-untyped-call]
+    session.close()
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ class ArrivalAges:
         self._since = 0
 
     def age(self, made: int, now: int | None = None) -> float:
-        """Age in s of what was made at `made`, ns of the station's clock. `now`: ns of this computer's; default: now."""
+        """Age in s of what was made at `made`, ns of the station's clock. `now`: ns of this one's; default: now."""
         now = time.monotonic_ns() if now is None else now
         way = now - made
         if self._quickest is None or now - self._since > WINDOW:
