@@ -15,6 +15,7 @@ from umo import published
 from umo.control import ServoAxis, next_period, wait
 from umo.control.axis_state import AxisState
 from umo.errors import EquipmentFault
+from umo.faces.face_declaration import declaration_of
 from umo.frames import Reader
 
 
@@ -94,6 +95,7 @@ def test_frames_describe_the_axis_and_have_its_state(tmp_path: Path, monkeypatch
     connection = umo.connect(m, wiring(m, Slide()))
     with connection, published(connection, "slide") as ring, Reader(ring.path) as reader:
         (axis,) = reader.layout.axes
+        state = declaration_of(reader).by_name["axis:x"]
 
         async def work(m: Machine) -> None:
             await next_period()
@@ -108,6 +110,7 @@ def test_frames_describe_the_axis_and_have_its_state(tmp_path: Path, monkeypatch
     assert axis["states"][frame["axes"][0]] == "continuous_motion"
     assert (axis["path"], axis["position"], axis["units"]) == ("x", "x.encoder", "mm")
     assert {axis[name] for name in ("move", "jog", "disable")} <= {each["path"] for each in reader.layout.actions}
+    assert (state.minimum, state.maximum) == (None, None)  # a state has no range
     assert axis["home"] is None
     assert axis["velocity"] in {each["path"] for each in reader.layout.tunables}
     assert {axis["setpoint"], axis["error"]} <= set(reader.signals)

@@ -41,7 +41,13 @@ class Sorted:
             if self.unit.state in states:
                 return
             periods(self.m)
-        raise AssertionError(f"{self.unit.state.name}: {self.m.sorter.cause}")
+        raise AssertionError(f"{self.unit.state.name}: {self.cause}")
+
+    @property
+    def cause(self) -> str:
+        """Why nothing is sorted. A signal to the process of the tests stops every machine in it."""
+        stop = self.m._machine.stop
+        return f"this process got the signal {stop.signal}" if stop.requested else self.m.sorter.cause
 
     def to(self, command: str, *states: PackMLState) -> None:
         """Give a command, and let periods pass until a state is reached."""
@@ -85,7 +91,7 @@ class Sorted:
             if self.task.done:
                 break
             periods(self.m)
-        assert self.task.done and self.task.result is not None, self.m.sorter.cause
+        assert self.task.done and self.task.result is not None, self.cause
         assert self.unit.state is S.COMPLETE
         assert self.plant.outputs == dict.fromkeys(OUTPUTS, 0)
         return dict(self.task.result)

@@ -70,10 +70,21 @@ def test_without_a_file_nobody_is_let_in(tmp_path: Path) -> None:
 def test_the_line_for_the_file_is_printed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("getpass.getpass", lambda: 'a "quoted" \\ word')
+    monkeypatch.setattr("getpass.getpass", lambda *_: 'a "quoted" \\ word')
     monkeypatch.setattr("sys.argv", ["face_users", 'an"n'])
     assert face_users.main() == 0
     file = written(tmp_path, "[passwords]\n" + capsys.readouterr().out)
     assert by_password('an"n', 'a "quoted" \\ word', file)
     monkeypatch.setattr("sys.argv", ["face_users"])
     assert face_users.main() == 2
+
+
+@pytest.mark.parametrize("typed", [["", ""], ["hunter2", "hunter3"]])
+def test_an_empty_password_or_one_that_is_typed_wrong_makes_no_line(
+    typed: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("getpass.getpass", lambda *_: typed.pop(0))
+    monkeypatch.setattr("sys.argv", ["face_users", "ann"])
+    assert face_users.main() == 2
+    told = capsys.readouterr()
+    assert told.out == "" and "password" in told.err

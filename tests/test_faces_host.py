@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 import sys
 from typing import Any
 
@@ -11,10 +12,12 @@ import pytest
 from helpers.faced import Recorder, hosted
 from umo import Quality
 from umo.cycle.client_commands import Mode
-from umo.errors import CommandRefused, OptionError, RangeError, TaskFailed
+from umo.errors import CommandRefused, OptionError, RangeError, TaskFailed, UmoError
+from umo.faces.endpoint import Endpoint
 from umo.faces.face import User
-from umo.faces.face_declaration import ItemKind
-from umo.faces.face_image import ChangeFilter
+from umo.faces.face_declaration import ItemKind, declaration_of
+from umo.faces.face_image import ChangeFilter, FaceImage
+from umo.faces.host import FaceHost
 from umo.testing.faces import TriedMachine
 from umo.testing.faces.tried_machine import Phase, until
 
@@ -75,6 +78,22 @@ def test_a_value_that_the_device_does_not_give_is_stale_with_the_time_of_the_las
     asyncio.run(work())
 
 
+def test_a_value_that_is_no_number_is_never_good() -> None:
+    async def work() -> None:
+        async with TriedMachine() as rig:
+            await until(lambda: rig.number > 5)
+            with rig.find() as reader:
+                image, frames = FaceImage(reader, declaration_of(reader)), reader.read()
+                frames["values"], frames["quality"] = float("nan"), Quality.GOOD
+                frames["quality"][:, 0] = Quality.STALE
+                reader.read = lambda: frames  # type: ignore[method-assign, assignment]
+                image.look()
+                count = len(reader.layout.objects)
+                assert image.quality[:count].tolist() == [Quality.STALE] + [Quality.BAD] * (count - 1)
+
+    asyncio.run(work())
+
+
 def test_a_silent_machine_makes_every_value_stale_until_it_speaks_again(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("umo.faces.host.SILENCE", 0.05)
 
@@ -108,6 +127,42 @@ def test_a_face_that_fails_is_told_begins_again_and_disturbs_no_other(monkeypatc
             rig.set("cell.level", 60)
             await until(lambda: face.value("cell.level") == 30.0 == broken.value("cell.level"))
             assert face.calls.count("begin") == 1
+
+    asyncio.run(work())
+
+
+def test_a_face_that_cannot_open_its_server_is_named_with_what_to_do() -> None:
+    class Listening(Recorder):
+        async def open(self) -> None:
+            Endpoint("127.0.0.1", port).listening().close()
+
+    async def work() -> None:
+        async with TriedMachine() as rig:
+            with pytest.raises(UmoError, match=rf"^lamp: .* port {port}: .*; give another `port`$"):
+                await FaceHost(None, [("lamp", Listening())], find=rig.find).run()
+
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        asyncio.run(work())
+
+
+def test_events_while_a_face_begins_are_told() -> None:
+    class Beginning(Recorder):
+        gate: asyncio.Event
+
+        async def begin(self, machine: Any, commands: Any) -> None:
+            await super().begin(machine, commands)
+            await self.gate.wait()
+
+    async def work() -> None:
+        face = Beginning()
+        face.gate = asyncio.Event()
+        async with TriedMachine() as rig, hosted(rig, face):
+            await until(lambda: face.calls)
+            rig.set("cell.level", 190)
+            await until(lambda: any(each.path == "cell.full" for each in rig.events))
+            face.gate.set()
+            await until(lambda: any(each.event.path == "cell.full" for each in face.heard))
 
     asyncio.run(work())
 
@@ -208,6 +263,18 @@ def test_refusals_are_the_machines_own_errors() -> None:
             await face.commands.ask(ANN, "write", "cell.valve", value=1.0)
 
     commanded(step)
+
+
+@pytest.mark.parametrize("more", [{"arguments": 5}, {"seconds": float("nan")}, {"colour": "red"}])
+def test_what_the_machine_would_not_take_for_a_command_is_refused_at_once(more: dict[str, Any]) -> None:
+    async def work() -> None:
+        face = Recorder()
+        async with TriedMachine() as rig, hosted(rig, face):
+            await until(lambda: face.told)
+            with pytest.raises(CommandRefused, match=r"call cell\.add: it is no command"):
+                await face.commands.ask(ANN, "call", "cell.add", **more)
+
+    asyncio.run(work())
 
 
 def test_an_action_returns_its_result() -> None:

@@ -118,7 +118,7 @@ def show_operate() -> None:
     with umo.start("ztheta", realtime=True, manual=True, acknowledge=True) as started, open_page(1200, 750) as page:
         page.get_by_role("tab", name="Operate").click()
         page.get_by_label("Your name").fill("Ann")
-        page.get_by_role("button", name="Take the lease").click()
+        page.get_by_role("button", name="Take control").click()
         page.locator('[data-control="home"] button').first.click()
         page.get_by_text("home: done").first.wait_for(timeout=60_000)
         field = page.get_by_label("z.move_to position")

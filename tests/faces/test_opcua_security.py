@@ -12,12 +12,13 @@ import sys
 from collections.abc import Callable, Coroutine
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 
 pytest.importorskip("asyncua", reason="the face OPC UA needs asyncua: pip install 'umo[opcua]'")
 
+from asyncua import Client, ua
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import rsa
@@ -30,6 +31,7 @@ from umo.cycle.client_commands import Mode
 from umo.errors import OptionError, UmoError
 from umo.faces import face_users
 from umo.faces.opcua import OpcUa
+from umo.faces.opcua import ua_limits as limits
 from umo.testing.faces import RefusedByFace, TriedMachine
 from umo.testing.faces.tried_machine import until
 
@@ -147,6 +149,9 @@ def test_another_computer_needs_a_certificate_that_is_known_and_a_user_with_a_ro
                 await client.mode("manual")
 
         await connected(url, named("ann"), refused, security=secured)
+        clients.write_text(Path(old["certificate"]).read_text())
+        with pytest.raises(RefusedByFace):  # taken out of the file while the face runs
+            await OpcUaClient.connect(url, named("ann"), security=secured)
         assert any(each.who == "ann (quickopcua)" for each in machine.events)
 
     run(work, host=own_address(), certificate=server["both"], clients=str(clients))
@@ -243,6 +248,122 @@ def test_bytes_that_are_no_opc_ua_end_the_connection_and_nothing_else(sent: byte
             pass
         writer.close()
         await connected(face.address, named("ann"), tunes)
+
+    run(work)
+
+
+# One client against another ------------------------------------------------------------------------------
+
+
+class Heard:
+    """What a client of asyncua hears of one item."""
+
+    def __init__(self) -> None:
+        self.values: list[Any] = []
+
+    def datachange_notification(self, node: Any, value: Any, data: Any) -> None:
+        self.values.append(value)
+
+
+def test_a_client_can_change_no_subscription_of_another() -> None:
+    async def work(machine: TriedMachine, face: Any) -> None:
+        async with Client(face.address) as ann, Client(face.address) as eve:
+            heard = Heard()
+            mine = await ann.create_subscription(50, heard)
+            node = ann.get_node(ua.NodeId("cell.level", await ann.get_namespace_index("urn:umo:plant")))
+            item, number = await mine.subscribe_data_change(node), mine.subscription_id
+            await until(lambda: heard.values)
+            for attack in (
+                eve.uaclient.set_publishing_mode(ua.SetPublishingModeParameters(False, [number])),
+                eve.uaclient.set_monitoring_mode(
+                    ua.SetMonitoringModeParameters(number, ua.MonitoringMode.Disabled, [item])
+                ),
+                eve.uaclient.delete_subscriptions([number]),
+                eve.nodes.server.call_method("0:GetMonitoredItems", ua.Variant(number, ua.VariantType.UInt32)),
+            ):
+                with pytest.raises(ua.UaStatusCodeError):
+                    await attack
+            machine.set("cell.level", 80)
+            await until(lambda: heard.values[-1] == 40.0, 5.0)
+
+    run(work)
+
+
+def test_a_flood_of_refusals_is_few_events() -> None:
+    """They would push alarms out of the queues of other clients."""
+
+    class Events:
+        told: ClassVar[list[str]] = []
+
+        def event_notification(self, event: Any) -> None:
+            self.told.append(event.Message.Text)
+
+    async def work(machine: TriedMachine, face: Any) -> None:
+        async with Client(face.address) as ann, Client(face.address) as eve:
+            await (await ann.create_subscription(50, Events())).subscribe_events()
+            node = eve.get_node(ua.NodeId("tunable:cell.gain", await eve.get_namespace_index("urn:umo:plant")))
+            for _ in range(60):
+                with pytest.raises(ua.UaStatusCodeError):
+                    await node.write_value(2.0)
+            machine.set("cell.level", 190)
+            await until(lambda: any("too full" in each for each in Events.told))
+            refusals = [each for each in Events.told if "only reads" in each]
+            assert 1 <= len(refusals) < 30
+
+    run(work)
+
+
+def test_no_client_gets_a_queue_without_bound() -> None:
+    async def work(machine: TriedMachine, face: Any) -> None:
+        async with Client(face.address) as ann:
+            mine = await ann.create_subscription(50, Heard())
+            node = ann.get_node(ua.NodeId("cell.level", await ann.get_namespace_index("urn:umo:plant")))
+            item = await mine.subscribe_data_change(node)
+            for size in (0, 1 << 30):
+                given = ua.MonitoringParameters(QueueSize=size)
+                change = ua.MonitoredItemModifyRequest(MonitoredItemId=item, RequestedParameters=given)
+                asked = ua.ModifyMonitoredItemsParameters(SubscriptionId=mine.subscription_id, ItemsToModify=[change])
+                assert (await ann.uaclient.modify_monitored_items(asked))[0].RevisedQueueSize == limits.MAX_QUEUE
+
+    run(work)
+
+
+def test_sessions_that_a_client_opens_again_and_again_are_not_kept() -> None:
+    async def work(machine: TriedMachine, face: Any) -> None:
+        client = Client(face.address)
+        await client.connect_socket()
+        await client.send_hello()
+        await client.open_secure_channel()
+        for _ in range(20):
+            await client.create_session()
+        assert len(face.server.iserver._external_sessions) == 1
+        client.disconnect_socket()
+        await until(lambda: not face.server.iserver._external_sessions, 5.0)
+
+    run(work)
+
+
+def test_wrong_passwords_leave_the_face_time_for_everybody_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    order: list[str] = []
+    monkeypatch.setattr(face_users, "by_password", lambda *given: order.append("password"))
+
+    async def wrong(address: str) -> None:
+        client = Client(address)
+        client.set_user("ann")
+        client.set_password("wrong")
+        with pytest.raises(ua.UaStatusCodeError):
+            await client.connect()
+
+    async def work(machine: TriedMachine, face: Any) -> None:
+        async def look() -> None:
+            while len(order) < 30:
+                await asyncio.sleep(limits.LOGIN_PAUSE / 2)
+                order.append("look")
+
+        looks = asyncio.create_task(look())
+        await asyncio.gather(*(wrong(face.address) for _ in range(5)))
+        await looks
+        assert all("look" in order[place + 1 : place + 2] for place, each in enumerate(order) if each == "password")
 
     run(work)
 

@@ -155,6 +155,27 @@ def test_more_clients_than_are_served_are_refused_and_the_others_go_on() -> None
     assert "umo_up" in asyncio.run(work())
 
 
+def test_clients_that_ask_nothing_or_take_nothing_are_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("umo.faces.prometheus.IDLE_TIMEOUT", 0.2)
+
+    async def work() -> None:
+        async with TriedMachine() as machine:
+            face, other = Prometheus(port=0), Recorder()
+            async with hosted(machine, face, other):
+                await until(lambda: other.told)
+                host, port = target_of(face).split(":")
+                opened = [await asyncio.open_connection(host, int(port)) for _ in range(MAX_CLIENTS + 4)]
+                for number, (_, writer) in enumerate(opened):
+                    writer.write(b"" if number % 2 else b"GET /metrics HTT")  # half a request
+                for reader, writer in opened:
+                    with suppress(ConnectionError):
+                        assert await asyncio.wait_for(reader.read(), 10.0) == b""
+                    writer.close()
+                assert "umo_up" in await asyncio.to_thread(fetched, face.address)
+
+    asyncio.run(work())
+
+
 def test_a_port_that_is_taken_is_said() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         face = Prometheus(port=server.getsockname()[1])

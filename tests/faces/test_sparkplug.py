@@ -211,3 +211,35 @@ def test_the_broker_tells_the_death_of_a_face_that_was_killed(broker: Mosquitto)
             await host.close()
 
     asyncio.run(work())
+
+
+def test_a_broker_that_is_not_there_is_told_once(broker: Mosquitto, caplog: pytest.LogCaptureFixture) -> None:
+    async def work() -> None:
+        async with TriedMachine() as machine:
+            broker.kill()
+            face = Sparkplug(port=broker.port)
+            async with hosted(machine, face):
+                await until(lambda: caplog.messages)
+                broker.start()
+                await until(lambda: face._link is not None and face._link.is_up)
+        assert caplog.messages == [f"no broker at mqtt://127.0.0.1:{broker.port}; it is tried again"]
+
+    asyncio.run(work())
+
+
+def test_what_no_client_may_set_is_born_as_read_only(broker: Mosquitto) -> None:
+    """An actuator, too: Sparkplug does not tell whether a client lives."""
+
+    async def work() -> None:
+        async with TriedMachine() as machine, hosted(machine, Sparkplug(port=broker.port)):
+            host = await SparkplugHost().connect(broker.port)
+            try:
+                await until(lambda: kinds(host, "NBIRTH"))
+            finally:
+                await host.close()
+            birth = kinds(host, "NBIRTH")[-1]
+            named = [each for each in birth["metrics"] if "Quality" in each.get("properties", {})]
+            free = {each["name"] for each in named if "readOnly" not in each["properties"]}
+            assert free == {"tunable:cell/gain", "run:mode"}
+
+    asyncio.run(work())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import sys
 import time
 from collections.abc import Awaitable, Callable
@@ -17,7 +18,7 @@ pytest.importorskip("zenoh", reason="the extra fleet is not installed")
 from helpers.fleets import PLANT, Fleet, asked, fleet_of
 from umo import Quality
 from umo.cycle.stage import Stage
-from umo.errors import CommandRefused, FramesError, LeaseHeld, RangeError
+from umo.errors import CommandRefused, FramesError, LeaseHeld, OptionError, RangeError
 from umo.fleet.fleet_keys import station_key
 from umo.testing.faces import TriedMachine
 from umo.testing.faces.tried_machine import until
@@ -272,3 +273,25 @@ def test_a_name_of_a_fleet_has_a_site_and_a_station() -> None:
     for wrong in ("press", "a/b/c", "/press", "cell 7/press", "cell7/"):
         with pytest.raises(Exception, match="SITE/STATION"):
             station_key(wrong)
+
+
+def test_a_second_station_of_the_same_name_is_not_published_and_that_is_told() -> None:
+    async def work(machine: TriedMachine, fleet: Fleet) -> None:
+        await fleet.client()
+        other = Fleet(machine, int(fleet.address.rpartition(":")[2]))
+        await other.begin(as_client=True)
+        await until(lambda: other.said)
+        assert f"{PLANT} is in the fleet already" in other.said[0]
+        await other.end()
+
+    tried(work)
+
+
+def test_a_user_has_one_gateway(monkeypatch: pytest.MonkeyPatch) -> None:
+    from umo.cli import serve_fleet
+
+    first = serve_fleet._alone()
+    with pytest.raises(OptionError, match="another gateway"):
+        serve_fleet._alone()
+    os.close(first)
+    os.close(serve_fleet._alone())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import re
 import shutil
 import socket
 import subprocess
@@ -65,7 +66,7 @@ def name_of(item: str, prefix: str = "plant:") -> str:
     """The variable of an item of the kit."""
     kind, _, path = item.rpartition(":")
     path = f"run.{path}" if kind == "run" else path if kind in ("", "tunable") else f"{path}.{kind}"
-    return prefix + path.replace(".", ":")
+    return prefix + re.sub("[^A-Za-z0-9_.]", "_", path).replace(".", ":")
 
 
 class Pvapy(ForeignClient):

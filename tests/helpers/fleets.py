@@ -51,9 +51,10 @@ class Fleet:
         except FramesError:
             return []
 
-    async def begin(self, *, rate: float = 50.0, read_only: bool = False) -> None:
-        """Start the gateway."""
-        self._session = await asyncio.to_thread(opened, FleetNetwork(listen=[self.address]), "peer")
+    async def begin(self, *, rate: float = 50.0, read_only: bool = False, as_client: bool = False) -> None:
+        """Start the gateway. `as_client`: it connects to the address, at which another one listens."""
+        network = FleetNetwork(connect=[self.address]) if as_client else FleetNetwork(listen=[self.address])
+        self._session = await asyncio.to_thread(opened, network, "client" if as_client else "peer")
         gateway = FleetGateway(
             self._session, PLANT.site, FleetUsers(), rate=rate, read_only=read_only, say=self.said.append,
             find=self._paths,

@@ -31,6 +31,8 @@ Certificates = Annotated[
     Path | None,
     typer.Option(metavar="FOLDER", help="Folder with ca.pem, certificate.pem, key.pem (umo fleet certificate)."),
 ]
+HistoryFolder = Annotated[Path, typer.Argument(metavar="[FOLDER]", help="Folder of the history.")]
+HISTORY = Path("fleet-history")
 SERVED = "0 ended by Ctrl-C or SIGTERM; 1 the network cannot be reached; 2 a mistake, told on stderr"
 
 
@@ -72,3 +74,57 @@ def router(connect: Connect = None, listen: Listen = None, certificates: Certifi
     from .serve_fleet import serve_router
 
     return serve_router({"connect": connect, "listen": listen, "certificates": certificates})
+
+
+@command(
+    epilog="Examples: umo fleet record  |  umo fleet record /srv/history --stations 'cell7/*' --keep 30d  |  "
+    "umo fleet record --connect tls/plant.local:7447 --certificates ~/fleet/history",
+    status=SERVED,
+)
+def record(
+    folder: HistoryFolder = HISTORY,
+    stations: Annotated[
+        list[str] | None,
+        typer.Option(metavar="SITE/STATION", help="Those that are recorded, as 'cell7/*'; may be repeated; all."),
+    ] = None,
+    keep: Annotated[
+        str | None, typer.Option(metavar="TIME", help="Remove what is older, as 30d or '12 h'; default: keep it.")
+    ] = None,
+    connect: Connect = None,
+    certificates: Certificates = None,
+) -> int:
+    """Write the values and events of all stations to Parquet files, by station and hour, until Ctrl-C.
+
+    `umo fleet query` asks them, and every program that reads Parquet can. What did not come is in them as a gap with
+    its count. A recorder that is begun again goes on where it was.
+    """
+    from .record_fleet import record_history
+
+    return record_history(folder, {"connect": connect, "certificates": certificates}, stations or ["*/*"], keep)
+
+
+@command(
+    epilog='Examples: umo fleet query "SELECT station, path, avg(value) FROM values WHERE time > now() - INTERVAL 1 '
+    "HOUR GROUP BY ALL\"  |  umo fleet query \"SELECT * FROM events WHERE asked = 'fault' AND time::DATE = "
+    '\'2026-11-25\'"  |  umo fleet query "FROM gaps" /srv/history --csv gaps.csv',
+)
+def query(
+    sql: Annotated[str, typer.Argument(metavar="SQL", help="One SELECT, in the SQL of DuckDB.")],
+    folder: HistoryFolder = HISTORY,
+    last: Annotated[
+        str | None, typer.Option(metavar="TIME", help="Read the files of the last 2h, or so; default: all.")
+    ] = None,
+    rows: Annotated[int, typer.Option(min=1, help="Rows of the table at most.")] = 100,
+    csv: Annotated[Path | None, typer.Option(metavar="FILE", help="Write all rows to a file.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print all rows as JSON.")] = False,
+) -> int:
+    """Ask the history of a fleet in SQL.
+
+    Views: values (site, station, time, time_error, run, number, delta, path, value, state, quality), events (site,
+    station, time, run, number, path, text, who, asked, state, command), gaps (site, station, time, run, of, first,
+    last, count, why), objects (site, station, run, started, wiring, path, kind, unit, minimum, maximum, states). Times
+    are UTC.
+    """
+    from .record_fleet import query_history
+
+    return query_history(folder, sql, last=last, rows=rows, csv=csv, as_json=as_json)

@@ -63,12 +63,16 @@ def watch(
 @command(
     epilog="Examples: umo face prometheus  |  umo face opcua epics --station ztheta --commands  |  "
     "umo face prometheus --option prometheus.port=9465",
-    status="0 ended by Ctrl-C or SIGTERM; 2 a mistake, told on stderr",
+    status="0 ended by Ctrl-C or SIGTERM; 1 a port or a file cannot be had; 2 a mistake, told on stderr",
 )
 def face(
     names: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[FACE]...", help="Names of faces; default: those of the table `faces` of the wiring."),
+        typer.Argument(
+            metavar="[FACE]...",
+            help="epics, homeassistant, opcua, prometheus, sparkplug, or a face of your own as module:Class; default: "
+            "those of the table `faces` of the wiring.",
+        ),
     ] = None,
     station: Annotated[
         str | None, typer.Option(help="Name, folder or pid; required if several run. It may start later.")
@@ -81,7 +85,10 @@ def face(
         float | None, typer.Option(callback=finite, help="Looks at the machine a second; default: 10.")
     ] = None,
     option: Annotated[
-        list[str] | None, typer.Option(metavar="FACE.NAME=VALUE", help="An option of a face; may be repeated.")
+        list[str] | None,
+        typer.Option(
+            metavar="FACE.NAME=VALUE", help="An option of a face, as its page in docs/ lists them; may be repeated."
+        ),
     ] = None,
 ) -> int:
     """Serve a running station to clients of other protocols, until Ctrl-C.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import re
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from umo.text import options_in
 
 from .check import label
 from .console import out
+from .shared import import_from_here
 from .station_options import options_of_driver, values_of
 
 _MODULES = re.compile(r"\b[a-z_]\w*\.(?=[\w.])")
@@ -78,8 +78,8 @@ def _find(name: str) -> type[Driver]:
     """A driver by name or `module:Class`; modules of the current folder first, `.module:Class` of the station there."""
     if name.startswith("."):
         return registry.find(f"{package_of(Path.cwd())}{name}")
-    if ":" in name and str(Path.cwd()) not in sys.path:
-        sys.path.insert(0, str(Path.cwd()))
+    if ":" in name:
+        import_from_here()
     return registry.find(name)
 
 

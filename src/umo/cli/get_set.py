@@ -22,7 +22,7 @@ from umo.presentation.rows import TableRow, quality_of, raw_of, sentence_of, val
 from umo.presentation.value_text import measure, span, value_text
 from umo.process.start import LINUX
 from umo.process.station import Station, StationError, find
-from umo.remote.search import is_path, meant_by, several_runs
+from umo.remote.search import find_elsewhere, is_path, meant_by, several_runs
 from umo.states import TwoState
 from umo.system.packages import MARK
 from umo.text import printable, some
@@ -93,6 +93,8 @@ def set_value(
 def _running(name: str, wiring: str | None, arguments: Sequence[str]) -> Reader | None:
     """The run that a name means (`meant_by`), None if the station does not run; with a wiring, if it does not run with
     this one nor with one of its devices. FramesError if it may mean several, OptionError for options of its machine."""
+    if wiring is None and (elsewhere := find_elsewhere(name)) is not None:
+        return elsewhere
     found = meant_by(name, readers())
     if wiring is not None and not name.isdigit():
         found = [reader for reader in found if _has_wiring(reader, name, wiring)]

@@ -15,7 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from umo.errors import UmoError
+from umo.errors import FramesError, UmoError, text_of
 from umo.exit_status import ExitStatus
 from umo.faces.face import Face
 from umo.faces.face_settings import FaceSettings, faces_of, options_from, settings_of
@@ -27,6 +27,7 @@ from umo.system.realtime import die_with_parent, drop_realtime
 from umo.wiring import source
 
 from .console import out, say
+from .shared import import_from_here
 
 NICENESS = 5
 """By how much its priority is below that of a usual program."""
@@ -51,6 +52,8 @@ def serve(chosen: FaceOptions) -> int:
         rate=given.rate if chosen.rate is None else chosen.rate,
         commands=given.commands if chosen.commands is None else chosen.commands,
     )
+    if any(":" in name for name in chosen.names):
+        import_from_here()
     faces = faces_of(settings, chosen.names, options_from(chosen.options))
     drop_realtime()
     with suppress(OSError):
@@ -91,13 +94,21 @@ def _serve(
 
 
 def _table(station: str | None) -> tuple[dict[str, Any], str]:
-    """The table `[faces]` of the station's wiring, and its file; empty where that cannot be found."""
-    with suppress(Exception):  # it does not run yet, or is no folder
+    """The table `[faces]` of the wiring with which the station runs, and its file; empty where that cannot be read,
+    which is said."""
+    try:
         with find_running(station) as reader:
             place, wiring = Path(reader.about["place"]), str(reader.about.get("wiring", ""))
         file = Station(place.name, place).wiring(wiring or None)
-        if file is not None:
-            return source.read(file).faces, str(file)
+        found = source.read({} if file is None else file)
+        for mistake in found.mistakes:
+            if mistake.key in ("", "faces"):
+                say(f"no table [faces] is read from the wiring, only the options given here count: {mistake}")
+        return found.faces, "wiring" if file is None else str(file)
+    except FramesError:  # the host says so
+        say("no table [faces] is read from a wiring, as no station runs: only the options given here count")
+    except Exception as error:  # its files have changed
+        say(f"no table [faces] is read from the wiring, only the options given here count: {text_of(error)}")
     return {}, "wiring"
 
 

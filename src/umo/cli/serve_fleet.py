@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import fcntl
 import os
 import signal
 from collections.abc import Coroutine, Mapping
@@ -14,6 +15,7 @@ from umo.fleet import fleet_settings
 from umo.fleet.fleet_commands import FleetUsers
 from umo.fleet.fleet_gateway import FASTEST, SLOWEST, FleetGateway
 from umo.fleet.fleet_session import LOCAL, FleetNetwork, opened
+from umo.frames.frame_server import folder
 from umo.system.realtime import drop_realtime
 
 from .console import out, say
@@ -33,6 +35,7 @@ def serve_gateway(changes: Mapping[str, Any], *, commands: bool, rate: float) ->
     drop_realtime()
     with suppress(OSError):
         os.nice(NICENESS)
+    lock = _alone()
     session = opened(network, "client" if network.connect and not network.listen else "peer")
     try:
         _tell(
@@ -46,8 +49,20 @@ def serve_gateway(changes: Mapping[str, Any], *, commands: bool, rate: float) ->
         asyncio.run(_until_stopped(serving()))
     finally:
         session.close()
+        os.close(lock)
     say("the gateway has ended; stations that run go on")
     return 0
+
+
+def _alone() -> int:
+    """A lock on the frames of this user, as two gateways would give each command twice; OptionError if it is taken."""
+    lock = os.open(folder() / "fleet.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(lock)
+        raise OptionError("another gateway publishes the stations of this user already") from None
+    return lock
 
 
 def serve_router(changes: Mapping[str, Any]) -> int:

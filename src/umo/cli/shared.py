@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial, wraps
+from pathlib import Path
 from types import FrameType
 from typing import Annotated, Any, TypeVar
 
@@ -195,6 +196,12 @@ def guarded(work: Callable[[], int | None]) -> None:
 def _about_file(error: OSError | UnicodeError) -> str:
     name, why = getattr(error, "filename", None), getattr(error, "strerror", None)
     return f"{os.fsdecode(name)}: {why}" if isinstance(name, str | bytes) and why else text_of(error)
+
+
+def import_from_here() -> None:
+    """Modules of the current folder are found, and first."""
+    if str(Path.cwd()) not in sys.path:
+        sys.path.insert(0, str(Path.cwd()))
 
 
 def finite(value: float | None) -> float | None:

@@ -43,12 +43,15 @@ class ClientCommand:
     arguments: Mapping[str, Any] = field(default_factory=dict)
     seconds: float = 2.0
     over: bool = False
+    refused: str = ""
+    """Why a gateway of clients has refused it: it is told, and not carried out."""
 
     @classmethod
     def parse(cls, number: int, data: bytes) -> ClientCommand:
         """ValueError, TypeError or RecursionError if it is not one."""
         text = json.loads(data)
-        for name, kind in (("who", str), ("key", str), ("do", str), ("path", str), ("arguments", dict)):
+        for name in ("who", "key", "do", "path", "refused", "arguments"):
+            kind = dict if name == "arguments" else str
             if not isinstance(text.get(name, kind()), kind):
                 raise TypeError(f"{name} is not a {kind.__name__}")
         seconds = float(text.pop("seconds", 2.0))

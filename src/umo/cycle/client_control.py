@@ -132,6 +132,8 @@ class ClientControl:
         self._actions.tell(command, state, text)
 
     def _obey(self, command: ClientCommand) -> tuple[CommandState, str]:
+        if command.refused:
+            raise CommandRefused(command.refused)
         if command.do not in COMMANDS:
             raise CommandRefused(f"there is no command {command.do!r}{did_you_mean(command.do, COMMANDS)}")
         return COMMANDS[command.do](self, command)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import ipaddress
+import os
 import socket
 import ssl
 from dataclasses import dataclass
@@ -44,7 +46,9 @@ class Endpoint:
         try:
             return socket.create_server((self.host, self.port), family=family, backlog=64)
         except OSError as error:
-            raise UmoError(f"{self.host} port {self.port}: {error.strerror or error}") from None
+            words = os.strerror(error.errno) if error.errno and error.errno > 0 else str(error)
+            taken = ": another process has it; give another `port`" if error.errno == errno.EADDRINUSE else ""
+            raise UmoError(f"{self.host} port {self.port}: {words}{taken}") from None
 
     def context(self) -> ssl.SSLContext | None:
         """For TLS; None without a certificate. UmoError if the files are none."""

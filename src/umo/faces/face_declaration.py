@@ -9,6 +9,7 @@ from typing import Any
 
 from umo.cycle.client_commands import Mode
 from umo.frames import Reader
+from umo.frames.layout import Layout
 from umo.presentation.value_text import shown_unit
 
 
@@ -110,6 +111,22 @@ class Declaration:
 def declaration_of(reader: Reader) -> Declaration:
     """The declaration of a run from its frames."""
     layout, about = reader.layout, reader.about
+    return Declaration(
+        str(about["station"]),
+        str(about.get("wiring", "")),
+        f"{about['pid']}-{about.get('started_monotonic', 0)}",
+        float(about["period"]),
+        float(about["started"]),
+        items_of(layout),
+        layout.actions,
+        layout.axes,
+        layout.units,
+        reader.mode is not None,
+    )
+
+
+def items_of(layout: Layout) -> tuple[FaceItem, ...]:
+    """Everything that has a value: objects, signals, tunable numbers, states, the run."""
     found: list[tuple[ItemKind, str, Mapping[str, Any]]] = [
         (ItemKind.ACTUATOR if each.get("actuator") else ItemKind.SENSOR, str(each["path"]), each)
         for each in layout.objects
@@ -123,26 +140,14 @@ def declaration_of(reader: Reader) -> Declaration:
         (ItemKind.RUN, ({"path": path, **each} for path, each in RUN_ITEMS.items())),
     )
     found += [(kind, str(each["path"]), each) for kind, group in groups for each in group]
-    items = (_item(number, *each) for number, each in enumerate(found))
-    return Declaration(
-        str(about["station"]),
-        str(about.get("wiring", "")),
-        f"{about['pid']}-{about.get('started_monotonic', 0)}",
-        float(about["period"]),
-        float(about["started"]),
-        tuple(items),
-        layout.actions,
-        layout.axes,
-        layout.units,
-        reader.mode is not None,
-    )
+    return tuple(_item(number, *each) for number, each in enumerate(found))
 
 
 def _item(number: int, kind: ItemKind, path: str, about: Mapping[str, Any]) -> FaceItem:
-    return FaceItem(
-        number, kind, path, about,
-        str(about.get("unit") or ""), about.get("minimum"), about.get("maximum"), _states(about),
-    )  # fmt: skip
+    unit, low, high = str(about.get("unit") or ""), about.get("minimum"), about.get("maximum")
+    if states := _states(about):  # the limits of an axis are those of its position
+        low = high = None
+    return FaceItem(number, kind, path, about, unit, low, high, states)
 
 
 def _states(about: Mapping[str, Any]) -> Mapping[int, str]:

@@ -48,7 +48,8 @@ class FaceImage:
         self.utc = (int(last["began"]) + int(last["utc"])) / 1e9
         objects = self._objects
         np.concatenate((last["values"], last["signals"], self._others(last, frames)), out=self.values)
-        self.quality[:objects] = last["quality"]
+        none = np.isnan(last["values"]) & (last["quality"] < Quality.STALE)
+        self.quality[:objects] = np.where(none, Quality.BAD, last["quality"])
         self.quality[objects:] = np.where(np.isnan(self.values[objects:]), Quality.BAD, Quality.GOOD)
         self._date(frames)
         return True

@@ -26,7 +26,9 @@ def find_face(name: str) -> type[Face]:
     points = known_faces()
     place = name if ":" in name else points.get(name)
     if place is None:
-        raise OptionError(f"no face {name!r}{did_you_mean(name, points)}; known: {', '.join(points)}, or module:Class")
+        raise OptionError(
+            f"no face {name!r}{did_you_mean(name.lower(), points)}; known: {', '.join(points)}, or module:Class"
+        )
     module, _, attribute = place.partition(":")
     try:
         found = getattr(importlib.import_module(module), attribute)

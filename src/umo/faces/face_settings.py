@@ -90,7 +90,10 @@ def faces_of(
     """The faces of these names (none: those of the settings), made with their options; OptionError."""
     chosen = list(names) or list(settings.options)
     if not chosen:
-        raise OptionError("name a face, as in `umo face prometheus`, or give the wiring a table [faces.prometheus]")
+        raise OptionError(
+            "name a face, as in `umo face prometheus`, or give the wiring of a running station "
+            "a table [faces.prometheus]"
+        )
     for face in changes:
         if face not in chosen:
             raise OptionError(f"an option of {face}{did_you_mean(face, chosen)}: the faces are {', '.join(chosen)}")

@@ -107,7 +107,11 @@ def main() -> int:
     if len(sys.argv) != 2:
         print("which user? python -m umo.faces.face_users NAME", file=sys.stderr)
         return 2
-    print(f"{_quoted(sys.argv[1])} = {_quoted(hashed(getpass.getpass()))}")
+    password = getpass.getpass()
+    if not password or getpass.getpass("Again: ") != password:
+        print("no password, or not twice the same", file=sys.stderr)
+        return 2
+    print(f"{_quoted(sys.argv[1])} = {_quoted(hashed(password))}")
     return 0
 
 

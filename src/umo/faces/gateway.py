@@ -9,19 +9,19 @@ import time
 from collections.abc import Awaitable, Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from functools import partial
+from dataclasses import dataclass
 from math import inf
 from typing import Any
 
 from umo.cycle.client_commands import DEAD_MAN_TIME
 from umo.cycle.events import CommandState, Event
-from umo.errors import CommandRefused, FramesError, LeaseHeld, UmoError
+from umo.errors import CommandRefused, FramesError, RangeError, StateError, UmoError
+from umo.faces.command_users import RefusalLimit, lives, remote_refusal, who_text
 from umo.faces.face import User
 from umo.frames import Reader
 from umo.frames.client_memory import LEASE
 from umo.remote.commander import SIGNS_OF_LIFE, Answers, Commander, error_of
 from umo.system.roles import Roles
-from umo.text import printable
 
 LEASE_TIME = 2.0
 """Duration of the lease in s without a sign of life from the face."""
@@ -29,14 +29,27 @@ LINGER = 5.0
 """Time in s from the last command, when nothing runs and nothing is held, until the lease is given back."""
 MAX_COMMANDS, MAX_OF_USER = 64, 16
 """Commands of a face, and of one of its users, whose end is still to come, at most."""
-MAX_NAME = 40
-"""Characters of a user's name at most."""
+ENDING = ("cancel", "let go")
+"""Commands that end something: of them twice as many."""
 OWN = ("lease", "give back")
 """Commands that the gateway gives by itself."""
-SENDERS = ThreadPoolExecutor(4, "umo face")
+MAX_PATH = 96
+"""Characters of the path of a refused command that are told at most."""
+SENDER = ThreadPoolExecutor(1, "umo face")
+"""One thread: commands are sent in the order in which they were asked for."""
 Looked = Callable[[], Awaitable[float]]
 """Waits for the next look; returns the time of the last frame of which the face has been told, in s on the cycle's
 clock; infinity when the run is over."""
+
+
+@dataclass
+class Hold:
+    """What a user's client keeps up: a written actuator, a jog."""
+
+    user: User
+    next: int
+    """Number of the next event that may tell its end."""
+    command: int = 0
 
 
 class Gateway:
@@ -51,12 +64,11 @@ class Gateway:
         self._lease = 0
         """The number of the lease that it took; 0: none."""
         self._taking = asyncio.Lock()
-        self._held: dict[str, User] = {}
-        """What is held, by path, and for whom."""
+        self._held: dict[str, Hold] = {}
+        """What is held, by path."""
         self._pending: dict[object, tuple[User, str]] = {}
         """Commands whose end is still to come: user and path."""
-        self._sole: User | None = None
-        """Who has the lease alone (`take_lease`); None: all users share it."""
+        self._refusals = RefusalLimit()
         self._last = 0.0
         self._is_closed = False
         self._keeping = asyncio.create_task(self._keep())
@@ -68,10 +80,10 @@ class Gateway:
     ) -> Any:
         """Carry out a command; its result when it has ended (`umo.faces.face.Commands`). `sent` is told the number that
         its events have."""
-        refusal = f"{do}: the lease is taken for each command" if do in OWN else self._refusal(user, do, path)
-        if refusal is not None:
+        who = who_text(user, self._face)
+        if (refusal := self._refusal(user, do, path)) is not None:
+            self._tell_refusal(who, do, path, refusal)
             raise CommandRefused(refusal)
-        who = f"{self._named(user)} ({self._face})"
         if do == "stop":
             self._station.stop(who)
             return None
@@ -89,18 +101,21 @@ class Gateway:
         if self._is_closed:
             return "the run has ended"
         if self._is_reader:
-            return f"{self._face} only reads here: it was started without commands"
+            return f"{self._face} only reads here: it was started without --commands"
         if user.is_remote and not user.proved:
             return f"{self._face} does not prove who its users are: it takes commands of this computer only"
         if not user.name.strip():
             return "a command needs the name of its user"
-        if do not in OWN and (owner := self._owner) is not None and owner.name != user.name and do != "stop":
-            return f"{self._named(owner)} has the lease"
+        if do in OWN:
+            return f"{do}: the lease is taken for each command"
         if user.is_remote and (refusal := remote_refusal(Roles.load(), user.name, do)) is not None:
             return refusal
-        if do != "stop" and self._is_kept_up(do, path) and user.is_alive is None:
+        if do == "stop":  # no flood of commands keeps anybody from it
+            return None
+        if self._is_kept_up(do, path) and user.is_alive is None:
             return f"{path} is kept up only while its client lives, and {self._face} does not tell that"
-        if len(self._pending) >= MAX_COMMANDS or self._count_of(user) >= MAX_OF_USER:
+        room = 2 if do in ENDING else 1
+        if len(self._pending) >= room * MAX_COMMANDS or self._count_of(user) >= room * MAX_OF_USER:
             return "too many commands at once"
         return None
 
@@ -110,30 +125,36 @@ class Gateway:
     def _count_of(self, user: User) -> int:
         return sum(each.name == user.name for each, _ in self._pending.values())
 
-    @staticmethod
-    def _named(user: User) -> str:
-        name = printable(" ".join(user.name.split()))[:MAX_NAME]
-        return name if user.proved else f"{name}, unverified"
+    def _tell_refusal(self, who: str, do: str, path: str, why: str) -> None:
+        """As an event of the machine. A face that only reads touches no machine."""
+        if not (self._is_reader or self._is_closed) and self._refusals.is_told(who, time.monotonic()):
+            self._send_on(do, path=path[:MAX_PATH], who=who, refused=why)
 
     async def _carry_out(
         self, user: User, do: str, path: str, who: str, more: Mapping[str, Any], sent: Callable[[int], object]
     ) -> Any:
-        if kept_up := self._is_kept_up(do, path):
-            self._station.sign(self._lease, path)
+        if not lives(user):
+            raise CommandRefused("its client has gone")
         start = self._reader.next_event
-        sent(number := await self._send(do, path=path, who=who, **more))
-        answers = Answers(self._reader, number, start)
-        if kept_up:
-            self._held[path] = user
+        before, hold = self._held.get(path), Hold(user, start)
+        if self._is_kept_up(do, path):
+            self._held[path] = hold
+            self._sign(path)
+        event = None
         try:
-            event = await self._end_of(answers, user, path)
-        except BaseException:
-            self._held.pop(path, None)
-            raise
-        if do == "let go" or event.state is not CommandState.DONE:
-            self._held.pop(path, None)
+            hold.command = await self._send(do, path=path, who=who, **more)
+            sent(hold.command)
+            event = await self._end_of(Answers(self._reader, hold.command, start), user, path)
+        finally:
+            if (event is None or event.state is not CommandState.DONE) and self._held.get(path) is hold:
+                del self._held[path]
         if event.state is not CommandState.DONE:
-            raise error_of(event)
+            error = error_of(event)
+            if before is not None and isinstance(error, RangeError | StateError):
+                self._held.setdefault(path, before)  # a wrong value ends nothing
+            raise error
+        if do == "let go":
+            self._held.pop(path, None)
         return json.loads(event.text) if event.text else None
 
     async def _end_of(self, answers: Answers, user: User, path: str) -> Event:
@@ -141,49 +162,43 @@ class Gateway:
         sees what its command has done. An action whose client has gone is cancelled."""
         cancelled, seen, event = False, -inf, None
         while True:
-            event = event or answers.end()
+            event = event or self._answer_of(answers)
             if event is not None and event.time <= seen:
                 return event
             if seen == inf:
                 raise FramesError("the run has ended before it answered")
-            if event is None and answers.begun and not cancelled and not _lives(user):
+            if event is None and answers.begun and not cancelled and not lives(user):
                 cancelled = True
-                await self._send("cancel", path=path, who=self._named(user))
+                await self._send("cancel", path=path, who=who_text(user, self._face))
             seen = await self._looked()
 
-    async def _send(self, do: str, **more: Any) -> int:
+    def _answer_of(self, answers: Answers) -> Event | None:
+        """The last answer, if it has come. FramesError if the face has ended meanwhile."""
+        if self._is_closed:
+            raise FramesError("the run has ended before it answered")
+        return answers.end()
+
+    def _send(self, do: str, **more: Any) -> asyncio.Future[int]:
         """In a thread: the queue may be full, or it is another client's turn."""
-        send = partial(self._station.send, do, key=self._key, **more)
-        return await asyncio.get_running_loop().run_in_executor(SENDERS, send)
+
+        def send() -> int:
+            if self._is_closed and do != "give back":
+                raise FramesError("the run has ended")
+            try:
+                return self._station.send(do, key=self._key, **more)
+            except (TypeError, ValueError):  # of json
+                raise StateError(f"{more.get('path') or do}: a value of this type is no command's") from None
+
+        return asyncio.get_running_loop().run_in_executor(SENDER, send)
+
+    def _send_on(self, do: str, **more: Any) -> None:
+        """Without waiting for it: what is kept up must not wait for a full queue."""
+        self._send(do, **more).add_done_callback(lambda sent: sent.cancelled() or sent.exception())
 
     # The lease -----------------------------------------------------------------------------------------
 
-    async def take_lease(self, user: User, *, over: bool = False) -> int:
-        """Take the lease for one user, who alone commands from now on, as long as `user.is_alive` says so; its number.
-        LeaseHeld if another has it, unless it is deliberately taken over (`over`)."""
-        if (refusal := self._refusal(user, "lease", "")) is not None:
-            raise CommandRefused(refusal)
-        owner = self._owner
-        if owner is not None and owner.name != user.name and not over:
-            raise LeaseHeld(f"{self._named(owner)} has the lease")
-        await self._take_lease(f"{self._named(user)} ({self._face})", over=over, anew=owner is None or over)
-        self._sole = user
-        return self._lease
-
-    def give_back(self, user: User) -> None:
-        """The user who had the lease alone no longer needs it; it ends when nobody else does."""
-        if self._sole is not None and self._sole.name == user.name:
-            self._sole, self._last = None, -inf
-
-    @property
-    def _owner(self) -> User | None:
-        """Who has the lease alone."""
-        if self._sole is not None and not (_lives(self._sole) and self._reader.lease_held(self._lease)):
-            self._sole = None
-        return self._sole
-
-    async def _take_lease(self, who: str, *, over: bool = False, anew: bool = False) -> None:
-        """LeaseHeld if another client has it."""
+    async def _take_lease(self, who: str, *, anew: bool = False, over: bool = False) -> None:
+        """LeaseHeld if another client has it, unless it is taken over. `anew`: also if the face has it already."""
         async with self._taking:
             if self._reader.lease_held(self._lease) and not anew:
                 return
@@ -191,7 +206,7 @@ class Gateway:
             start = self._reader.next_event
             asked = await self._send("lease", who=who, seconds=LEASE_TIME, over=over)
             answers = Answers(self._reader, asked, start)
-            while (event := answers.end()) is None:
+            while (event := self._answer_of(answers)) is None:
                 if await self._looked() == inf:
                     raise FramesError("the run has ended before it answered")
             if event.state is not CommandState.DONE:
@@ -212,16 +227,29 @@ class Gateway:
             await asyncio.sleep(DEAD_MAN_TIME / SIGNS_OF_LIFE)
 
     async def _look_after(self) -> None:
-        gone = [path for path, user in self._held.items() if not _lives(user)]
-        for path in gone:
-            user = self._held.pop(path)
-            with suppress(UmoError):
-                await self._send("let go", path=path, who=self._named(user))
-        is_needed = self._held or self._pending or self._owner is not None
-        if not is_needed and time.monotonic() - self._last > LINGER:
-            await self._give_back()
-        else:
+        for path, hold in list(self._held.items()):
+            gone = not lives(hold.user)
+            if gone or self._has_ended(hold):
+                del self._held[path]
+            if gone:
+                self._send_on("let go", path=path, who=who_text(hold.user, self._face))
+        if self._is_used or time.monotonic() - self._last <= LINGER:
             self._sign(LEASE, *self._held)
+            return
+        async with self._taking:
+            if not self._is_used:  # nobody has come meanwhile
+                await self._give_back()
+
+    @property
+    def _is_used(self) -> bool:
+        return bool(self._held or self._pending)
+
+    def _has_ended(self, hold: Hold) -> bool:
+        """Whether the machine has ended it: by an interlock, a fault, a change of the mode."""
+        if events := self._reader.events(hold.next):
+            hold.next = events[-1].number + 1
+        ends = (each.event for each in events if each.event.state is CommandState.CANCELLED)
+        return any(each.command == hold.command for each in ends)
 
     async def _give_back(self) -> None:
         with suppress(UmoError):
@@ -230,20 +258,11 @@ class Gateway:
 
     async def close(self) -> None:
         """The face ends: the lease is given back, and the machine lets go of what was held. From now on it refuses."""
+        if self._is_closed:
+            return
         self._is_closed = True
         self._keeping.cancel()
         await asyncio.gather(self._keeping, return_exceptions=True)
         if self._reader.lease_held(self._lease):
             await self._give_back()
         self._station.close()
-
-
-def remote_refusal(roles: Roles, user: str, do: str) -> str | None:
-    """Why a user of another computer may not give a command; None: they may. Without a file of roles nobody may."""
-    if roles.is_absent:
-        return "commands of other computers need roles, and there is no file of them (docs/howto-alarms.md)"
-    return roles.allowed(user, "call" if do == "stop" else do)  # over a network a stop needs a role, too
-
-
-def _lives(user: User) -> bool:
-    return user.is_alive is None or user.is_alive()

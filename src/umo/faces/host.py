@@ -82,8 +82,11 @@ class FaceHost:
         """Serve until cancelled. UmoError if a face cannot open its server at the start."""
         opened: list[Face] = []
         try:
-            for _, face in self._faces:
-                await face.open()
+            for name, face in self._faces:
+                try:
+                    await face.open()
+                except UmoError as error:
+                    raise UmoError(f"{name}: {error}") from error
                 opened.append(face)
             self._opened()
             tasks = [asyncio.create_task(self._serve(name, face)) for name, face in self._faces]
@@ -109,7 +112,8 @@ class FaceHost:
                 reader = await asyncio.to_thread(self._find)
             except UmoError as error:
                 if str(error) != told:
-                    self._say(told := str(error))
+                    told = str(error)
+                    self._say(f"{told}; looking for it")
                 await asyncio.sleep(SEARCH_PAUSE)
                 continue
             told = ""
@@ -174,10 +178,10 @@ class FaceHost:
             return inf if run.over else run.image.time
 
         gateway = Gateway(run.reader, name, looked, is_reader=self._read_only or not face.takes_commands)
-        why = "the face has ended"
+        event, why = run.reader.next_event, "the face has ended"  # those while it begins are told, too
         try:
             await face.begin(run.machine, gateway)
-            await self._tell(face, run)
+            await self._tell(face, run, event)
             why = run.over
         finally:
             try:
@@ -186,9 +190,9 @@ class FaceHost:
             finally:
                 await gateway.close()
 
-    async def _tell(self, face: Face, run: Run) -> None:
-        """Tell a face what is new until the run is over."""
-        changes, event = ChangeFilter(run.image, run.machine, self._dead_bands), run.reader.next_event
+    async def _tell(self, face: Face, run: Run, event: int) -> None:
+        """Tell a face what is new until the run is over. `event`: the number of the first event that is told."""
+        changes = ChangeFilter(run.image, run.machine, self._dead_bands)
         over = ""
         while not over:
             over, waiting = run.over, run.looked  # before the look: the last one is told, too

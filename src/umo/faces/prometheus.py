@@ -7,11 +7,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from math import isnan
 from pathlib import Path
+from typing import Any
 
 import uvicorn
 from prometheus_client import CollectorRegistry, make_asgi_app
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from umo.faces.endpoint import Endpoint
 from umo.faces.face import Changes, Commands, Face
@@ -22,10 +24,32 @@ PORT = 9464
 MAX_CLIENTS = 16
 """Connections at once at most; others are refused with status 503."""
 IDLE_TIMEOUT = 5
-"""Time in s for which an idle connection is kept."""
+"""Time in s after which a connection on which nothing is asked, or what was asked is not taken, is cut off; at most
+twice as long."""
 NUMBERS = (ItemKind.SENSOR, ItemKind.ACTUATOR, ItemKind.SIGNAL, ItemKind.TUNABLE)
 FRESH = Quality.UNREFERENCED
 """The worst quality with which a value is told. A value that is STALE or BAD is left out."""
+
+
+class MetricsConnection(H11Protocol):
+    """uvicorn would keep one that never asks for ever: it counts as a client."""
+
+    _watching: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: Any) -> None:
+        super().connection_made(transport)
+        self._watching = self.loop.call_later(IDLE_TIMEOUT, self._watch, None)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        if self._watching is not None:
+            self._watching.cancel()
+        super().connection_lost(exc)
+
+    def _watch(self, before: Any) -> None:
+        if self.cycle is before and (before is None or before.response_complete):
+            self.transport.abort()
+        else:
+            self._watching = self.loop.call_later(IDLE_TIMEOUT, self._watch, self.cycle)
 
 
 class MetricsServer(uvicorn.Server):
@@ -60,9 +84,9 @@ class Prometheus(Face):
         registry = CollectorRegistry()
         registry.register(self._metrics)
         config = uvicorn.Config(
-            make_asgi_app(registry), ws="none", lifespan="off", log_level="error", access_log=False,
-            server_header=False, proxy_headers=False, limit_concurrency=MAX_CLIENTS, timeout_keep_alive=IDLE_TIMEOUT,
-            timeout_graceful_shutdown=1,
+            make_asgi_app(registry), http=MetricsConnection, ws="none", lifespan="off", log_level="error",
+            access_log=False, server_header=False, proxy_headers=False, limit_concurrency=MAX_CLIENTS,
+            timeout_keep_alive=IDLE_TIMEOUT, timeout_graceful_shutdown=1,
         )  # fmt: skip
         context = self._endpoint.context()
         config.load()
@@ -110,9 +134,10 @@ class Metrics(Collector):
 
 def _run_metrics(machine: Declaration, changes: Changes) -> Iterator[Metric]:
     """Periods, missed ones, latency, the age of the last period."""
-    values = {item.path: float(changes.values[item.number]) for item in machine.of_kind(ItemKind.RUN)}
+    places = {item.path: item.number for item in machine.of_kind(ItemKind.RUN)}
+    values = {path: float(changes.values[place]) for path, place in places.items()}
     counters = {
-        "periods": "Periods since connecting.",
+        "periods": "Periods of the run.",
         "missed": "Periods that were missed.",
     }
     for name, text in counters.items():
@@ -124,7 +149,7 @@ def _run_metrics(machine: Declaration, changes: Changes) -> Iterator[Metric]:
         "wake": "Greatest time from the tick to waking up since the last look.",
     }
     for name, text in gauges.items():
-        if not isnan(values[name]):
+        if changes.quality[places[name]] <= FRESH:
             gauge = GaugeMetricFamily(f"umo_{name}_seconds", text, labels=["station"])
             gauge.add_metric([machine.station], values[name])
             yield gauge

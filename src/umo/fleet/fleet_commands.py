@@ -24,9 +24,9 @@ import zenoh
 
 from umo.errors import CommandRefused, UmoError, text_of
 from umo.faces.face import User
-from umo.faces.gateway import Gateway
 from umo.fleet import fleet_keys as keys
 from umo.fleet.fleet_keys import StationKey
+from umo.fleet.sole_lease import SoleLease
 
 LONGEST_VALID = 30.0
 """Time in s that a command may be valid at most."""
@@ -77,7 +77,7 @@ class FleetCommands:
         session: zenoh.Session,
         key: StationKey,
         users: FleetUsers,
-        gateway: Callable[[], Gateway],
+        gateway: Callable[[], SoleLease],
         utc: Callable[[], float] = time.time,
     ) -> None:
         self._users, self._gateway, self._utc = users, gateway, utc

@@ -13,13 +13,15 @@ from collections.abc import Callable
 from contextlib import suppress
 from math import inf
 from pathlib import Path
+from typing import NamedTuple
 
 import zenoh
 
 from umo.errors import FramesError, UmoError, text_of
-from umo.faces.gateway import Gateway
 from umo.fleet.fleet_commands import FleetCommands, FleetUsers
 from umo.fleet.fleet_keys import StationKey, segment
+from umo.fleet.fleet_session import is_present
+from umo.fleet.sole_lease import SoleLease
 from umo.fleet.station_publisher import StationPublisher
 from umo.frames import Reader
 from umo.frames.frame_server import sockets
@@ -31,8 +33,21 @@ RATE = 10.0
 SLOWEST, FASTEST = 0.1, 50.0
 SEARCH_PAUSE = 0.5
 """Time in s from one search for stations to the next."""
-REFUSED_PAUSE = 5.0
-"""Time in s after which a ring that could not be read is tried again."""
+REFUSED_PAUSE = 1.0
+"""Time in s after which a station that could not be published is tried again: the token of a gateway that was killed
+may still be there."""
+
+
+TOLD_AT = 2
+"""Number of the try at which it is told that a station cannot be published."""
+
+
+class Refused(NamedTuple):
+    """A station that could not be published."""
+
+    tries: int
+    until: float
+    """When it is tried again, s of the monotonic clock."""
 
 
 class PublishedStation:
@@ -42,7 +57,7 @@ class PublishedStation:
         self.publisher = publisher
         self._looked = asyncio.Event()
         self._is_over = False
-        self._gateway: Gateway | None = None
+        self._gateway: SoleLease | None = None
         self._read_only = read_only
         self.commands = FleetCommands(session, publisher.key, users, self._ask)
 
@@ -58,10 +73,10 @@ class PublishedStation:
             await self._looked.wait()
         return inf if self._is_over else self.publisher.time
 
-    def _ask(self) -> Gateway:
+    def _ask(self) -> SoleLease:
         """The way of commands to this run, from the first one on."""
         if self._gateway is None:
-            self._gateway = Gateway(self.publisher.reader, "fleet", self._wait, is_reader=self._read_only)
+            self._gateway = SoleLease(self.publisher.reader, "fleet", self._wait, is_reader=self._read_only)
         return self._gateway
 
     async def close(self) -> None:
@@ -88,7 +103,7 @@ class FleetGateway:
         self._session, self._site, self._users = session, site, users
         self._interval, self._read_only, self._say, self._find = 1.0 / rate, read_only, say, find
         self._stations: dict[Path, PublishedStation] = {}
-        self._refused: dict[Path, float] = {}
+        self._refused: dict[Path, Refused] = {}
         self._searched = -inf
 
     @property
@@ -114,8 +129,7 @@ class FleetGateway:
             try:
                 goes_on = station.look()
             except Exception as error:  # of a damaged ring
-                self._say(f"{station.publisher.key}: its frames cannot be published: {text_of(error)}")
-                self._refused[path] = time.monotonic() + REFUSED_PAUSE
+                self._refuse(path, f"{station.publisher.key}: its frames cannot be published: {text_of(error)}")
                 goes_on = False
             if not goes_on:
                 await self._leave(path)
@@ -130,23 +144,32 @@ class FleetGateway:
         """Publish the stations that have begun."""
         now = time.monotonic()
         there = self._find()
-        self._refused = {path: until for path, until in self._refused.items() if path in there and until > now}
+        self._refused = {path: each for path, each in self._refused.items() if path in there}
         for path in there:
-            if path not in self._stations and path not in self._refused:
+            if path not in self._stations and (path not in self._refused or self._refused[path].until <= now):
                 try:
                     reader = await asyncio.to_thread(frames_at, path)
-                    self._begin(path, reader)
+                    await self._begin(path, reader)
                 except (UmoError, OSError, zenoh.ZError) as error:
-                    self._refused[path] = now + REFUSED_PAUSE
-                    if path.exists():  # it has not just ended
-                        self._say(f"{path.name}: {text_of(error)}")
+                    self._refuse(path, f"{path.name}: {text_of(error)}")
 
-    def _begin(self, path: Path, reader: Reader) -> None:
+    def _refuse(self, path: Path, text: str) -> None:
+        """Leave a station alone for a while. It is told at the second try: it may have ended just now."""
+        tries = self._refused[path].tries + 1 if path in self._refused else 1
+        self._refused[path] = Refused(tries, time.monotonic() + REFUSED_PAUSE)
+        if tries == TOLD_AT:
+            self._say(text)
+
+    async def _begin(self, path: Path, reader: Reader) -> None:
         if not reader.alive:
             reader.close()
             raise FramesError("it has ended")
         key = self._key_of(reader)
+        if await asyncio.to_thread(is_present, self._session, key):
+            reader.close()
+            raise FramesError(f"{key} is in the fleet already, of another computer: give this one another --site")
         publisher = StationPublisher(self._session, key, reader, self._interval)
+        self._refused.pop(path, None)
         self._stations[path] = PublishedStation(publisher, self._session, self._users, self._read_only)
         self._say(f"{key} (pid {reader.about['pid']})")
 

@@ -25,6 +25,7 @@ import zenoh
 import zenoh.ext
 
 from umo.cycle.events import CommandState, Event
+from umo.cycle.stage import Stage
 from umo.errors import FramesError, UmoError
 from umo.fleet import fleet_keys as keys
 from umo.fleet import fleet_settings
@@ -171,7 +172,8 @@ class FleetMirror:
 
     def _take_rest(self, data: bytes) -> None:
         rest = Rest.parse(data)
-        self._ring.live({Live.STATE: rest.state, Live.MODE: rest.mode, Live.MISSED: rest.missed})
+        state = min(rest.state, Stage.STOPPING)  # it has ended when its last events are here
+        self._ring.live({Live.STATE: state, Live.MODE: rest.mode, Live.MISSED: rest.missed})
         self._ring.lease(rest.lease, rest.holder)
         self._ring.tunables(rest.tunables)
 

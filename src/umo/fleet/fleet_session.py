@@ -29,6 +29,8 @@ KEEP_ALIVES = 4
 """Signs of life in that time."""
 CONNECT_TIME = 3000
 """Time in ms in which a router must answer at the start. Later it may be away for any time."""
+TOKEN_TIME = 1.0
+"""Time in s within which others tell that they are there."""
 QUEUE_TIME = 100_000
 """Time in us that a message waits for room at most; then it is dropped."""
 CA_FILE, CERTIFICATE_FILE, KEY_FILE = "ca.pem", "certificate.pem", "key.pem"
@@ -131,3 +133,8 @@ def anybody(session: zenoh.Session, timeout: float = 1.0) -> list[keys.StationKe
              for each in session.liveliness().get(keys.EVERY.key(keys.ALIVE), timeout=timeout)
              if each.ok is not None}  # fmt: skip
     return sorted(found)
+
+
+def is_present(session: zenoh.Session, key: keys.StationKey) -> bool:
+    """Whether somebody publishes a station of this name."""
+    return any(each.ok is not None for each in session.liveliness().get(key.key(keys.ALIVE), timeout=TOKEN_TIME))

@@ -34,6 +34,8 @@ MOST = 100
 """Deltas of one look at most: the rest of what a ring holds follows at the next ones."""
 REST_EVERY = 10
 """The rest is in every so many deltas, also if it has not changed."""
+FULL_EVERY = 100
+"""Every so many deltas one has all words: who has only the last ones, as a recorder that was away, begins there."""
 STATUS_PAUSE = 1.0
 """Time in s from one status to the next."""
 
@@ -105,7 +107,7 @@ class StationPublisher:
 
     def _publish(self, frame: Any, number: int, rest: bytes, flags: int = 0) -> None:
         words = self._frames.words(frame)
-        if self._words is None or number > self._next:
+        if self._words is None or number > self._next or number % FULL_EVERY == 0:
             flags |= FULL
         places, changed = self._frames.changed(words, None if flags & FULL else self._words)
         told = rest if rest != self._rest or number % REST_EVERY == 0 or flags else b""

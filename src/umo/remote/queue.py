@@ -63,7 +63,7 @@ class Receiver:
                 self._doubted = number
                 return None
             self.taken = number
-            if text is not None and (command := self._parsed(number, text)) is not None:
+            if text is not None and (command := _parsed(number, text)) is not None:
                 return command
             self.dropped += 1
         return None
@@ -76,13 +76,6 @@ class Receiver:
         text = slot[ENTRY.size : ENTRY.size + size]
         whole = size <= MAX_COMMAND_BYTES and found == number and checksum == _checksum(size, number, text)
         return text if whole else None
-
-    @staticmethod
-    def _parsed(number: int, text: bytes) -> ClientCommand | None:
-        try:
-            return ClientCommand.parse(number, text)
-        except (ValueError, TypeError, AttributeError, RecursionError, OverflowError):
-            return None
 
 
 class Sender:
@@ -99,8 +92,11 @@ class Sender:
             raise FramesError(f"{reader.about['station']}: no queue for commands: {error.strerror}") from None
 
     def send(self, command: dict[str, Any]) -> int:
-        """Send a command; its number. CommandRefused if the queue stays full."""
+        """Send a command; its number. CommandRefused if the queue stays full, or the machine would drop it: nobody
+        would answer."""
         text = json.dumps(command).encode()
+        if _parsed(0, text) is None:
+            raise CommandRefused(f"{command.get('do')} {command.get('path')}: it is no command")
         if len(text) > MAX_COMMAND_BYTES:
             raise CommandRefused(f"a command of {len(text)} bytes is too long; the most are {MAX_COMMAND_BYTES}")
         until = time.monotonic() + SEND_TIMEOUT
@@ -138,6 +134,14 @@ class Sender:
 
     def close(self) -> None:
         os.close(self._file)
+
+
+def _parsed(number: int, text: bytes) -> ClientCommand | None:
+    """None: it is none."""
+    try:
+        return ClientCommand.parse(number, text)
+    except (ValueError, TypeError, AttributeError, RecursionError, OverflowError):
+        return None
 
 
 def _checksum(size: int, number: int, text: bytes) -> int:

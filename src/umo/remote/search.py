@@ -52,7 +52,7 @@ def reading(path: Path) -> Iterator[None]:
 def find_running(name: str | None, said: Callable[[str], object] = lambda text: None) -> Reader:
     """The frames of one running station, by name, folder or pid (`meant_by`); FramesError lists those that run. `said`
     is told of a ring that cannot be read beside others that can."""
-    if name is not None and "/" in name and (elsewhere := _elsewhere(name)) is not None:
+    if name is not None and (elsewhere := find_elsewhere(name)) is not None:
         return elsewhere
     unread: list[str] = []
     found = readers(unread.append)
@@ -77,8 +77,10 @@ def find_running(name: str | None, said: Callable[[str], object] = lambda text: 
     raise FramesError(f"several stations are running; give a name or a pid: {pids}")
 
 
-def _elsewhere(name: str) -> Reader | None:
+def find_elsewhere(name: str) -> Reader | None:
     """The frames of a station on another computer, by the first finder that knows such names; None: none does."""
+    if "/" not in name:
+        return None
     for point in sorted(entry_points(group=FINDERS)):
         try:
             find = point.load()

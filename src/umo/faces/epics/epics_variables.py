@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Mapping
 from functools import partial
 from math import floor, isfinite, isnan, log10, nan
@@ -32,6 +33,8 @@ RESERVED = frozenset((
     "subscribe", "trigger", "unstage",
 ))  # fmt: skip
 """Names that bluesky's devices have for themselves: an entry of the tree gets a `_`."""
+NO_NAME = re.compile(r"[^A-Za-z0-9_.]")
+"""What neither a field of pvData nor a name of EPICS may have: alarms may, as "no parts"."""
 PRECISION = 3
 """Digits after the point where neither a resolution nor a range tells them."""
 Ask = Callable[..., Any]
@@ -54,7 +57,8 @@ class EpicsVariables:
     # Building ------------------------------------------------------------------------------------------
 
     def add(self, path: str, access: str, variable: ProcessVariable) -> None:
-        """A variable that stands in the tree. A name that another has gets a `_`."""
+        """A variable that stands in the tree. What no name may have becomes a `_`; a name that another has gets one."""
+        path = NO_NAME.sub("_", path)
         while self.prefix + path.replace(".", ":") in self.by_name:
             path += "_"
         name = self.prefix + path.replace(".", ":")

@@ -124,6 +124,8 @@ class Broker:
         self._on_up, self._on_message = on_up, on_message
         self._unsent: deque[tuple[paho.MQTTMessageInfo, int]] = deque()
         self._bytes = self._heard = 0
+        self._is_missed = False
+        """Whether it has been told that no broker is there."""
         self._loop = asyncio.get_running_loop()
         self._client = self._made(name)
 
@@ -131,7 +133,7 @@ class Broker:
         client = paho.Client(CallbackAPIVersion.VERSION2, client_id=name, protocol=paho.MQTTv311)
         client.connect_timeout = CONNECT_TIMEOUT
         client.reconnect_delay_set(FIRST_PAUSE, MAX_PAUSE)
-        client.on_pre_connect = self._before
+        client.on_pre_connect, client.on_connect_fail = self._before, self._not_there
         client.on_connect, client.on_disconnect, client.on_message = self._connected, self._lost, self._came
         if self._address.user:
             client.username_pw_set(self._address.user, self._address.password())
@@ -181,10 +183,16 @@ class Broker:
         will = self._will()
         client.will_set(will.topic, will.payload, will.qos, will.retain)
 
+    def _not_there(self, client: paho.Client, data: Any) -> None:
+        if not self._is_missed:
+            log.warning("no broker at %s; it is tried again", self._address)
+        self._is_missed = True
+
     def _connected(self, client: paho.Client, data: Any, flags: Any, reason: Any, properties: Any) -> None:
         if reason.is_failure:
             log.warning("%s refuses the connection: %s", self._address, reason)
             return
+        self._is_missed = False
         if self._topics:
             client.subscribe([(topic, 1) for topic in self._topics])
         self._loop.call_soon_threadsafe(self._up)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 import json
 import re
+import zlib
+from collections import deque
 from collections.abc import Mapping
 from datetime import UTC, datetime
-from math import isnan
+from math import isfinite, isnan
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +25,8 @@ ONLINE, OFFLINE = b"online", b"offline"
 PRESS = b"PRESS"
 STEP = 0.001
 """Smallest step of a number that Home Assistant can set."""
+STATUS = -1
+"""In place of an item: after the first value of each the device is online."""
 DEFAULT_LIMITS = -1e9, 1e9
 FRESH = "{{ 'online' if value_json.quality in ['good', 'out of range', 'unreferenced'] else 'offline' }}"
 
@@ -54,8 +58,10 @@ class HomeAssistant(Face):
         self._commands: Commands | None = None
         self._changes: Changes | None = None
         self._link: Broker | None = None
-        self._missed: set[int] = set()
-        """Items whose last value the broker has not got."""
+        self._due: deque[tuple[str, bytes]] = deque()
+        """Topics of discovery that the broker has not got, with what they say."""
+        self._missed: dict[int, None] = {}
+        """Items whose last value the broker has not got, the longest waiting first."""
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def open(self) -> None:
@@ -65,7 +71,7 @@ class HomeAssistant(Face):
     async def begin(self, machine: Declaration, commands: Commands) -> None:
         self._machine, self._commands, self._changes = machine, commands, None
         self._base = f"{self._topic}/{plain(machine.station)}"
-        self._missed = set(range(len(machine.items)))
+        self._missed = {}
         orders = [f"{self._base}/set/#", f"{self._base}/press/#"]
         name = f"umo-ha-{plain(machine.station)}"
         self._link = Broker(self._broker, name, self._last, orders, self._came_up, self._hear)
@@ -73,7 +79,7 @@ class HomeAssistant(Face):
 
     async def frames(self, changes: Changes) -> None:
         self._changes = changes
-        self._missed.update(changes.places.tolist())
+        self._missed |= dict.fromkeys(changes.places.tolist())
         self._send_values()
 
     async def end(self, why: str) -> None:
@@ -88,26 +94,37 @@ class HomeAssistant(Face):
 
     def _came_up(self) -> None:
         """Everything is told again: the broker may have lost it."""
-        assert self._machine is not None and self._link is not None
-        self._missed = set(range(len(self._machine.items)))
-        for topic, config in discovery(self._machine, self._base, self._prefix).items():
-            self._link.send(topic, json.dumps(config).encode(), retain=True)
+        assert self._machine is not None
+        self._missed = dict.fromkeys([*range(len(self._machine.items)), STATUS])
+        found = discovery(self._machine, self._base, self._prefix)
+        self._due = deque((topic, json.dumps(config).encode()) for topic, config in found.items())
+        self._due.append((f"{self._base}/declaration", mark_of(self._machine).encode()))
         self._send_values()
-        self._link.send(f"{self._base}/status", ONLINE, retain=True)
 
     def _send_values(self) -> None:
-        """The last value of each item that the broker has not got; while it is away only the last one is kept."""
-        if self._machine is None or self._changes is None or self._link is None or not self._link.is_up:
+        """What the broker has not got: discovery, the last value of each item, then that they count. What it does not
+        take now follows with the next look."""
+        link, machine, changes = self._link, self._machine, self._changes
+        if machine is None or changes is None or link is None or not link.is_up:
             return
-        for place in sorted(self._missed):
-            item = self._machine.items[place]
-            if not self._link.send(value_topic(self._base, item.name), told(item, self._changes), retain=True):
+        while self._due:
+            if not link.send(*self._due[0], retain=True):
                 return
-            self._missed.discard(place)
+            self._due.popleft()
+        for place in list(self._missed):
+            topic, payload = f"{self._base}/status", ONLINE
+            if place != STATUS:
+                item = machine.items[place]
+                topic, payload = value_topic(self._base, item.name), told(item, changes)
+            if not link.send(topic, payload, retain=True):
+                return
+            del self._missed[place]
 
     # Commands ------------------------------------------------------------------------------------------
 
     def _hear(self, topic: str, payload: bytes) -> None:
+        if self._commands is None:  # the run has just ended
+            return
         task = asyncio.get_running_loop().create_task(self._carry_out(topic.removeprefix(f"{self._base}/"), payload))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
@@ -136,14 +153,14 @@ def plain(name: str) -> str:
 
 
 def value_topic(base: str, name: str) -> str:
-    return f"{base}/value/{name.replace('.', '/')}"
+    return f"{base}/value/{re.sub('[+#]', '_', name).replace('.', '/')}"
 
 
 def number_of(payload: bytes) -> float:
     try:
         return float(payload[:100])
     except ValueError:
-        raise OptionError(f"{payload[:40]!r} is not a number") from None
+        raise OptionError(f"{payload[:40].decode(errors='replace')!r} is not a number") from None
 
 
 def text_of_time(utc: float) -> str | None:
@@ -163,49 +180,58 @@ def told(item: FaceItem, changes: Changes) -> bytes:
 def discovery(machine: Declaration, base: str, prefix: str) -> Mapping[str, Mapping[str, Any]]:
     """The configuration of each entity by its topic."""
     station = plain(machine.station)
-    found = {}
+    found: dict[str, dict[str, Any]] = {}
+    mark = mark_of(machine)
+
+    def add(component: str, name: str, about: dict[str, Any]) -> None:
+        while (topic := f"{prefix}/{component}/umo_{station}/{plain(name)}/config") in found:  # a.b_c and a_b.c
+            name += "_"
+        found[topic] = _common(station, base, name, mark) | about
+        if "json_attributes_topic" in about:
+            found[topic]["availability"].append({"topic": about["state_topic"], "value_template": FRESH})
+
     for item in machine.items:
         component, more = _component(item, base)
-        about = _common(station, base, item.name) | _value(base, item) | more
-        found[f"{prefix}/{component}/umo_{station}/{plain(item.name)}/config"] = about
+        add(component, item.name, _value(base, item) | more)
     for each in machine.actions:
         if not each.get("arguments") and not each.get("dead_man"):
             path = str(each["path"])
             press = {"command_topic": f"{base}/press/{path.replace('.', '/')}", "payload_press": PRESS.decode()}
-            about = _common(station, base, f"action:{path}") | press
-            found[f"{prefix}/button/umo_{station}/{plain(path)}/config"] = about
-    refusal = {"state_topic": f"{base}/refusal", "value_template": "{{ value_json.text }}"}
-    found[f"{prefix}/sensor/umo_{station}/refusal/config"] = _common(station, base, "refusal") | refusal
+            add("button", f"action:{path}", press)
+    add("sensor", "refusal", {"state_topic": f"{base}/refusal", "value_template": "{{ value_json.text }}"})
     return found
 
 
-def _common(station: str, base: str, name: str) -> dict[str, Any]:
+def mark_of(machine: Declaration) -> str:
+    """Tells declarations apart: what the broker keeps of another one counts no longer."""
+    return f"{zlib.crc32(repr((machine.items, machine.actions)).encode()):08x}"
+
+
+def _common(station: str, base: str, name: str, mark: str) -> dict[str, Any]:
+    is_declared = f"{{{{ 'online' if value == '{mark}' else 'offline' }}}}"
     return {
         "name": name,
         "unique_id": f"umo_{station}_{plain(name)}",
         "device": {"identifiers": [f"umo_{station}"], "name": station, "manufacturer": "umo"},
-        "availability": [{"topic": f"{base}/status"}],
+        "availability": [
+            {"topic": f"{base}/status"},
+            {"topic": f"{base}/declaration", "value_template": is_declared},
+        ],
+        "availability_mode": "all",
     }
 
 
 def _value(base: str, item: FaceItem) -> dict[str, Any]:
     topic = value_topic(base, item.name)
-    fresh = {"topic": topic, "value_template": FRESH}
-    return {
-        "state_topic": topic,
-        "value_template": "{{ value_json.value }}",
-        "json_attributes_topic": topic,
-        "availability": [{"topic": f"{base}/status"}, fresh],
-        "availability_mode": "all",
-    }
+    return {"state_topic": topic, "value_template": "{{ value_json.value }}", "json_attributes_topic": topic}
 
 
 def _component(item: FaceItem, base: str) -> tuple[str, dict[str, Any]]:
     """Which entity an item is, and what only that has."""
-    unit = {"unit_of_measurement": item.look} if item.unit else {}
+    unit = {"unit_of_measurement": item.look} if item.look else {}
     if item.kind is ItemKind.TUNABLE and not item.states:
-        low, high = (limit if limit is not None else other for limit, other in zip(
-            (item.minimum, item.maximum), DEFAULT_LIMITS, strict=True))  # fmt: skip
+        limits = zip((item.minimum, item.maximum), DEFAULT_LIMITS, strict=True)
+        low, high = (other if limit is None or not isfinite(limit) else limit for limit, other in limits)
         order = f"{base}/set/{item.path.replace('.', '/')}"
         return "number", unit | {"command_topic": order, "min": low, "max": high, "step": STEP, "mode": "box"}
     if item.kind is ItemKind.SENSOR and set(item.states) == {0, 1}:

@@ -162,6 +162,8 @@ class Sparkplug(Face):
     # What is heard -------------------------------------------------------------------------------------
 
     def _hear(self, topic: str, payload: bytes) -> None:
+        if self._commands is None:  # the run has just ended
+            return
         if topic.startswith("spBv1.0/STATE/"):
             self._hear_host(payload)
             return
@@ -193,6 +195,8 @@ class Sparkplug(Face):
             self._keep(self._restart())
 
     async def _restart(self) -> None:
+        if self._link is None:  # it is on its way
+            return
         await self._disconnect()
         if self._commands is not None:
             self._connect()

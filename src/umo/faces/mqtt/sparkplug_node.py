@@ -9,7 +9,7 @@ from math import isfinite, isnan
 from typing import Any
 
 from umo.faces.face import Changes
-from umo.faces.face_declaration import Declaration, FaceItem
+from umo.faces.face_declaration import Declaration, FaceItem, ItemKind
 from umo.faces.mqtt.sparkplug_payload import (
     BAD,
     DOUBLE,
@@ -144,12 +144,12 @@ def _payload() -> Any:
 
 def _describe(item: FaceItem, metric: Any) -> None:
     """Unit, range and states as properties."""
-    if item.unit:
+    if item.look:
         put_property(metric, "engUnit", item.look)
     for key, limit in (("engLow", item.minimum), ("engHigh", item.maximum)):
         if limit is not None and isfinite(limit):
             put_property(metric, key, float(limit))
     if item.states:
         put_property(metric, "states", {str(number): name for number, name in item.states.items()})
-    if not item.writable and item.name != "run:mode":
+    if item.kind is not ItemKind.TUNABLE and item.name != "run:mode":
         put_property(metric, "readOnly", True)

@@ -6,6 +6,7 @@ import asyncio
 import gc
 import logging
 import socket
+import time
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -15,6 +16,7 @@ from typing import Any
 from asyncua import ua
 from asyncua.common.xmlimporter import XmlImporter
 
+from umo.faces.command_users import RefusalLimit
 from umo.faces.endpoint import Endpoint
 from umo.faces.face import Changes, Commands, Face
 from umo.faces.face_declaration import Declaration, ItemKind
@@ -26,7 +28,7 @@ from umo.faces.opcua.ua_machine import Called, MachineNodes
 from umo.faces.opcua.ua_packml import URI as PACKML
 from umo.faces.opcua.ua_packml import PackMLUnits
 from umo.faces.opcua.ua_security import Security
-from umo.faces.opcua.ua_session import UaSession
+from umo.faces.opcua.ua_session import OF_SUBSCRIPTION, UaSession
 from umo.faces.opcua.ua_tree import NodeTree
 from umo.faces.opcua.ua_values import GONE, data_value, state_text
 from umo.frames.reader import NumberedEvent
@@ -37,6 +39,8 @@ COMPANIONS = ("Di", "IA", "Machinery", "PackML")
 """The NodeSet2 files of the OPC Foundation that are imported, in this order."""
 REFUSAL = 300
 """Severity of the event of a refusal."""
+REFUSAL_PAUSE = 1.0
+"""Time in s from one event of a refusal of a user to the next."""
 
 
 class OpcUa(Face):
@@ -74,6 +78,7 @@ class OpcUa(Face):
         self._units: PackMLUnits | None = None
         self._happenings: Happenings | None = None
         self._commands: ClientCommands | None = None
+        self._refusals = RefusalLimit(REFUSAL_PAUSE)
         self._utc = 0.0
         self.address = ""
         """Where it is reached."""
@@ -115,7 +120,8 @@ class OpcUa(Face):
                 gc.enable()
 
     async def begin(self, machine: Declaration, commands: Commands) -> None:
-        if self._shown is None or _fixed(self._shown) != _fixed(machine):
+        before, self._shown = self._shown, None  # if this fails it is built anew
+        if before is None or _fixed(before) != _fixed(machine):
             await self._build(machine)
         self._shown = machine
         assert self._nodes is not None and self._kinds is not None
@@ -182,7 +188,7 @@ class OpcUa(Face):
     async def _call(self, session: UaSession, request: ua.CallMethodRequest) -> Answer:
         nodes, commands = self._nodes, self._commands
         if nodes is None:
-            return await self._standard(request)
+            return await self._standard(session, request)
         called = nodes.methods.get(request.MethodId)
         if called is None and (alarm := self._acknowledged(request)) is not None:
             event = request.InputArguments[0].Value if request.InputArguments else None
@@ -191,7 +197,7 @@ class OpcUa(Face):
                 return Answer(ua.CallMethodResult(unknown), f"{alarm} has changed since that event")
             request.InputArguments, called = [], Called("acknowledge alarm", alarm, {})
         if called is None:
-            return await self._standard(request)
+            return await self._standard(session, request)
         if commands is None:
             gone = ua.StatusCode(ua.StatusCodes.BadNoCommunication)
             return Answer(ua.CallMethodResult(gone), "the machine does not run")
@@ -204,21 +210,27 @@ class OpcUa(Face):
             return self._nodes.alarm_of(request.ObjectId)
         return self._nodes.acknowledging.get(request.MethodId)
 
-    async def _standard(self, request: ua.CallMethodRequest) -> Answer:
-        """A method of the server itself."""
+    async def _standard(self, session: UaSession, request: ua.CallMethodRequest) -> Answer:
+        """A method of the server itself. Those that name a subscription are for its session only."""
+        given = request.InputArguments
+        if request.MethodId in OF_SUBSCRIPTION and given and not session.owns(given[0].Value):
+            return Answer(ua.CallMethodResult(ua.StatusCode(ua.StatusCodes.BadSubscriptionIdInvalid)))
         return Answer((await self.server.iserver.method_service.call([request]))[0])
 
     def _tell_refusal(self, who: str, words: str) -> None:
-        """To the variable LastRefusal, and as an event."""
-        task = asyncio.create_task(self._tell(f"{who}: {words}"))
+        """To the variable LastRefusal, and as an event, one a second of a user: many would push alarms out of queues
+        that clients have."""
+        is_event = self._refusals.is_told(who, time.monotonic())
+        task = asyncio.create_task(self._tell(f"{who}: {words}", is_event))
         self.server.iserver.answering.add(task)
         task.add_done_callback(self.server.iserver.answering.discard)
 
-    async def _tell(self, words: str) -> None:
+    async def _tell(self, words: str, is_event: bool) -> None:
         assert self._tree is not None and self._nodes is not None and self._happenings is not None
         text = ua.DataValue(ua.Variant(words, ua.VariantType.String), SourceTimestamp=datetime.now(UTC))
         await put(self._tree.value_of(self._nodes.refusal), text)
-        await self._happenings.tell("", words, REFUSAL)
+        if is_event:
+            await self._happenings.tell("", words, REFUSAL)
 
 
 async def put(where: Any, value: ua.DataValue) -> None:

@@ -35,7 +35,8 @@ def _service(name: str) -> ua.NodeId:
     return ua.NodeId(getattr(ua.ObjectIds, f"{name}Request_Encoding_DefaultBinary"))
 
 
-WRITE, CALL, ACTIVATE = _service("Write"), _service("Call"), _service("ActivateSession")
+WRITE, CALL = _service("Write"), _service("Call")
+CREATE, ACTIVATE = _service("CreateSession"), _service("ActivateSession")
 OPEN = (_service("GetEndpoints"), _service("FindServers"), _service("CloseSecureChannel"))
 """Services that need neither a session nor a secured channel."""
 LEFT_OUT = tuple(
@@ -67,6 +68,7 @@ class Services(InternalServer):
         self.write, self.call = write, call
         self.is_trusted, self.only_secured = is_trusted, only_secured
         self.answering: set[asyncio.Task[None]] = set()
+        self.logging_in = asyncio.Lock()
         self.bind_condition_methods = REFRESH_SEVERITY
         limits.limit(self)
 
@@ -116,7 +118,19 @@ class Processor(UaProcessor):
             session: Any = self.session or self.iserver.lookup_external_session(header.AuthenticationToken)
             if session is not None:
                 session.name, session.transport = self.name, self._transport
+            return await self._log_in(typeid, header, sequence, body)
+        if typeid == CREATE and self.session is not None:  # asyncua would keep it for ever
+            await self.session.close_session(True)
         return await super()._process_message(typeid, header, sequence, body)
+
+    async def _log_in(self, *message: Any) -> Any:
+        """One at a time: a flood of wrong passwords leaves time for the machine's values."""
+        async with self.iserver.logging_in:
+            try:
+                return await super()._process_message(*message)
+            except (ServiceError, ua.uaerrors.UaStatusCodeError):
+                await asyncio.sleep(limits.LOGIN_PAUSE)
+                raise
 
     @property
     def _is_secured(self) -> bool:

@@ -21,7 +21,9 @@ MIN_SESSION, MAX_SESSION = 2_000.0, 60_000.0
 """Time in ms without a request after which a session ends: what a client may ask for."""
 LOGIN_TIME = 10.0
 """Time in s that a connection has to open a session."""
-MAX_MESSAGE = 4 << 20
+LOGIN_PAUSE = 0.1
+"""Time in s after a wrong password in which nobody logs in: each costs 50 ms of the face, or more."""
+MAX_MESSAGE = 1 << 20
 """Bytes of a message at most."""
 CHUNK = 65_535
 MAX_PENDING = 100
@@ -32,6 +34,8 @@ MAX_UNSENT = 16 << 20
 """Bytes that a client has asked for and does not take, at most: then its connection is closed."""
 MAX_OPERATIONS = 1_000
 """Nodes of one Write or Call request at most."""
+MAX_READ = 10_000
+"""Nodes of one Read request at most."""
 
 
 def transport() -> TransportLimits:

@@ -60,8 +60,6 @@ class MachineNodes:
         """Where the value of each item stands, by its number."""
         self.texts: dict[int, AttributeValue] = {}
         """ValueAsText of those items that have it."""
-        self.nodes: list[ua.NodeId] = []
-        """The node of each item."""
         self.writable: dict[ua.NodeId, FaceItem] = {}
         self.methods: dict[ua.NodeId, Called] = {}
         self.alarms: dict[str, ua.NodeId] = {}
@@ -100,7 +98,6 @@ class MachineNodes:
     def _add(self, item: FaceItem) -> None:
         parent, name = self._place(item)
         node = (self._state if item.states else self._number)(parent, name, item)
-        self.nodes.append(node)
         self.values.append(self._tree.value_of(node))
         if item.name == item.path:
             self.by_path[item.path] = node

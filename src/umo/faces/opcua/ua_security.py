@@ -31,14 +31,20 @@ class Security:
     def __init__(self, endpoint: Endpoint) -> None:
         self.only_secured = not is_local(endpoint.host)
         self._server = None if endpoint.certificate is None else _pair(endpoint.certificate)
-        self._clients = None if endpoint.clients is None else _certificates(endpoint.clients)
+        self._clients = endpoint.clients
+        if self._clients is not None:
+            _certificates(self._clients)
 
     def is_trusted(self, der: bytes) -> bool:
-        """Whether a program with this certificate may connect: one of `clients`, valid today. Without `clients` any
-        program of this computer may."""
+        """Whether a program with this certificate may connect: one of `clients` as the file is now, valid today; a file
+        that cannot be read lets nobody in. Without `clients` any program of this computer may."""
         if self._clients is None:
             return True
-        known = next((each for each in self._clients if each.public_bytes(Encoding.DER) == der), None)
+        try:
+            certificates = _certificates(self._clients)
+        except OptionError:
+            return False
+        known = next((each for each in certificates if each.public_bytes(Encoding.DER) == der), None)
         return known is not None and known.not_valid_before_utc <= datetime.now(UTC) <= known.not_valid_after_utc
 
     def uri(self, station: str) -> str:

@@ -17,10 +17,21 @@ from asyncua.server.internal_session import InternalSession, SessionState
 from umo.faces import face_users as users
 from umo.faces.endpoint import is_local
 from umo.faces.face import User
-from umo.faces.opcua.ua_limits import MAX_ITEMS, SHORTEST_PUBLISHING
+from umo.faces.opcua.ua_limits import MAX_ITEMS, MAX_QUEUE, MAX_READ, SHORTEST_PUBLISHING
 
 SILENCE = 5.0
 """Time in s without a request after which what a client holds is let go of. A closed connection is noticed at once."""
+
+OF_SUBSCRIPTION = tuple(
+    ua.NodeId(each)
+    for each in (
+        ua.ObjectIds.ConditionType_ConditionRefresh,
+        ua.ObjectIds.ConditionType_ConditionRefresh2,
+        ua.ObjectIds.Server_GetMonitoredItems,
+        ua.ObjectIds.Server_ResendData,
+    )
+)
+"""Methods of the standard whose first argument is a subscription."""
 
 
 @dataclass
@@ -95,17 +106,48 @@ class UaSession(InternalSession):
 
     async def modify_monitored_items(self, params: Any) -> Any:
         self._check(params.SubscriptionId)
+        for each in params.ItemsToModify:  # asyncua takes any size, and 0 for none
+            given = each.RequestedParameters
+            given.QueueSize = min(given.QueueSize or MAX_QUEUE, MAX_QUEUE)
         return await super().modify_monitored_items(params)
 
+    async def set_monitoring_mode(self, params: Any) -> Any:
+        self._check(params.SubscriptionId)
+        return await super().set_monitoring_mode(params)
+
+    async def set_publishing_mode(self, params: Any) -> Any:
+        self._check(*params.SubscriptionIds)
+        return await super().set_publishing_mode(params)
+
+    def modify_subscription(self, params: Any) -> Any:
+        self._check(params.SubscriptionId)
+        return super().modify_subscription(params)
+
+    def republish(self, params: Any) -> Any:
+        self._check(params.SubscriptionId)
+        return super().republish(params)
+
+    def publish(self, acks: Any = None) -> Any:
+        for each in acks or ():
+            each.SubscriptionId *= self.owns(each.SubscriptionId)  # there is no subscription 0
+        return super().publish(acks)
+
+    async def read(self, params: Any) -> Any:
+        if len(params.NodesToRead) > MAX_READ:
+            raise ServiceError(ua.StatusCodes.BadTooManyOperations)
+        return await super().read(params)
+
     async def delete_subscriptions(self, ids: list[int]) -> Any:
-        for each in ids:
-            self._check(each)
+        self._check(*ids)
         return await super().delete_subscriptions(ids)
 
-    def _check(self, subscription: int) -> None:
-        """It is one of this session."""
+    def owns(self, subscription: Any) -> bool:
+        """Whether a subscription is one of this session."""
         found = self.subscription_service.subscriptions.get(subscription)
-        if found is None or found.session_id != self.session_id:
+        return found is not None and found.session_id == self.session_id
+
+    def _check(self, *subscriptions: int) -> None:
+        if not all(map(self.owns, subscriptions)):
             raise ServiceError(ua.StatusCodes.BadSubscriptionIdInvalid)
 
     async def transfer_subscriptions(self, params: Any, callback: Any) -> Any:

@@ -30,9 +30,6 @@ class NodeTree:
     def id(self, text: str) -> ua.NodeId:
         return ua.NodeId(text, self.namespace)
 
-    def has(self, node: ua.NodeId) -> bool:
-        return node in self._space
-
     def object(
         self, parent: ua.NodeId, text: str, name: str, kind: ua.NodeId | int = O.BaseObjectType, **more: Any
     ) -> ua.NodeId:

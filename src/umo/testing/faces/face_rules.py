@@ -172,6 +172,7 @@ async def kinds(rig: Rig) -> None:
     expected: Mapping[str, float | str] = {
         "cell.level": 10.0, "cell.limit": "PASS", "cell.valve": 0.0, "cell.lamp": "OFF", "tunable:cell.gain": 1.0,
         "cell.phase": "idle", "alarm:cell.full": "normal", "equipment:cell": "normal", "run:mode": "automatic",
+        "alarm:cell.over 90 % (#1)": "normal",
     }  # fmt: skip
     for name, value in expected.items():
         await rig.told(client, name, value)

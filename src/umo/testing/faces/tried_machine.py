@@ -50,7 +50,11 @@ class Phase(Enum):
     COOKING = 2
 
 
-class TriedCell(Compound, equipment=True, alarms={"full": Alarm(High("level", 80.0), "too full")}):
+ALARMS = {"full": Alarm(High("level", 80.0), "too full"), "over 90 % (#1)": Alarm(High("level", 90.0), "spills")}
+"""An alarm may have any text as its name."""
+
+
+class TriedCell(Compound, equipment=True, alarms=ALARMS):
     """Equipment with a level of 0 to 100 mm, a limit switch, a valve of -10 to 10 V, a lamp."""
 
     level: DigitalSensor

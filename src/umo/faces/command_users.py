@@ -1,0 +1,49 @@
+"""Who gives a command: the name in events, the roles on other computers, how often a refusal is told."""
+
+from __future__ import annotations
+
+from umo.faces.face import User
+from umo.frames.layout import NAME
+from umo.system.roles import Roles
+from umo.text import printable
+
+MAX_FACE = 20
+"""Characters of a face's name that are told at most: that leaves room for the name of the user."""
+REFUSAL_PAUSE = 10.0
+"""Time in s from one event of a refusal of a user to the next: a flood leaves the other events alone."""
+MAX_REFUSED = 16
+"""Users whose refusals are told in that time at most."""
+
+
+def who_text(user: User, face: str) -> str:
+    """A user as events tell them, `NAME` bytes at most. The name is cut, never what tells that it is not proved."""
+    ending = f"{'' if user.proved else ', unverified'} ({printable(face)[:MAX_FACE]})"
+    name = printable(" ".join(user.name.split())) or "nobody"
+    return name.encode()[: NAME - len(ending.encode())].decode(errors="ignore") + ending
+
+
+def remote_refusal(roles: Roles, user: str, do: str) -> str | None:
+    """Why a user of another computer may not give a command; None: they may. Without a file of roles nobody may."""
+    if roles.is_absent:
+        return "commands of other computers need roles, and there is no file of them (docs/howto-alarms.md)"
+    return roles.allowed(user, "call" if do == "stop" else do)  # over a network a stop needs a role, too
+
+
+def lives(user: User) -> bool:
+    """Whether the session of a user's client lives, as far as the protocol tells."""
+    return user.is_alive is None or user.is_alive()
+
+
+class RefusalLimit:
+    """Which refusals are told as events: the first of a user, and another one after `pause` in s."""
+
+    def __init__(self, pause: float = REFUSAL_PAUSE) -> None:
+        self._pause = pause
+        self._told: dict[str, float] = {}
+
+    def is_told(self, who: str, now: float) -> bool:
+        self._told = {each: then for each, then in self._told.items() if now - then < self._pause}
+        if who in self._told or len(self._told) >= MAX_REFUSED:
+            return False
+        self._told[who] = now
+        return True

@@ -1,0 +1,54 @@
+"""The way of a fleet's commands to one run: as that of a face, but one client at a time has the lease."""
+
+from __future__ import annotations
+
+from math import inf
+
+from umo.errors import CommandRefused, LeaseHeld
+from umo.faces.command_users import lives, who_text
+from umo.faces.face import User
+from umo.faces.gateway import Gateway
+
+
+class SoleLease(Gateway):
+    """Clients of a fleet take the lease and give it back, as those on the computer of the machine do."""
+
+    _owner: User | None = None
+
+    async def take_lease(self, user: User, *, over: bool = False) -> int:
+        """Take the lease for one user, who alone commands as long as `user.is_alive` says so; its number. LeaseHeld if
+        another has it, unless it is deliberately taken over."""
+        if (refusal := super()._refusal(user, "tune", "")) is not None:  # the least that one needs it for
+            raise CommandRefused(refusal)
+        owner = self.owner
+        if owner is not None and owner.name != user.name and not over:
+            raise LeaseHeld(f"{who_text(owner, self._face)} has the lease")
+        self._owner = user
+        try:
+            await self._take_lease(who_text(user, self._face), anew=owner is None or over, over=over)
+        except BaseException:
+            self._owner = owner
+            raise
+        return self._lease
+
+    def give_back(self, user: User) -> None:
+        """The user no longer needs it."""
+        if self._owner is not None and self._owner.name == user.name:
+            self._owner, self._last = None, -inf
+
+    @property
+    def owner(self) -> User | None:
+        """Who has the lease; None: nobody."""
+        if self._owner is not None and not lives(self._owner):
+            self._owner = None
+        return self._owner
+
+    @property
+    def _is_used(self) -> bool:
+        return super()._is_used or self.owner is not None
+
+    def _refusal(self, user: User, do: str, path: str) -> str | None:
+        owner = self.owner
+        if do != "stop" and owner is not None and owner.name != user.name:
+            return f"{who_text(owner, self._face)} has the lease"
+        return super()._refusal(user, do, path)

@@ -1,0 +1,99 @@
+"""The face of docs/howto-write-a-face.md keeps the contract of faces."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import json
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+
+from helpers.documents import ROOT, blocks
+from umo.testing.faces import RULES, ForeignClient, RefusedByFace, Seen, TriedFace, try_rule
+from umo.testing.faces.client import Grade
+
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux")
+GRADES = {"GOOD": Grade.GOOD, "BAD": Grade.NONE}
+
+
+@pytest.fixture(autouse=True)
+def folders(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("UMO_FRAMES", str(tmp_path / "frames"))
+    monkeypatch.setenv("UMO_STATE", str(tmp_path / "state"))
+
+
+def face_of_the_page() -> Any:
+    found = dict(blocks(ROOT / "docs" / "howto-write-a-face.md", "python"))
+    namespace: dict[str, Any] = {"__name__": "json_lines"}
+    exec(compile(found["json_lines.py"], "json_lines.py", "exec", dont_inherit=True), namespace)
+    return namespace["JsonLines"](port=0)
+
+
+class LineClient(ForeignClient):
+    """Reads and writes lines, as nc does."""
+
+    def __init__(self, user: str, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._user, self._reader, self._writer = user, reader, writer
+        self._numbers = itertools.count()
+        self._seen: dict[str, Seen] = {}
+        self._asked: dict[int, asyncio.Future[dict[str, Any]]] = {}
+        self._hearing = asyncio.create_task(self._hear())
+
+    @classmethod
+    async def of(cls, face: Any, user: str) -> ForeignClient:
+        host, port = face.address.removeprefix("tcp://").split(":")
+        return cls(user, *await asyncio.open_connection(host, int(port)))
+
+    async def _hear(self) -> None:
+        while text := await self._reader.readline():
+            told = json.loads(text)
+            if "ended" in told:
+                self._seen.clear()
+            elif "name" in told:
+                grade = GRADES.get(told["quality"], Grade.DOUBTFUL)
+                self._seen[told["name"]] = Seen(told["value"], grade, told["time"], told["unit"])
+            else:
+                self._asked.pop(told["number"]).set_result(told)
+
+    async def read(self, name: str) -> Seen:
+        return self._seen.get(name, Seen(None, Grade.NONE))
+
+    async def _ask(self, do: str, **more: Any) -> Any:
+        number = next(self._numbers)
+        self._asked[number] = asyncio.get_running_loop().create_future()
+        command = {"do": do, "number": number, "user": self._user, **more}
+        self._writer.write(json.dumps(command).encode() + b"\n")
+        answer = await self._asked[number]
+        if "refused" in answer:
+            raise RefusedByFace(answer["refused"])
+        return answer["done"]
+
+    async def tune(self, path: str, value: Any) -> None:
+        await self._ask("tune", path=path, value=value)
+
+    async def write(self, path: str, value: Any) -> None:
+        await self._ask("write", path=path, value=value)
+
+    async def call(self, path: str, arguments: Mapping[str, Any]) -> Any:
+        return await self._ask("call", path=path, arguments=dict(arguments))
+
+    async def mode(self, mode: str) -> None:
+        await self._ask("mode", value=mode)
+
+    async def close(self) -> None:
+        self._writer.close()
+        self._hearing.cancel()
+
+
+TRIED = TriedFace("json_lines", face_of_the_page, LineClient.of)
+QUICK = ("kinds", "refusals", "users")
+
+
+@pytest.mark.parametrize(
+    "name", [each if each in QUICK else pytest.param(each, marks=pytest.mark.full) for each in RULES]
+)
+def test_the_face_of_the_page_keeps_the_contract(name: str) -> None:
+    assert asyncio.run(try_rule(TRIED, RULES[name])) in (None, "")
