@@ -42,7 +42,7 @@ TOLD_AT = 2
 """Number of the try at which it is told that a station cannot be published."""
 
 
-class Refused(NamedTuple):
+class UnpublishedStation(NamedTuple):
     """A station that could not be published."""
 
     tries: int
@@ -103,7 +103,7 @@ class FleetGateway:
         self._session, self._site, self._users = session, site, users
         self._interval, self._read_only, self._say, self._find = 1.0 / rate, read_only, say, find
         self._stations: dict[Path, PublishedStation] = {}
-        self._refused: dict[Path, Refused] = {}
+        self._refused: dict[Path, UnpublishedStation] = {}
         self._searched = -inf
 
     @property
@@ -156,7 +156,7 @@ class FleetGateway:
     def _refuse(self, path: Path, text: str) -> None:
         """Leave a station alone for a while. It is told at the second try: it may have ended just now."""
         tries = self._refused[path].tries + 1 if path in self._refused else 1
-        self._refused[path] = Refused(tries, time.monotonic() + REFUSED_PAUSE)
+        self._refused[path] = UnpublishedStation(tries, time.monotonic() + REFUSED_PAUSE)
         if tries == TOLD_AT:
             self._say(text)
 

@@ -105,7 +105,8 @@ def application(options: Options, feed: Feed, ended: Callable[[asyncio.Task[None
 async def _twin(request: Request) -> Response:
     feed = request.app.state.feed
     watched = feed.watched.get(request.path_params["name"])
-    found = None if watched is None else await asyncio.to_thread(described_twin, watched, feed.fleet)
+    ask = feed.fleet and feed.fleet.twin
+    found = None if watched is None else await asyncio.to_thread(described_twin, watched, ask)
     return PlainTextResponse("no twin\n", 404) if found is None else JSONResponse(found)
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import time
 from collections import deque
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -24,9 +25,6 @@ from umo.presentation.value_text import SIGNS, WORDS, as_shown
 from umo.scope.history import History
 from umo.text import printable
 from umo.twin import declares_twin, twin_of
-
-if TYPE_CHECKING:
-    from umo.page.fleet_feed import FleetFeed
 
 TOLD_FACTS = ("station", "wiring", "place", "pid", "period")
 """Facts of the run that a page is told."""
@@ -260,11 +258,12 @@ class Watched:
         self.reader.close()
 
 
-def described_twin(watched: Watched, fleet: FleetFeed | None) -> dict[str, Any] | None:
-    """The twin of a station, or what is wrong with its declaration as `error`; None: the station declares none."""
+def described_twin(watched: Watched, ask: Callable[[str], dict[str, Any] | None] | None) -> dict[str, Any] | None:
+    """The twin of a station, or what is wrong with its declaration as `error`; None: the station declares none. `ask`:
+    asks one on another computer, by its name."""
     try:
-        if fleet is not None and watched.is_elsewhere:
-            found = fleet.twin(watched.station)
+        if ask is not None and watched.is_elsewhere:
+            found = ask(watched.station)
         else:
             found = twin_of(watched.reader.layout)
     except UmoError as error:
