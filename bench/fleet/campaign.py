@@ -11,8 +11,9 @@ from typing import Any
 
 from bench.fleet import report_file, verdicts
 from bench.fleet.commands import done_by
+from bench.fleet.history import Disk, compared
 from bench.fleet.namespaces import missing
-from bench.fleet.parts import Part
+from bench.fleet.parts import UMO, Part
 from bench.fleet.plant import OWN, OWN_ADDRESS, FleetPlant
 from bench.fleet.strikes import Striker
 from bench.report import Doing, Target
@@ -30,16 +31,17 @@ COMMAND_STATION = f"{OWN}/Plant"
 class Size:
     computers: int = 10
     made: int = 10
-    """Stations that do not exist, of each computer; of one that has a real one, one less."""
+    """Stations of each computer; they are only rings, but for the real ones."""
     real: int = 5
+    """Computers of which one station is real."""
     commands: int = 10_000
 
     @property
     def stations(self) -> int:
-        return self.computers * self.made + self.real
+        return self.computers * self.made
 
 
-FULL = Size(made=9, real=5)
+FULL = Size()
 SHORT = Size(computers=3, made=4, real=1, commands=300)
 
 
@@ -61,7 +63,9 @@ class Campaign:
         followers = [plant.router_address(0), plant.router_address(1)]
         views = [f"{site}/made000" for site in plant.sites[:4]]
         self.checker = self._follower("checker", "checker", followers[0])
-        self.recorder = self._follower("recorder", "checker", followers[1])
+        self.disk = Disk(plant.folder / "history")
+        words = ("fleet", "record", str(self.disk.folder), "--connect", followers[1])
+        self.recorder = plant.part("recorder", plant.desk, *UMO, *words)
         self.viewer = self._follower("viewer", "viewer", followers[0], *views)
         self.own = plant.own_gateway() if size.real else None
         self._seed = seed
@@ -84,6 +88,7 @@ class Campaign:
     def run(self, seconds: float, doing: Doing) -> Iterator[Target]:
         plant, parts = self._plant, [self.checker, self.recorder, self.viewer]
         commands = self._commands(seconds)
+        self.disk.mount()
         try:
             doing("it begins")
             for part in (*parts, *plant.rings, *plant.stations):
@@ -94,7 +99,8 @@ class Campaign:
                 self.own.start()
                 time.sleep(SETTLING)
                 commands.start()
-            striker = Striker(plant, {"recorder": self.recorder, "checker": self.checker}, self.own, self._seed)
+            others = {"recorder": self.recorder, "checker": self.checker}
+            striker = Striker(plant, others, self.own, self.disk, self._seed)
             began = time.monotonic()
             self._strike(striker, seconds, doing)
             doing("it ends")
@@ -110,7 +116,10 @@ class Campaign:
         finally:
             for each in (*parts, commands, *([self.own] if self.own else [])):
                 each.kill()
-        yield from self._verdicts(striker, began)
+        try:
+            yield from self._verdicts(striker, began)
+        finally:
+            self.disk.unmount()
 
     def _all_seen(self) -> bool:
         present: set[str] = set()
@@ -137,6 +146,7 @@ class Campaign:
         yield from verdicts.deltas(sums)
         for line in sums.worst[:10]:
             yield Target("    " + line, "", "", "")
+        yield from compared(self.disk.folder, list(self._plant.truths.values()))
         viewed = self.report("viewer")
         yield verdicts.views(viewed)
         yield from verdicts.presence(striker.done, viewed["changes"], began)

@@ -41,10 +41,12 @@ class Truth:
 
 
 class FleetPlant:
-    """`computers`, each with `made` stations that do not exist; the first `real` of them have a real one, too."""
+    """`computers`, each with `stations`. They are only rings; one of each of the first `real` computers is real."""
 
-    def __init__(self, folder: Path, computers: int, made: int, real: int) -> None:
-        self.folder, self.computers, self.made = folder, computers, made
+    def __init__(self, folder: Path, computers: int, stations: int, real: int) -> None:
+        self.folder, self.computers = folder, computers
+        self.made = [stations - (number < real) for number in range(computers)]
+        """Rings of each computer."""
         self.network = Network(computers + ROUTERS + 1)
         self.desk = computers + ROUTERS
         """The computer of those who follow the fleet."""
@@ -80,7 +82,7 @@ class FleetPlant:
 
     def _rings(self, number: int) -> Part:
         frames = environment(self.folder / f"computer{number}")["UMO_FRAMES"]
-        return self.python(f"rings {self.sites[number]}", number, "bench.fleet.rings", frames, "made", str(self.made))
+        return self.python(f"rings {self.sites[number]}", number, "bench.fleet.rings", frames, "made", str(self.made[number]))
 
     def _station(self, number: int) -> Part:
         file = self.folder / ("carried_out" if number == 0 else f"carried_out{number}")

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from bench.fleet.history import Disk
 from bench.fleet.parts import Part
 from bench.fleet.plant import ROUTERS, FleetPlant
 
@@ -35,8 +36,11 @@ class Strike:
 class Striker:
     """`others`: processes that only follow, by name: recorder, checker."""
 
-    def __init__(self, plant: FleetPlant, others: dict[str, Part], own_gateway: Part | None, seed: int) -> None:
-        self._plant, self._others, self._own, self._chance = plant, others, own_gateway, random.Random(seed)
+    def __init__(
+        self, plant: FleetPlant, others: dict[str, Part], own_gateway: Part | None, disk: Disk, seed: int
+    ) -> None:
+        self._plant, self._others, self._own, self._disk = plant, others, own_gateway, disk
+        self._chance = random.Random(seed)
         self.done: list[Strike] = []
 
     @property
@@ -49,6 +53,7 @@ class Striker:
             "cable pulled": self._cable,
             "clocks stepped": self._clocks,
             "subscriber stopped": self._subscriber,
+            "disk full": self._full,
         }
         if self._own is not None:
             kinds["gateway with commands killed"] = self._own_gateway
@@ -106,7 +111,7 @@ class Striker:
         site, is_real = plant.sites[place if place >= 0 else -1 - place], place < 0
         part = plant.stations[-1 - place] if is_real else plant.rings[place]
         before = set(plant.truths)
-        count = 1 if is_real else plant.made
+        count = 1 if is_real else plant.made[place]
 
         def is_back() -> bool:
             return len(set(plant.truths) - before) >= count
@@ -142,6 +147,14 @@ class Striker:
         part.signal(signal.SIGSTOP)
         self.pause(SHORTEST, 2 * LONGEST)
         part.signal(signal.SIGCONT)
+        strike.over = time.monotonic()
+        return strike
+
+    def _full(self) -> Strike:
+        strike = Strike("disk full", struck=time.monotonic())
+        self._disk.fill()
+        self.pause(SHORTEST, 2 * LONGEST)
+        self._disk.empty()
         strike.over = time.monotonic()
         return strike
 
