@@ -59,7 +59,9 @@ def page() -> str:
     commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
     panels: dict[str, list[str]] = {}
     for name, command in commands.items():
-        panels.setdefault(command.rich_help_panel, []).append(_section(name, command))
+        sections = panels.setdefault(command.rich_help_panel, [])
+        group = getattr(command, "commands", None) or {"": command}  # of umo fleet
+        sections.extend(_section(f"{name} {each}".rstrip(), part) for each, part in group.items())
     return HEAD + "".join(f"\n## {title}\n{''.join(sections)}" for title, sections in panels.items())
 
 

@@ -31,7 +31,7 @@ Certificates = Annotated[
     Path | None,
     typer.Option(metavar="FOLDER", help="Folder with ca.pem, certificate.pem, key.pem (umo fleet certificate)."),
 ]
-HistoryFolder = Annotated[Path, typer.Argument(metavar="[FOLDER]", help="Folder of the history.")]
+HistoryFolder = Annotated[Path, typer.Argument(metavar="[FOLDER]", help="Folder of the history; default: fleet-history.")]
 HISTORY = Path("fleet-history")
 SERVED = "0 ended by Ctrl-C or SIGTERM; 1 the network cannot be reached; 2 a mistake, told on stderr"
 
