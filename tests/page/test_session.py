@@ -430,7 +430,7 @@ def test_the_server_ends_with_its_feed_and_tells_why(monkeypatch: pytest.MonkeyP
 def test_an_end_while_a_twin_loads_is_no_error_of_the_server(monkeypatch: pytest.MonkeyPatch) -> None:
     asked, go_on, told = threading.Event(), threading.Event(), list[str]()
 
-    def slow(layout: Layout) -> None:
+    def slow(*given: Any) -> None:
         asked.set()
         go_on.wait(PATIENCE)
 

@@ -262,10 +262,8 @@ def described_twin(watched: Watched, ask: Callable[[str], dict[str, Any] | None]
     """The twin of a station, or what is wrong with its declaration as `error`; None: the station declares none. `ask`:
     asks one on another computer, by its name."""
     try:
-        if ask is not None and watched.is_elsewhere:
-            found = ask(watched.station)
-        else:
-            found = twin_of(watched.reader.layout)
+        elsewhere = ask if watched.is_elsewhere else None
+        found = twin_of(watched.reader.layout) if elsewhere is None else elsewhere(watched.station)
     except UmoError as error:
         return {"error": str(error)}
     return found and found | {"paths": list(map(as_shown, found.get("paths", ())))}
