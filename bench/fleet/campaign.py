@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import tempfile
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +68,6 @@ class Campaign:
         words = ("fleet", "record", str(self.disk.folder), "--connect", followers[1])
         self.recorder = plant.part("recorder", plant.desk, *UMO, *words)
         self.viewer = self._follower("viewer", "viewer", followers[0], *views)
-        self.own = plant.own_gateway() if size.real else None
         self._seed = seed
 
     def _follower(self, name: str, module: str, *words: str) -> Part:
@@ -78,7 +78,7 @@ class Campaign:
         plant, count = self._plant, self._size.commands
         rate = max(1.0, count / max(seconds - SETTLING, 1.0))
         words = (str(plant.folder / "commands.json"), OWN_ADDRESS, COMMAND_STATION, str(count), f"{rate:g}")
-        return plant.python("commands", 0, "bench.fleet.commands", *words)
+        return plant.python("commands", plant.alone, "bench.fleet.commands", *words)
 
     def report(self, name: str) -> Any:
         return report_file.read(self._plant.folder / f"{name}.json") or {}
@@ -95,18 +95,17 @@ class Campaign:
                 part.start()
             plant.wait(lambda: len(plant.truths) == self._size.stations, "all rings are there")
             plant.wait(self._all_seen, "all stations are seen")
-            if self.own is not None:
-                self.own.start()
-                time.sleep(SETTLING)
-                commands.start()
+            plant.own_gateway.start()
+            plant.own_station.start()
+            plant.wait(lambda: COMMAND_STATION in plant.own_gateway.said, "the station that takes commands is there")
+            commands.start()
             others = {"recorder": self.recorder, "checker": self.checker}
-            striker = Striker(plant, others, self.own, self.disk, self._seed)
+            striker = Striker(plant, others, self.disk, self._seed)
             began = time.monotonic()
             self._strike(striker, seconds, doing)
             doing("it ends")
             striker.pause(SETTLING, SETTLING)
-            if self.own is not None:
-                plant.wait(lambda: not commands.is_running, "all commands have an answer", 2 * SETTLING + 20)
+            plant.wait(lambda: not commands.is_running, "all commands have an answer")
             self.viewer.end()
             for part in (*plant.rings, *plant.stations):
                 part.end()
@@ -114,7 +113,7 @@ class Campaign:
             for part in parts:
                 part.end()
         finally:
-            for each in (*parts, commands, *([self.own] if self.own else [])):
+            for each in (*parts, commands):
                 each.kill()
         try:
             yield from self._verdicts(striker, began)
@@ -134,6 +133,8 @@ class Campaign:
         for number, strike in enumerate(order):
             doing(f"strike {number + 1} of {len(order)}")
             striker.done.append(strike())
+            told = json.dumps([asdict(each) for each in striker.done])
+            (self._plant.folder / "strikes.json").write_text(told)
             striker.pause(SETTLING, 1.5 * SETTLING)
 
     def _verdicts(self, striker: Striker, began: float) -> Iterator[Target]:
@@ -150,5 +151,4 @@ class Campaign:
         viewed = self.report("viewer")
         yield verdicts.views(viewed)
         yield from verdicts.presence(striker.done, viewed["changes"], began)
-        if self.own is not None:
-            yield from verdicts.commands(self.report("commands"), done_by(self._plant.carried_out))
+        yield from verdicts.commands(self.report("commands"), done_by(self._plant.carried_out))

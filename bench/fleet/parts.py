@@ -52,6 +52,11 @@ class Part:
     def is_running(self) -> bool:
         return self._process is not None and self._process.poll() is None
 
+    @property
+    def said(self) -> str:
+        """All that it has said."""
+        return self.log.read_text(errors="replace")
+
     def signal(self, number: int) -> None:
         if self.is_running:
             os.kill(self.pid, number)

@@ -23,7 +23,7 @@ PORT = 7447
 LIMIT = 60.0
 """Time in s within which what is waited for must come."""
 OWN = "own"
-"""The site of the gateway that takes commands, on its own computer only."""
+"""The site of the gateway that takes commands, of its own computer only: beyond it that needs certificates."""
 OWN_ADDRESS = "tcp/127.0.0.1:7448"
 
 
@@ -47,9 +47,9 @@ class FleetPlant:
         self.folder, self.computers = folder, computers
         self.made = [stations - (number < real) for number in range(computers)]
         """Rings of each computer."""
-        self.network = Network(computers + ROUTERS + 1)
-        self.desk = computers + ROUTERS
-        """The computer of those who follow the fleet."""
+        self.network = Network(computers + ROUTERS + 2)
+        self.desk, self.alone = computers + ROUTERS, computers + ROUTERS + 1
+        """The computer of those who follow the fleet, and one that is no part of it: its station takes commands."""
         self.sites = [f"c{number}" for number in range(computers)]
         self._stack = ExitStack()
         self.truths: dict[Path, Truth] = {}
@@ -58,6 +58,9 @@ class FleetPlant:
         self.rings = [self._rings(number) for number in range(computers)]
         self.stations = [self._station(number) for number in range(real)]
         self.carried_out = folder / "carried_out"
+        own = ("fleet", "serve", "--commands", "--site", OWN, "--listen", OWN_ADDRESS)
+        self.own_gateway = self.part("gateway with commands", self.alone, *UMO, *own)
+        self.own_station = self.python("station", self.alone, "bench.fleet.station", str(self.carried_out))
 
     def router_address(self, number: int) -> str:
         return f"tcp/{self.network.address(self.computers + number)}:{PORT}"
@@ -82,16 +85,13 @@ class FleetPlant:
 
     def _rings(self, number: int) -> Part:
         frames = environment(self.folder / f"computer{number}")["UMO_FRAMES"]
-        return self.python(f"rings {self.sites[number]}", number, "bench.fleet.rings", frames, "made", str(self.made[number]))
+        return self.python(
+            f"rings {self.sites[number]}", number, "bench.fleet.rings", frames, "made", str(self.made[number])
+        )
 
     def _station(self, number: int) -> Part:
-        file = self.folder / ("carried_out" if number == 0 else f"carried_out{number}")
+        file = self.folder / f"carried_out{number}"
         return self.python(f"station {self.sites[number]}", number, "bench.fleet.station", str(file))
-
-    def own_gateway(self) -> Part:
-        """The one that takes commands, on the first computer."""
-        words = ("fleet", "serve", "--commands", "--site", OWN, "--listen", OWN_ADDRESS)
-        return self.part("gateway with commands", 0, *UMO, *words)
 
     # The truth -----------------------------------------------------------------------------------------------
 
@@ -120,7 +120,8 @@ class FleetPlant:
 
     @property
     def parts(self) -> list[Part]:
-        return [*self.rings, *self.stations, *self.gateways, *self.routers]
+        own = [self.own_station, self.own_gateway]
+        return [*self.rings, *self.stations, *self.gateways, *self.routers, *own]
 
     def __enter__(self) -> FleetPlant:
         self._stack.enter_context(self.network)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import random
 import signal
 import time
@@ -36,16 +35,14 @@ class Strike:
 class Striker:
     """`others`: processes that only follow, by name: recorder, checker."""
 
-    def __init__(
-        self, plant: FleetPlant, others: dict[str, Part], own_gateway: Part | None, disk: Disk, seed: int
-    ) -> None:
-        self._plant, self._others, self._own, self._disk = plant, others, own_gateway, disk
+    def __init__(self, plant: FleetPlant, others: dict[str, Part], disk: Disk, seed: int) -> None:
+        self._plant, self._others, self._disk = plant, others, disk
         self._chance = random.Random(seed)
         self.done: list[Strike] = []
 
     @property
     def kinds(self) -> dict[str, Callable[[], Strike]]:
-        kinds = {
+        return {
             "router killed": self._router,
             "gateway killed": self._gateway,
             "recorder killed": self._recorder,
@@ -54,10 +51,8 @@ class Striker:
             "clocks stepped": self._clocks,
             "subscriber stopped": self._subscriber,
             "disk full": self._full,
+            "gateway with commands killed": self._own_gateway,
         }
-        if self._own is not None:
-            kinds["gateway with commands killed"] = self._own_gateway
-        return kinds
 
     def order(self, times: int) -> list[Callable[[], Strike]]:
         """Each kind so many times, mixed."""
@@ -97,8 +92,8 @@ class Striker:
         return self._kill(part, Strike("gateway killed", [self._plant.sites[number]]), self._saying(part, READY))
 
     def _own_gateway(self) -> Strike:
-        assert self._own is not None
-        return self._kill(self._own, Strike("gateway with commands killed"), self._saying(self._own, READY))
+        part = self._plant.own_gateway
+        return self._kill(part, Strike("gateway with commands killed"), self._saying(part, READY))
 
     def _recorder(self) -> Strike:
         part = self._others["recorder"]
@@ -161,11 +156,5 @@ class Striker:
     @staticmethod
     def _saying(part: Part, words: str) -> Callable[[], bool]:
         """Whether it says this from now on."""
-        at = os.path.getsize(part.log)
-
-        def said() -> bool:
-            with open(part.log, "rb") as log:
-                log.seek(at)
-                return words.encode() in log.read()
-
-        return said
+        at = len(part.said)
+        return lambda: words in part.said[at:]
