@@ -22,6 +22,8 @@ ROUTERS = 2
 PORT = 7447
 LIMIT = 60.0
 """Time in s within which what is waited for must come."""
+ROUTES, PUBLISHES = "routes for", "publishes the stations of"
+"""What a router and a gateway say when they have begun."""
 OWN = "own"
 """The site of the gateway that takes commands, of its own computer only: beyond it that needs certificates."""
 OWN_ADDRESS = "tcp/127.0.0.1:7448"
@@ -126,9 +128,12 @@ class FleetPlant:
     def __enter__(self) -> FleetPlant:
         self._stack.enter_context(self.network)
         try:
-            for part in (*self.routers, *self.gateways):
-                part.start()
-                time.sleep(0.3 if part in self.routers else 0.0)
+            for router in self.routers:
+                router.start()
+                self.wait(lambda router=router: ROUTES in router.said, f"{router.name} is there")
+            for gateway in self.gateways:
+                gateway.start()
+            self.wait(lambda: all(PUBLISHES in each.said for each in self.gateways), "all gateways are there")
         except BaseException:
             self._end()
             raise

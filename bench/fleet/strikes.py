@@ -10,12 +10,10 @@ from dataclasses import dataclass, field
 
 from bench.fleet.history import Disk
 from bench.fleet.parts import Part
-from bench.fleet.plant import ROUTERS, FleetPlant
+from bench.fleet.plant import PUBLISHES, ROUTERS, ROUTES, FleetPlant
 
 SHORTEST, LONGEST = 0.5, 6.0
 """Time in s that something stays away, at random."""
-READY = "publishes the stations of"
-"""What a gateway says when it has begun."""
 
 
 @dataclass
@@ -84,16 +82,16 @@ class Striker:
         if number == 0:  # who looks is connected to it
             sites = self._plant.sites
         part = self._plant.routers[number]
-        return self._kill(part, Strike("router killed", sites), self._saying(part, "routes for"))
+        return self._kill(part, Strike("router killed", sites), self._saying(part, ROUTES))
 
     def _gateway(self) -> Strike:
         number = self._chance.randrange(self._plant.computers)
         part = self._plant.gateways[number]
-        return self._kill(part, Strike("gateway killed", [self._plant.sites[number]]), self._saying(part, READY))
+        return self._kill(part, Strike("gateway killed", [self._plant.sites[number]]), self._saying(part, PUBLISHES))
 
     def _own_gateway(self) -> Strike:
         part = self._plant.own_gateway
-        return self._kill(part, Strike("gateway with commands killed"), self._saying(part, READY))
+        return self._kill(part, Strike("gateway with commands killed"), self._saying(part, PUBLISHES))
 
     def _recorder(self) -> Strike:
         part = self._others["recorder"]
