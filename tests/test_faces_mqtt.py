@@ -19,7 +19,8 @@ from umo.errors import StateError
 from umo.faces.face import Changes
 from umo.faces.face_declaration import Declaration, FaceItem, ItemKind
 from umo.faces.mqtt import home_assistant, sparkplug
-from umo.faces.mqtt.home_assistant import HomeAssistant, discovery
+from umo.faces.mqtt.home_assistant import HomeAssistant
+from umo.faces.mqtt.home_assistant_discovery import discovery
 from umo.faces.mqtt.sparkplug import Sparkplug
 from umo.faces.mqtt.sparkplug_payload import Payload, put_value
 
@@ -81,6 +82,34 @@ def test_what_the_broker_does_not_take_at_once_follows_and_then_the_device_is_on
         assert {f"umo/plant/value/part/n{number}" for number in range(40)} < set(topics)
         assert sum(topic.startswith("homeassistant/") for topic in topics) == 41
         assert topics.index("umo/plant/status") > topics.index("umo/plant/value/part/n39")
+
+    asyncio.run(work())
+
+
+def test_what_the_broker_does_not_take_goes_before_what_changes_afterwards(links: list[Link]) -> None:
+    async def work() -> None:
+        face, machine = HomeAssistant(), declared(*"abcdef", states={0: "NO", 1: "YES"})
+        await face.begin(machine, None)  # type: ignore[arg-type]
+        await face.frames(everything(machine))
+        links[0].taken.clear()
+        for _ in range(3):  # at each look all of them change
+            links[0].room = 2
+            await face.frames(everything(machine))
+        assert "".join(topic[-1] for topic, _ in links[0].taken) == "abcdef"
+        await face.end("it has ended")
+
+    asyncio.run(work())
+
+
+def test_items_whose_names_make_one_topic_do_not_stop_the_others(links: list[Link]) -> None:
+    async def work() -> None:
+        face, machine = HomeAssistant(), declared("a+b", "a_b", states={0: "NO", 1: "YES"})
+        await face.begin(machine, None)  # type: ignore[arg-type]
+        for _ in range(2):
+            links[0].taken.clear()
+            await face.frames(everything(machine))
+            assert "umo/plant/value/a_b" in dict(links[0].taken)
+        await face.end("it has ended")
 
     asyncio.run(work())
 

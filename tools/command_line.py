@@ -60,9 +60,16 @@ def page() -> str:
     panels: dict[str, list[str]] = {}
     for name, command in commands.items():
         sections = panels.setdefault(command.rich_help_panel, [])
-        group = getattr(command, "commands", None) or {"": command}  # of umo fleet
-        sections.extend(_section(f"{name} {each}".rstrip(), part) for each, part in group.items())
+        sections.extend(_section(*each) for each in _parts(name, command))
     return HEAD + "".join(f"\n## {title}\n{''.join(sections)}" for title, sections in panels.items())
+
+
+def _parts(name: str, command: Any) -> list[tuple[str, Any]]:
+    """The command, or its subcommands, with their whole names: `fleet certificate site`."""
+    below = getattr(command, "commands", None)
+    if not below:
+        return [(name, command)]
+    return [part for each, sub in below.items() for part in _parts(f"{name} {each}", sub)]
 
 
 def _section(name: str, command: Any) -> str:

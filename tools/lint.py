@@ -124,9 +124,18 @@ def missing(page: Path, tests: set[str]) -> Iterator[str]:
     for name, words in UMO.findall(code):
         if name not in commands:
             yield f"umo {name}"
-        elif not commands[name].context_settings.get("ignore_unknown_options"):  # else they may be the station's
-            options = {flag for each in commands[name].params for flag in (*each.opts, *each.secondary_opts)}
+            continue
+        command = _subcommand(commands[name], words.split())
+        if not command.context_settings.get("ignore_unknown_options"):  # else they may be the station's
+            options = {flag for each in command.params for flag in (*each.opts, *each.secondary_opts)}
             yield from (f"umo {name} {flag}" for flag in OPTION.findall(words) if flag not in {"--help", *options})
+
+
+def _subcommand(command: Any, words: list[str]) -> Any:
+    """The command that these words lead to: `certificate site` of `fleet`."""
+    for word in words:
+        command = getattr(command, "commands", {}).get(word, command)
+    return command
 
 
 def _tests(module: ast.Module) -> Iterator[str]:

@@ -16,7 +16,7 @@ import pytest
 
 pytest.importorskip("p4p", reason="the face EPICS needs p4p: pip install 'umo[epics]'")
 
-from helpers.epics import FOREIGN, Pvapy, ServedZtheta, environment, epics, foreign_python
+from helpers.epics import FOREIGN, Pvapy, ServedZtheta, clients_python, environment, epics
 from helpers.faced import Recorder, hosted
 from umo.cycle.client_commands import Mode
 from umo.cycle.events import CommandState
@@ -34,7 +34,7 @@ EPICS = TriedFace("epics", epics, Pvapy.of, is_named=False)  # the account is th
 
 @pytest.fixture(autouse=True, scope="module")
 def clients() -> None:
-    foreign_python()
+    clients_python()
 
 
 @pytest.mark.parametrize(
@@ -286,7 +286,7 @@ def ztheta(folders: None) -> Iterator[ServedZtheta]:
 
 def test_ophyd_async_builds_the_machine_from_its_prefix_and_bluesky_scans_an_axis(ztheta: ServedZtheta) -> None:
     done = subprocess.run(
-        [foreign_python(), str(FOREIGN / "scan.py"), "ztheta:"],
+        [clients_python(), str(FOREIGN / "scan.py"), "ztheta:"],
         env=environment(ztheta), capture_output=True, text=True, timeout=120,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

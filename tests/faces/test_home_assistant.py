@@ -11,19 +11,30 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from helpers.faced import hosted
-from helpers.mqtt import MOSQUITTO, Mosquitto, SparkplugHost
+from helpers.foreign_python import foreign_python
+from helpers.home_assistant import HomeAssistantClient
+from helpers.mqtt import MOSQUITTO, Mosquitto
+from umo import connect, published
 from umo.errors import OptionError
+from umo.faces.face import Changes, Face
+from umo.faces.face_declaration import Declaration, FaceItem, ItemKind, declaration_of
 from umo.faces.mqtt.home_assistant import HomeAssistant
-from umo.testing.faces import TriedMachine
+from umo.faces.mqtt.home_assistant_discovery import discovery
+from umo.frames import Reader
+from umo.objects import Quality
+from umo.process.station import Station, shipped
+from umo.testing.faces import RULES, ForeignClient, TriedFace, TriedMachine, try_rule
 from umo.testing.faces.tried_machine import until
 
 pytestmark = [
     pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux"),
     pytest.mark.skipif(MOSQUITTO is None, reason="Debian's package mosquitto is not installed"),
 ]
+JUDGE = Path(__file__).parent / "home_assistant"
 NEEDED = {"sensor": "state_topic", "binary_sensor": "state_topic", "number": "command_topic", "button": "command_topic"}
 """What the documentation of each entity requires."""
 
@@ -35,18 +46,30 @@ def broker(tmp_path: Path) -> Iterator[Mosquitto]:
     found.kill()
 
 
-def topics(host: SparkplugHost) -> dict[str, str]:
-    """The last text of each topic."""
-    return {each["topic"]: each["text"] for each in host.heard if each["kind"] == "plain"}
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.smoke) if n == "tunes" else n for n in RULES])
+def test_home_assistant_passes_the_kit(broker: Mosquitto, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("umo.testing.faces.face_rules.TOLD_WITHIN", 5.0)  # node begins
+
+    async def client(face: Face, user: str) -> ForeignClient:
+        found = await HomeAssistantClient(user).connect(broker.port)
+        await until(lambda: len(found.entities) > 10 and found.topics.get("umo/plant/status") == "online")
+        return found
+
+    def face() -> Face:
+        return HomeAssistant(port=broker.port)
+
+    tried = TriedFace("homeassistant", face, client, writes=False, is_named=False)
+    assert asyncio.run(try_rule(tried, RULES[name])) in (None, "")
 
 
 def tried(broker: Mosquitto, work: Callable[..., Any], read_only: bool = False) -> None:
     async def all_of_it() -> None:
         async with TriedMachine() as machine:
-            host = await SparkplugHost().connect(broker.port)
+            host = await HomeAssistantClient().connect(broker.port)
             try:
                 async with hosted(machine, HomeAssistant(port=broker.port), read_only=read_only):
-                    await until(lambda: topics(host).get("umo/plant/status") == "online")
+                    await until(lambda: host.topics.get("umo/plant/status") == "online")
+                    await host.heard_by_broker()  # what is retained comes in any order
                     await work(machine, host)
             finally:
                 await host.close()
@@ -54,13 +77,13 @@ def tried(broker: Mosquitto, work: Callable[..., Any], read_only: bool = False) 
     asyncio.run(all_of_it())
 
 
-def level(host: SparkplugHost) -> Any:
-    return json.loads(topics(host)["umo/plant/value/cell/level"])
+def level(host: HomeAssistantClient) -> Any:
+    return json.loads(host.topics["umo/plant/value/cell/level"])
 
 
 def test_every_item_is_discovered_with_what_its_entity_requires(broker: Mosquitto) -> None:
-    async def work(machine: TriedMachine, host: SparkplugHost) -> None:
-        found = {t: json.loads(x) for t, x in topics(host).items() if t.startswith("homeassistant/")}
+    async def work(machine: TriedMachine, host: HomeAssistantClient) -> None:
+        found = {t: json.loads(x) for t, x in host.topics.items() if t.startswith("homeassistant/")}
         kinds = {topic.split("/")[1] for topic in found}
         assert kinds == set(NEEDED)
         for topic, about in found.items():
@@ -78,7 +101,7 @@ def test_every_item_is_discovered_with_what_its_entity_requires(broker: Mosquitt
 
 
 def test_a_stale_value_is_told_as_such(broker: Mosquitto) -> None:
-    async def work(machine: TriedMachine, host: SparkplugHost) -> None:
+    async def work(machine: TriedMachine, host: HomeAssistantClient) -> None:
         await until(lambda: level(host)["value"] == 10.0 and level(host)["quality"] == "good")
         machine.set("cell.level", OSError("unplugged"))
         await until(lambda: level(host)["quality"] == "stale")
@@ -87,13 +110,13 @@ def test_a_stale_value_is_told_as_such(broker: Mosquitto) -> None:
 
 
 def test_a_number_is_set_a_button_pressed_and_a_refusal_told(broker: Mosquitto) -> None:
-    async def work(machine: TriedMachine, host: SparkplugHost) -> None:
+    async def work(machine: TriedMachine, host: HomeAssistantClient) -> None:
         host.send({"topic": "umo/plant/set/cell/gain", "text": "2.5"})
         await until(lambda: machine.m.cell.gain == 2.5)
         host.send({"topic": "umo/plant/set/cell/gain", "text": "11"})
-        await until(lambda: "11" in topics(host).get("umo/plant/refusal", ""))
+        await until(lambda: "11" in host.topics.get("umo/plant/refusal", ""))
         host.send({"topic": "umo/plant/set/cell/gain", "text": "much"})
-        await until(lambda: "not a number" in topics(host)["umo/plant/refusal"])
+        await until(lambda: "not a number" in host.topics["umo/plant/refusal"])
         assert machine.m.cell.gain == 2.5
         host.send({"topic": "umo/plant/press/cell/cook", "text": "PRESS"})
         await until(lambda: any(each.path == "cell.cook" for each in machine.events))
@@ -103,21 +126,39 @@ def test_a_number_is_set_a_button_pressed_and_a_refusal_told(broker: Mosquitto) 
     tried(broker, work)
 
 
+def test_a_retained_order_is_not_carried_out_and_the_next_one_is(broker: Mosquitto) -> None:
+    async def work() -> None:
+        async with TriedMachine() as machine:
+            host = await HomeAssistantClient().connect(broker.port)
+            try:
+                host.send({"topic": "umo/plant/set/cell/gain", "text": "7", "retain": True})
+                await until(lambda: "umo/plant/set/cell/gain" in host.topics)
+                async with hosted(machine, HomeAssistant(port=broker.port)):
+                    await until(lambda: host.topics.get("umo/plant/status") == "online")
+                    await host.tune("cell.gain", 2.0)
+                    assert machine.m.cell.gain == 2.0
+                    assert not [each for each in machine.events if each.path == "cell.gain" and "7" in each.text]
+            finally:
+                await host.close()
+
+    asyncio.run(work())
+
+
 def test_without_commands_everything_is_refused(broker: Mosquitto) -> None:
-    async def work(machine: TriedMachine, host: SparkplugHost) -> None:
+    async def work(machine: TriedMachine, host: HomeAssistantClient) -> None:
         host.send({"topic": "umo/plant/set/cell/gain", "text": "2.5"})
-        await until(lambda: "only reads" in topics(host).get("umo/plant/refusal", ""))
+        await until(lambda: "only reads" in host.topics.get("umo/plant/refusal", ""))
         assert machine.m.cell.gain == 1.0
 
     tried(broker, work, read_only=True)
 
 
 def test_at_the_end_the_device_is_offline(broker: Mosquitto) -> None:
-    async def work(machine: TriedMachine, host: SparkplugHost) -> None:
+    async def work(machine: TriedMachine, host: HomeAssistantClient) -> None:
         await machine.end()
-        await until(lambda: topics(host)["umo/plant/status"] == "offline")
+        await until(lambda: host.topics["umo/plant/status"] == "offline")
         machine.begin()
-        await until(lambda: topics(host)["umo/plant/status"] == "online")
+        await until(lambda: host.topics["umo/plant/status"] == "online")
 
     tried(broker, work)
 
@@ -127,19 +168,134 @@ def test_a_prefix_that_no_topic_can_have_is_refused() -> None:
         HomeAssistant(prefix="a/#")
 
 
-def test_home_assistants_own_schemas_accept_discovery(broker: Mosquitto) -> None:
-    python = os.environ.get("UMO_HOMEASSISTANT_PYTHON")
-    if not python:
-        pytest.skip("UMO_HOMEASSISTANT_PYTHON names no Python with the package homeassistant")
-    lines: list[str] = []
+# How often ------------------------------------------------------------------------------------------------
 
-    async def work(machine: TriedMachine, host: SparkplugHost) -> None:
-        for topic, text in topics(host).items():
+
+class Network:
+    """In place of a broker: notes what it is given; `room`: how many messages it still takes."""
+
+    is_up = True
+
+    def __init__(self, *given: Any) -> None:
+        self.told: list[str] = []
+        self.room = 1000
+
+    def start(self) -> None:
+        pass
+
+    def send(self, topic: str, payload: bytes, retain: bool = False) -> bool:
+        self.room -= 1
+        if self.room >= 0:
+            self.told.append(topic.removeprefix("umo/plant/value/"))
+        return self.room >= 0
+
+    async def stop(self, last: Any) -> None:
+        pass
+
+
+MACHINE = Declaration(
+    "plant", "", "1-1", 0.01, 0.0,
+    (FaceItem(0, ItemKind.SENSOR, "level", {}), FaceItem(1, ItemKind.SENSOR, "limit", {}, states={0: "NO", 1: "YES"})),
+    (), (), (), False,
+)  # fmt: skip
+
+
+def changed(*places: int, stale: int = -1) -> Changes:
+    quality = np.array([Quality.STALE if place == stale else Quality.GOOD for place in range(2)], np.uint8)
+    return Changes(1, 1e9, None, np.array(places), np.ones(2), quality, np.full(2, 1e9))
+
+
+async def begun(monkeypatch: pytest.MonkeyPatch) -> tuple[HomeAssistant, Network]:
+    monkeypatch.setattr("umo.faces.mqtt.home_assistant.Broker", Network)
+    face = HomeAssistant(interval=0.1)
+    await face.begin(MACHINE, None)  # type: ignore[arg-type]
+    network: Any = face._link
+    return face, network
+
+
+def test_states_and_qualities_are_told_at_once_and_numbers_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def work() -> None:
+        face, network = await begun(monkeypatch)
+        for places, stale, at_once in (((0, 1), -1, ["level", "limit"]), ((0, 1), -1, ["limit"]), ((0,), 0, ["level"])):
+            network.told.clear()
+            await face.frames(changed(*places, stale=stale))
+            assert network.told == at_once
+        await face.frames(changed(0, stale=0))
+        await face.frames(changed(0, stale=0))
+        network.told.clear()
+        await until(lambda: network.told)
+        assert network.told == ["level"]
+        await face.end("")
+
+    asyncio.run(work())
+
+
+def test_what_the_network_does_not_take_is_told_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def work() -> None:
+        face, network = await begun(monkeypatch)
+        network.room = 2
+        face._came_up()
+        await face.frames(changed(0, 1))
+        assert len(network.told) == 2
+        network.room = 1000
+        await until(lambda: "umo/plant/status" in network.told)
+        assert all(each.startswith("homeassistant/") for each in network.told[:3])
+        assert network.told[3:] == ["umo/plant/declaration", "level", "limit", "umo/plant/status"]
+        await face.end("")
+
+    asyncio.run(work())
+
+
+@pytest.mark.parametrize("interval", [0.01, 1e9, float("nan")])
+def test_an_interval_out_of_its_range_is_refused(interval: float) -> None:
+    with pytest.raises(OptionError, match="interval"):
+        HomeAssistant(interval=interval)
+
+
+# Judged by Home Assistant --------------------------------------------------------------------------------
+
+
+def judged(lines: list[Any]) -> str:
+    """What Home Assistant's own schemas and templates say of [component, configuration, text of the value]."""
+    python = os.environ.get("UMO_HOMEASSISTANT_PYTHON") or foreign_python(JUDGE / "requirements.txt", "Home Assistant")
+    text = "\n".join(map(json.dumps, lines))
+    done = subprocess.run([python, JUDGE / "judge_discovery.py"], input=text, text=True, capture_output=True)
+    return done.stdout or done.stderr
+
+
+@pytest.mark.timeout(600)  # it is installed once
+def test_home_assistants_own_schemas_and_templates_accept_the_kits_machine(broker: Mosquitto) -> None:
+    lines: list[Any] = []
+
+    async def work(machine: TriedMachine, host: HomeAssistantClient) -> None:
+        values = {each["state_topic"] for each in host.entities.values() if "state_topic" in each} - {
+            "umo/plant/refusal"
+        }
+        await until(lambda: values <= set(host.topics) and len(values) > 10)
+        for topic, text in list(host.topics.items()):
             if topic.startswith("homeassistant/"):
-                lines.append(json.dumps([topic.split("/")[1], json.loads(text)]))
+                about = json.loads(text)
+                lines.append([topic.split("/")[1], about, host.topics.get(about.get("state_topic", ""))])
 
     tried(broker, work)
-    judge = Path(__file__).parent / "mqtt" / "judge_discovery.py"
-    done = subprocess.run([python, judge], input="\n".join(lines), text=True, capture_output=True, timeout=60)
-    assert lines
-    assert done.stdout.split("\n")[:-1] == ["judged"], done.stdout + done.stderr
+    assert len([each for each in lines if each[2]]) > 10
+    assert judged(lines) == "judged\n"
+
+
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("name", shipped())
+def test_home_assistants_own_schemas_accept_the_stations_that_ship(name: str) -> None:
+    connection = connect(Station(name, shipped()[name]).machine())
+    with connection, published(connection, name, "simulated") as ring, Reader(ring.path) as reader:
+        found = discovery(declaration_of(reader), f"umo/{name}", "homeassistant")
+    assert len(found) > 5
+    assert judged([[topic.split("/")[1], about, None] for topic, about in found.items()]) == "judged\n"
+
+
+@pytest.mark.timeout(600)
+def test_home_assistants_own_schemas_can_say_no() -> None:
+    config = {"state_topic": "a", "device_class": "enum", "options": ["a"], "value_template": "{{ value_json.value }}"}
+    wrong = ["sensor", {**config, "availability": []}, '{"value": "b"}']
+    said = judged([["number", config, None], wrong]).splitlines()
+    assert len(said) == 3
+    assert "none of its options" in said[1]

@@ -110,6 +110,9 @@ def test_a_full_store_drops_the_oldest_and_counts(broker: Mosquitto) -> None:
             async with hosted(machine, face):
                 await until(lambda: face.dropped > 10)
                 assert len(face._stored) == 20
+                oldest, dropped = face._stored[0].timestamp, face.dropped
+                await until(lambda: face.dropped > dropped + 40)
+                assert face._stored[0].timestamp > oldest
                 broker.start()
                 await host.connect(broker.port)
                 try:
@@ -146,13 +149,32 @@ def test_nothing_is_sent_until_the_primary_host_is_online(broker: Mosquitto) -> 
     asyncio.run(work())
 
 
-def test_a_retained_command_and_bytes_of_no_meaning_are_not_heard(broker: Mosquitto) -> None:
+def test_a_retained_command_is_not_carried_out_and_the_next_one_is(broker: Mosquitto) -> None:
     async def work() -> None:
         async with TriedMachine() as machine:
             host = await SparkplugHost().connect(broker.port)
             try:
                 await until(lambda: kinds(host, "connected"))
-                host.send({"topic": "spBv1.0/umo/NCMD/plant", "text": "\x01\x02nonsense", "retain": True})
+                old = {"name": "tunable:cell/gain", "type": "Double", "value": 7.0}
+                host.send({"metrics": [old], "retain": True})
+                await host.heard_by_broker()
+                async with hosted(machine, Sparkplug(port=broker.port)):
+                    await until(lambda: host.alive)
+                    await host.tune("cell.gain", 2.0)  # behind the retained one, which the broker gives first
+                    told = [each.text for each in machine.events if each.path == "cell.gain"]
+                    assert machine.m.cell.gain == 2.0
+                    assert not [each for each in told if "7" in each]
+            finally:
+                await host.close()
+
+    asyncio.run(work())
+
+
+def test_bytes_of_no_meaning_are_not_heard(broker: Mosquitto) -> None:
+    async def work() -> None:
+        async with TriedMachine() as machine:
+            host = await SparkplugHost().connect(broker.port)
+            try:
                 async with hosted(machine, Sparkplug(port=broker.port)):
                     await until(lambda: host.alive)
                     host.send({"topic": "spBv1.0/umo/NCMD/plant", "text": "\x01\x02nonsense"})
@@ -222,7 +244,8 @@ def test_a_broker_that_is_not_there_is_told_once(broker: Mosquitto, caplog: pyte
                 await until(lambda: caplog.messages)
                 broker.start()
                 await until(lambda: face._link is not None and face._link.is_up)
-        assert caplog.messages == [f"no broker at mqtt://127.0.0.1:{broker.port}; it is tried again"]
+        address = f"mqtt://127.0.0.1:{broker.port}"
+        assert caplog.messages == [f"{address} cannot be reached: Connection refused; it is tried again"]
 
     asyncio.run(work())
 

@@ -68,7 +68,7 @@ def test_values_states_qualities_and_times_arrive_as_they_are() -> None:
 def test_every_delta_arrives_once_and_in_order() -> None:
     async def work(machine: TriedMachine, fleet: Fleet) -> None:
         client = await fleet.client()
-        await until(lambda: client.reader.head > 60)
+        await until(lambda: client.reader.head > 15)
         numbers = client.reader.read()["number"].tolist()
         steps = {after - before for before, after in pairwise(numbers)}
         assert steps == {20}  # 50 a second of a period of 1 ms
@@ -79,7 +79,7 @@ def test_every_delta_arrives_once_and_in_order() -> None:
 def test_a_gateway_that_is_begun_again_goes_on_where_the_last_one_was() -> None:
     async def work(machine: TriedMachine, fleet: Fleet) -> None:
         client = await fleet.client()
-        await until(lambda: client.reader.head > 20)
+        await until(lambda: client.reader.head > 5)
         await fleet.end()
         await asyncio.sleep(0)
         before = machine.number
@@ -254,13 +254,14 @@ def test_a_command_of_before_the_gateway_began_is_refused() -> None:
     tried(work)
 
 
-def test_a_station_that_is_not_there_is_told_with_those_that_are() -> None:
+def test_a_station_that_is_not_there_is_told_with_those_that_are(monkeypatch: pytest.MonkeyPatch) -> None:
     async def work(machine: TriedMachine, fleet: Fleet) -> None:
         await fleet.client()
         from umo.fleet.fleet_mirror import find
         from umo.fleet.fleet_session import FleetNetwork
         from umo.fleet.fleet_settings import FleetSettings
 
+        monkeypatch.setattr("umo.fleet.fleet_mirror.ANSWER_TIME", 0.5)
         settings = FleetSettings("desk", FleetNetwork(connect=[fleet.address]), "ann")
         with pytest.raises(FramesError, match=f"there are: {PLANT}"):
             await asyncio.to_thread(find, "cell7/plent", settings)

@@ -39,7 +39,7 @@ def test_a_file_gives_the_settings_and_the_command_line_changes_them(tmp_path: P
         ("connect = ['plant']", "not an address"),
         ("connect = ['udp/a:1']", "not an address"),
         ("connect = ['tls/a:1']", "certificates"),
-        ("certificates = '/nowhere'", "umo fleet certificate"),
+        ("connect = ['tls/a:1']\ncertificates = '/nowhere'", "umo fleet certificate"),
         ("site = 7", "not a text"),
         ("site = ", "fleet.toml"),
     ],
@@ -51,12 +51,7 @@ def test_a_mistake_is_told_in_words(tmp_path: Path, text: str, words: str) -> No
         load(file)
 
 
-def test_tls_on_every_link_proves_and_anything_else_does_not(tmp_path: Path) -> None:
-    for name in ("ca.pem", "certificate.pem", "key.pem"):
-        (tmp_path / name).write_text("")
-    tls = FleetNetwork(["tls/a:1"], certificates=tmp_path)
-    mixed = FleetNetwork(["tls/a:1"], ["tcp/0.0.0.0:1"], tmp_path)
-    assert (tls.is_proved, tls.is_local) == (True, False)
-    assert not mixed.is_proved
-    assert not FleetNetwork().is_proved
+def test_an_address_of_another_computer_is_not_local_and_without_tls_nobody_is_proved() -> None:
     assert FleetNetwork(["tcp/127.0.0.1:1"], ["tcp/[::1]:2"]).is_local
+    assert not FleetNetwork(["tcp/10.0.0.1:1"]).is_local
+    assert not any(each.is_proved for each in (FleetNetwork(), FleetNetwork(["tcp/10.0.0.1:1"])))

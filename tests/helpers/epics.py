@@ -6,18 +6,15 @@ import asyncio
 import json
 import os
 import re
-import shutil
 import socket
 import subprocess
 import sys
-import zlib
 from collections.abc import Mapping
 from itertools import count
 from pathlib import Path
 from typing import Any
 
-import pytest
-
+from helpers.foreign_python import foreign_python
 from umo.faces.epics import Epics
 from umo.testing.faces import ForeignClient, RefusedByFace, Seen
 from umo.testing.faces.client import Grade
@@ -27,20 +24,9 @@ FOREIGN = Path(__file__).parents[1] / "faces" / "epics"
 GRADES = {0: Grade.GOOD, 1: Grade.DOUBTFUL, 2: Grade.DOUBTFUL, 3: Grade.NONE}
 
 
-def foreign_python() -> str:
-    """The Python of an environment that has the clients: made once in the user's cache. Skips the test if it cannot."""
-    text = (FOREIGN / "requirements.txt").read_text()
-    top = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    place = top / "umo" / f"faces-{zlib.crc32(f'{sys.version_info[:2]} {text}'.encode()):08x}"
-    python = place / "bin" / "python"
-    if not (place / "installed").exists():
-        made = subprocess.run([sys.executable, "-m", "venv", str(place)], capture_output=True)
-        command = [str(python), "-m", "pip", "install", "-q", "-r", str(FOREIGN / "requirements.txt")]
-        if made.returncode or subprocess.run(command, capture_output=True).returncode:
-            shutil.rmtree(place, ignore_errors=True)
-            pytest.skip("pip cannot install the EPICS clients of tests/faces/epics/requirements.txt")
-        (place / "installed").touch()
-    return str(python)
+def clients_python() -> str:
+    """The Python of an environment that has the clients."""
+    return foreign_python(FOREIGN / "requirements.txt", "the EPICS clients")
 
 
 def free_udp_port() -> int:
@@ -82,7 +68,7 @@ class Pvapy(ForeignClient):
         """`user`: pvAccess tells the account of the process, whoever it says it is."""
         program = str(FOREIGN / "pvapy_client.py")
         process = await asyncio.create_subprocess_exec(
-            foreign_python(), program, env=environment(face), limit=1 << 20,
+            clients_python(), program, env=environment(face), limit=1 << 20,
             stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.DEVNULL,
         )  # fmt: skip
         return cls(process)

@@ -54,11 +54,13 @@ class Fleet:
     async def begin(self, *, rate: float = 50.0, read_only: bool = False, as_client: bool = False) -> None:
         """Start the gateway. `as_client`: it connects to the address, at which another one listens."""
         network = FleetNetwork(connect=[self.address]) if as_client else FleetNetwork(listen=[self.address])
-        self._session = await asyncio.to_thread(opened, network, "client" if as_client else "peer")
-        gateway = FleetGateway(
-            self._session, PLANT.site, FleetUsers(), rate=rate, read_only=read_only, say=self.said.append,
-            find=self._paths,
-        )  # fmt: skip
+        session = await asyncio.to_thread(opened, network, "client" if as_client else "peer")
+        await self.serve(session, FleetUsers(), rate=rate, read_only=read_only)
+
+    async def serve(self, session: zenoh.Session, users: FleetUsers, **more: Any) -> None:
+        """Start the gateway in a session."""
+        self._session = session
+        gateway = FleetGateway(session, PLANT.site, users, say=self.said.append, find=self._paths, **more)
         self._serving = asyncio.create_task(gateway.run())
 
     async def end(self) -> None:
@@ -71,7 +73,9 @@ class Fleet:
 
     async def client(self, user: str = "ann") -> RemoteStation:
         """A client of the plant in another session."""
-        settings = FleetSettings("desk", FleetNetwork(connect=[self.address]), user)
+        return await self.client_of(FleetSettings("desk", FleetNetwork(connect=[self.address]), user))
+
+    async def client_of(self, settings: FleetSettings) -> RemoteStation:
         client = RemoteStation(await asyncio.to_thread(find, str(PLANT), settings))
         self._clients.append(client)
         await until(lambda: client.reader.head)

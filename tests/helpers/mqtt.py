@@ -11,7 +11,7 @@ import time
 from collections.abc import Mapping
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from helpers import npm
 from umo.testing.faces import ForeignClient, RefusedByFace, Seen
@@ -30,10 +30,10 @@ def free_port() -> int:
 class Mosquitto:
     """A broker on a port of this computer, which can be killed and started again."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, settings: str = "allow_anonymous true\n") -> None:
         self.port = free_port()
         self._config = folder / f"mosquitto-{self.port}.conf"
-        self._config.write_text(f"listener {self.port} 127.0.0.1\nallow_anonymous true\n")
+        self._config.write_text(f"listener {self.port} localhost\n{settings}")
         self.start()
 
     def start(self) -> None:
@@ -70,10 +70,10 @@ class SparkplugHost(ForeignClient):
         self._waiting: dict[str, asyncio.Future[Any]] = {}
         self.alive = False
 
-    async def connect(self, port: int, node: str = "plant") -> SparkplugHost:
+    async def connect(self, port: int, node: str = "plant", primary: str = "") -> Self:
         modules = await asyncio.to_thread(npm.modules, FOLDER)
         self._process = await asyncio.create_subprocess_exec(
-            "node", str(FOLDER / "client.mjs"), str(modules), str(port), "umo", node,
+            "node", str(FOLDER / "client.mjs"), str(modules), str(port), "umo", node, primary,
             stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, limit=1 << 24,
         )  # fmt: skip
         self._reading = asyncio.create_task(self._read_lines())
@@ -127,6 +127,13 @@ class SparkplugHost(ForeignClient):
     def send(self, line: Mapping[str, Any]) -> None:
         assert self._process.stdin is not None
         self._process.stdin.write(json.dumps(line).encode() + b"\n")
+
+    async def heard_by_broker(self) -> None:
+        """The broker has all that was sent before."""
+        self.send({"topic": (topic := f"umo/here/{next(self._numbers)}"), "text": ""})
+        async with asyncio.timeout(10.0):
+            while not any(each.get("topic") == topic for each in self.heard):
+                await asyncio.sleep(0.005)
 
     async def ask(self, metric: str, value: Any, kind: str) -> Any:
         number = f"{id(self)}-{next(self._numbers)}"

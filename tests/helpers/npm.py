@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from helpers.alone import alone
+
 
 def modules(folder: Path) -> Path:
     """The folder node_modules with what the package-lock.json of a folder names; the test is skipped without it."""
@@ -27,13 +29,13 @@ def _installed(folder: Path) -> Path | str:
         return "the tests with clients of npm need node and npm"
     lock = (folder / "package-lock.json").read_bytes()
     place = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "umo" / f"faces-{zlib.crc32(lock):x}"
-    if not (place / "installed").exists():
-        place.mkdir(parents=True, exist_ok=True)
-        for name in ("package.json", "package-lock.json"):
-            shutil.copy(folder / name, place)
-        command = [npm, "ci", "--no-audit", "--no-fund", "--silent", "--ignore-scripts"]
-        done = subprocess.run(command, cwd=place, capture_output=True, check=False)
-        if done.returncode:
-            return f"the tests with clients of npm need the packages of {folder.name}/package.json: npm cannot get them"
-        (place / "installed").touch()
+    with alone(place):
+        if not (place / "installed").exists():
+            place.mkdir(exist_ok=True)
+            for name in ("package.json", "package-lock.json"):
+                shutil.copy(folder / name, place)
+            command = [npm, "ci", "--no-audit", "--no-fund", "--silent", "--ignore-scripts"]
+            if subprocess.run(command, cwd=place, capture_output=True, check=False).returncode:
+                return f"tests with clients of npm need the packages of {folder.name}/package.json: npm cannot get them"
+            (place / "installed").touch()
     return place / "node_modules"

@@ -31,7 +31,9 @@ Certificates = Annotated[
     Path | None,
     typer.Option(metavar="FOLDER", help="Folder with ca.pem, certificate.pem, key.pem (umo fleet certificate)."),
 ]
-HistoryFolder = Annotated[Path, typer.Argument(metavar="[FOLDER]", help="Folder of the history; default: fleet-history.")]
+HistoryFolder = Annotated[
+    Path, typer.Argument(metavar="[FOLDER]", help="Folder of the history; default: fleet-history.")
+]
 HISTORY = Path("fleet-history")
 SERVED = "0 ended by Ctrl-C or SIGTERM; 1 the network cannot be reached; 2 a mistake, told on stderr"
 
@@ -55,7 +57,7 @@ def serve(
 ) -> int:
     """Publish the stations that run on this computer, also those that start later, until Ctrl-C.
 
-    `umo ps --fleet` lists them, and SITE/STATION is their name for `umo watch`, `umo attach` and the others. Without
+    `umo ps --fleet` lists them, and SITE/STATION is their name for `umo watch`, `umo.attach` and the others. Without
     addresses this computer only is reached. The file ~/.config/umo/fleet.toml has the same settings.
     """
     from .serve_fleet import serve_gateway

@@ -6,14 +6,18 @@ import asyncio
 import fcntl
 import os
 import signal
+import time
 from collections.abc import Coroutine, Mapping
 from contextlib import suppress
 from typing import Any
+
+import zenoh
 
 from umo.errors import OptionError
 from umo.fleet import fleet_settings
 from umo.fleet.fleet_commands import FleetUsers
 from umo.fleet.fleet_gateway import FASTEST, SLOWEST, FleetGateway
+from umo.fleet.fleet_rules import ROUTER, SITE
 from umo.fleet.fleet_session import LOCAL, FleetNetwork, opened
 from umo.frames.frame_server import folder
 from umo.system.realtime import drop_realtime
@@ -30,6 +34,7 @@ def serve_gateway(changes: Mapping[str, Any], *, commands: bool, rate: float) ->
         raise OptionError(f"--rate {rate:g} is not from {SLOWEST:g} to {FASTEST:g}")
     settings = fleet_settings.load(changes=changes)
     network = settings.network
+    settings.require(SITE)
     if commands and not (network.is_local or network.is_proved):
         raise OptionError("commands of other computers need tls: its certificates prove who they are")
     drop_realtime()
@@ -68,19 +73,29 @@ def _alone() -> int:
 def serve_router(changes: Mapping[str, Any]) -> int:
     """Join computers until Ctrl-C or SIGTERM."""
     settings = fleet_settings.load(changes=changes)
+    settings.require(ROUTER)
     network = settings.network
+    zenoh.init_log_from_env_or("zenoh_link_tls=warn")  # whom it has turned away
     session = opened(network, "router")
     try:
-        _tell("routes for", settings.site, network, "everybody" if not network.is_proved else "those with certificates")
+        _tell("routes for", settings.site, network, _who_may(network))
         asyncio.run(_until_stopped(asyncio.Event().wait()))
     finally:
         session.close()
     return 0
 
 
+def _who_may(network: FleetNetwork) -> str:
+    if network.is_proved:
+        return "those whom its rules name"
+    return "this computer only" if network.is_local else "everybody, reading only: commands need certificates"
+
+
 def _tell(does: str, site: str, network: FleetNetwork, may: str) -> None:
     where = ", ".join((*network.listen, *network.connect)) or LOCAL
     out.print(f"{does} {site}: {where}  ({may})", soft_wrap=True, highlight=False, markup=False)
+    if (identity := network.identity) is not None and identity.is_soon_over(time.time()):
+        say(f"the certificate of {identity} expires on {identity.until}: issue another (umo fleet certificate)")
 
 
 async def _until_stopped(work: Coroutine[Any, Any, object]) -> None:

@@ -14,10 +14,13 @@ from __future__ import annotations
 
 import asyncio
 import json
+import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import zenoh
@@ -38,7 +41,12 @@ SIGN_TIMEOUT = 1.0
 """Time in s without a sign of life after which what a client holds is let go of."""
 MAX_BYTES = 4096
 """Length of a command."""
-MAX_REMEMBERED = 10_000
+MAX_REMEMBERED, MAX_REMEMBERED_OF_USER = 20_000, 4_000
+"""Commands that are remembered, of all and of one user. Beyond that they are refused; a stop is not."""
+MAX_WAITING, MAX_WAITING_STOPS = 64, 256
+"""Commands of a user that have come and have no answer. Beyond that they are refused before they cost anything."""
+FORGET_PAUSE = 1.0
+"""Time in s from one look for what need not be remembered any more to the next."""
 FIELDS = ("value", "arguments")
 """What a command may carry beside `do` and `path`."""
 
@@ -85,6 +93,12 @@ class FleetCommands:
         self._began = utc()
         self._told: dict[tuple[str, str], CommandOutcome] = {}
         self._signs: dict[tuple[str, str], float] = {}
+        self._counts: Counter[str] = Counter()
+        """Remembered commands of each user."""
+        self._waiting: Counter[str] = Counter()
+        """Commands of each user that have come and have no answer; changed in the thread of Zenoh and the loop's."""
+        self._lock = threading.Lock()
+        self._forgot = 0.0
         self._tasks: set[asyncio.Task[None]] = set()
         self._queries = session.declare_queryable(key.key(keys.COMMAND, keys.ANY), self._asked)
         self._signed = session.declare_subscriber(key.key(keys.SIGN, keys.ANY, keys.ANY), self._sign)
@@ -92,12 +106,23 @@ class FleetCommands:
     # Threads of Zenoh ----------------------------------------------------------------------------------------
 
     def _asked(self, query: zenoh.Query) -> None:
+        name = _name_in(query)
+        # `in`: a flood is refused before it is parsed; what only looks like a stop is refused later
+        most = MAX_WAITING_STOPS if query.payload is not None and b'"stop"' in bytes(query.payload) else MAX_WAITING
+        with self._lock:
+            if is_room := self._waiting[name] < most:
+                self._waiting[name] += 1
+        if not is_room:
+            _reply(query, {"error": "too many commands at once", "kind": "CommandRefused"})
+            query.drop()
+            return
         with suppress(RuntimeError):  # the loop has ended
             self._loop.call_soon_threadsafe(self._begin, query)
 
     def _sign(self, sample: zenoh.Sample) -> None:
         *_, user, client = str(sample.key_expr).split("/")
-        self._signs[user, client] = time.monotonic()
+        if (user, client) in self._signs:  # others hold nothing
+            self._signs[user, client] = time.monotonic()
 
     # Commands ------------------------------------------------------------------------------------------------
 
@@ -107,12 +132,7 @@ class FleetCommands:
         task.add_done_callback(self._tasks.discard)
 
     async def _answer(self, query: zenoh.Query) -> None:
-        name = str(query.key_expr).rpartition("/")[2]
-
-        def reply(answer: dict[str, Any]) -> None:
-            with suppress(zenoh.ZError):  # the client has gone
-                query.reply(query.key_expr, json.dumps(answer))
-
+        name, reply = _name_in(query), partial(_reply, query)
         try:
             command = self._parsed(name, query)
             await self._once(name, command, reply)
@@ -120,6 +140,10 @@ class FleetCommands:
             reply({"error": text_of(error), "kind": type(error).__name__})
         finally:
             query.drop()
+            with self._lock:
+                self._waiting[name] -= 1
+                if not self._waiting[name]:
+                    del self._waiting[name]
 
     def _parsed(self, name: str, query: zenoh.Query) -> dict[str, Any]:
         if keys.ANY in name or query.payload is None:
@@ -158,9 +182,12 @@ class FleetCommands:
             await told.done.wait()
             reply(told.answer)
             return
-        if len(self._told) >= MAX_REMEMBERED:
+        told = CommandOutcome(time.monotonic())
+        if len(self._told) < MAX_REMEMBERED and self._counts[name] < MAX_REMEMBERED_OF_USER:
+            self._told[this] = told
+            self._counts[name] += 1
+        elif command["do"] != "stop":
             raise CommandRefused("too many commands in a short time")
-        told = self._told[this] = CommandOutcome(time.monotonic())
 
         def sent(number: int) -> None:
             told.number = number
@@ -189,9 +216,12 @@ class FleetCommands:
         return time.monotonic() - self._signs.get((name, client), float("-inf")) < SIGN_TIMEOUT
 
     def _forget(self) -> None:
-        old = time.monotonic() - REMEMBERED
-        for this in [each for each, told in self._told.items() if told.at < old and told.done.is_set()]:
-            del self._told[this]
+        now = time.monotonic()
+        if now - self._forgot < FORGET_PAUSE:
+            return
+        self._forgot, old = now, now - REMEMBERED
+        self._told = {each: told for each, told in self._told.items() if told.at >= old or not told.done.is_set()}
+        self._counts = Counter(name for name, _ in self._told)
         self._signs = {each: at for each, at in list(self._signs.items()) if at > old}
 
     async def close(self) -> None:
@@ -200,3 +230,13 @@ class FleetCommands:
         for task in list(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
+
+
+def _name_in(query: zenoh.Query) -> str:
+    """The user, as the key of a command names them."""
+    return str(query.key_expr).rpartition("/")[2]
+
+
+def _reply(query: zenoh.Query, answer: dict[str, Any]) -> None:
+    with suppress(zenoh.ZError):  # the client has gone
+        query.reply(query.key_expr, json.dumps(answer))

@@ -31,6 +31,7 @@ from umo.fleet import fleet_keys as keys
 from umo.fleet import fleet_settings
 from umo.fleet.arrival_ages import ArrivalAges
 from umo.fleet.fleet_keys import StationKey
+from umo.fleet.fleet_rules import USER
 from umo.fleet.fleet_session import anybody, opened
 from umo.fleet.fleet_settings import FleetSettings
 from umo.fleet.message_parts import unpacked
@@ -49,6 +50,10 @@ ANSWER_TIME = 3.0
 """Time in s within which a station declares itself."""
 STALE_AFTER = 1.5
 """Age in s of a delta from which on no value is fresh, 10 periods if that is longer."""
+NONE = -2
+"""Number of an image that no delta follows."""
+CHECK_PAUSE = 0.5
+"""Time in s from one question of which run there is to the next."""
 LOOK = 0.02
 """Time in s from one look at the cells to the next."""
 
@@ -91,11 +96,14 @@ class FleetMirror:
         assert fields is not None
         self._time, self._began = (fields[name][1] // 8 for name in ("time", "began"))
         self._ages = ArrivalAges()
+        (width,) = fields["quality"][0].shape
+        self._qualities = slice(fields["quality"][1], fields["quality"][1] + width)
         self._next_event = max(0, int(facts["event"]) - 1)
         self.lost = 0
         """Deltas that did not come."""
         self._ended = threading.Event()
         self._heard = time.monotonic()
+        self._checked = float("-inf")
         self._is_stale = False
         self._limit = max(STALE_AFTER, 10 * float(layout.about["period"]))
         if words:
@@ -136,10 +144,12 @@ class FleetMirror:
 
     def _take_delta(self, data: bytes) -> None:
         run, number = peek(data)
-        if run != self._run:  # another run has begun: this one has ended
-            self._ended.set()
+        if run != self._run:
+            self._check("a delta of another run has come; it was not used")
             return
         if number <= self._number:  # it came twice
+            if self._is_stale:
+                self._check("")
             return
         delta = self._words.parse(data)
         if number != self._number + 1 and not delta.is_full:
@@ -147,14 +157,33 @@ class FleetMirror:
             return
         if delta.is_last:  # before the ring says that the run has ended
             self._take_waiting_events()
-        self.lost += number - self._number - 1
+        self._count_lost(number)
         self._number = number
         self._words.apply(delta, self._image)
+        if self._image.view(np.uint8)[self._qualities].max(initial=0) > Quality.BAD:
+            self._number = NONE
+            raise FramesError("a delta holds what no station has; it was not used")
         if delta.rest:
             self._take_rest(delta.rest)
         self._show()
         if delta.is_last:
             self._ended.set()
+
+    def _check(self, otherwise: str) -> None:
+        """What has come does not follow: the run may have ended, or its last delta was of nobody's. The station says
+        so; if it does not, `otherwise` is told."""
+        now = time.monotonic()
+        if now - self._checked < CHECK_PAUSE:
+            return
+        self._checked = now
+        about, *_ = unpacked(declaration_of(self._session, self.key))
+        facts = json.loads(about)
+        if bytes.fromhex(facts["run"]) != self._run:
+            self._ended.set()
+        elif int(facts["head"]) < self._number:  # not only a gateway that has begun anew, and has not come so far yet
+            self._number = NONE
+        elif otherwise:
+            log.warning("%s: %s", self.key, otherwise)
 
     def _ask_again(self) -> None:
         """Deltas are missing: take the image as it is now. Until the answer nothing is known to be fresh."""
@@ -164,11 +193,15 @@ class FleetMirror:
         facts = json.loads(about)
         if bytes.fromhex(facts["run"]) != self._run or not words:
             return
-        self.lost += max(0, int(facts["number"]) - self._number - 1)
-        self._number = int(facts["number"])
+        self._count_lost(number := int(facts["number"]))
+        self._number = number
         self._image[:] = np.frombuffer(words, np.uint64)
         self._take_rest(rest)
         self._show()
+
+    def _count_lost(self, number: int) -> None:
+        if self._number != NONE:
+            self.lost += max(0, number - self._number - 1)
 
     def _take_rest(self, data: bytes) -> None:
         rest = Rest.parse(data)
@@ -272,7 +305,8 @@ def find(name: str, settings: FleetSettings | None = None) -> Reader:
     default: those of this user."""
     key = keys.station_key(name)
     settings = fleet_settings.load() if settings is None else settings
-    network = settings.network
+    settings.require(USER)
+    network = settings.network.client()
     session = opened(network, "client" if network.connect else "peer")
     try:
         until = time.monotonic() + ANSWER_TIME

@@ -18,8 +18,11 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import partial
+from itertools import chain
 from math import inf
 from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Any
 
 import pyarrow as pa
 import zenoh
@@ -46,6 +49,8 @@ MAX_PENDING = 512 << 20
 """Bytes of all that waits to be written, at most: while the disk is full older values are dropped."""
 TAKE_WAIT = 0.1
 """Time in s that a message is waited for."""
+SUBSCRIBE_PAUSE = 0.025
+"""Time in s from one subscription to the next."""
 MOST = 2000
 """Messages between two looks at what is to be written."""
 DECLARATIONS = 50
@@ -120,20 +125,39 @@ class FleetRecorder:
         self._is_full = False
         self._tidied, self._hour = float("-inf"), ""
         self._untidy: deque[Path] = deque()
-        self._subscribers = [
-            subscribed(session, f"{keys.ROOT}/{pattern}/{kind}", partial(self._put, kind))
-            for pattern in map(key_pattern, patterns)
-            for kind in (keys.DELTA, keys.EVENT)
+        self._present: SimpleQueue[StationKey] = SimpleQueue()
+        self._subscribed: dict[StationKey, list[Any]] = {}
+        self._next_subscribed = float("-inf")
+        self._tokens = [
+            session.liveliness().declare_subscriber(
+                f"{keys.ROOT}/{key_pattern(each)}/{keys.ALIVE}", self._appears, history=True
+            )
+            for each in patterns
         ]
 
-    def _put(self, kind: str, sample: zenoh.Sample) -> None:
-        self._incoming.put(kind, station_of(str(sample.key_expr)), bytes(sample.payload))
+    def _appears(self, sample: zenoh.Sample) -> None:
+        self._present.put(station_of(str(sample.key_expr)))
+
+    def _subscribe(self, now: float) -> None:
+        """Follow one more station: gateways drop what they cannot send, as the history of many at once."""
+        with suppress(Empty):
+            while now >= self._next_subscribed:
+                key = self._present.get_nowait()
+                if key not in self._subscribed:
+                    self._next_subscribed = now + SUBSCRIBE_PAUSE
+                    self._subscribed[key] = [
+                        subscribed(self._session, key.key(kind), partial(self._put, kind, key))
+                        for kind in (keys.DELTA, keys.EVENT)
+                    ]
+
+    def _put(self, kind: str, key: StationKey, sample: zenoh.Sample) -> None:
+        self._incoming.put(kind, key, bytes(sample.payload))
 
     def run(self, stop: Callable[[], bool]) -> None:
         """Record until `stop`; then write what has come."""
         while not stop():
             self.step()
-        for each in self._subscribers:
+        for each in (*self._tokens, *chain.from_iterable(self._subscribed.values())):
             each.undeclare()
         while messages := self._incoming.take(0.0):
             for kind, key, data in messages:
@@ -144,10 +168,11 @@ class FleetRecorder:
 
     def step(self) -> None:
         """Take what has come, write what is due."""
-        for kind, key, data in self._incoming.take(TAKE_WAIT):
+        for kind, key, data in self._incoming.take(TAKE_WAIT if self._present.empty() else SUBSCRIBE_PAUSE):
             self._take(kind, key, data)
         now = time.monotonic()
         self._hurry(now - PATIENCE)
+        self._subscribe(now)
         self._ask(now)
         interval = max(FLUSH, len(self._followed) / FLUSHES)
         due = [
@@ -190,7 +215,8 @@ class FleetRecorder:
         """Those that were begun before this time wait for nothing older any more."""
         for each in self._followed.values():
             if each.run.is_patient and each.begun <= before:
-                each.run.hurry()
+                with suppress(FramesError):  # of a message that does not fit
+                    each.run.hurry()
 
     def _ask(self, now: float) -> None:
         """Ask for the declarations that are needed."""

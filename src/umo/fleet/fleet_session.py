@@ -1,15 +1,17 @@
 """The connection of this process to a fleet: a Zenoh session.
 
 Without anything given it is a peer of this computer only: it listens on 127.0.0.1, and looks for nobody else. With
-certificates it speaks TLS, both ends prove who they are, and a list of rules says who may do what.
+certificates it speaks TLS, both ends prove who they are, and whoever is connected to enforces the rules
+(`umo.fleet.fleet_rules`). Without certificates other computers see, and nobody on a network of them commands.
 """
 
 from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,10 @@ import zenoh
 
 from umo.errors import OptionError, UmoError, text_of
 from umo.fleet import fleet_keys as keys
+from umo.fleet import fleet_rules
+from umo.fleet.fleet_diagnosis import why_not
+from umo.fleet.fleet_identity import CA_FILE, CERTIFICATE_FILE, KEY_FILE, Identity, identity_of
+from umo.fleet.fleet_rules import FleetRules
 
 log = logging.getLogger("umo.fleet")
 PORT = 7447
@@ -33,8 +39,6 @@ TOKEN_TIME = 1.0
 """Time in s within which others tell that they are there."""
 QUEUE_TIME = 100_000
 """Time in us that a message waits for room at most; then it is dropped."""
-CA_FILE, CERTIFICATE_FILE, KEY_FILE = "ca.pem", "certificate.pem", "key.pem"
-"""Files of a folder of certificates (`umo fleet certificate`)."""
 
 
 @dataclass(frozen=True)
@@ -53,10 +57,20 @@ class FleetNetwork:
                 raise OptionError(f"{address!r} is not an address of a fleet; write tls/HOST:PORT, or tcp/HOST:PORT")
             if protocol != "tcp" and self.certificates is None:
                 raise OptionError(f"{address}: {protocol} needs the folder of certificates (--certificates)")
-        if self.certificates is not None:
-            for name in (CA_FILE, CERTIFICATE_FILE, KEY_FILE):
-                if not (self.certificates / name).is_file():
-                    raise OptionError(f"{self.certificates} has no {name}; `umo fleet certificate` makes it")
+        protocols = {address.startswith("tcp/") for address in (*self.connect, *self.listen)}
+        if len(protocols) > 1:
+            raise OptionError("tcp and tls do not go together: whoever comes by tcp has proved nothing")
+        if self.is_proved and self.certificates is not None:
+            identity_of(self.certificates)
+
+    @property
+    def identity(self) -> Identity | None:
+        """Whom the certificates prove this to be; None: they are not used."""
+        return identity_of(self.certificates) if self.certificates is not None and self.is_proved else None
+
+    def client(self) -> FleetNetwork:
+        """That of a process which listens to nobody."""
+        return replace(self, listen=())
 
     @property
     def is_local(self) -> bool:
@@ -72,14 +86,27 @@ class FleetNetwork:
 
 def _is_loopback(address: str) -> bool:
     host = address.partition("/")[2].rpartition(":")[0].strip("[]")
-    return host in ("localhost", "::1") or host.startswith("127.")
+    try:
+        return host == "localhost" or ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def rules_of(network: FleetNetwork, mode: str) -> dict[str, Any] | None:
+    """The access control of whoever listens. OptionError if a network with certificates has no rules: then no name
+    is proved. A client that is connected relies on those of the router, whose certificate has proved its host."""
+    if mode == "client":
+        return None
+    if network.is_proved and network.certificates is not None:
+        return FleetRules.load(network.certificates / fleet_rules.FILE).settings() if network.listen else None
+    return None if network.is_local else fleet_rules.reading_only()
 
 
 LOCAL_NETWORK = FleetNetwork()
 
 
-def settings_of(network: FleetNetwork, mode: str, rules: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """The settings of Zenoh for a session. `rules`: its access control."""
+def settings_of(network: FleetNetwork, mode: str) -> dict[str, Any]:
+    """The settings of Zenoh for a session."""
     local = not (network.connect or network.listen)
     listen, connect = list(network.listen), list(network.connect)
     if local:
@@ -95,7 +122,7 @@ def settings_of(network: FleetNetwork, mode: str, rules: Mapping[str, Any] | Non
         "transport/link/tx/keep_alive": KEEP_ALIVES,
         "transport/link/tx/queue/congestion_control/drop/wait_before_drop": QUEUE_TIME,
     }
-    if network.certificates is not None:
+    if network.certificates is not None and network.is_proved:
         ca, certificate, key = (str(network.certificates / name) for name in (CA_FILE, CERTIFICATE_FILE, KEY_FILE))
         settings["transport/link/tls"] = {
             "root_ca_certificate": ca,
@@ -103,28 +130,29 @@ def settings_of(network: FleetNetwork, mode: str, rules: Mapping[str, Any] | Non
             "connect_certificate": certificate, "connect_private_key": key,
             "enable_mtls": True, "verify_name_on_connect": True, "close_link_on_expiration": True,
         }  # fmt: skip
-    if rules is not None:
-        settings["access_control"] = dict(rules)
+    if (rules := rules_of(network, mode)) is not None:
+        settings["access_control"] = rules
     return settings
 
 
-def opened(
-    network: FleetNetwork = LOCAL_NETWORK, mode: str = "peer", rules: Mapping[str, Any] | None = None
-) -> zenoh.Session:
+def opened(network: FleetNetwork = LOCAL_NETWORK, mode: str = "peer") -> zenoh.Session:
     """A session. UmoError if the address is taken, a certificate is wrong, or the router is not there."""
+    settings = settings_of(network, mode)
     config = zenoh.Config()
     try:
-        for key, value in settings_of(network, mode, rules).items():
+        for key, value in settings.items():
             config.insert_json5(key, json.dumps(value))
         return zenoh.open(config)
     except zenoh.ZError as error:
-        where = ", ".join((*network.listen, *network.connect)) or LOCAL
-        raise UmoError(f"the fleet cannot be reached by {where}: {_cause(text_of(error))}") from None
+        raise UmoError(f"the fleet cannot be reached by {_cause(network, text_of(error))}") from None
 
 
-def _cause(text: str) -> str:
-    """The cause in a message of Zenoh, without the places in its source."""
-    return text.split(" at /")[0].split(" - Caused by")[0].strip()
+def _cause(network: FleetNetwork, text: str) -> str:
+    """Which address, and why: a message of Zenoh without the places in its source, or what a second try shows."""
+    addresses = (*network.listen, *network.connect)
+    if "Unable to connect" in text and network.connect:
+        return "; ".join(f"{each}: {why_not(each, network.certificates)}" for each in network.connect)
+    return f"{', '.join(addresses) or LOCAL}: {text.split(' at /')[0].split(' - Caused by')[0].strip()}"
 
 
 def anybody(session: zenoh.Session, timeout: float = 1.0) -> list[keys.StationKey]:

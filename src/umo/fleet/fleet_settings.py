@@ -1,11 +1,11 @@
 """The settings of a fleet on this computer, for its gateway and for every command that reaches other stations.
 
 # ~/.config/umo/fleet.toml
-site = "cell7"                        # default: the name of this computer
+site = "cell7"                        # default: that of the certificate, or the name of this computer
 connect = ["tls/plant.local:7447"]    # routers, or other computers; default: this computer only
 listen = []                           # addresses at which others reach this one
 certificates = "~/.config/umo/fleet"  # folder of ca.pem, certificate.pem, key.pem (umo fleet certificate)
-user = "ann"                          # whose commands these are; default: the user of this computer
+user = "ann"                          # whose commands these are; default: that of the certificate, or of this computer
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from typing import Any
 
 from umo.errors import OptionError
 from umo.fleet.fleet_keys import segment
+from umo.fleet.fleet_rules import SITE, USER
 from umo.fleet.fleet_session import FleetNetwork
 from umo.system import roles
 from umo.system.processes import user_name
@@ -34,6 +35,15 @@ class FleetSettings:
     network: FleetNetwork
     user: str
 
+    def require(self, kind: str) -> None:
+        """OptionError if the certificate is of another kind."""
+        identity = self.network.identity
+        if identity is not None and identity.kind != kind:
+            raise OptionError(
+                f"the certificate in {self.network.certificates} is of {identity}; this needs that of a {kind} "
+                f"(umo fleet certificate {kind})"
+            )
+
 
 def place() -> Path:
     """The file of this user: `umo/fleet.toml` beside the file of roles."""
@@ -44,7 +54,11 @@ def load(file: Path | None = None, changes: Mapping[str, Any] | None = None) -> 
     """The settings of the file (default: that of this user; a missing one is empty), with what a command line changes.
     OptionError for a mistake in either."""
     file = place() if file is None else file
-    given = _read(file) | {key: value for key, value in (changes or {}).items() if value}
+    changes = {key: value for key, value in (changes or {}).items() if value}
+    given = _read(file)
+    if "connect" in changes or "listen" in changes:  # all of its addresses, not some of another
+        given = {key: value for key, value in given.items() if key not in ("connect", "listen")}
+    given |= changes
     for key in given:
         if key not in KEYS:
             raise OptionError(f"{file}: there is no {key!r}{did_you_mean(key, KEYS)}; there are {', '.join(KEYS)}")
@@ -54,8 +68,13 @@ def load(file: Path | None = None, changes: Mapping[str, Any] | None = None) -> 
         _addresses(given, "listen"),
         None if folder is None else Path(_text(given, "certificates")).expanduser(),
     )
-    site = segment(_text(given, "site") if "site" in given else socket.gethostname())
-    return FleetSettings(site, network, segment(_text(given, "user") if "user" in given else user_name()))
+    names = {key: segment(_text(given, key)) for key in (SITE, USER) if key in given}
+    if (identity := network.identity) is not None and names.setdefault(identity.kind, identity.name) != identity.name:
+        raise OptionError(
+            f"{identity.kind} = {names[identity.kind]!r}, and the certificate in {folder} is of {identity}"
+        )
+    site, user = names.get(SITE) or segment(socket.gethostname()), names.get(USER) or segment(user_name())
+    return FleetSettings(site, network, user)
 
 
 def _read(file: Path) -> dict[str, Any]:

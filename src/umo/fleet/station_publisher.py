@@ -141,6 +141,7 @@ class StationPublisher:
             about = {
                 "run": self.run.hex(), "number": number, "stride": self.stride, "site": self.key.site,
                 "event": self._event, "twin": declares_twin(self.reader.layout),
+                "head": self.reader.head // self.stride - 1,
             }  # fmt: skip
             query.reply(
                 self.key.key(keys.DECLARATION),

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
-import ssl
+import sys
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import paho.mqtt.client as paho
 from paho.mqtt.enums import CallbackAPIVersion
 
-from umo.errors import OptionError, UmoError
-from umo.faces.endpoint import is_local
+from umo.errors import OptionError
+from umo.faces.mqtt.broker_address import BrokerAddress, reason_of
 
 log = logging.getLogger("umo.faces")
 KEEPALIVE = 5
@@ -32,64 +32,6 @@ MAX_HEARD = 256
 """Messages to the face that wait at most; what comes beyond is dropped."""
 LAST_WORD = 1.0
 """Time in s within which the broker must have confirmed the last message."""
-
-
-@dataclass(frozen=True)
-class BrokerAddress:
-    """`ca`: file of the certificates that the broker's is checked with (PEM): TLS. `certificate`: file of the own
-    certificate and key (PEM). `password_file`: its first line is the password of `user`. OptionError for a broker on
-    another computer without `ca`."""
-
-    host: str
-    port: int
-    ca: Path | None = None
-    certificate: Path | None = None
-    user: str = ""
-    password_file: Path | None = None
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.port <= 65535:
-            raise OptionError(f"port {self.port} is not from 1 to 65535")
-        if not is_local(self.host) and self.ca is None:
-            raise OptionError(
-                f"{self.host} is another computer: give `ca` (certificates that the broker's is checked with), "
-                "or leave `host` out: 127.0.0.1"
-            )
-        if self.certificate is not None and self.ca is None:
-            raise OptionError("`certificate` needs `ca` (certificates that the broker's is checked with)")
-        if bool(self.user) != (self.password_file is not None):
-            raise OptionError("`user` and `password_file` belong together")
-
-    @property
-    def is_remote(self) -> bool:
-        return not is_local(self.host)
-
-    def context(self) -> ssl.SSLContext | None:
-        """For TLS; None without `ca`. UmoError if the files are none."""
-        if self.ca is None:
-            return None
-        try:
-            context = ssl.create_default_context(cafile=self.ca)
-            if self.certificate is not None:
-                context.load_cert_chain(self.certificate)
-        except (OSError, ssl.SSLError) as error:
-            raise UmoError(f"{self.ca}, {self.certificate}: no certificates ({error})") from None
-        return context
-
-    def password(self) -> str | None:
-        """The first line of the file; UmoError if it cannot be read."""
-        if self.password_file is None:
-            return None
-        try:
-            lines = self.password_file.read_text(encoding="utf-8").splitlines()
-        except (OSError, ValueError) as error:
-            raise UmoError(f"{self.password_file}: no password ({error})") from None
-        if not lines or not lines[0]:
-            raise UmoError(f"{self.password_file}: its first line is no password")
-        return lines[0]
-
-    def __str__(self) -> str:
-        return f"mqtt{'s' if self.ca else ''}://{self.host}:{self.port}"
 
 
 @dataclass(frozen=True)
@@ -124,8 +66,8 @@ class Broker:
         self._on_up, self._on_message = on_up, on_message
         self._unsent: deque[tuple[paho.MQTTMessageInfo, int]] = deque()
         self._bytes = self._heard = 0
-        self._is_missed = False
-        """Whether it has been told that no broker is there."""
+        self._is_stopped = self._is_refused = False
+        self._told = ""
         self._loop = asyncio.get_running_loop()
         self._client = self._made(name)
 
@@ -133,7 +75,7 @@ class Broker:
         client = paho.Client(CallbackAPIVersion.VERSION2, client_id=name, protocol=paho.MQTTv311)
         client.connect_timeout = CONNECT_TIMEOUT
         client.reconnect_delay_set(FIRST_PAUSE, MAX_PAUSE)
-        client.on_pre_connect, client.on_connect_fail = self._before, self._not_there
+        client.on_pre_connect, client.on_connect_fail = self._before, self._failed
         client.on_connect, client.on_disconnect, client.on_message = self._connected, self._lost, self._came
         if self._address.user:
             client.username_pw_set(self._address.user, self._address.password())
@@ -161,6 +103,7 @@ class Broker:
 
     async def stop(self, last: Message) -> None:
         """End with a last message. If the broker does not confirm it, the connection breaks, and the will tells."""
+        self._is_stopped = True
         await asyncio.to_thread(self._stop, last)
 
     def _stop(self, last: Message) -> None:
@@ -176,31 +119,42 @@ class Broker:
             connection.close()
         self._client.loop_stop()
         self.is_up = False
+        client = self._client  # no cycle: its sockets are closed with it
+        client.on_pre_connect = client.on_connect_fail = client.on_connect = None
+        client.on_disconnect = client.on_message = None
 
     # In the thread of the connection -------------------------------------------------------------------
 
     def _before(self, client: paho.Client, data: Any) -> None:
-        will = self._will()
+        will, self._is_refused = self._will(), False
         client.will_set(will.topic, will.payload, will.qos, will.retain)
 
-    def _not_there(self, client: paho.Client, data: Any) -> None:
-        if not self._is_missed:
-            log.warning("no broker at %s; it is tried again", self._address)
-        self._is_missed = True
+    def _failed(self, client: paho.Client, data: Any) -> None:
+        self._tell(f"cannot be reached: {reason_of(sys.exception())}")
 
     def _connected(self, client: paho.Client, data: Any, flags: Any, reason: Any, properties: Any) -> None:
+        self._is_refused = reason.is_failure
         if reason.is_failure:
-            log.warning("%s refuses the connection: %s", self._address, reason)
+            user = self._address.user
+            self._tell(f"refuses the user {user}: {reason}" if user else f"refuses who has no user: {reason}")
             return
-        self._is_missed = False
+        self._told = ""
         if self._topics:
             client.subscribe([(topic, 1) for topic in self._topics])
         self._loop.call_soon_threadsafe(self._up)
 
     def _lost(self, client: paho.Client, data: Any, flags: Any, reason: Any, properties: Any) -> None:
-        if self.is_up and reason.is_failure:
-            log.warning("%s has gone: %s; it is tried again", self._address, reason)
+        if reason.is_failure and not self._is_refused:
+            self._tell(
+                "has gone" if self.is_up else "ends the connection at once: `ca` or `certificate` may be missing"
+            )
         self.is_up = False
+
+    def _tell(self, what: str) -> None:
+        """Once, however often it is tried."""
+        if what != self._told:
+            self._told = what
+            log.warning("%s %s; it is tried again", self._address, what)
 
     def _came(self, client: paho.Client, data: Any, message: paho.MQTTMessage) -> None:
         if message.retain and message.topic not in self._kept:
@@ -214,10 +168,24 @@ class Broker:
     # In the loop ---------------------------------------------------------------------------------------
 
     def _up(self) -> None:
+        if self._is_stopped:
+            return
         self._unsent.clear()
         self._bytes, self.is_up = 0, True
         self._on_up()
 
     def _hear(self, topic: str, payload: bytes) -> None:
         self._heard -= 1
-        self._on_message(topic, payload)
+        if not self._is_stopped:
+            self._on_message(topic, payload)
+
+
+def arguments_of(text: Any) -> dict[str, Any]:
+    """The arguments of an action: a JSON object, or nothing; OptionError."""
+    try:
+        found = json.loads(text) if text else {}
+    except (ValueError, TypeError, RecursionError):
+        found = None
+    if not isinstance(found, dict):
+        raise OptionError('the arguments of an action are a JSON object, as {"weight": 1.5}')
+    return found

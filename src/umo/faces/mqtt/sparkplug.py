@@ -16,7 +16,8 @@ from google.protobuf.message import DecodeError
 from umo.errors import OptionError, UmoError
 from umo.faces.face import Changes, Commands, Face, User
 from umo.faces.face_declaration import Declaration, ItemKind
-from umo.faces.mqtt.broker import Broker, BrokerAddress, Message
+from umo.faces.mqtt.broker import Broker, Message, arguments_of
+from umo.faces.mqtt.broker_address import BrokerAddress
 from umo.faces.mqtt.sparkplug_node import DONE, REBIRTH, REFUSAL, SparkplugNode
 from umo.faces.mqtt.sparkplug_payload import Payload, properties_of, value_of
 from umo.frames.reader import NumberedEvent
@@ -162,8 +163,6 @@ class Sparkplug(Face):
     # What is heard -------------------------------------------------------------------------------------
 
     def _hear(self, topic: str, payload: bytes) -> None:
-        if self._commands is None:  # the run has just ended
-            return
         if topic.startswith("spBv1.0/STATE/"):
             self._hear_host(payload)
             return
@@ -227,7 +226,7 @@ class Sparkplug(Face):
     async def _ask(self, name: str, value: Any, user: User) -> Any:
         assert self._commands is not None
         if (action := self._node.actions.get(name)) is not None:
-            return await self._commands.ask(user, "call", str(action["path"]), arguments=_arguments(value))
+            return await self._commands.ask(user, "call", str(action["path"]), arguments=arguments_of(value))
         item = self._node.by_metric.get(name)
         if item is None:
             raise OptionError(f"there is no metric {name[:200]!r}")
@@ -244,14 +243,3 @@ class Sparkplug(Face):
         task = asyncio.get_running_loop().create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
-
-
-def _arguments(value: Any) -> dict[str, Any]:
-    """The arguments of an action: a JSON object; OptionError."""
-    try:
-        found = json.loads(value) if value else {}
-    except (ValueError, TypeError, RecursionError):
-        found = None
-    if not isinstance(found, dict):
-        raise OptionError('the arguments of an action are a JSON object, as {"weight": 1.5}')
-    return found

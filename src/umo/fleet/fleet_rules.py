@@ -1,0 +1,181 @@
+"""The rules of a fleet: who may publish, see and command what, enforced by routers and by gateways that listen.
+
+One file, `rules.toml`, has a line for each certificate; `umo fleet certificate` adds it. Whoever has no line may do
+nothing:
+
+    router.plant = true                # passes on what others say; it has checked them
+    site.cell7 = true                  # publishes its own stations, and answers for them
+    user.ann = true                    # sees every station, and commands under the own name
+    user.bob = ["cell7", "cell8"]      # the same at these sites only; of others the presence and status
+    user.eve = false                   # withdrawn: this name is never used again, as the certificate still exists
+
+The name of a certificate is `KIND:NAME`, as `user:ann`; Zenoh compares it with the key of each message
+(its access control). Zenoh reads the rules when it starts.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from umo.errors import OptionError
+from umo.fleet import fleet_keys as keys
+from umo.text import did_you_mean, printable
+
+FILE = "rules.toml"
+MAX_BYTES = 1 << 22
+MAX_NAME = 48
+"""Characters of a name: with its kind it is at most 64, the most that a certificate holds."""
+ROUTER, SITE, USER = "router", "site", "user"
+KINDS = (ROUTER, SITE, USER)
+READ = ("declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query")
+COMMAND = ("put", "query")
+PUBLISH = (
+    "put",
+    "delete",
+    "reply",
+    "declare_queryable",
+    "declare_subscriber",
+    "declare_liveliness_subscriber",
+    "liveliness_token",
+)
+EVERYTHING = (*PUBLISH, "query", "liveliness_query")
+PRESENCE = tuple(f"{keys.ROOT}/{keys.ANY}/{keys.ANY}/{kind}" for kind in (keys.ALIVE, keys.STATUS))
+CACHE = "@adv/**"
+"""Below the key of a publisher: what it keeps, and its heartbeat. `**` alone does not name it."""
+_NAME = re.compile(r"[A-Za-z0-9_][\w.-]*", re.ASCII)
+
+
+def checked_name(name: str) -> str:
+    """A name that a certificate may have; OptionError for another."""
+    if len(name) > MAX_NAME:
+        raise OptionError(f"{printable(name[:20])}... has {len(name)} characters; the most are {MAX_NAME}")
+    if not _NAME.fullmatch(name):
+        raise OptionError(
+            f"{printable(name)!r} cannot be a name; it begins with a letter or digit, and has letters, digits, _ . -"
+        )
+    return name
+
+
+@dataclass(frozen=True)
+class FleetRules:
+    """Whose certificates are accepted. `users`: each with the sites that are open to them."""
+
+    routers: Sequence[str] = ()
+    sites: Sequence[str] = ()
+    users: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    withdrawn: Collection[str] = ()
+    """Each as `user:eve`."""
+
+    @classmethod
+    def load(cls, file: Path) -> FleetRules:
+        """OptionError if the file is missing or wrong."""
+        try:
+            with open(file, "rb") as stream:
+                data = stream.read(MAX_BYTES + 1)
+            if len(data) > MAX_BYTES:
+                raise OptionError(f"{file} is longer than {MAX_BYTES} bytes")
+            return cls.parse(data.decode(), file)
+        except FileNotFoundError:
+            raise OptionError(
+                f"{file} is missing: without rules no certificate proves a name; copy it from the authority's folder"
+            ) from None
+        except OSError as error:
+            raise OptionError(f"{file} cannot be read: {error.strerror}") from None
+        except UnicodeDecodeError as error:
+            raise OptionError(f"{file}: {error}") from None
+
+    @classmethod
+    def parse(cls, text: str, file: Path) -> FleetRules:
+        """OptionError for a mistake in it."""
+        try:
+            return cls._of(tomllib.loads(text), file)
+        except (ValueError, RecursionError) as error:
+            raise OptionError(f"{file}: {error}") from None
+
+    @classmethod
+    def _of(cls, given: Mapping[str, Any], file: Path) -> FleetRules:
+        for kind, names in given.items():
+            if kind not in KINDS or not isinstance(names, Mapping):
+                raise OptionError(f"{file}: {kind!r} is no kind{did_you_mean(kind, KINDS)}; write user.ann = true")
+            for name, value in names.items():
+                _check_line(file, kind, name, value)
+        there = {kind: {name: value for name, value in given.get(kind, {}).items() if value} for kind in KINDS}
+        users = {name: [keys.ANY] if value is True else value for name, value in there[USER].items()}
+        withdrawn = {f"{kind}:{name}" for kind, names in given.items() for name in names if name not in there[kind]}
+        return cls(list(there[ROUTER]), list(there[SITE]), users, withdrawn)
+
+    def has(self, kind: str, name: str) -> bool:
+        return name in {ROUTER: self.routers, SITE: self.sites, USER: self.users}[kind]
+
+    def settings(self) -> dict[str, Any]:
+        """The access control of Zenoh. Who is not named may do nothing."""
+        rules, subjects, policies = [_rule("seen by all", EVERYTHING, ["**", f"**/{CACHE}"], "egress")], [], []
+
+        def allow(kind: str, name: str, *allowed: tuple[Sequence[str], Sequence[str]]) -> None:
+            this = f"{kind}:{name}"
+            own = [_rule(f"{this} {number}", *each) for number, each in enumerate(allowed)]
+            rules.extend(own)
+            subjects.append({"id": this, "cert_common_names": [this]})
+            policies.append({"rules": [rules[0]["id"], *(each["id"] for each in own)], "subjects": [this]})
+
+        for name in self.routers:
+            allow(ROUTER, name, (EVERYTHING, ["**", f"**/{CACHE}"]))
+        for name in self.sites:
+            allow(SITE, name, (PUBLISH, [f"{keys.ROOT}/{name}/**", f"{keys.ROOT}/{name}/**/{CACHE}"]))
+        for name, sites in self.users.items():
+            commands = [f"{keys.ROOT}/{site}/*/{key}" for site in sites
+                        for key in (f"{keys.COMMAND}/{name}", f"{keys.SIGN}/{name}/*")]  # fmt: skip
+            allow(USER, name, (READ, [*PRESENCE, *seen_at(sites)]), (COMMAND, commands))
+        return _access(rules, subjects, policies)
+
+
+def seen_at(sites: Sequence[str]) -> list[str]:
+    """What whoever may see the stations of these sites asks for: all keys of one word, which commands are not."""
+    return [f"{keys.ROOT}/{site}/*/*{more}" for site in sites for more in ("", f"/{CACHE}")]
+
+
+def reading_only() -> dict[str, Any]:
+    """The access control of a network that proves nobody: everybody may publish and see, and nobody may command."""
+    seen = seen_at([keys.ANY])
+    rules = [_rule("in", EVERYTHING, seen), _rule("out", EVERYTHING, seen, "egress")]
+    return _access(rules, [{"id": "everybody"}], [{"rules": ["in", "out"], "subjects": ["everybody"]}])
+
+
+def key_of(kind: str, name: str) -> str:
+    """The beginning of the line of a certificate."""
+    return f"{kind}.{name}" if re.fullmatch(r"[\w-]+", name, re.ASCII) else f'{kind}."{name}"'
+
+
+def line_of(kind: str, name: str, sites: Sequence[str] = (), *, withdrawn: bool = False) -> str:
+    """The line that a certificate gets."""
+    value = json.dumps(list(sites)) if sites else json.dumps(not withdrawn)
+    return f"{key_of(kind, name)} = {value}\n"
+
+
+def _check_line(file: Path, kind: str, name: str, value: Any) -> None:
+    try:
+        checked_name(name)
+        for site in value if kind == USER and isinstance(value, list) else ():
+            checked_name(str(site))
+    except OptionError as error:
+        raise OptionError(f"{file}: {error}") from None
+    if not isinstance(value, bool) and not (kind == USER and isinstance(value, list) and value):
+        sites = ', or the sites, as ["cell7"]' if kind == USER else ""
+        raise OptionError(f"{file}: {kind}.{name} is {value!r}; it is true, or false if it is withdrawn{sites}")
+
+
+def _rule(name: str, messages: Sequence[str], allowed: Sequence[str], flow: str = "ingress") -> dict[str, Any]:
+    return {"id": name, "messages": list(messages), "flows": [flow], "permission": "allow", "key_exprs": list(allowed)}
+
+
+def _access(rules: list[Any], subjects: list[Any], policies: list[Any]) -> dict[str, Any]:
+    return {
+        "enabled": True, "default_permission": "deny",
+        "rules": rules, "subjects": subjects, "policies": policies,
+    }  # fmt: skip

@@ -1,0 +1,102 @@
+"""Home Assistant as the kit of faces needs it: what its MQTT integration makes of discovery, over the npm package mqtt.
+
+Home Assistant knows neither the user of an order nor its end: an answer is that of the oldest order for its path.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+from collections import defaultdict, deque
+from collections.abc import Mapping
+from datetime import datetime
+from typing import Any
+
+from helpers.mqtt import SparkplugHost
+from umo.testing.faces import RefusedByFace, Seen
+from umo.testing.faces.client import Grade
+
+NOTHING = Seen(None, Grade.NONE)
+FIELD = re.compile(r"\{\{ value_json\.(\w+) \}\}")
+DECLARED = re.compile(r"\{\{ 'online' if value == '(\w+)' else 'offline' \}\}")
+ONE_OF = re.compile(r"\{\{ 'online' if value_json\.quality in (\[.*\]) else 'offline' \}\}")
+
+
+class HomeAssistantClient(SparkplugHost):
+    """`entities`: the configuration of each by its unique_id; `topics`: the last text of each topic."""
+
+    def __init__(self, user: str = "", station: str = "plant") -> None:
+        super().__init__(user)
+        self.station = station
+        self.topics: dict[str, str] = {}
+        self.entities: dict[str, dict[str, Any]] = {}
+        self._orders: dict[str, deque[asyncio.Future[None]]] = defaultdict(deque)
+
+    def _take(self, message: dict[str, Any]) -> None:
+        if message["kind"] != "plain":
+            return
+        topic, text = message["topic"], message["text"]
+        self.heard.append(message)
+        self.topics[topic] = text
+        if topic.startswith("homeassistant/"):
+            about = json.loads(text)
+            self.entities[about["unique_id"]] = about
+        elif topic.endswith(("/done", "/refusal")):
+            self._answered(json.loads(text), topic.endswith("/done"))
+
+    def _answered(self, answer: Mapping[str, Any], is_done: bool) -> None:
+        orders = self._orders[answer["path"]]
+        if orders and not (waiting := orders.popleft()).done():
+            waiting.set_result(None) if is_done else waiting.set_exception(RefusedByFace(answer["text"]))
+
+    def entity(self, name: str) -> dict[str, Any] | None:
+        return self.entities.get(f"umo_{self.station}_{re.sub('[^A-Za-z0-9_-]', '_', name)}")
+
+    def is_available(self, about: Mapping[str, Any]) -> bool:
+        """Whether each of its topics says so."""
+        return all(self._payload(each) == "online" for each in about["availability"])
+
+    def _payload(self, each: Mapping[str, str]) -> str:
+        text = self.topics.get(each["topic"], "offline")
+        if "value_template" not in each:
+            return text
+        if (mark := DECLARED.fullmatch(each["value_template"])) is not None:
+            return "online" if text == mark[1] else "offline"
+        rule = ONE_OF.fullmatch(each["value_template"])
+        assert rule, each["value_template"]
+        return "online" if json.loads(text)["quality"] in json.loads(rule[1].replace("'", '"')) else "offline"
+
+    async def read(self, name: str) -> Seen:
+        about = self.entity(name)
+        if about is None or about["state_topic"] not in self.topics:
+            return NOTHING
+        told = json.loads(self.topics[about["state_topic"]])
+        field = FIELD.fullmatch(about["value_template"])
+        assert field, about["value_template"]
+        good = self.is_available(about) and told["quality"] == "good"
+        grade = Grade.NONE if told[field[1]] is None else Grade.GOOD if good else Grade.DOUBTFUL
+        time = datetime.fromisoformat(told["time"]).timestamp() if told["time"] else None
+        unit, states = about.get("unit_of_measurement"), dict(enumerate(about.get("options", ())))
+        return Seen(told[field[1]], grade, time, unit, about.get("min"), about.get("max"), states)
+
+    async def order(self, topic: str, path: str, text: str) -> None:
+        """Publish, and wait for the answer; RefusedByFace."""
+        waiting: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._orders[path].append(waiting)
+        self.send({"topic": topic, "text": text})
+        await asyncio.wait_for(waiting, 10.0)
+
+    async def tune(self, path: str, value: Any) -> None:
+        about = self.entity(f"tunable:{path}")
+        topic = f"umo/{self.station}/set/{path.replace('.', '/')}" if about is None else about["command_topic"]
+        await self.order(topic, path, str(value))
+
+    async def write(self, path: str, value: Any) -> None:
+        """An actuator is no number: a message is sent all the same."""
+        assert "command_topic" not in (self.entity(path) or {})
+        await self.order(f"umo/{self.station}/set/{path.replace('.', '/')}", path, str(value))
+
+    async def call(self, path: str, arguments: Mapping[str, Any]) -> None:
+        """As a script does by mqtt.publish."""
+        await self.order(f"umo/{self.station}/press/{path.replace('.', '/')}", path, json.dumps(arguments))
