@@ -44,6 +44,8 @@ class FollowedRun:
     first: int = -1
     next: int = 0
     received: int = 0
+    bytes: int = 0
+    """Of the messages, without what the network adds."""
     again: int = 0
     """Deltas that came before."""
     lost: int = 0
@@ -107,7 +109,7 @@ class Follower:
         if self._image is None:
             self._image = np.zeros(self.words.count, np.uint64)
         self.words.apply(delta, self._image)
-        told.next, told.received = delta.number + 1, told.received + 1
+        told.next, told.received, told.bytes = delta.number + 1, told.received + 1, told.bytes + len(data)
         self._check(self.words.frame(self._image), delta.number, is_last=delta.is_last)
         return True
 

@@ -49,8 +49,9 @@ class Side:
     router: Part | None = None
     report: Path = Path()
 
-    def received(self) -> int:
-        return sum(each["received"] for each in (report_file.read(self.report) or {}).values())
+    def sum(self, what: str = "received") -> int:
+        """Of the subscriber's report."""
+        return sum(each[what] for each in (report_file.read(self.report) or {}).values())
 
     def runs(self) -> int:
         return len(report_file.read(self.report) or {})
@@ -127,10 +128,10 @@ def _shares(parts: Sequence[Part]) -> list[float]:
 def _gateway(side: Side, count: int) -> Iterator[Target]:
     [gateway], router = side.gateways, side.router
     assert router is not None
-    came, began = side.received(), time.monotonic()
-    sent = _sent(router.pid)
+    came, began = side.sum(), time.monotonic()
+    size = side.sum("bytes")
     share, passing = _shares([gateway, router])
-    came, elapsed = side.received() - came, time.monotonic() - began
+    came, elapsed = side.sum() - came, time.monotonic() - began
     limit = count == COUNTS[-1]
     verdict = ("met" if share <= CORE else f"missed by {share / CORE - 1:.0%}") if limit else ""
     expected = count * elapsed / PERIOD
@@ -138,22 +139,15 @@ def _gateway(side: Side, count: int) -> Iterator[Target]:
     yield Target(f"a gateway with {count} stations of {OBJECTS} objects", f"{CORE:.0%} of a core" if limit else "-",
                  shown, verdict)  # fmt: skip
     yield Target("  a station", "-", f"{share / count * 1e3:.2f} per mille of a core", "")
-    bytes_a_station = (_sent(router.pid) - sent) / elapsed / count
-    yield Target("  bytes a second of a station, to one subscriber", "-", f"{bytes_a_station:,.0f}", "")
+    yield Target("  bytes a second of a station", "-", f"{(side.sum('bytes') - size) / elapsed / count:,.0f}", "")
     yield Target("  deltas that came", "all", f"{came:,} of {expected:,.0f}", "")
-
-
-def _sent(pid: int) -> int:
-    """Bytes that a process has written, to sockets, too: a router writes nothing else."""
-    fields = dict(line.split(": ") for line in Path(f"/proc/{pid}/io").read_text().splitlines())
-    return int(fields["wchar"])
 
 
 def _router(side: Side) -> Iterator[Target]:
     assert side.router is not None
-    came, began = side.received(), time.monotonic()
+    came, began = side.sum(), time.monotonic()
     router, *gateways = _shares([side.router, *side.gateways])
-    came, elapsed = side.received() - came, time.monotonic() - began
+    came, elapsed = side.sum() - came, time.monotonic() - began
     shown = f"{router:.1%} of a core, {side.router.memory:.0f} MB; {GATEWAYS} gateways {sum(gateways):.1%}"
     yield Target(f"a router with {MANY:,} stations, one subscriber of all", "-", shown, "")
     yield Target("  deltas that came", "all", f"{came:,} of {MANY * elapsed / PERIOD:,.0f}", "")
