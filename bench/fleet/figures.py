@@ -71,7 +71,7 @@ def _running(folder: Path, gateways: int, stations: int, port: int) -> Iterator[
             site, environ = f"g{number}", environment(folder / f"g{number}")
             for first in range(0, stations, RINGS):
                 count = str(min(RINGS, stations - first))
-                words = (
+                rings = (
                     sys.executable,
                     "-m",
                     "bench.fleet.rings",
@@ -79,9 +79,9 @@ def _running(folder: Path, gateways: int, stations: int, port: int) -> Iterator[
                     f"made{first // RINGS}",
                     count,
                 )
-                side.others.append(_begun(Part(f"rings {site} {first}", words, folder, environ)))
-            words = (*UMO, "fleet", "serve", "--site", site, "--connect", side.address)
-            side.gateways.append(_begun(Part(f"gateway {site}", words, folder, environ), PUBLISHES))
+                side.others.append(_begun(Part(f"rings {site} {first}", rings, folder, environ)))
+            serve = (*UMO, "fleet", "serve", "--site", site, "--connect", side.address)
+            side.gateways.append(_begun(Part(f"gateway {site}", serve, folder, environ), PUBLISHES))
         until = time.monotonic() + LIMIT
         while side.runs() < gateways * stations:
             if time.monotonic() > until:
@@ -90,7 +90,7 @@ def _running(folder: Path, gateways: int, stations: int, port: int) -> Iterator[
         time.sleep(SETTLING)
         yield side
     finally:
-        for part in (*side.gateways, *side.others, *([side.router] if side.router else [])):
+        for part in (*side.gateways, *side.others, *filter(None, [side.router])):
             part.kill()
 
 

@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -27,6 +28,10 @@ ROUTES, PUBLISHES = "routes for", "publishes the stations of"
 OWN = "own"
 """The site of the gateway that takes commands, of its own computer only: beyond it that needs certificates."""
 OWN_ADDRESS = "tcp/127.0.0.1:7448"
+
+
+def _says(part: Part, words: str) -> bool:
+    return words in part.said
 
 
 class Truth:
@@ -130,7 +135,7 @@ class FleetPlant:
         try:
             for router in self.routers:
                 router.start()
-                self.wait(lambda router=router: ROUTES in router.said, f"{router.name} is there")
+                self.wait(partial(_says, router, ROUTES), f"{router.name} is there")
             for gateway in self.gateways:
                 gateway.start()
             self.wait(lambda: all(PUBLISHES in each.said for each in self.gateways), "all gateways are there")

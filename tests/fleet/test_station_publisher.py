@@ -15,6 +15,7 @@ from umo.fleet.fleet_keys import StationKey
 from umo.fleet.run_words import FULL, WordFrame
 from umo.fleet.station_publisher import MOST, StationPublisher
 from umo.frames.frame_server import sockets
+from umo.frames.layout import Live
 from umo.remote.search import frames_at
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux")
@@ -82,3 +83,21 @@ def test_a_gateway_that_was_stopped_for_longer_than_the_ring_goes_on_with_what_i
     numbers = [WordFrame(this.reader.layout).parse(each).number for each in sent.messages]
     assert numbers == [0, *range(ring.number - slots + 1, ring.number)]
     assert WordFrame(this.reader.layout).parse(sent.messages[1]).flags & FULL
+
+
+def test_the_status_is_made_anew_only_where_something_of_it_has_changed(
+    ring: MadeRing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[int] = []
+    monkeypatch.setattr("umo.fleet.station_publisher.status_of", lambda reader: {"made": made.append(1)})
+    monkeypatch.setattr("umo.fleet.station_publisher.STATUS_PAUSE", 0.0)
+    this = publisher(monkeypatch, Sent())
+    begun = len(made)
+    for _ in range(3):
+        ring.step()
+        this.look()
+    assert len(made) == begun + 1  # as the first frame has come
+    ring._ring.live({Live.MISSED: 1})
+    ring.step()
+    this.look()
+    assert len(made) == begun + 2

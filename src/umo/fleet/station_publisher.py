@@ -35,6 +35,8 @@ REST_EVERY = 10
 """The rest is in every so many deltas, also if it has not changed."""
 FULL_EVERY = 100
 """Every so many deltas one has all words: who has only the last ones, as a recorder that was away, begins there."""
+STATUS_FIELDS = ("done", "total", "progress", "signals", "equipment", "alarms")
+"""Fields of a frame of which the status tells."""
 STATUS_PAUSE = 1.0
 """Time in s from one status to the next."""
 
@@ -61,6 +63,11 @@ class StationPublisher:
         """Of the last frame that was published, s on the cycle's clock."""
         self._status: dict[str, Any] = {}
         self._status_at = 0.0
+        self._status_about: Any = ()
+        fields = reader.layout.dtype.fields
+        assert fields is not None
+        found = [fields[name] for name in STATUS_FIELDS]
+        self._status_parts = [slice(at, at + kind.itemsize) for kind, at, *_ in found]
         samples = max(MOST, ceil(2 * CACHED / max(interval, self.stride * period or interval)))
         self._deltas = self._advanced(session, keys.DELTA, samples)
         self._events = self._advanced(session, keys.EVENT, CACHED_EVENTS)
@@ -175,9 +182,21 @@ class StationPublisher:
             query.reply(self.key.key(keys.TWIN), json.dumps(twin))
 
     def _publish_status(self) -> None:
+        about = self._about_status()
+        if about == self._status_about and self.reader.state is not Stage.ENDED:
+            return
+        self._status_about = about
         if (status := status_of(self.reader)) != self._status:
             self._status = status
             self._statuses.put(json.dumps(status))
+
+    def _about_status(self) -> Any:
+        """What the status depends on: it is made anew, which takes longer, only where this is another."""
+        if self.latest is None:
+            return None
+        _, words, rest = self.latest
+        data = words.tobytes()
+        return rest, self._event, *(data[part] for part in self._status_parts)
 
     def close(self) -> None:
         undeclared: list[Any] = [
