@@ -25,6 +25,8 @@ SETTLING = 4.0
 """Time in s after all is there, and before the end."""
 STRIKE_TAKES = 11.0
 """Time in s of a strike with the pause after it, about."""
+COMMAND_RATE = 6.0
+"""Commands a second at most."""
 COMMAND_STATION = f"{OWN}/Plant"
 
 
@@ -75,8 +77,8 @@ class Campaign:
         return plant.python(name, plant.desk, f"bench.fleet.{module}", str(plant.folder / f"{name}.json"), *words)
 
     def _commands(self, seconds: float) -> Part:
-        plant, count = self._plant, self._size.commands
-        rate = max(1.0, count / max(seconds - SETTLING, 1.0))
+        plant, count = self._plant, min(self._size.commands, round(COMMAND_RATE * seconds))
+        rate = count / seconds
         words = (str(plant.folder / "commands.json"), OWN_ADDRESS, COMMAND_STATION, str(count), f"{rate:g}")
         return plant.python("commands", plant.alone, "bench.fleet.commands", *words)
 
