@@ -25,6 +25,8 @@ SETTLING = 4.0
 """Time in s after all is there, and before the end."""
 STRIKE_TAKES = 11.0
 """Time in s of a strike with the pause after it, about."""
+WRITING = 120.0
+"""Time in s in which the recorder must have written what has come."""
 COMMAND_RATE = 6.0
 """Commands a second at most."""
 COMMAND_STATION = f"{OWN}/Plant"
@@ -113,7 +115,7 @@ class Campaign:
                 part.end()
             striker.pause(2 * SETTLING, 2 * SETTLING)
             for part in parts:
-                part.end()
+                part.end(WRITING)
         finally:
             for each in (*parts, commands):
                 each.kill()

@@ -67,14 +67,14 @@ class Part:
             self._process.kill()
             self._process.wait()
 
-    def end(self) -> None:
+    def end(self, limit: float = LIMIT) -> None:
         """End it as a service manager does."""
         if self._process is None:
             return
         self.signal(signal.SIGCONT)
         self._process.terminate()
         with suppress(subprocess.TimeoutExpired):
-            self._process.wait(LIMIT)
+            self._process.wait(limit)
         self.kill()
 
     @property
