@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -349,7 +350,9 @@ def test_a_declaration_that_does_not_fit_is_told_to_the_page(umo: Callable[..., 
         "from umo.twin import Body, Slide, Twin\ndef twin(m): return Twin([Body('x', drives=[Slide('nothing')])])\n"
     )
     layout = layout_of(find(place).machine(), place=str(place))
-    assert describe(layout) == {"error": "twin: body 'x': no object or signal 'nothing'"}
+    assert describe(SimpleNamespace(is_elsewhere=False, reader=SimpleNamespace(layout=layout)), None) == {
+        "error": "twin: body 'x': no object or signal 'nothing'"
+    }
 
 
 @pytest.mark.parametrize(
