@@ -16,6 +16,8 @@ app.add_typer(
     name="fleet",
     rich_help_panel="Running stations",
     help="Many stations on many computers, over Zenoh: publish those of this computer, join computers.",
+    epilog="Examples: umo fleet serve  |  umo fleet certificate authority  |  umo fleet record\n\n"
+    "Exit status: 0 ended, or done; 1 the network cannot be reached; 2 a mistake, told on stderr",
 )
 command = HelpPanel(PANEL, fleet)
 
