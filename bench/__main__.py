@@ -35,6 +35,8 @@ from bench import (
 from bench.drivers import kernel
 from bench.drivers import table as drivers
 from bench.drivers.case import IN_KERNEL
+from bench.fleet import campaign as fleet
+from bench.fleet import figures as fleet_figures
 from bench.kills import campaign, show
 
 ROUNDS, QUICK_ROUNDS = 400, 60
@@ -79,6 +81,13 @@ def main() -> int:
         return 0
     if options.faces:
         report.stream(console, faces.TITLE, faces.takes(options.faces), partial(faces.measure, options.faces))
+        return 0
+    if options.fleet:
+        measure = partial(fleet.measure, options.fleet, seed=options.seed)
+        found = report.stream(console, fleet.TITLE, fleet.takes(options.fleet), measure)
+        return 1 if any(each.verdict == "missed" for each in found) else 0
+    if options.fleet_figures:
+        report.stream(console, fleet_figures.TITLE, fleet_figures.TAKES, fleet_figures.measure)
         return 0
     if options.rates:
         takes = options.rates * len(several_rates.KINDS) * (several_rates.BLOCK + 2.0)
@@ -128,10 +137,19 @@ def _options() -> argparse.Namespace:
         metavar="PAIRS",
         help="each face with a client of another project, and a loop of 1 ms with all of them; default: 30",
     )
+    alone.add_argument(
+        "--fleet",
+        type=float,
+        nargs="?",
+        const=30.0,
+        metavar="MINUTES",
+        help="a hundred stations on ten computers, each part killed in turn; default: 30 minutes; needs root",
+    )
+    alone.add_argument("--fleet-figures", action="store_true", help="what a fleet costs: 300 and 1,000 stations")
     alone.add_argument("--alarms", type=int, metavar="ROUNDS", help="a loop with 1,000 alarms; 50 for a result")
     parser.add_argument("--pairs", type=int, default=30, help="pairs of blocks of a row of --against; default: 30")
     parser.add_argument("--only", default="", metavar="TEXT", help="--kills and --against: names with this in them")
-    parser.add_argument("--seed", type=int, default=campaign.SEED, help="of --kills: other random moments")
+    parser.add_argument("--seed", type=int, default=campaign.SEED, help="of --kills and --fleet: other random moments")
     return parser.parse_args()
 
 

@@ -1,12 +1,14 @@
-"""Rings of stations that do not exist, with sequences that can be checked: `python -m bench.fleet.rings FOLDER NUMBER`.
+"""Rings of stations that do not exist, with sequences to check: `python -m bench.fleet.rings FOLDER NAME NUMBER`.
 
-Each station has `OBJECTS` sensors, of which half change in every period of `PERIOD` s. Value k of frame n is
-`value(n, k)`; so whoever has a frame knows what its values must be.
+Each station has `OBJECTS` sensors, of which half change in every period of `PERIOD` s. Value k of frame n is that of
+`value(n)`; so whoever has a frame knows what its values must be. The raw integer of the first object is the monotonic
+time at which the frame was made, ns. SIGUSR1 puts the UTC clock of these stations one hour forward, SIGUSR2 back.
 """
 
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
 from typing import Any
@@ -23,6 +25,8 @@ from umo.system.utc import utc
 
 OBJECTS = 60
 PERIOD = 0.1
+CLOCK_STEP = 3_600_000_000_000
+"""ns."""
 
 
 def value(number: int, objects: int = OBJECTS) -> npt.NDArray[np.float64]:
@@ -56,15 +60,19 @@ class MadeRing:
         self._server.start()
         self._frame: Any = np.zeros(1, layout.dtype)
         self._objects, self.number = objects, 0
+        self.clock_error = 0
+        """Of its UTC, ns."""
 
     def step(self) -> None:
         """The next frame."""
         frame, now = self._frame, time.monotonic_ns()
         offset, error = utc()
         frame["number"], frame["time"], frame["began"] = self.number, self.number * PERIOD, now
-        frame["utc"], frame["utc_error"], frame["execution"], frame["wake"] = offset, error, 1000, 1000
+        frame["utc"], frame["utc_error"] = offset + self.clock_error, error
+        frame["execution"], frame["wake"] = 1000, 1000
         frame["values"] = value(self.number, self._objects)
         frame["raws"] = frame["values"]
+        frame["raws"][0, 0] = now
         self._ring.frame(frame.tobytes())
         self.number += 1
 
@@ -74,15 +82,27 @@ class MadeRing:
 
 
 def main(names: list[str]) -> None:
-    """Write all of them until this process is ended; each at its own moment within the period."""
+    """Write all of them until SIGTERM; each at its own moment within the period."""
     rings = [MadeRing(name) for name in names]
-    began = time.monotonic()
-    for turn in range(1 << 62):
+    ends: list[int] = []
+
+    def step_clocks(number: int, _: object) -> None:
+        for ring in rings:
+            ring.clock_error += CLOCK_STEP if number == signal.SIGUSR1 else -CLOCK_STEP
+
+    signal.signal(signal.SIGUSR1, step_clocks)
+    signal.signal(signal.SIGUSR2, step_clocks)
+    signal.signal(signal.SIGTERM, lambda number, _: ends.append(number))
+    began, turn = time.monotonic(), 0
+    while not ends:
         for place, ring in enumerate(rings):
             due = began + (turn + place / len(rings)) * PERIOD
             if (wait := due - time.monotonic()) > 0.002:
                 time.sleep(wait)
             ring.step()
+        turn += 1
+    for ring in rings:
+        ring.close()
 
 
 if __name__ == "__main__":

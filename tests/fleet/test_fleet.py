@@ -104,6 +104,35 @@ def test_values_grow_stale_when_nothing_comes_and_are_good_again_when_it_does() 
     tried(work)
 
 
+def test_a_gateway_that_was_away_for_long_does_not_bring_old_values_back() -> None:
+    async def work(machine: TriedMachine, fleet: Fleet) -> None:
+        client = await fleet.client()
+        await until(lambda: client.reader.head > 20)
+        await fleet.end()
+        await until(lambda: quality(client, "cell.limit") is Quality.STALE)
+        await fleet.begin()
+        await until(lambda: quality(client, "cell.limit") is Quality.GOOD)
+        numbers = client.reader.read()["number"].tolist()
+        assert {after - before for before, after in pairwise(numbers)} == {0, 20}  # 0: as it grew stale
+
+    tried(work)
+
+
+def test_what_comes_late_is_not_shown_as_fresh(monkeypatch: pytest.MonkeyPatch) -> None:
+    held_up = [0.0]
+    monkeypatch.setattr("umo.fleet.arrival_ages.ArrivalAges.age", lambda ages, made: held_up[0])
+
+    async def work(machine: TriedMachine, fleet: Fleet) -> None:
+        client = await fleet.client()
+        await until(lambda: quality(client, "cell.limit") is Quality.GOOD)
+        held_up[0] = 1.6
+        await until(lambda: quality(client, "cell.limit") is Quality.STALE)
+        held_up[0] = 0.5
+        await until(lambda: quality(client, "cell.limit") is Quality.GOOD)
+
+    tried(work)
+
+
 def test_the_end_of_the_run_is_the_end_of_its_mirror_with_its_last_events() -> None:
     async def work(machine: TriedMachine, fleet: Fleet) -> None:
         client = await fleet.client()

@@ -54,6 +54,34 @@ def gaps(run: FollowedRun) -> list[tuple[str, int, int, str]]:
 # Runs ------------------------------------------------------------------------------------------------------
 
 
+def test_what_was_published_while_the_recorder_was_away_may_come_behind_what_is_published_now() -> None:
+    known = KnownRun()
+    messages = [known.delta(number) for number in range(30)]
+    recorded = Recorded({("values", known.run.hex()): 9})
+    run = FollowedRun(known.run, recorded, is_patient=True)
+    for number in (25, 26):
+        run.take_delta(messages[number])
+    run.take_declaration(known.declaration(26))
+    for number in (*range(20), 27, *range(20, 25), 28):
+        run.take_delta(messages[number])
+    assert numbers(run) == list(range(10, 29))
+    assert not gaps(run)
+
+
+def test_what_does_not_come_in_time_is_told_as_missing() -> None:
+    known = KnownRun()
+    messages = [known.delta(number) for number in range(30)]
+    run = FollowedRun(known.run, Recorded({("values", known.run.hex()): 9}), is_patient=True)
+    run.take_delta(messages[25])
+    run.take_declaration(known.declaration(26))
+    assert not run.taken
+    run.hurry()
+    run.take_declaration(known.declaration(26))
+    run.take_delta(messages[27])
+    assert numbers(run) == [26, 27]
+    assert gaps(run) == [("values", 10, 25, AWAY)]
+
+
 def test_deltas_become_rows_with_exact_values_states_qualities_and_times() -> None:
     known = KnownRun()
     run = followed(known, *range(25))

@@ -15,9 +15,9 @@ app.add_typer(
     fleet,
     name="fleet",
     rich_help_panel="Running stations",
-    help="Many stations on many computers, over Zenoh: publish those of this computer, join computers.",
-    epilog="Examples: umo fleet serve  |  umo fleet certificate authority  |  umo fleet record\n\n"
-    "Exit status: 0 ended, or done; 1 the network cannot be reached; 2 a mistake, told on stderr",
+    help="Many stations on many computers, over Zenoh: publish those of this computer, join computers, keep a history.",
+    epilog='Examples: umo fleet serve  |  umo fleet record  |  umo fleet query "FROM gaps"\n\n'
+    "Exit status: 0 ended; the help of each command has the others",
 )
 command = HelpPanel(PANEL, fleet)
 

@@ -64,8 +64,9 @@ class PublishedStation:
     def look(self) -> bool:
         goes_on = self.publisher.look()
         self._is_over = not goes_on
-        looked, self._looked = self._looked, asyncio.Event()
-        looked.set()
+        if self._gateway is not None:  # somebody may wait
+            looked, self._looked = self._looked, asyncio.Event()
+            looked.set()
         return goes_on
 
     async def _wait(self) -> float:

@@ -29,6 +29,7 @@ from umo.cycle.stage import Stage
 from umo.errors import FramesError, UmoError
 from umo.fleet import fleet_keys as keys
 from umo.fleet import fleet_settings
+from umo.fleet.arrival_ages import ArrivalAges
 from umo.fleet.fleet_keys import StationKey
 from umo.fleet.fleet_rules import USER
 from umo.fleet.fleet_session import anybody, opened
@@ -48,7 +49,7 @@ log = logging.getLogger("umo.fleet")
 ANSWER_TIME = 3.0
 """Time in s within which a station declares itself."""
 STALE_AFTER = 1.5
-"""Time in s without a delta after which no value is fresh, 10 periods if that is longer."""
+"""Age in s of a delta from which on no value is fresh, 10 periods if that is longer."""
 NONE = -2
 """Number of an image that no delta follows."""
 CHECK_PAUSE = 0.5
@@ -93,7 +94,8 @@ class FleetMirror:
         """Those in the ring."""
         fields = layout.dtype.fields
         assert fields is not None
-        self._time = fields["time"][1] // 8
+        self._time, self._began = (fields[name][1] // 8 for name in ("time", "began"))
+        self._ages = ArrivalAges()
         (width,) = fields["quality"][0].shape
         self._qualities = slice(fields["quality"][1], fields["quality"][1] + width)
         self._next_event = max(0, int(facts["event"]) - 1)
@@ -150,10 +152,11 @@ class FleetMirror:
                 self._check("")
             return
         delta = self._words.parse(data)
-        self._heard, self._is_stale = time.monotonic(), False
         if number != self._number + 1 and not delta.is_full:
             self._ask_again()
             return
+        if delta.is_last:  # before the ring says that the run has ended
+            self._take_waiting_events()
         self._count_lost(number)
         self._number = number
         self._words.apply(delta, self._image)
@@ -164,7 +167,6 @@ class FleetMirror:
             self._take_rest(delta.rest)
         self._show()
         if delta.is_last:
-            self._take_waiting_events()
             self._ended.set()
 
     def _check(self, otherwise: str) -> None:
@@ -178,13 +180,15 @@ class FleetMirror:
         facts = json.loads(about)
         if bytes.fromhex(facts["run"]) != self._run:
             self._ended.set()
-        elif int(facts["number"]) < self._number:
+        elif int(facts["head"]) < self._number:  # not only a gateway that has begun anew, and has not come so far yet
             self._number = NONE
         elif otherwise:
             log.warning("%s: %s", self.key, otherwise)
 
     def _ask_again(self) -> None:
-        """Deltas are missing: take the image as it is now."""
+        """Deltas are missing: take the image as it is now. Until the answer nothing is known to be fresh."""
+        if not self._is_stale:
+            self._grow_stale()
         about, _, words, rest = unpacked(declaration_of(self._session, self.key))
         facts = json.loads(about)
         if bytes.fromhex(facts["run"]) != self._run or not words:
@@ -236,21 +240,27 @@ class FleetMirror:
 
     # The ring ------------------------------------------------------------------------------------------------
 
-    def _show(self, image: Words | None = None) -> None:
-        """The image as a frame; its time on this computer's clock is that of its UTC."""
-        frame = np.frombuffer(bytearray((self._image if image is None else image).tobytes()), self._words.dtype)
+    def _show(self) -> None:
+        """The image, which has just come. What comes late, as after a loss of the network, is not fresh."""
+        self._heard, self._is_stale = time.monotonic(), False
+        is_late = self._ages.age(int(self._image.view("<i8")[self._began])) > self._limit
+        self._add(Quality.STALE if is_late else Quality.GOOD)
+
+    def _add(self, best: Quality) -> None:
+        """The image as a frame, of which no value is better than `best`; its time on this computer's clock is that of
+        its UTC."""
+        frame = np.frombuffer(bytearray(self._image.tobytes()), self._words.dtype)
         moment = int(frame["began"][0]) + int(frame["utc"][0])
         offset, _ = utc()
         frame["began"] = min(moment - offset, time.monotonic_ns())
         frame["utc"] = moment - frame["began"]
+        frame["quality"] = np.maximum(frame["quality"], np.uint8(best))
         self._ring.frame(frame.tobytes())
 
     def _grow_stale(self) -> None:
         """Nothing has come for too long: no value is fresh."""
         self._is_stale = True
-        frame = np.frombuffer(bytearray(self._image.tobytes()), self._words.dtype)
-        frame["quality"] = np.maximum(frame["quality"], np.uint8(Quality.STALE))
-        self._show(np.frombuffer(frame.tobytes(), np.uint64))
+        self._add(Quality.STALE)
 
     def _finish(self) -> None:
         for each in self._subscribers:

@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import partial
 from itertools import chain
+from math import inf
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
@@ -54,6 +55,8 @@ MOST = 2000
 """Messages between two looks at what is to be written."""
 DECLARATIONS = 50
 """Declarations that are asked for at a time."""
+PATIENCE = 2.0
+"""Time in s after the first message of a run in which what was published before may come."""
 IDLE = 120.0
 """Time in s after which a run of which nothing comes any more is forgotten; the files know it."""
 TIDY_PAUSE = 600.0
@@ -95,6 +98,7 @@ class Followed:
     run: FollowedRun
     heard: float
     written: float
+    begun: float
     asked: float = float("-inf")
     """When it was asked for its declaration."""
     is_described: bool = field(default=False)
@@ -158,6 +162,7 @@ class FleetRecorder:
         while messages := self._incoming.take(0.0):
             for kind, key, data in messages:
                 self._take(kind, key, data)
+        self._hurry(inf)
         for followed in list(self._followed.values()):
             self._write(followed)
 
@@ -166,6 +171,7 @@ class FleetRecorder:
         for kind, key, data in self._incoming.take(TAKE_WAIT if self._present.empty() else SUBSCRIBE_PAUSE):
             self._take(kind, key, data)
         now = time.monotonic()
+        self._hurry(now - PATIENCE)
         self._subscribe(now)
         self._ask(now)
         interval = max(FLUSH, len(self._followed) / FLUSHES)
@@ -199,11 +205,18 @@ class FleetRecorder:
         now = time.monotonic()
         followed = self._followed.get((key, run))
         if followed is None:
-            followed = Followed(key, FollowedRun(run, self._folder.recorded(key)), now, now)
+            followed = Followed(key, FollowedRun(run, self._folder.recorded(key), True), now, now, now)
             self._followed[key, run] = followed
             self._say(f"{key} is recorded")
         followed.heard = now
         return followed
+
+    def _hurry(self, before: float) -> None:
+        """Those that were begun before this time wait for nothing older any more."""
+        for each in self._followed.values():
+            if each.run.is_patient and each.begun <= before:
+                with suppress(FramesError):  # of a message that does not fit
+                    each.run.hurry()
 
     def _ask(self, now: float) -> None:
         """Ask for the declarations that are needed."""

@@ -1,6 +1,6 @@
 """The tables of a fleet's history, as Parquet has them: one row for each value of each delta.
 
-The columns are the same for all stations and all machines, so that one query covers them (docs/decisions/0049). Site
+The columns are the same for all stations and all machines, so that one query covers them (docs/decisions/0048). Site
 and station stand in the names of the folders. Times are UTC as the frames tell it.
 """
 

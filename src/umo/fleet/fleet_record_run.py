@@ -39,9 +39,10 @@ class Recorded:
 
 
 class FollowedRun:
-    """`recorded`: what the files had of it when the recorder began."""
+    """`recorded`: what the files had of it when the recorder began. `is_patient`: what was published before it was
+    followed may still come, behind what is published now, until `hurry`."""
 
-    def __init__(self, run: bytes, recorded: Recorded) -> None:
+    def __init__(self, run: bytes, recorded: Recorded, is_patient: bool = False) -> None:
         self.run = run
         self.name = run.hex()
         self.rows: RunRows | None = None
@@ -64,6 +65,7 @@ class FollowedRun:
         self.bytes = 0
         """Of what is to be written."""
         self.has_ended = False
+        self.is_patient = is_patient
 
     @property
     def needs_declaration(self) -> bool:
@@ -76,8 +78,18 @@ class FollowedRun:
         if self._waiting or not self._follow(data):
             self._wait(data)
 
+    def hurry(self) -> None:
+        """Nothing from before comes any more: go on with what is there."""
+        self.is_patient = False
+        if self._words is not None:
+            self._go_on()
+
     def _wait(self, data: bytes) -> None:
-        self._waiting.append(data)
+        """They wait in the order of their numbers."""
+        place, number = len(self._waiting), peek(data)[1]
+        while place and peek(self._waiting[place - 1])[1] > number:
+            place -= 1
+        self._waiting.insert(place, data)
         self._waiting_bytes += len(data)
         while self._waiting_bytes > MAX_WAITING:
             self._waiting_bytes -= len(self._waiting.popleft())
@@ -91,11 +103,17 @@ class FollowedRun:
             return True
         if self._words is None:
             return False
+        if self._awaits_older and number > self.last[VALUES] + 1:
+            return False
         delta = self._words.parse(data)
         if not delta.is_full and (self._image is None or number != self._seen + 1):
             return False
         self._apply(delta)
         return True
+
+    @property
+    def _awaits_older(self) -> bool:
+        return self.is_patient and self._image is None
 
     def _apply(self, delta: Delta) -> None:
         assert self._words is not None
@@ -141,7 +159,7 @@ class FollowedRun:
             layout = Layout.parse(described)
             self._words, self.rows = WordFrame(layout), RunRows(self.name, layout)
         self._go_on()
-        if not self._waiting or not words:
+        if not self._waiting or not words or self._awaits_older:
             return
         number = int(facts["number"])  # deltas before it need one with all words, which did not come
         while self._waiting and peek(self._waiting[0])[1] <= number:
@@ -161,6 +179,8 @@ class FollowedRun:
         """Apply those that wait, from the first one that can be: one with all words, or the one that follows."""
         while self._waiting:
             if not self._follow(self._waiting[0]):
+                if self._awaits_older:
+                    return
                 full = next((i for i, each in enumerate(self._waiting) if self._is_full(each)), None)
                 if full is None:
                     return

@@ -105,7 +105,11 @@ class WordFrame:
 
     def words(self, frame: Any) -> Words:
         """The words of a frame of a ring; it is not changed."""
-        words = np.frombuffer(frame.tobytes(), np.uint64).copy()
+        return self.words_of(frame.tobytes())
+
+    def words_of(self, frame: bytes) -> Words:
+        """The words of a frame as it stands in the ring."""
+        words = np.frombuffer(frame, np.uint64).copy()
         words[self._left_out] = 0
         return words
 
@@ -113,7 +117,7 @@ class WordFrame:
         """Places and words that differ; all without `before`."""
         if before is None:
             return np.zeros(0, self._index), words
-        places = np.flatnonzero(words != before)
+        (places,) = (words != before).nonzero()
         return places.astype(self._index), words[places]
 
     def parse(self, data: bytes) -> Delta:

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from math import ceil
 from typing import Any
 
-import numpy as np
 import zenoh
 import zenoh.ext
 
@@ -21,7 +20,7 @@ from umo.fleet.message_parts import packed
 from umo.fleet.run_words import FULL, LAST, Delta, Rest, WordFrame, Words
 from umo.frames import Reader
 from umo.frames.layout import DESCRIPTION, HOLDER, NAME
-from umo.frames.reader import NumberedEvent
+from umo.frames.reader import FRAME_HEAD, NumberedEvent
 from umo.presentation.run_facts import ALARMS
 from umo.twin import declares_twin, twin_of
 
@@ -36,6 +35,8 @@ REST_EVERY = 10
 """The rest is in every so many deltas, also if it has not changed."""
 FULL_EVERY = 100
 """Every so many deltas one has all words: who has only the last ones, as a recorder that was away, begins there."""
+STATUS_FIELDS = ("done", "total", "progress", "signals", "equipment", "alarms")
+"""Fields of a frame of which the status tells."""
 STATUS_PAUSE = 1.0
 """Time in s from one status to the next."""
 
@@ -52,16 +53,21 @@ class StationPublisher:
         self._frames = WordFrame(reader.layout)
         self._tunables = 8 * len(reader.layout.tunables)
         oldest = max(0, reader.head - reader.slots + 1)
-        self._next = ceil(max(0, oldest - self.stride + 1) / self.stride)
+        self._next = oldest // self.stride
         self._event = 0
         self._words: Words | None = None
         self._rest = b""
-        self.latest: tuple[int, bytes, bytes] | None = None
+        self.latest: tuple[int, Words, bytes] | None = None
         """Number, words and rest of the last delta."""
         self.time = float("-inf")
         """Of the last frame that was published, s on the cycle's clock."""
         self._status: dict[str, Any] = {}
         self._status_at = 0.0
+        self._status_about: Any = ()
+        fields = reader.layout.dtype.fields
+        assert fields is not None
+        found = [fields[name] for name in STATUS_FIELDS]
+        self._status_parts = [slice(at, at + kind.itemsize) for kind, at, *_ in found]
         samples = max(MOST, ceil(2 * CACHED / max(interval, self.stride * period or interval)))
         self._deltas = self._advanced(session, keys.DELTA, samples)
         self._events = self._advanced(session, keys.EVENT, CACHED_EVENTS)
@@ -88,43 +94,58 @@ class StationPublisher:
 
     def look(self) -> bool:
         """Publish what is new. False: the run has ended, and everything of it was told."""
-        reader, stride = self.reader, self.stride
-        ended = reader.state is Stage.ENDED  # before the frames: the last ones are among them
-        frames = reader.every(self._next * stride + stride - 1, stride, MOST)
-        if len(frames):
-            rest = self._rest_of().packed()
-            for frame in frames:
-                self._publish(frame, (int(frame["sequence"]) // 2 - stride) // stride, rest)
-            self.time = float(frames[-1]["time"])
+        reader = self.reader
+        count = self._publish_new()
+        ended = count == 0 and reader.state is Stage.ENDED  # who writes frames lives
+        if ended and self._publish_new() == MOST:  # the last ones came in between
+            return True
         if reader.next_event > self._event:
             self._publish_events(reader.events(self._event))
-        if ended and len(frames) < MOST:  # after everything else
+        if ended:  # after everything else
             self._publish_last()
         if (now := time.monotonic()) - self._status_at >= STATUS_PAUSE or ended:
             self._status_at = now
             self._publish_status()
-        return not ended or len(frames) == MOST
+        return not ended
 
-    def _publish(self, frame: Any, number: int, rest: bytes, flags: int = 0) -> None:
-        words = self._frames.words(frame)
+    def _publish_new(self) -> int:
+        """Publish the frames since the last time, at most `MOST` of them; how many there were."""
+        reader, stride = self.reader, self.stride
+        head = reader.head
+        oldest = max(0, head - reader.slots + 1)
+        first = max(self._next, oldest // stride)
+        numbers = range(first, min(head // stride, first + MOST))
+        if not numbers:
+            return 0
+        rest, last = self._rest_of(), None
+        for number in numbers:
+            if (data := reader.frame_bytes(number * stride + stride - 1)) is not None:
+                self._publish(data, number, rest)
+                last = data
+        if last is not None:
+            self.time = FRAME_HEAD.unpack_from(last)[3]
+        return len(numbers)
+
+    def _publish(self, frame: bytes, number: int, rest: bytes, flags: int = 0) -> None:
+        words = self._frames.words_of(frame)
         if self._words is None or number > self._next or number % FULL_EVERY == 0:
             flags |= FULL
         places, changed = self._frames.changed(words, None if flags & FULL else self._words)
         told = rest if rest != self._rest or number % REST_EVERY == 0 or flags else b""
         self._deltas.put(Delta(self.run, number, flags, places, changed, told).packed())
         self._next, self._words, self._rest = number + 1, words, rest
-        self.latest = number, words.tobytes(), rest
+        self.latest = number, words, rest
 
     def _publish_last(self) -> None:
         """The last frame of all, whatever its number, and the end."""
         if (frame := self.reader.latest()) is not None:
-            self._publish(frame, self._next, self._rest_of().packed(), LAST)
+            self._publish(frame.tobytes(), self._next, self._rest_of(), LAST)
 
-    def _rest_of(self) -> Rest:
+    def _rest_of(self) -> bytes:
+        """The rest, packed."""
         memory = self.reader.live(0, DESCRIPTION)
-        live = np.frombuffer(memory, "<i8")
         tunables = self.reader.told()[-self._tunables :] if self._tunables else b""
-        return Rest.of(live, memory[HOLDER : HOLDER + NAME], tunables)
+        return Rest.of(memoryview(memory).cast("q"), memory[HOLDER : HOLDER + NAME], tunables).packed()
 
     def _publish_events(self, events: Sequence[NumberedEvent]) -> None:
         if not events:
@@ -137,14 +158,15 @@ class StationPublisher:
 
     def _declare(self, query: zenoh.Query) -> None:
         with query:
-            number, words, rest = self.latest or (-1, b"", b"")
+            number, words, rest = (-1, b"", b"") if self.latest is None else self.latest
             about = {
                 "run": self.run.hex(), "number": number, "stride": self.stride, "site": self.key.site,
                 "event": self._event, "twin": declares_twin(self.reader.layout),
+                "head": self.reader.head // self.stride - 1,
             }  # fmt: skip
             query.reply(
                 self.key.key(keys.DECLARATION),
-                packed(json.dumps(about).encode(), self.reader.layout.describe(), words, rest),
+                packed(json.dumps(about).encode(), self.reader.layout.describe(), bytes(words), rest),
             )
 
     def _tell_status(self, query: zenoh.Query) -> None:
@@ -160,9 +182,21 @@ class StationPublisher:
             query.reply(self.key.key(keys.TWIN), json.dumps(twin))
 
     def _publish_status(self) -> None:
+        about = self._about_status()
+        if about == self._status_about and self.reader.state is not Stage.ENDED:
+            return
+        self._status_about = about
         if (status := status_of(self.reader)) != self._status:
             self._status = status
             self._statuses.put(json.dumps(status))
+
+    def _about_status(self) -> Any:
+        """What the status depends on: it is made anew, which takes longer, only where this is another."""
+        if self.latest is None:
+            return None
+        _, words, rest = self.latest
+        data = words.tobytes()
+        return rest, self._event, *(data[part] for part in self._status_parts)
 
     def close(self) -> None:
         undeclared: list[Any] = [

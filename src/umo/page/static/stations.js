@@ -38,8 +38,8 @@ export function list(element, { stations, wanted: chosen, server }, choose, flee
   const lines = stations.map((line) => el("li", {}, el("button", {
     className: line.ending?.failed ? "failed" : "", textContent: sentenceOf(line, stations), onclick: () => choose(line.name),
   })));
-  if (lines.length) element.append(el("h2", { textContent: "Stations" }), el("ul", {}, ...lines));
   element.append(fleet);
+  if (lines.length) element.append(el("h2", { textContent: "Stations" }), el("ul", {}, ...lines));
   const missing = wanted && !stations.some(({ name }) => name === wanted);
   const text = missing ? `${wanted} is not running. ` : lines.length ? "" : "No station is running. ";
   element.append(el("div", { className: missing ? "" : "hint" },  // not below the table of a fleet
