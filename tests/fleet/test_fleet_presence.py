@@ -125,6 +125,6 @@ def test_ps_lists_the_stations_of_the_fleet_or_says_that_there_are_none(
             monkeypatch.setattr(ps, "SEARCH_TIME", 0.0)
             await until(lambda: fleet.said and "has ended" in fleet.said[-1])
             await asyncio.to_thread(ps.ps_fleet, False)
-            assert "no station is in the fleet" in capsys.readouterr().out
+            assert "no station is in the fleet; `umo fleet serve`" in capsys.readouterr().out
 
     asyncio.run(work())

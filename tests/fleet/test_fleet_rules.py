@@ -170,3 +170,9 @@ def test_a_user_is_whom_the_certificate_names(fleet: Authority, tmp_path: Path) 
         settings.require("site")
     with pytest.raises(OptionError, match=r"'bob', and the certificate .* is of user:ann"):
         fleet_settings.load(tmp_path / "none.toml", changes | {"user": "bob"})
+
+
+def test_who_sees_no_station_is_told_of_the_rules(fleet: Authority, tmp_path: Path) -> None:
+    settings = fleet_settings.load(tmp_path / "no", {"connect": [TLS], "certificates": fleet.folder / "ann"})
+    assert "started with rules for user:ann" in settings.why_none
+    assert "rules" not in fleet_settings.load(tmp_path / "no").why_none

@@ -126,3 +126,16 @@ def test_one_click_in_the_table_shows_the_station(rig: Rig, page: Any) -> None:
     page.click("#tab-machine")
     page.locator('tr[data-path="sorter.diverter"]').wait_for()
     assert page.faults == []
+
+
+def test_the_name_of_a_station_of_the_fleet_leads_to_it(rig: Rig, page: Any) -> None:
+    with viewing("cell7/conveyor") as (_, url):
+        page.goto(url)
+        page.wait_for_selector("#tab-machine:not([disabled])")
+        assert page.faults == []
+
+
+def test_below_a_table_of_a_fleet_nobody_is_told_to_start_a_station(rig: Rig, page: Any) -> None:
+    page.goto(rig.url)
+    page.locator("table.fleet button:has-text('cell7/conveyor')").wait_for()
+    assert not page.locator("text=Start one in a terminal").is_visible()

@@ -110,7 +110,8 @@ def view(
     station: Annotated[
         str | None,
         typer.Argument(
-            metavar="[STATION]", help="Name, directory or pid of the station to show first; it may start later."
+            metavar="[STATION]",
+            help="Name, directory or pid of the station to show first, which may start later; SITE/STATION of a fleet.",
         ),
     ] = None,
     port: Annotated[

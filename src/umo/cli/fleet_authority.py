@@ -70,7 +70,10 @@ def _tell_servers(authority: Authority) -> None:
     """Whoever enforces the rules needs the new ones."""
     servers = [str(identity) for identity, _ in authority.issued() if identity.hosts]
     if servers:
-        _print(f"copy {authority.folder / FILE} to the folders of {', '.join(servers)}, and start these again")
+        _print(
+            f"the rules have changed: the folders here of {', '.join(servers)} have them; "
+            f"copy {authority.folder / FILE} to those on other computers, and start these again"
+        )
 
 
 def _print(text: str) -> None:

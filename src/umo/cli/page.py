@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from umo.errors import FramesError
+from umo.fleet.fleet_keys import is_station_key
 from umo.frames.frame_server import folder
 from umo.process.station import StationError, find, shipped
 from umo.remote.search import meant_by, several_runs, station_name
@@ -65,21 +66,25 @@ def view(choice: ViewOptions) -> int:
 
     local = is_loopback(choice.host)
     _check(choice, local)
-    named = _station(choice)
+    elsewhere = _elsewhere(choice)
+    named = None if elsewhere else _station(choice)
     listening = _listening(choice)
     port = listening.getsockname()[1]
     token = choice.token or new_token(folder() / "page.token")
     operate = local or choice.operate
     first = None if named is None else InitialStation(*named)
-    options = Options(choice.host, port, token, first, operate, choice.certificate, choice.key, _fleet(choice))
+    fleet = _fleet() if choice.fleet or elsewhere else None
+    options = Options(choice.host, port, token, first, operate, choice.certificate, choice.key, fleet)
     address = f"http{'s' if choice.certificate else ''}://{_shown_host(choice.host)}:{port}/"
+    shown = f"#station={elsewhere}" if elsewhere else ""
 
     def ready() -> None:
-        out.print(address if choice.token else f"{address}?token={quote(token)}", soft_wrap=True, highlight=False)
+        given = "" if choice.token else f"?token={quote(token)}"
+        out.print(f"{address}{given}{shown}", soft_wrap=True, highlight=False)
         if not local:
             _warn(choice, operate)
         if choice.open:
-            _open(f"{address}?token={quote(token)}")
+            _open(f"{address}?token={quote(token)}{shown}")
 
     drop_realtime()
     try:
@@ -91,10 +96,14 @@ def view(choice: ViewOptions) -> int:
     return 0
 
 
-def _fleet(choice: ViewOptions) -> FleetFeed | None:
-    """The stations of other computers, if they are asked for."""
-    if not choice.fleet:
-        return None
+def _elsewhere(choice: ViewOptions) -> str | None:
+    """The name of a station of a fleet, as `umo watch` takes it, if one is given."""
+    name = choice.station
+    return name if name is not None and is_station_key(name) and not Path(name).is_dir() else None
+
+
+def _fleet() -> FleetFeed:
+    """The stations of other computers."""
     if find_spec("zenoh") is None:
         raise PageError('a fleet needs zenoh: pip install "umo[fleet]"')
     from umo.page.fleet_feed import FleetFeed

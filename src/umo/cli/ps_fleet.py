@@ -21,7 +21,8 @@ SEARCH_PAUSE = 0.05
 
 
 def ps_fleet(as_json: bool) -> None:
-    network = fleet_settings.load().network
+    settings = fleet_settings.load()
+    network = settings.network
     session = opened(network, "client" if network.connect else "peer")
     try:
         until = time.monotonic() + SEARCH_TIME
@@ -35,7 +36,7 @@ def ps_fleet(as_json: bool) -> None:
         out.print_json(json.dumps(told), ensure_ascii=True)
         return
     if not told:
-        out.print("no station is in the fleet; `umo fleet serve` publishes those of a computer")
+        out.print(f"no station is in the fleet; {settings.why_none}", soft_wrap=True, highlight=False)
         return
     table = plain_table()
     for title in COLUMNS:

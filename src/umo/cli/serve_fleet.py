@@ -78,7 +78,7 @@ def serve_router(changes: Mapping[str, Any]) -> int:
     zenoh.init_log_from_env_or("zenoh_link_tls=warn")  # whom it has turned away
     session = opened(network, "router")
     try:
-        _tell("routes for", settings.site, network, _who_may(network))
+        _tell("routes for", network.identity.name if network.identity else settings.site, network, _who_may(network))
         asyncio.run(_until_stopped(asyncio.Event().wait()))
     finally:
         session.close()

@@ -313,7 +313,7 @@ def find(name: str, settings: FleetSettings | None = None) -> Reader:
         while key not in (there := anybody(session)):
             if time.monotonic() > until:
                 names = [str(each) for each in there]
-                running = ", ".join(names) or "none; `umo fleet` publishes those of a computer"
+                running = ", ".join(names) or f"none; {settings.why_none}"
                 raise FramesError(f"{name!r} is not in the fleet{did_you_mean(name, names)}; there are: {running}")
             time.sleep(LOOK)
         return FleetMirror(session, key, settings.user).reader()

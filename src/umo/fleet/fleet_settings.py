@@ -35,6 +35,14 @@ class FleetSettings:
     network: FleetNetwork
     user: str
 
+    @property
+    def why_none(self) -> str:
+        """What to do where no station is seen: what rules forbid, Zenoh tells nobody."""
+        publish, identity = "`umo fleet serve` publishes those of a computer", self.network.identity
+        if identity is None:
+            return publish
+        return f"{publish}; the router must have started with rules for {identity}"
+
     def require(self, kind: str) -> None:
         """OptionError if the certificate is of another kind."""
         identity = self.network.identity

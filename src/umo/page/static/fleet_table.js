@@ -13,7 +13,7 @@ export class FleetTable {
     this._summary = el("p", { className: "fleet-summary" });
     this._body = el("tbody");
     const heads = COLUMNS.map((textContent) => el("th", { textContent, scope: "col" }));
-    this.element = el("div", { hidden: true }, el("h2", { textContent: "Fleet" }), this._summary,
+    this.element = el("div", { className: "fleet-stations", hidden: true }, el("h2", { textContent: "Fleet" }), this._summary,
       el("table", { className: "fleet" }, el("thead", {}, el("tr", {}, ...heads)), this._body));
   }
 

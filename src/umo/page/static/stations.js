@@ -38,11 +38,12 @@ export function list(element, { stations, wanted: chosen, server }, choose, flee
   const lines = stations.map((line) => el("li", {}, el("button", {
     className: line.ending?.failed ? "failed" : "", textContent: sentenceOf(line, stations), onclick: () => choose(line.name),
   })));
-  if (lines.length) element.append(el("h2", { textContent: "Stations" }), el("ul", {}, ...lines));
   element.append(fleet);
+  if (lines.length) element.append(el("h2", { textContent: "Stations" }), el("ul", {}, ...lines));
   const missing = wanted && !stations.some(({ name }) => name === wanted);
   const text = missing ? `${wanted} is not running. ` : lines.length ? "" : "No station is running. ";
-  element.append(el("p", { textContent: `${text}Start one in a terminal:` }));
-  element.append(el("pre", { textContent: `umo run ${wanted || "ztheta"} --realtime` }));
-  element.append(el("p", { textContent: "It appears here by itself." }));
+  element.append(el("div", { className: missing ? "" : "hint" },  // not below the table of a fleet
+    el("p", { textContent: `${text}Start one in a terminal:` }),
+    el("pre", { textContent: `umo run ${wanted || "ztheta"} --realtime` }),
+    el("p", { textContent: "It appears here by itself." })));
 }
