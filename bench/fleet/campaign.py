@@ -23,6 +23,8 @@ TITLE = "A fleet: computers as network namespaces, routers, gateways, stations; 
 SEED = 25
 SETTLING = 4.0
 """Time in s after all is there, and before the end."""
+CALM = 30.0
+"""Time in s from the last strike to the end: a station that ends takes with it what it keeps for those who were away."""
 STRIKE_TAKES = 11.0
 """Time in s of a strike with the pause after it, about."""
 WRITING = 120.0
@@ -51,7 +53,7 @@ SHORT = Size(computers=3, made=4, real=1, commands=300)
 
 
 def takes(minutes: float) -> float:
-    return 60.0 * minutes + 30.0
+    return 60.0 * minutes + 60.0
 
 
 def measure(minutes: float, doing: Doing, size: Size = FULL, seed: int = SEED) -> Iterator[Target]:
@@ -108,7 +110,7 @@ class Campaign:
             began = time.monotonic()
             self._strike(striker, seconds, doing)
             doing("it ends")
-            striker.pause(SETTLING, SETTLING)
+            striker.pause(CALM, CALM)
             plant.wait(lambda: not commands.is_running, "all commands have an answer")
             self.viewer.end()
             for part in (*plant.rings, *plant.stations):
