@@ -24,7 +24,7 @@ SEED = 25
 SETTLING = 4.0
 """Time in s after all is there, and before the end."""
 CALM = 30.0
-"""Time in s from the last strike to the end: a station that ends takes with it what it keeps for those who were away."""
+"""Time in s from the last strike to the end: a station that ends takes what it keeps with it."""
 STRIKE_TAKES = 11.0
 """Time in s of a strike with the pause after it, about."""
 WRITING = 120.0
