@@ -8,7 +8,7 @@ from typing import Any
 
 from umo.fleet import fleet_settings
 from umo.fleet.fleet_presence import statuses
-from umo.fleet.fleet_session import anybody, opened
+from umo.fleet.fleet_session import anybody, opened_client
 from umo.presentation.run_facts import since
 from umo.text import printable
 
@@ -22,8 +22,7 @@ SEARCH_PAUSE = 0.05
 
 def ps_fleet(as_json: bool) -> None:
     settings = fleet_settings.load()
-    network = settings.network
-    session = opened(network, "client" if network.connect else "peer")
+    session = opened_client(settings.network)
     try:
         until = time.monotonic() + SEARCH_TIME
         while not (there := anybody(session)) and time.monotonic() < until:

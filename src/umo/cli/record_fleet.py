@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import csv as csv_files
 import json
-import os
 import signal
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from datetime import date, datetime
 from importlib.util import find_spec
 from math import isfinite
@@ -17,13 +15,11 @@ from typing import Any
 
 from umo.duration import seconds
 from umo.errors import DeclarationError, OptionError, UmoError
-from umo.system.realtime import drop_realtime
 from umo.text import printable
 
+from .background import step_back
 from .console import out, plain_table, say
 
-NICENESS = 5
-"""By how much its priority is below that of a usual program."""
 BATCH = 10_000
 """Rows that are held at a time."""
 
@@ -34,20 +30,18 @@ def record_history(folder: Path, changes: Mapping[str, Any], stations: Sequence[
     from umo.fleet import fleet_settings
     from umo.fleet.fleet_record import FleetRecorder, key_pattern
     from umo.fleet.fleet_record_files import RecordFolder
-    from umo.fleet.fleet_session import opened
+    from umo.fleet.fleet_session import opened_client
 
     kept = None if keep is None else _seconds("--keep", keep)
     for each in stations:
         key_pattern(each)
     network = fleet_settings.load(changes=changes).network
-    drop_realtime()
-    with suppress(OSError):
-        os.nice(NICENESS)
+    step_back()
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     files = RecordFolder(folder, say)
-    session = opened(network, "client" if network.connect else "peer")
+    session = opened_client(network)
     try:
         out.print(f"records {', '.join(stations)} to {folder}", soft_wrap=True)
         FleetRecorder(session, files, stations, keep=kept, say=say).run(stop.is_set)

@@ -5,11 +5,9 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
 import signal
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -26,11 +24,9 @@ from umo.system.processes import name_process
 from umo.system.realtime import die_with_parent, drop_realtime
 from umo.wiring import source
 
+from .background import step_back, until_stopped
 from .console import out, say
 from .shared import import_from_here
-
-NICENESS = 5
-"""By how much its priority is below that of a usual program."""
 
 
 @dataclass(frozen=True)
@@ -55,9 +51,7 @@ def serve(chosen: FaceOptions) -> int:
     if any(":" in name for name in chosen.names):
         import_from_here()
     faces = faces_of(settings, chosen.names, options_from(chosen.options))
-    drop_realtime()
-    with suppress(OSError):
-        os.nice(NICENESS)
+    step_back()
     _serve(chosen.station, settings, faces, say)
     say("the faces have ended; stations that run go on")
     return 0
@@ -90,7 +84,7 @@ def _serve(
         say=tell,
         opened=lambda: _tell(faces, settings),
     )
-    asyncio.run(_until_stopped(host))
+    asyncio.run(until_stopped(host.run()))
 
 
 def _table(station: str | None) -> tuple[dict[str, Any], str]:
@@ -117,15 +111,6 @@ def _tell(faces: Sequence[tuple[str, Face]], settings: FaceSettings) -> None:
     for name, face in faces:
         may = "reading and commands" if settings.commands and face.takes_commands else "reading only"
         out.print(f"{name}: {face.address}  ({may})", soft_wrap=True, highlight=False, markup=False)
-
-
-async def _until_stopped(host: FaceHost) -> None:
-    serving = asyncio.create_task(host.run())
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, serving.cancel)
-    with suppress(asyncio.CancelledError):
-        await serving
 
 
 if __name__ == "__main__":

@@ -5,10 +5,8 @@ from __future__ import annotations
 import asyncio
 import fcntl
 import os
-import signal
 import time
-from collections.abc import Coroutine, Mapping
-from contextlib import suppress
+from collections.abc import Mapping
 from typing import Any
 
 import zenoh
@@ -20,12 +18,9 @@ from umo.fleet.fleet_gateway import FASTEST, SLOWEST, FleetGateway
 from umo.fleet.fleet_rules import ROUTER, SITE
 from umo.fleet.fleet_session import LOCAL, FleetNetwork, opened
 from umo.frames.frame_server import folder
-from umo.system.realtime import drop_realtime
 
+from .background import step_back, until_stopped
 from .console import out, say
-
-NICENESS = 5
-"""By how much its priority is below that of a usual program."""
 
 
 def serve_gateway(changes: Mapping[str, Any], *, commands: bool, rate: float) -> int:
@@ -37,9 +32,7 @@ def serve_gateway(changes: Mapping[str, Any], *, commands: bool, rate: float) ->
     settings.require(SITE)
     if commands and not (network.is_local or network.is_proved):
         raise OptionError("commands of other computers need tls: its certificates prove who they are")
-    drop_realtime()
-    with suppress(OSError):
-        os.nice(NICENESS)
+    step_back()
     lock = _alone()
     session = opened(network, "client" if network.connect and not network.listen else "peer")
     try:
@@ -51,7 +44,7 @@ def serve_gateway(changes: Mapping[str, Any], *, commands: bool, rate: float) ->
             users = FleetUsers(is_proved=network.is_proved)
             await FleetGateway(session, settings.site, users, rate=rate, read_only=not commands, say=say).run()
 
-        asyncio.run(_until_stopped(serving()))
+        asyncio.run(until_stopped(serving()))
     finally:
         session.close()
         os.close(lock)
@@ -79,7 +72,7 @@ def serve_router(changes: Mapping[str, Any]) -> int:
     session = opened(network, "router")
     try:
         _tell("routes for", network.identity.name if network.identity else settings.site, network, _who_may(network))
-        asyncio.run(_until_stopped(asyncio.Event().wait()))
+        asyncio.run(until_stopped(asyncio.Event().wait()))
     finally:
         session.close()
     return 0
@@ -96,12 +89,3 @@ def _tell(does: str, site: str, network: FleetNetwork, may: str) -> None:
     out.print(f"{does} {site}: {where}  ({may})", soft_wrap=True, highlight=False, markup=False)
     if (identity := network.identity) is not None and identity.is_soon_over(time.time()):
         say(f"the certificate of {identity} expires on {identity.until}: issue another (umo fleet certificate)")
-
-
-async def _until_stopped(work: Coroutine[Any, Any, object]) -> None:
-    serving = asyncio.ensure_future(work)
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, serving.cancel)
-    with suppress(asyncio.CancelledError):
-        await serving

@@ -32,7 +32,7 @@ from umo.fleet import fleet_settings
 from umo.fleet.arrival_ages import ArrivalAges
 from umo.fleet.fleet_keys import StationKey
 from umo.fleet.fleet_rules import USER
-from umo.fleet.fleet_session import anybody, opened
+from umo.fleet.fleet_session import anybody, opened_client
 from umo.fleet.fleet_settings import FleetSettings
 from umo.fleet.message_parts import unpacked
 from umo.fleet.mirror_commands import MirrorCommands
@@ -306,8 +306,7 @@ def find(name: str, settings: FleetSettings | None = None) -> Reader:
     key = keys.station_key(name)
     settings = fleet_settings.load() if settings is None else settings
     settings.require(USER)
-    network = settings.network.client()
-    session = opened(network, "client" if network.connect else "peer")
+    session = opened_client(settings.network)
     try:
         until = time.monotonic() + ANSWER_TIME
         while key not in (there := anybody(session)):

@@ -68,10 +68,6 @@ class FleetNetwork:
         """Whom the certificates prove this to be; None: they are not used."""
         return identity_of(self.certificates) if self.certificates is not None and self.is_proved else None
 
-    def client(self) -> FleetNetwork:
-        """That of a process which listens to nobody."""
-        return replace(self, listen=())
-
     @property
     def is_local(self) -> bool:
         """Whether nobody on another computer is reached."""
@@ -145,6 +141,11 @@ def opened(network: FleetNetwork = LOCAL_NETWORK, mode: str = "peer") -> zenoh.S
         return zenoh.open(config)
     except zenoh.ZError as error:
         raise UmoError(f"the fleet cannot be reached by {_cause(network, text_of(error))}") from None
+
+
+def opened_client(network: FleetNetwork) -> zenoh.Session:
+    """A session of who only looks and commands: it listens to nobody on another computer."""
+    return opened(replace(network, listen=()), "client" if network.connect else "peer")
 
 
 def _cause(network: FleetNetwork, text: str) -> str:

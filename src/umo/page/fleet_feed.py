@@ -10,7 +10,7 @@ from umo.fleet import fleet_settings
 from umo.fleet.fleet_keys import TWIN, station_key
 from umo.fleet.fleet_mirror import answer_of, find
 from umo.fleet.fleet_presence import FleetPresence, FleetStation
-from umo.fleet.fleet_session import opened
+from umo.fleet.fleet_session import opened_client
 from umo.page.watched_run import Watched
 from umo.text import printable
 
@@ -23,8 +23,7 @@ class FleetFeed:
 
     def __init__(self) -> None:
         self._settings = fleet_settings.load()
-        network = self._settings.network
-        self._session = opened(network, "client" if network.connect else "peer")
+        self._session = opened_client(self._settings.network)
         self._presence = FleetPresence(self._session)
         self._unseen: dict[str, float] = {}
 
