@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from umo.errors import FramesError
 from umo.fleet.kept_deltas import MOST, MOST_BYTES, KeptDeltas
 from umo.fleet.message_parts import packed
-from umo.fleet.run_feed import AGAIN, AHEAD, LONGEST_SILENCE, SILENCE, TRIES, Request, RunFeed
+from umo.fleet.run_feed import AGAIN, AHEAD, LONGEST_SILENCE, SILENCE, TRIES, Missing, RunFeed
 from umo.fleet.run_words import FULL, LAST, Delta, peek
 
 RUN = b"12345678"
@@ -44,7 +44,7 @@ class Gateway:
         self.kept.add(made, made.packed())
         return made.packed()
 
-    def answer(self, request: Request) -> bytes:
+    def answer(self, request: Missing) -> bytes:
         head, deltas = self.kept.since(request.delta)
         about = {"head": head, "event": self.events, "events": [event(n) for n in range(request.event, self.events)]}
         return packed(json.dumps(about).encode(), *deltas)
@@ -78,7 +78,7 @@ def test_what_is_missing_is_asked_for_and_passed_on_in_its_order() -> None:
             this.take_delta(message, 0.0)
     assert passed_on(this) == [0, 1]
     request = this.request(0.0)
-    assert request == Request(RUN, 2, 0)
+    assert request == Missing(RUN, 2, 0)
     this.take_past(gateway.answer(request))
     assert passed_on(this) == list(range(2, 8))
     assert this.request(0.1) is None
@@ -105,7 +105,7 @@ def test_answers_that_bring_nothing_are_no_reason_to_give_up() -> None:
         this.take_past(gateway.answer(request))
     for number in range(5):
         gateway.publish(number)
-    this.take_past(gateway.answer(Request(RUN, 1, 0)))
+    this.take_past(gateway.answer(Missing(RUN, 1, 0)))
     assert passed_on(this) == list(range(5))
 
 
@@ -197,7 +197,7 @@ def test_events_that_did_not_come_are_asked_for_as_deltas_tell_their_number() ->
     gateway.events = 3
     this.take_delta(gateway.publish(0), 0.0)
     request = this.request(0.0)
-    assert request == Request(RUN, 1, 0)
+    assert request == Missing(RUN, 1, 0)
     this.take_past(gateway.answer(request))
     assert [each[0] for each in this.events()] == [0, 1, 2]
 

@@ -19,7 +19,6 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 import zenoh
@@ -59,7 +58,7 @@ TIDY_PAUSE = 600.0
 _PATTERN = re.compile(r"[\w.*-]{1,64}/[\w.*-]{1,64}", re.ASCII)
 
 
-Message = tuple[str, StationKey, bytes]
+QueuedMessage = tuple[str, StationKey, bytes]
 """Kind, station and what it is."""
 
 
@@ -69,7 +68,7 @@ class Incoming:
     def __init__(self, most: int = MAX_INCOMING) -> None:
         self._most = most
         self._bytes = 0
-        self._messages: deque[Message] = deque()
+        self._messages: deque[QueuedMessage] = deque()
         self._changed = threading.Condition()
 
     def put(self, kind: str, key: StationKey, data: bytes) -> None:
@@ -80,7 +79,7 @@ class Incoming:
             self._messages.append((kind, key, data))
             self._changed.notify()
 
-    def take(self, wait: float) -> list[Message]:
+    def take(self, wait: float) -> list[QueuedMessage]:
         with self._changed:
             if not self._messages:
                 self._changed.wait(wait)

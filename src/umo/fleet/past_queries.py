@@ -10,10 +10,10 @@ import zenoh
 
 from umo.fleet import fleet_keys as keys
 from umo.fleet.fleet_keys import StationKey
-from umo.fleet.run_feed import Request
+from umo.fleet.run_feed import Missing
 
 AT_A_TIME = 8
-"""Questions of one process that wait for their answers, at most: answers to more of them would be dropped on the way."""
+"""Questions of one process that wait for their answers, at most: answers to more would be dropped on the way."""
 WAIT = 2.0
 """Time in s that an answer is waited for."""
 
@@ -30,18 +30,18 @@ class PastQueries:
     def are_too_many(self) -> bool:
         return self._waiting >= AT_A_TIME
 
-    def ask(self, key: StationKey, request: Request) -> None:
+    def ask(self, key: StationKey, missing: Missing) -> None:
         """Ask the gateway of a station. Without a network there is no answer."""
 
         def replied(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
-                self._put(key, request.run, bytes(reply.ok.payload))
+                self._put(key, missing.run, bytes(reply.ok.payload))
 
         def done() -> None:
             with self._lock:
                 self._waiting -= 1
 
-        parameters = {"run": request.run.hex(), "delta": str(request.delta), "event": str(request.event)}
+        parameters = {"run": missing.run.hex(), "delta": str(missing.delta), "event": str(missing.event)}
         with self._lock:
             self._waiting += 1
         with suppress(zenoh.ZError):

@@ -1,8 +1,8 @@
 """Deltas and events of one run in the order of their numbers, each once; what is missing is asked for.
 
-Zenoh drops what it cannot send, and what was on its way when a router or a gateway was killed. The gateway keeps what it
-has published (`umo.fleet.kept_deltas`), and answers who asks for it from a number on. Nothing here waits or sends: the
-caller sends what `request` wants (`umo.fleet.past_queries`), and gives the answers to `take_past`.
+Zenoh drops what it cannot send, and what was on its way when a router or a gateway was killed. The gateway keeps what
+it has published (`umo.fleet.kept_deltas`), and answers who asks for it from a number on. Nothing here waits or sends:
+the caller sends what `request` wants (`umo.fleet.past_queries`), and gives the answers to `take_past`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ MAX_HELD = 8 << 20
 """Bytes of deltas that wait for those before them, at most; what comes beyond is asked for later."""
 
 
-class Request(NamedTuple):
+class Missing(NamedTuple):
     """What is missing: the numbers of the first delta and of the first event."""
 
     run: bytes
@@ -153,7 +153,7 @@ class RunFeed:
     def _is_missing(self) -> bool:
         return self.delta <= self._last_delta or self.event <= self._last_event
 
-    def request(self, now: float) -> Request | None:
+    def request(self, now: float) -> Missing | None:
         """What is to be asked now; None: nothing."""
         if self.is_over or now - self._asked < AGAIN:
             return None
@@ -167,7 +167,7 @@ class RunFeed:
             return None
         self._asked = now
         self._tries += 1
-        return Request(self.run, self.delta, self.event)
+        return Missing(self.run, self.delta, self.event)
 
     def _give_up(self) -> None:
         """Nobody answers: go on with what is there."""

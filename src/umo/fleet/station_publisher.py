@@ -216,7 +216,7 @@ class StationPublisher:
 
     def close(self) -> None:
         """After `end`."""
-        self._past.undeclare()  # type: ignore[no-untyped-call]
+        self._past.undeclare()
         self.reader.close()
 
 
