@@ -73,7 +73,7 @@ def deltas(sums: Sums) -> Iterator[Target]:
     what = f"{sums.expected:,} deltas of {sums.runs} runs"
     bad = sums.missing + counts["lost"]
     yield Target(f"{what}: lost", "0", f"{bad:,}", _verdict(bad))
-    yield Target("  gaps without a count, deltas", "0", f"{counts['untold']:,}", _verdict(counts["untold"]))
+    yield Target("  came without a basis, not used", "0", f"{counts['untold']:,}", _verdict(counts["untold"]))
     yield Target("  values or order not as made", "0", f"{counts['wrong']:,}", _verdict(counts["wrong"]))
     yield Target("  came again after a gateway began anew, left out by number", "-", f"{counts['again']:,}", "")
     yield Target("  oldest when it came", "-", f"{sums.latest:.1f} s", "")

@@ -54,34 +54,6 @@ def gaps(run: FollowedRun) -> list[tuple[str, int, int, str]]:
 # Runs ------------------------------------------------------------------------------------------------------
 
 
-def test_what_was_published_while_the_recorder_was_away_may_come_behind_what_is_published_now() -> None:
-    known = KnownRun()
-    messages = [known.delta(number) for number in range(30)]
-    recorded = Recorded({("values", known.run.hex()): 9})
-    run = FollowedRun(known.run, recorded, is_patient=True)
-    for number in (25, 26):
-        run.take_delta(messages[number])
-    run.take_declaration(known.declaration(26))
-    for number in (*range(20), 27, *range(20, 25), 28):
-        run.take_delta(messages[number])
-    assert numbers(run) == list(range(10, 29))
-    assert not gaps(run)
-
-
-def test_what_does_not_come_in_time_is_told_as_missing() -> None:
-    known = KnownRun()
-    messages = [known.delta(number) for number in range(30)]
-    run = FollowedRun(known.run, Recorded({("values", known.run.hex()): 9}), is_patient=True)
-    run.take_delta(messages[25])
-    run.take_declaration(known.declaration(26))
-    assert not run.taken
-    run.hurry()
-    run.take_declaration(known.declaration(26))
-    run.take_delta(messages[27])
-    assert numbers(run) == [26, 27]
-    assert gaps(run) == [("values", 10, 25, AWAY)]
-
-
 def test_deltas_become_rows_with_exact_values_states_qualities_and_times() -> None:
     known = KnownRun()
     run = followed(known, *range(25))
@@ -152,7 +124,7 @@ def test_a_recorder_that_was_away_goes_on_after_its_last_number() -> None:
     known = KnownRun()
     recorded = Recorded(last={("values", known.name): 14, ("events", known.name): 2})
     run = followed(known, *range(7, 20), recorded=recorded)
-    run.take_events(known.events(1, 2, 3))
+    run.take_events(known.events(1, 2, 3)["events"])
     assert numbers(run) == [15, 16, 17, 18, 19]
     assert [number for number, *_ in run.events()] == [3]
     assert not run.gaps
@@ -171,8 +143,8 @@ def test_a_gap_that_the_files_have_already_is_told_once() -> None:
 def test_events_are_once_each_with_utc_and_missing_ones_are_told() -> None:
     known = KnownRun()
     run = followed(known, *range(5))
-    run.take_events(known.events(0, 1))
-    run.take_events(known.events(1, 2, 5))
+    run.take_events(known.events(0, 1)["events"])
+    run.take_events(known.events(1, 2, 5)["events"])
     assert [number for number, *_ in run.events()] == [0, 1, 2, 5]
     assert run.events()[2][1] == 1_764_000_000_200_000
     assert gaps(run) == [("events", 3, 4, LOST)]
