@@ -123,6 +123,14 @@ def views(report: dict[str, Any]) -> Target:
     return Target("values older than 2 s shown as good", "0", shown, _verdict(len(old)))
 
 
+def scrapes(reports: list[dict[str, Any]]) -> Target:
+    """Of the clients of the faces beside the real stations."""
+    count, failed, samples = (sum(each[name] for each in reports) for name in ("scrapes", "failed", "samples"))
+    what = f"scrapes of {len(reports)} Prometheus faces beside real stations: without an answer"
+    why = next((f": {each['why']}" for each in reports if each["why"]), "")
+    return Target(what, "0", f"{failed} of {count:,}, {samples:,} samples{why}", _verdict(failed))
+
+
 # Commands -----------------------------------------------------------------------------------------------------
 
 

@@ -39,8 +39,8 @@ class Machine(Compound):
             valve.write(OnOff.ON)
 
     def _look(self) -> None:
-        """A reading that is good is what the box has: no input changes but its clock, which tells the age. A process that
-        stands still within a period goes on with what it has read in it."""
+        """A reading that is good is what the box has: no input changes but its clock, which tells the age. A process
+        that stands still within a period goes on with what it has read in it."""
         for i, switch in enumerate(self.switches):
             wrong = switch.read() is not (ZeroOne.ONE if i % 3 == 0 else ZeroOne.ZERO)
             self.cells[WRONG] += wrong and switch.quality is Quality.GOOD
