@@ -18,6 +18,8 @@ from umo.fleet.run_words import FULL, LAST, Delta, peek
 
 RUN = b"12345678"
 FULL_EVERY = 10
+EVENTS = 100
+"""Of one answer at most."""
 
 
 def delta(number: int, *, events: int = 0, last: bool = False, size: int = 1) -> Delta:
@@ -46,7 +48,8 @@ class Gateway:
 
     def answer(self, request: Missing) -> bytes:
         head, deltas = self.kept.since(request.delta)
-        about = {"head": head, "event": self.events, "events": [event(n) for n in range(request.event, self.events)]}
+        stop = min(request.event + EVENTS, self.events)
+        about = {"head": head, "event": stop, "events": [event(n) for n in range(request.event, stop)]}
         return packed(json.dumps(about).encode(), *deltas)
 
 
@@ -215,6 +218,36 @@ def test_the_last_delta_waits_for_the_events_before_it() -> None:
     assert passed_on(this) == [1]
     assert this.is_over
     assert this.request(100.0) is None
+
+
+def test_the_last_delta_waits_for_more_events_than_one_answer_holds() -> None:
+    gateway, this = Gateway(), feed()
+    gateway.events = 2 * EVENTS + 50
+    this.take_delta(gateway.publish(0, last=True), 0.0)
+    events: list[int] = []
+    while (request := this.request(0.0)) is not None:
+        assert not this.is_over
+        this.take_past(gateway.answer(request))
+        events += [each[0] for each in this.events()]
+        numbers = passed_on(this)
+    assert events == list(range(gateway.events))
+    assert numbers == [0]
+    assert this.is_over
+
+
+def test_an_answer_that_was_made_before_the_last_delta_does_not_end_the_wait_for_its_events() -> None:
+    gateway, this = Gateway(), feed()
+    this.take_delta(gateway.publish(0), 0.0)
+    older = gateway.answer(Missing(RUN, 1, 0))
+    gateway.events = 1
+    this.take_delta(gateway.publish(1, last=True), 0.0)
+    this.take_past(older)
+    assert passed_on(this) == [0]
+    request = this.request(10.0)
+    assert request == Missing(RUN, 2, 0)
+    this.take_past(gateway.answer(request))
+    assert passed_on(this) == [1]
+    assert [each[0] for each in this.events()] == [0]
 
 
 def test_messages_that_are_none_are_refused() -> None:

@@ -140,7 +140,8 @@ class RunFeed:
     def deltas(self) -> list[bytes]:
         """Those whose turn it is. A number that is left out was lost. The last one of a run waits for its events."""
         deltas, self._deltas = self._deltas, []
-        if deltas and peek(deltas[-1]).is_last:
+        if deltas and (last := peek(deltas[-1])).is_last:
+            self._last_event = max(self._last_event, last.events - 1)  # an answer knows less: it is older, or was full
             if self.event <= self._last_event:
                 self._deltas = [deltas.pop()]
             else:
