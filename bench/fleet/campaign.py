@@ -116,7 +116,7 @@ class Campaign:
             self._strike(striker, seconds, doing)
             doing("it ends")
             striker.pause(CALM, CALM)
-            plant.wait(lambda: not commands.is_running, "all commands have an answer")
+            plant.wait(lambda: not commands.is_running, "all commands have an answer", seconds + WRITING)
             self.viewer.end()
             for part in (*plant.scrapers, *plant.faces):
                 part.end()

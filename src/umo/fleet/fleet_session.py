@@ -35,6 +35,8 @@ KEEP_ALIVES = 4
 """Signs of life in that time."""
 CONNECT_TIME = 3000
 """Time in ms in which a router must answer at the start. Later it may be away for any time."""
+RETRY = {"period_init_ms": 250, "period_max_ms": 1000, "period_increase_factor": 2}
+"""Pauses in ms from one try to reach a router that is away to the next."""
 TOKEN_TIME = 1.0
 """Time in s within which others tell that they are there."""
 QUEUE_TIME = 100_000
@@ -116,7 +118,12 @@ def settings_of(network: FleetNetwork, mode: str) -> dict[str, Any]:
     settings: dict[str, Any] = {
         "mode": mode,
         "listen": {"endpoints": listen, "exit_on_failure": mode == "router" or not local},
-        "connect": {"endpoints": connect, "exit_on_failure": mode == "client", "timeout_ms": CONNECT_TIME},
+        "connect": {
+            "endpoints": connect,
+            "exit_on_failure": mode == "client",
+            "timeout_ms": CONNECT_TIME,
+            "retry": RETRY,
+        },
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": True}},
         "transport/link/tx/lease": LINK_LEASE,
         "transport/link/tx/keep_alive": KEEP_ALIVES,
