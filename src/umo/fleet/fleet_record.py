@@ -13,8 +13,8 @@ import re
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import partial
@@ -88,6 +88,17 @@ class Incoming:
             return taken
 
 
+@contextmanager
+def told(key: StationKey) -> Iterator[None]:
+    """Whatever is wrong with a message is told, and disturbs no other."""
+    try:
+        yield
+    except UmoError as error:
+        log.warning("%s: %s", key, error)
+    except Exception as error:  # of a message that is none of umo's
+        log.warning("%s: %s", key, text_of(error), exc_info=error)
+
+
 @dataclass
 class Followed:
     """A run with the times of what was done with it."""
@@ -103,10 +114,12 @@ class Followed:
 
     def go_on(self) -> None:
         """Record what has its turn."""
-        if events := self.feed.events():
-            self.run.take_events(events)
+        for event in self.feed.events():
+            with told(self.key):
+                self.run.take_events([event])
         for data in self.feed.deltas():
-            self.run.take_delta(data)
+            with told(self.key):
+                self.run.take_delta(data)
 
 
 class FleetRecorder:
@@ -175,15 +188,14 @@ class FleetRecorder:
     # What comes ----------------------------------------------------------------------------------------
 
     def _take(self, kind: str, key: StationKey, data: bytes) -> None:
-        """A message; whatever is wrong with one disturbs no other."""
-        try:
+        with told(key):
             if kind == keys.DELTA:
                 followed = self._run_of(key, peek(data).run)
                 followed.feed.take_delta(data, time.monotonic())
             elif kind == keys.EVENT:
-                told = json.loads(data)
-                followed = self._run_of(key, bytes.fromhex(told["run"]))
-                followed.feed.take_events(told)
+                message = json.loads(data)
+                followed = self._run_of(key, bytes.fromhex(message["run"]))
+                followed.feed.take_events(message)
             elif kind == keys.PAST:
                 followed = self._run_of(key, data[:RUN_BYTES])
                 followed.feed.take_past(data[RUN_BYTES:])
@@ -191,10 +203,6 @@ class FleetRecorder:
                 self._take_declaration(key, data)
                 return
             followed.go_on()
-        except UmoError as error:
-            log.warning("%s: %s", key, error)
-        except Exception as error:  # of a message that is none of umo's
-            log.warning("%s: %s", key, text_of(error), exc_info=error)
 
     def _run_of(self, key: StationKey, run: bytes) -> Followed:
         now = time.monotonic()
