@@ -21,6 +21,7 @@ from helpers.fleet_histories import KnownRun, by_duckdb, rows
 from helpers.fleets import PLANT, free_port
 from umo.errors import FramesError, OptionError
 from umo.fleet import fleet_record, fleet_record_files, run_feed
+from umo.fleet.fleet_keys import StationKey
 from umo.fleet.fleet_query import asked
 from umo.fleet.fleet_record import FleetRecorder, Incoming, key_pattern
 from umo.fleet.fleet_record_files import RecordFolder
@@ -369,6 +370,40 @@ def test_what_is_damaged_costs_no_other_message_and_does_not_end_the_recorder(
     deltas = rows(folder.root, "SELECT delta FROM values WHERE path = 'level' ORDER BY delta")
     assert [each[0] for each in deltas] == [0, *range(10, 15)]
     assert rows(folder.root, "SELECT number FROM events ORDER BY number") == [(0,), (2,)]
+
+
+def test_stations_that_do_not_answer_do_not_keep_others_from_being_asked(
+    folder: RecordFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fleet_record, "TAKE_WAIT", 0.0)
+    monkeypatch.setattr(run_feed, "AGAIN", 0.0)
+    known = KnownRun()
+    with closing(opened(FleetNetwork(listen=[f"tcp/127.0.0.1:{free_port()}"]), "peer")) as session:
+        recorder = FleetRecorder(session, folder, say=nothing)
+        queries = HangingQueries()
+        monkeypatch.setattr(recorder, "_queries", queries)
+        keys = [StationKey("cell7", f"s{number}") for number in range(5)]
+        for key in keys:
+            recorder._incoming.put("delta", key, known.delta(3))
+        for _ in range(4):
+            queries.waiting = 0
+            recorder.step()
+    assert set(queries.asked) == set(keys)
+
+
+class HangingQueries:
+    """Two of them may wait."""
+
+    def __init__(self) -> None:
+        self.waiting, self.asked = 0, list[StationKey]()
+
+    @property
+    def are_too_many(self) -> bool:
+        return self.waiting >= 2
+
+    def ask(self, key: StationKey, missing: object) -> None:
+        self.waiting += 1
+        self.asked.append(key)
 
 
 def test_messages_beyond_the_bound_are_dropped() -> None:

@@ -216,12 +216,13 @@ class FleetRecorder:
         return followed
 
     def _ask_for_past(self, now: float) -> None:
-        """Ask for what is missing."""
-        for each in self._followed.values():
+        """Ask for what is missing: who was asked is behind the others the next time."""
+        for of, each in list(self._followed.items()):
             if self._queries.are_too_many:
                 return
             if (request := each.feed.request(now)) is not None:
                 self._queries.ask(each.key, request)
+                self._followed[of] = self._followed.pop(of)
             each.go_on()  # with what is there, if nobody answers
 
     def _ask(self, now: float) -> None:
