@@ -1,7 +1,7 @@
 """The recorder of a fleet: subscribes to all stations, and writes what they publish to Parquet files.
 
 What it has written last it reads from its own files when it begins, so that nothing is there twice and what is missing
-is announced with its count. Gateways keep their last 30 s at least: what a recorder that is away for less has missed
+is announced with its count. Gateways keep their last 60 s at 10 Hz: what a recorder that is away for less has missed
 comes later. One that cannot write keeps a bounded amount.
 """
 
