@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("zenoh", reason="the extra fleet is not installed")
 
 from bench.fleet.rings import MadeRing, value
+from umo.cycle.stage import Stage
 from umo.fleet.fleet_keys import StationKey
 from umo.fleet.run_words import FULL, WordFrame
 from umo.fleet.station_publisher import MOST, StationPublisher
@@ -81,6 +82,20 @@ def test_a_gateway_that_was_stopped_for_longer_than_the_ring_goes_on_with_what_i
     numbers = [WordFrame(this.reader.layout).parse(each).number for each in sent.messages]
     assert numbers == [0, *range(ring.number - slots + 1, ring.number)]
     assert WordFrame(this.reader.layout).parse(sent.messages[1]).flags & FULL
+
+
+def test_a_run_whose_last_frame_is_damaged_ends(ring: MadeRing) -> None:
+    sent = Sent()
+    this = publisher(sent)
+    ring.step()
+    ring.step()
+    copy = ring._ring
+    copy._words[(copy._places.first + copy._size) >> 3] = 0
+    copy.live({Live.STATE: Stage.ENDED})
+    assert this.look()
+    assert not this.look()
+    last = WordFrame(this.reader.layout).parse(sent.messages[-1])
+    assert (last.number, last.is_last) == (1, True)
 
 
 def test_the_status_is_made_anew_only_where_something_of_it_has_changed(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections import deque
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from math import inf
@@ -39,10 +39,10 @@ REFUSED_PAUSE = 1.0
 may still be there."""
 
 
-AFTER_END = 30.0
+AFTER_END = 60.0
 """Time in s in which what was published of a run can still be asked for after its end."""
-MOST_ENDED = 20
-"""Runs that have ended of which that is so, at most."""
+MOST_ENDED = 3
+"""Runs of one station that have ended of which that is so, at most."""
 TOLD_AT = 2
 """Number of the try at which it is told that a station cannot be published."""
 
@@ -110,7 +110,7 @@ class FleetGateway:
         self._interval, self._read_only, self._say, self._find = 1.0 / rate, read_only, say, find
         self._stations: dict[Path, PublishedStation] = {}
         self._refused: dict[Path, UnpublishedStation] = {}
-        self._ended: deque[tuple[float, StationPublisher]] = deque()
+        self._ended: list[tuple[float, StationPublisher]] = []
         """Runs that are over, each with the time until which it is asked, s of the monotonic clock."""
         self._searched = -inf
 
@@ -152,11 +152,16 @@ class FleetGateway:
         self._ended.append((time.monotonic() + AFTER_END, station.publisher))
 
     def _forget(self, now: float | None = None) -> None:
-        """Close the runs that ended long ago."""
+        """Close the runs that ended long ago, or after which others of their station did."""
         now = time.monotonic() if now is None else now
-        while self._ended and (self._ended[0][0] <= now or len(self._ended) > MOST_ENDED):
-            with suppress(zenoh.ZError, UmoError):
-                self._ended.popleft()[1].close()
+        later: Counter[StationKey] = Counter()
+        for ended in reversed(self._ended[:]):
+            until, publisher = ended
+            later[publisher.key] += 1
+            if until <= now or later[publisher.key] > MOST_ENDED:
+                self._ended.remove(ended)
+                with suppress(zenoh.ZError, UmoError):
+                    publisher.close()
 
     async def _search(self) -> None:
         """Publish the stations that have begun."""

@@ -135,6 +135,7 @@ class FleetMirror:
                     self._take(kind, data)
                 if (request := self._feed.request(time.monotonic())) is not None:
                     self._queries.ask(self.key, request)
+                self._go_on()
                 self._commands.look()
                 if not self._is_stale and time.monotonic() - self._heard > self._limit:
                     self._grow_stale()
@@ -145,7 +146,7 @@ class FleetMirror:
         self._finish()
 
     def _take(self, kind: str, data: bytes) -> None:
-        """What has come goes through the feed, and is used in its order."""
+        """What has come goes through the feed."""
         feed, now = self._feed, time.monotonic()
         if kind == keys.PAST:
             feed.take_past(data)
@@ -157,8 +158,14 @@ class FleetMirror:
             self._check("a delta of another run has come; it was not used")
         elif not feed.take_delta(data, now) and self._is_stale:
             self._check("")
-        self._take_events(feed.events())
-        for each in feed.deltas():
+
+    def _go_on(self) -> None:
+        """Use what has its turn. The run is over with its last delta, also if that cannot be used."""
+        self._take_events(self._feed.events())
+        deltas = self._feed.deltas()
+        if self._feed.is_over:
+            self._ended.set()
+        for each in deltas:
             self._take_delta(each)
 
     def _take_delta(self, data: bytes) -> None:
@@ -177,8 +184,6 @@ class FleetMirror:
         if delta.rest:
             self._take_rest(delta.rest)
         self._show()
-        if delta.is_last:
-            self._ended.set()
 
     def _check(self, otherwise: str) -> None:
         """What has come does not follow: the run may have ended, or its last delta was of nobody's. The station says

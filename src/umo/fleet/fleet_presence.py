@@ -14,7 +14,7 @@ import zenoh
 from umo.fleet import fleet_keys as keys
 from umo.fleet.fleet_keys import StationKey
 
-DEBOUNCE = 0.7
+DEBOUNCE = 0.5
 """Time in s from the loss of a station's token until it counts as away: a router that is begun again takes all with
 it for a moment."""
 MAX_STATIONS = 10_000

@@ -1,7 +1,7 @@
 """The recorder of a fleet: subscribes to all stations, and writes what they publish to Parquet files.
 
 What it has written last it reads from its own files when it begins, so that nothing is there twice and what is missing
-is announced with its count. Gateways keep their last 30 s at least: what a recorder that is away for less has missed
+is announced with its count. Gateways keep their last 60 s at 10 Hz: what a recorder that is away for less has missed
 comes later. One that cannot write keeps a bounded amount.
 """
 
@@ -13,8 +13,8 @@ import re
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import partial
@@ -88,6 +88,17 @@ class Incoming:
             return taken
 
 
+@contextmanager
+def told(key: StationKey) -> Iterator[None]:
+    """Whatever is wrong with a message is told, and disturbs no other."""
+    try:
+        yield
+    except UmoError as error:
+        log.warning("%s: %s", key, error)
+    except Exception as error:  # of a message that is none of umo's
+        log.warning("%s: %s", key, text_of(error), exc_info=error)
+
+
 @dataclass
 class Followed:
     """A run with the times of what was done with it."""
@@ -103,10 +114,12 @@ class Followed:
 
     def go_on(self) -> None:
         """Record what has its turn."""
-        if events := self.feed.events():
-            self.run.take_events(events)
+        for event in self.feed.events():
+            with told(self.key):
+                self.run.take_events([event])
         for data in self.feed.deltas():
-            self.run.take_delta(data)
+            with told(self.key):
+                self.run.take_delta(data)
 
 
 class FleetRecorder:
@@ -175,15 +188,14 @@ class FleetRecorder:
     # What comes ----------------------------------------------------------------------------------------
 
     def _take(self, kind: str, key: StationKey, data: bytes) -> None:
-        """A message; whatever is wrong with one disturbs no other."""
-        try:
+        with told(key):
             if kind == keys.DELTA:
                 followed = self._run_of(key, peek(data).run)
                 followed.feed.take_delta(data, time.monotonic())
             elif kind == keys.EVENT:
-                told = json.loads(data)
-                followed = self._run_of(key, bytes.fromhex(told["run"]))
-                followed.feed.take_events(told)
+                message = json.loads(data)
+                followed = self._run_of(key, bytes.fromhex(message["run"]))
+                followed.feed.take_events(message)
             elif kind == keys.PAST:
                 followed = self._run_of(key, data[:RUN_BYTES])
                 followed.feed.take_past(data[RUN_BYTES:])
@@ -191,10 +203,6 @@ class FleetRecorder:
                 self._take_declaration(key, data)
                 return
             followed.go_on()
-        except UmoError as error:
-            log.warning("%s: %s", key, error)
-        except Exception as error:  # of a message that is none of umo's
-            log.warning("%s: %s", key, text_of(error), exc_info=error)
 
     def _run_of(self, key: StationKey, run: bytes) -> Followed:
         now = time.monotonic()
@@ -208,12 +216,13 @@ class FleetRecorder:
         return followed
 
     def _ask_for_past(self, now: float) -> None:
-        """Ask for what is missing."""
-        for each in self._followed.values():
+        """Ask for what is missing: who was asked is behind the others the next time."""
+        for of, each in list(self._followed.items()):
             if self._queries.are_too_many:
                 return
             if (request := each.feed.request(now)) is not None:
                 self._queries.ask(each.key, request)
+                self._followed[of] = self._followed.pop(of)
             each.go_on()  # with what is there, if nobody answers
 
     def _ask(self, now: float) -> None:

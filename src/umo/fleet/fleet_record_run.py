@@ -163,7 +163,12 @@ class FollowedRun:
     def _go_on(self) -> None:
         """Apply those that wait, from the first one that can be: the one that follows, or one with all words."""
         while self._waiting:
-            if not self._follow(self._waiting[0]):
+            try:
+                is_used = self._follow(self._waiting[0])
+            except FramesError:
+                self._forget_first()
+                raise
+            if not is_used:
                 full = next((i for i, each in enumerate(self._waiting) if peek(each).is_full), None)
                 if full is None:
                     return

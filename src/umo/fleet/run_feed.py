@@ -19,7 +19,7 @@ AGAIN = 1.0
 """Time in s after which a question without an answer is asked again."""
 TRIES = 20
 """Questions without an answer after which what is missing counts as lost."""
-SILENCE, LONGEST_SILENCE = 2.0, 32.0
+SILENCE, LONGEST_SILENCE = 2.0, 8.0
 """Times in s after which it is asked whether a run of which nothing comes has gone on: first, and at most."""
 AHEAD = 1000
 """A delta with a number that is further ahead of what its gateway has is of nobody."""

@@ -82,7 +82,7 @@ class StationPublisher:
         reader = self.reader
         count = self._publish_new()
         ended = count == 0 and reader.state is Stage.ENDED  # who writes frames lives
-        if ended and self._publish_new() == MOST:  # the last ones came in between
+        if ended and self._publish_new():  # the last ones came in between
             return True
         if reader.next_event > self._event:
             self._publish_events(reader.events(self._event))
@@ -94,7 +94,7 @@ class StationPublisher:
         return not ended
 
     def _publish_new(self) -> int:
-        """Publish the frames since the last time, at most `MOST` of them; how many there were."""
+        """Publish the frames since the last time, at most `MOST` of them; how many were whole."""
         reader, stride = self.reader, self.stride
         head = reader.head
         oldest = max(0, head - reader.slots + 1)
@@ -102,14 +102,15 @@ class StationPublisher:
         numbers = range(first, min(head // stride, first + MOST))
         if not numbers:
             return 0
-        rest, last = self._rest_of(), None
+        rest, last, count = self._rest_of(), None, 0
         for number in numbers:
             if (data := reader.frame_bytes(number * stride + stride - 1)) is not None:
                 self._publish(data, number, rest)
                 last = data
+                count += 1
         if last is not None:
             self.time = FRAME_HEAD.unpack_from(last)[3]
-        return len(numbers)
+        return count
 
     def _publish(self, frame: bytes, number: int, rest: bytes, flags: int = 0) -> None:
         words = self._frames.words_of(frame)
