@@ -19,6 +19,7 @@ from umo.frames.reader import Frames, NumberedEvent
 from umo.recording.block import Block, TakenCommand, block_of, events_of, headed
 from umo.recording.mcap_reader import McapReader
 from umo.recording.part_names import later_parts
+from umo.text import in_brackets
 
 FORMAT = "1"
 """Version of the messages of umo in a file."""
@@ -118,8 +119,8 @@ class Recording:
         head = next(self._heads(), None)
         if head is None:
             return "it has no periods"
-        if not self.job:
-            return "it does not say what was run: the run was published without a job"
+        if not self.job or "error" in self.job:
+            return "it does not say what was run" + in_brackets(str(self.job.get("error", "")))
         if head.first:
             when = f"{head.time:g} s"
             return f"it begins at period {head.first} ({when}): sequences exist only by running from period 0"
