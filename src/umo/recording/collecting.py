@@ -133,7 +133,7 @@ def joined(blocks: list[Block]) -> list[Block]:
 def _one(blocks: list[Block]) -> Block:
     if len(blocks) == 1:
         return blocks[0]
-    first, live = blocks[0], {}
+    first, live = blocks[0], dict[str, Any]()
     frames, at = np.zeros(sum(len(block.frames) for block in blocks), first.frames.dtype), 0
     for block in blocks:
         frames[at : at + len(block.frames)] = block.frames

@@ -48,7 +48,7 @@ class Recorder:
         self.end: NumberedEvent | None = None
         """The last event of the run, once it was told."""
         period, slots = float(reader.about.get("period") or 0.001), reader.slots
-        self.pause = min(max(SHARE_OF_RING * slots * period, SHORTEST_PAUSE), LONGEST_PAUSE)
+        self.pause: float = min(max(SHARE_OF_RING * slots * period, SHORTEST_PAUSE), LONGEST_PAUSE)
         """s between two looks."""
 
     @property

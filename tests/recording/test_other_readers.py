@@ -1,0 +1,83 @@
+"""Other people's readers find what was recorded, number by number."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from mcap.reader import make_reader
+
+from tests.helpers.recorded import block_at_random, layout_of
+from umo.frames import Layout
+from umo.recording.protobuf_channels import ProtobufChannels
+from umo.recording.recording_file import RecordingFile
+
+PARTS = Layout(
+    (
+        {"path": "z.motor", "unit": "V", "minimum": -10.0, "maximum": 10.0},
+        {"path": "z.limit", "one": "OPEN", "zero": "CLOSED"},
+        {"path": "zones.0.heat", "unit": "W"},
+        {"path": "zones.1.heat", "unit": "W"},
+        {"path": "timer", "unit": "ms"},
+    ),
+    ("sample",),
+    layout_of().about,
+    (
+        {"path": "z.servo.error", "unit": "um"},
+        {"path": "z.mode.state", "unit": "", "states": {"3": "idle", "7": "run-1"}},
+    ),
+    equipment=({"path": "z", "states": ["clear", "fault"]},),
+    axes=({"path": "z", "states": ["disabled", "standstill"]},),
+    alarms=({"path": "hot", "states": ["normal"]},),
+)
+
+
+def decoded(schema: Any, data: bytes) -> Any:
+    pool = descriptor_pool.DescriptorPool()
+    for file in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
+        pool.Add(file)
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name)).FromString(data)
+
+
+def test_the_machine_is_nested_like_its_tree_with_states_as_enums(tmp_path: Path) -> None:
+    block = block_at_random(PARTS, 0, 50, 1)
+    frames = block.frames
+    frames["values"][:, 1] = np.arange(50) % 2
+    frames["values"][7, 1] = np.nan
+    frames["signals"][:, 1], frames["equipment"], frames["axes"] = 7.0, 1, 1
+    file = RecordingFile(tmp_path / "run.mcap", PARTS, ProtobufChannels(PARTS))
+    file.add([block])
+    file.close()
+    with open(tmp_path / "run.mcap", "rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        found = [(schema, channel, message) for schema, channel, message in reader.iter_messages(["machine"])]
+    assert len(found) == 50 and found[0][1].metadata["z.motor"] == "V, -10 to 10"
+    for row, (schema, _, message) in zip(frames, found, strict=True):
+        machine = decoded(schema, message.data)
+        values = [machine.z.motor, machine.zones._0.heat, machine.zones._1.heat, machine.timer]
+        assert np.array_equal(values, row["values"][[0, 2, 3, 4]]) and machine.time == row["time"]
+        assert machine.z.servo.error == row["signals"][0] and message.log_time == row["began"] + row["utc"]
+    limits = [decoded(schema, message.data).z.limit for schema, _, message in found]
+    assert limits[:8] == [0, 1, 0, 1, 0, 1, 0, 127]
+    last = str(decoded(found[9][0], found[9][2].data))
+    assert "limit: OPEN" in last and "state: run_1" in last and "fault" in last and "standstill" in last
+    assert "UNKNOWN" in str(decoded(found[7][0], found[7][2].data))
+    file_type = descriptor_pb2.FileDescriptorSet.FromString(found[0][0].data).file[0]
+    heated = [each.name for each in file_type.message_type if [field.name for field in each.field] == ["heat"]]
+    assert len(heated) == 1  # zones that are alike have one type
+
+
+def test_events_commands_and_progress_have_channels(tmp_path: Path) -> None:
+    block = block_at_random(PARTS, 0, 5, 1)
+    block.frames["progress"], block.frames["done"], block.frames["total"] = b"part", [1, 1, 2, 2, 2], 9
+    file = RecordingFile(tmp_path / "run.mcap", PARTS, ProtobufChannels(PARTS))
+    file.add([block])
+    file.close()
+    with open(tmp_path / "run.mcap", "rb") as stream:
+        told: dict[str, list[Any]] = {}
+        for schema, channel, message in make_reader(stream).iter_messages():
+            if schema is not None and channel.topic != "machine":
+                told.setdefault(channel.topic, []).append(decoded(schema, message.data))
+    assert [each.done for each in told["progress"]] == [1, 2]
+    assert told["events"][0].text == "Größe" and told["events"][0].state == "done"
+    assert [each.text for each in told["commands"]] == ['{"do": "lease"}', "{}"]
