@@ -33,6 +33,8 @@ class RecordingWork:
         self._recorder = Recorder(reader, self._parts)
         self.is_over = False
         """Whether nothing is recorded any more."""
+        self.failed = False
+        """Whether it ended before the run, or could not be saved."""
 
     @property
     def pause(self) -> float:
@@ -54,16 +56,15 @@ class RecordingWork:
     def finish(self) -> None:
         """Write the rest, and say what there is."""
         self.is_over = True
-        if self._parts is None:
-            return
-        try:
-            self._recorder.finish()
-        except OSError as error:
-            self._fail(error)
+        if not self.failed:
+            try:
+                self._recorder.finish()
+            except OSError as error:
+                self._fail(error)
         self._close()
 
     def _fail(self, error: OSError) -> None:
-        self.is_over = True
+        self.is_over = self.failed = True
         self._say(f"the record ends here, the machine runs on: {self._parts.path}: {text_of(error)}")
 
     def _close(self) -> None:
@@ -100,6 +101,7 @@ class RecordingWork:
             try:
                 folder.save(self._file)
             except (OSError, UmoError) as error:
+                self.failed = True
                 self._say(f"the flight record could not be saved: {text_of(error)}; its files: {folder.path}")
                 return
             self._say(f"the run has failed; recorded: {self._file}{self._in_words()}")
