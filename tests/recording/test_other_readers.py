@@ -67,6 +67,18 @@ def test_the_machine_is_nested_like_its_tree_with_states_as_enums(tmp_path: Path
     assert len(heated) == 1  # zones that are alike have one type
 
 
+def test_other_tools_get_as_many_messages_as_asked_and_each_change_of_a_state(tmp_path: Path) -> None:
+    block = block_at_random(PARTS, 0, 1000, 1)
+    block.frames["values"][:, 1] = np.arange(1000) >= 505
+    block.frames["signals"][:, 1], block.frames["equipment"], block.frames["axes"] = 7.0, 0, 0
+    file = RecordingFile(tmp_path / "run.mcap", PARTS, ProtobufChannels(PARTS, rate=100))
+    file.add([block])
+    file.close()
+    with open(tmp_path / "run.mcap", "rb") as stream:
+        told = [message.sequence for _, _, message in make_reader(stream).iter_messages(["machine"])]
+    assert told == sorted([*range(0, 1000, 10), 505])
+
+
 def test_events_commands_and_progress_have_channels(tmp_path: Path) -> None:
     block = block_at_random(PARTS, 0, 5, 1)
     block.frames["progress"], block.frames["done"], block.frames["total"] = b"part", [1, 1, 2, 2, 2], 9

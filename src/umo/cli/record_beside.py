@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import os
-import select
 import signal
 import socket
 import subprocess
@@ -28,6 +27,8 @@ from .console import say
 from .shared import handling
 
 SUFFIX = ".mcap"
+READY, FRAMES = b"ready", b"frames"
+"""What the process says, and what is said with the descriptors of the frames."""
 START_TIMEOUT = 10.0
 """Timeout in s for the process to be ready: the run begins then, with or without it."""
 END_TIMEOUT, KILL_TIMEOUT = 60.0, 1.0
@@ -102,13 +103,15 @@ class RecordBeside:
             )  # fmt: skip
         assert self._process.stdout is not None
         os.set_blocking(self._process.stdout.fileno(), False)
-        select.select([self._channel], [], [], START_TIMEOUT)  # ready, or dead
+        self._channel.settimeout(START_TIMEOUT)
+        with suppress(OSError):  # taken: what is not read breaks the connection when it is closed
+            self._channel.recv(len(READY))
 
     def attach(self, reader: Reader) -> None:
         """The run has begun: hand its frames over."""
         if self._channel is not None and reader.ends is not None:
             with suppress(OSError):  # it has ended, which is told
-                descriptor_passing.send(self._channel, b"frames", reader.ends)
+                descriptor_passing.send(self._channel, FRAMES, reader.ends)
             self._channel.close()
             self._channel = None
 

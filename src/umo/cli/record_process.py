@@ -20,10 +20,9 @@ from umo.system import descriptor_passing
 from umo.system.processes import name_process
 from umo.system.realtime import drop_realtime
 
+from .record_beside import FRAMES, READY
 from .record_work import RecordingWork, record_to_the_end
 
-READY = b"ready"
-FRAMES = b"frames"
 NICENESS = 10
 """Of the process: it may be behind by less than a ring."""
 
@@ -35,8 +34,11 @@ def main(file: int, path: Path, settings: dict[str, Any]) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     with socket.socket(fileno=file) as parent:
-        descriptor_passing.send(parent, READY)
-        data, files = descriptor_passing.receive(parent, len(FRAMES), len(RunDescriptors._fields))
+        try:
+            descriptor_passing.send(parent, READY)
+            data, files = descriptor_passing.receive(parent, len(FRAMES), len(RunDescriptors._fields))
+        except OSError:  # it was killed
+            return 0
     if data != FRAMES or len(files) != len(RunDescriptors._fields):  # there was no run
         return 0
     try:

@@ -29,7 +29,7 @@ class RecordingWork:
         if settings.last is not None:
             self._folder = flight_folder.new(str(reader.about["station"]), int(reader.about["pid"]), os.getpid())
         path = file if self._folder is None else self._folder.file
-        self._parts = RecordingParts(path, reader.layout, ProtobufChannels(reader.layout), settings)
+        self._parts = RecordingParts(path, reader.layout, ProtobufChannels(reader.layout, settings.rate), settings)
         self._recorder = Recorder(reader, self._parts)
         self.is_over = False
         """Whether nothing is recorded any more."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -41,9 +42,12 @@ MAX_UNITS = 2000
 class ProtobufChannels:
     """Makes their messages. One for each run: it knows what was told last."""
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: Layout, rate: float = inf) -> None:
+        """`rate`: messages of the machine a second of its time, beside those of periods in which a state changes."""
+        self._stride = max(round(1 / (rate * (layout.about.get("period") or 1.0))), 1)
         leaves = leaves_of(layout)
         self._tree = MessageTree(leaves)
+        self._leaves = list(enumerate(self._tree.leaves))
         self._rows = _row_type(self._tree)
         self._template = _template(self._tree)
         self._progress: Any = None
@@ -76,18 +80,33 @@ class ProtobufChannels:
         return [self._machine(block, times), *(_few(channel, each) for channel, each in parts if each)]
 
     def _machine(self, block: Block, times: npt.NDArray[np.int64]) -> Messages:
-        """The values of each period. What is no number of a state is UNKNOWN."""
-        count, frames = len(block.frames), block.frames
+        """The values of the periods that are told."""
+        frames = block.frames
+        states = {n: _states(frames[leaf.column][:, leaf.place], leaf) for n, leaf in self._leaves if leaf.states}
+        told = self._told(block, list(states.values()))
+        frames, times, count = frames[told], times[told], len(told)
         rows = np.tile(self._template, count).view(self._rows)
-        rows["sequence"] = (block.first + np.arange(count)).astype(np.uint32)
+        rows["sequence"] = (block.first + told).astype(np.uint32)
         rows["log"] = rows["publish"] = times
-        for number, leaf in enumerate(self._tree.leaves):
-            column = frames[leaf.column]
-            values = column if column.ndim == 1 else column[:, leaf.place]
-            rows[f"n{number}"] = _states(values, leaf) if leaf.states else values
+        columns = {name: frames[name] for name in ("time", "values", "signals")}
+        for number, leaf in self._leaves:
+            if leaf.states:
+                rows[f"n{number}"] = states[number][told]
+            else:
+                column = columns[leaf.column]
+                rows[f"n{number}"] = column if column.ndim == 1 else column[:, leaf.place]
         index = np.empty((count, 2), "<u8")
         index[:, 0], index[:, 1] = times, np.arange(count, dtype=np.uint64) * np.uint64(self._rows.itemsize)
         return Messages(MACHINE, rows.tobytes(), index.tobytes(), count, int(times.min()), int(times.max()))
+
+    def _told(self, block: Block, states: Sequence[npt.NDArray[np.uint8]]) -> npt.NDArray[np.int64]:
+        """The places of the frames of which there is a message: evenly, where a state has changed, and the first."""
+        wanted = (block.first + np.arange(len(block.frames))) % self._stride == 0
+        wanted[0] = True
+        if self._stride > 1 and states:
+            now = np.array(states)
+            wanted[1:] |= (now[:, 1:] != now[:, :-1]).any(axis=0)
+        return np.flatnonzero(wanted)
 
     def _event(self, number: int, event: Any) -> bytes:
         told = event._asdict() | {"number": number, "state": str(event.state), "command": int(event.command)}

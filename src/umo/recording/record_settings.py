@@ -5,6 +5,7 @@ last = "10 min"      # a flight recorder: saved when the run fails, or on demand
 rotate = "1 h"       # a new file after this time of the run
 size = "1 GB"        # a new file at this size
 keep = "20 GB"       # files beyond it keep only what replay needs
+rate = 100           # messages a second for other people's tools
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from umo.text import did_you_mean
 
 ROTATE, SIZE = 3600.0, 1 << 30
 """s and bytes of a file, after which the next one is begun."""
+RATE = 100.0
 SIZES = {"kB": 10**3, "MB": 10**6, "GB": 10**9}
 LEAST_SIZE = 10**5
 
@@ -34,6 +36,9 @@ class RecordSettings:
     size: int = SIZE
     keep: int | None = None
     """Size of the files that are kept in full; older ones keep only what replay needs. None: all are."""
+    rate: float = RATE
+    """Messages of the machine a second for other people's tools, beside those of periods in which a state changes. What
+    umo itself reads has every period."""
 
     @property
     def plain(self) -> dict[str, Any]:
@@ -51,6 +56,10 @@ def settings_of(table: Mapping[str, Any], before: RecordSettings = DEFAULT) -> R
             raise OptionError(f"record: there is no {key!r}{did_you_mean(key, keys)}: {', '.join(keys)}")
     changes: dict[str, Any] = {key: _time(key, table[key]) for key in ("last", "rotate") if table.get(key) is not None}
     changes |= {key: _size(key, table[key]) for key in ("size", "keep") if table.get(key) is not None}
+    if (rate := table.get("rate")) is not None:
+        if isinstance(rate, bool) or not isinstance(rate, int | float) or not 0.01 <= rate <= 1e6:
+            raise OptionError(f"record: rate: {rate!r} is not a number of messages a second from 0.01 to 1000000")
+        changes["rate"] = float(rate)
     return replace(before, **changes)
 
 
