@@ -80,10 +80,6 @@ class MessageTree:
         root = _Part()
         for path, leaf in leaves:
             _insert(root, path.split("."), leaf)
-        root.names = {"time": Leaf("time", 0, {}, "s on the cycle's clock"), **root.names}
-        clock = root.names["time"]
-        assert isinstance(clock, Leaf)
-        self.leaves.append(clock)
         self._declare(root, ROOT)
         self.template = self._fill(root, 0)
 

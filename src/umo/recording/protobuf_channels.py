@@ -88,13 +88,12 @@ class ProtobufChannels:
         rows = np.tile(self._template, count).view(self._rows)
         rows["sequence"] = (block.first + told).astype(np.uint32)
         rows["log"] = rows["publish"] = times
-        columns = {name: frames[name] for name in ("time", "values", "signals")}
+        columns = {name: frames[name] for name in {leaf.column for _, leaf in self._leaves}}
         for number, leaf in self._leaves:
             if leaf.states:
                 rows[f"n{number}"] = states[number][told]
             else:
-                column = columns[leaf.column]
-                rows[f"n{number}"] = column if column.ndim == 1 else column[:, leaf.place]
+                rows[f"n{number}"] = columns[leaf.column][:, leaf.place]
         index = np.empty((count, 2), "<u8")
         index[:, 0], index[:, 1] = times, np.arange(count, dtype=np.uint64) * np.uint64(self._rows.itemsize)
         return Messages(MACHINE, rows.tobytes(), index.tobytes(), count, int(times.min()), int(times.max()))
