@@ -217,7 +217,7 @@ def latency(
     answer(period, seconds, load, json_file)
 
 
-from . import app_fleet, app_fleet_certificates, app_running, app_service, app_wiring  # noqa: E402, F401  (their commands)
+from . import app_fleet, app_fleet_certificates, app_record, app_running, app_service, app_wiring  # noqa: E402, F401  (their commands)
 
 
 def _version(value: bool) -> None:

@@ -51,6 +51,14 @@ def check_installed() -> None:
             raise OptionError(f'recording needs {each}: pip install "umo[record]"')
 
 
+def settings_in(table: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings of the table `[record]` of a wiring as plain data. OptionError for a mistake in it."""
+    check_installed()
+    from umo.recording.record_settings import settings_of
+
+    return settings_of(table).plain
+
+
 def order_of(
     file: Path | None, changes: Mapping[str, Any], table: Mapping[str, Any] | None, default: Path
 ) -> RecordOrder:

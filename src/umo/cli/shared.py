@@ -37,10 +37,9 @@ class Subcommand(TyperCommand):
     of --record may be left out: only FILE.mcap is one."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        following = [*args[1:], ""]
         args = [
             "--record=" if word == "--record" and not after.endswith(".mcap") else word
-            for word, after in zip(args, following, strict=True)
+            for word, after in zip(args, [*args[1:], ""], strict=False)
         ]
         return list(super().parse_args(ctx, args))
 
