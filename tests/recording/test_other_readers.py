@@ -7,7 +7,7 @@ import numpy as np
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from mcap.reader import make_reader
 
-from tests.helpers.recorded import block_at_random, layout_of
+from helpers.recorded import block_at_random, layout_of
 from umo.frames import Layout
 from umo.recording.protobuf_channels import ProtobufChannels
 from umo.recording.recording_file import RecordingFile

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.helpers.machines import bench, wired
+from helpers.machines import bench, wired
 from umo import connect, published
 from umo.frames import Reader, Ring
 from umo.objects import Compound

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.helpers.recorded import block_at_random, layout_of
+from helpers.recorded import block_at_random, layout_of
 from umo.errors import FramesError
 from umo.recording import Block, Gap, Recording
 from umo.recording.block import block_of, columns_message, exact_message
