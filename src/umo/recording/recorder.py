@@ -84,7 +84,6 @@ class Recorder:
     def _note(self, block: Block) -> None:
         if self.first is None:
             self.first = block.first
-        self.periods += len(block.frames)
         self.lost += block.lost
         self.entries_lost += block.entries_lost
         self.commands_lost += block.commands_lost
@@ -97,6 +96,7 @@ class Recorder:
     def _write(self, blocks: list[Block]) -> None:
         if blocks:
             self._target.add(joined(blocks))
+            self.periods += sum(len(block.frames) for block in blocks)
 
     def close(self) -> None:
         self._collector.close()
