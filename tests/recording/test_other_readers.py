@@ -1,12 +1,21 @@
 """Other people's readers find what was recorded, number by number."""
 
+import hashlib
+import json
+import os
+import re
+import shutil
+import subprocess
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from mcap.reader import make_reader
 
+from helpers import npm
 from helpers.recorded import block_at_random, layout_of
 from umo.frames import Layout
 from umo.recording.protobuf_channels import ProtobufChannels
@@ -93,3 +102,47 @@ def test_events_commands_and_progress_have_channels(tmp_path: Path) -> None:
     assert [each.done for each in told["progress"]] == [1, 2]
     assert told["events"][0].text == "Größe" and told["events"][0].state == "done"
     assert [each.text for each in told["commands"]] == ['{"do": "lease"}', "{}"]
+
+
+# Readers of other projects ------------------------------------------------------------------------------
+
+CORE = Path(__file__).parent / "mcap_core"
+
+
+def sample(path: Path) -> tuple[Counter[str], str]:
+    """A recording of three seconds: the number of messages of each topic, and a hash of those of `machine`."""
+    file = RecordingFile(path, PARTS, ProtobufChannels(PARTS))
+    for number in range(3):
+        file.add([block_at_random(PARTS, 100 * number, 100, number)])
+    file.close()
+    counts: Counter[str] = Counter()
+    digest = hashlib.sha256()
+    with open(path, "rb") as stream:
+        for _, channel, message in make_reader(stream, validate_crcs=True).iter_messages():
+            counts[channel.topic] += 1
+            if channel.topic == "machine":
+                digest.update(message.data)
+    assert counts["machine"] == 300
+    return counts, digest.hexdigest()
+
+
+@pytest.mark.full
+def test_the_reader_of_foxglove_finds_the_same_messages(tmp_path: Path) -> None:
+    counts, digest = sample(tmp_path / "run.mcap")
+    modules = npm.modules(CORE)
+    command = ["node", str(CORE / "read.cjs"), str(modules), str(tmp_path / "run.mcap")]
+    found = json.loads(subprocess.run(command, capture_output=True, check=True, timeout=60).stdout)
+    assert found == {"counts": counts, "hash": digest}
+
+
+@pytest.mark.full
+def test_rerun_converts_it_message_by_message(tmp_path: Path) -> None:
+    rerun = os.environ.get("UMO_RERUN") or shutil.which("rerun")
+    if rerun is None:
+        pytest.skip("the test with Rerun needs its command: pip install rerun-sdk, or UMO_RERUN with its path")
+    counts, _ = sample(tmp_path / "run.mcap")
+    out = tmp_path / "run.rrd"
+    subprocess.run([rerun, "mcap", "convert", tmp_path / "run.mcap", "-o", out], check=True, capture_output=True)
+    shown = subprocess.run([rerun, "rrd", "print", out], check=True, capture_output=True, text=True).stdout
+    rows = re.findall(r"with (\d+) rows .* - /machine - data columns: \[umo\.Machine:message\]", shown)
+    assert sum(map(int, rows)) == counts["machine"]
