@@ -23,7 +23,7 @@ from umo.system.realtime import drop_realtime
 from .record_beside import FRAMES, READY
 from .record_work import RecordingWork, record_to_the_end
 
-NICENESS = 0
+NICENESS = 5
 """Of the process: one that is behind by more than a ring loses frames."""
 
 

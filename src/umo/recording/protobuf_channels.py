@@ -47,7 +47,7 @@ class ProtobufChannels:
     """Makes their messages. One for each run: it knows what was told last."""
 
     def __init__(self, layout: Layout, rate: float = inf) -> None:
-        """`rate`: messages of the machine a second of its time, beside those of periods in which a state changes."""
+        """`rate`: messages of the machine a second of its time; as many again where states change in between."""
         self._stride = max(round(1 / (rate * (layout.about.get("period") or 1.0))), 1)
         leaves = leaves_of(layout)
         self._tree = MessageTree(leaves)
@@ -101,12 +101,17 @@ class ProtobufChannels:
         return Messages(MACHINE, rows.tobytes(), index.tobytes(), count, int(times.min()), int(times.max()))
 
     def _told(self, block: Block, states: Sequence[npt.NDArray[np.uint8]]) -> npt.NDArray[np.int64]:
-        """The places of the frames of which there is a message: evenly, where a state has changed, and the first."""
-        wanted = (block.first + np.arange(len(block.frames))) % self._stride == 0
+        """The places of the frames of which there is a message: evenly, the first change of a state between two of
+        these, and the first of the block."""
+        numbers = block.first + np.arange(len(block.frames))
+        wanted = numbers % self._stride == 0
         wanted[0] = True
         if self._stride > 1:
+            changed = np.zeros(len(numbers), bool)
             for now in states:
-                wanted[1:] |= (now[1:] != now[:-1]).any(axis=1)
+                changed[1:] |= (now[1:] != now[:-1]).any(axis=1)
+            places = np.flatnonzero(changed & ~wanted)
+            wanted[places[np.unique(numbers[places] // self._stride, return_index=True)[1]]] = True
         return np.flatnonzero(wanted)
 
     def _event(self, number: int, event: Any) -> bytes:
