@@ -47,6 +47,11 @@ class Truth:
         return f"{self.name}/{self.run.hex()}"
 
 
+def stride_of(reader: Reader) -> int:
+    """Frames of one delta, at ten deltas a second."""
+    return max(1, round(0.1 / float(reader.about["period"])))
+
+
 class FleetPlant:
     """`computers`, each with `stations`. They are only rings; one of each of the first `real` computers is real."""
 
@@ -124,7 +129,7 @@ class FleetPlant:
                 if path not in self.truths:
                     with suppress(UmoError, OSError):
                         reader = frames_at(path)
-                        self.truths[path] = Truth(site, reader, run_of(reader.about))
+                        self.truths[path] = Truth(site, reader, run_of(reader.about, stride_of(reader)))
 
     def wait(self, condition: Callable[[], Any], what: str, limit: float = LIMIT) -> None:
         """RuntimeError if it does not come about."""

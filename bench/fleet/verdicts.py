@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from bench.fleet.checker import MADE
-from bench.fleet.plant import Truth
+from bench.fleet.plant import Truth, stride_of
 from bench.fleet.strikes import Strike
 from bench.report import Target
 
@@ -41,8 +41,7 @@ class Sums:
     latest: float = 0.0
 
     def add(self, truth: Truth, told: dict[str, Any] | None) -> None:
-        stride = max(1, round(0.1 / float(truth.reader.about["period"])))
-        expected = truth.reader.head // stride
+        expected = truth.reader.head // stride_of(truth.reader)
         self.runs += 1
         self.expected += expected
         if told is None:

@@ -114,3 +114,10 @@ def test_the_status_is_made_anew_only_where_something_of_it_has_changed(
     ring.step()
     this.look()
     assert len(made) == begun + 2
+
+
+def test_a_gateway_with_another_rate_publishes_another_run_as_its_numbers_are_of_other_frames(ring: MadeRing) -> None:
+    reader = frames_at(sockets()[0])
+    slow = StationPublisher(Sent(), StationKey("c1", "made"), reader, 0.3)  # type: ignore[arg-type]
+    assert slow.stride != publisher(Sent()).stride
+    assert slow.run != publisher(Sent()).run == publisher(Sent()).run

@@ -6,6 +6,7 @@ import hashlib
 import json
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from math import ceil
 from typing import Any
 
@@ -44,7 +45,7 @@ class StationPublisher:
         about = reader.about
         period = float(about["period"])
         self.stride = max(1, round(interval / period)) if period else 1
-        self.run = run_of(about)
+        self.run = run_of(about, self.stride)
         self._frames = WordFrame(reader.layout)
         self._tunables = 8 * len(reader.layout.tunables)
         oldest = max(0, reader.head - reader.slots + 1)
@@ -160,7 +161,7 @@ class StationPublisher:
 
     def _tell_past(self, query: zenoh.Query) -> None:
         """What was published before, and who asks has missed (`umo.fleet.run_feed`)."""
-        with query:
+        with query, suppress(ValueError):  # of a number that is none, or of frames that have just been closed
             asked = query.parameters
             if asked.get("run") != self.run.hex():  # of one that has ended
                 return
@@ -221,9 +222,9 @@ class StationPublisher:
         self.reader.close()
 
 
-def run_of(about: dict[str, Any]) -> bytes:
-    """8 bytes that tell a run from every other one."""
-    text = json.dumps([about[key] for key in ("station", "place", "pid", "started", "started_monotonic")])
+def run_of(about: dict[str, Any], stride: int) -> bytes:
+    """8 bytes that tell a run from every other one, and from itself with deltas of other frames."""
+    text = json.dumps([stride, *(about[key] for key in ("station", "place", "pid", "started", "started_monotonic"))])
     return hashlib.blake2b(text.encode(), digest_size=8).digest()
 
 
