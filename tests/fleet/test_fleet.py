@@ -87,7 +87,7 @@ def test_a_gateway_that_is_begun_again_goes_on_where_the_last_one_was() -> None:
         await fleet.begin()
         await until(lambda: client.reader.head and client.reader.latest()["number"] > before + 100)
         numbers = client.reader.read()["number"].tolist()
-        assert {after - before for before, after in pairwise(numbers)} == {20}
+        assert {after - before for before, after in pairwise(numbers)} - {0} == {20}  # 0: it grew stale
 
     tried(work)
 

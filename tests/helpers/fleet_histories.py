@@ -76,7 +76,7 @@ def by_duckdb(sql: str) -> list[Any]:
         return list(connection.execute(sql).fetchall())
 
 
-async def until_recorded(condition: Callable[[], Any], within: float = 40.0) -> Any:
+async def until_recorded(condition: Callable[[], Any], within: float = 120.0) -> Any:
     """What a condition about files returns, once it is true: asked beside the loop, in which the machine runs."""
     async with asyncio.timeout(within):
         while not (found := await asyncio.to_thread(condition)):

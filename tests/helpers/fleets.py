@@ -104,11 +104,11 @@ async def fleet_of(machine: TriedMachine, **more: Any) -> AsyncIterator[Fleet]:
 async def asked(session: zenoh.Session, user: str, **command: Any) -> list[dict[str, Any]]:
     """All answers to a command that is written by hand."""
     now = time.time()
-    given = {"id": secrets.token_hex(16), "client": "by hand", "sent": now, "until": now + 5.0, "path": ""} | command
+    given = {"id": secrets.token_hex(16), "client": "by hand", "sent": now, "until": now + 20.0, "path": ""} | command
     key = PLANT.key("command", user)
 
     def get() -> list[dict[str, Any]]:
-        replies = session.get(key, payload=json.dumps(given), timeout=5.0, consolidation=zenoh.ConsolidationMode.NONE)
+        replies = session.get(key, payload=json.dumps(given), timeout=20.0, consolidation=zenoh.ConsolidationMode.NONE)
         return [json.loads(bytes(each.ok.payload)) for each in replies if each.ok is not None]
 
     return await asyncio.to_thread(get)
