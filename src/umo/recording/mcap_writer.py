@@ -13,7 +13,7 @@ import numpy as np
 import zstandard
 
 from umo.recording import mcap_records
-from umo.recording.mcap_records import Channel, ChunkIndex, Opcode, Schema
+from umo.recording.mcap_records import ChunkIndex, McapChannel, Opcode, Schema
 
 LIBRARY = "umo"
 LEVEL = 3
@@ -46,7 +46,7 @@ class McapWriter:
         path: Path,
         metadata: Sequence[tuple[str, dict[str, str]]],
         schemas: Sequence[Schema],
-        channels: Sequence[Channel],
+        channels: Sequence[McapChannel],
         *,
         level: int = LEVEL,
     ) -> None:
