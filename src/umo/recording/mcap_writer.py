@@ -13,7 +13,7 @@ import numpy as np
 import zstandard
 
 from umo.recording import mcap_records
-from umo.recording.mcap_records import Channel, ChunkIndex, Opcode, Schema
+from umo.recording.mcap_records import ChunkIndex, McapChannel, Opcode, Schema
 
 LIBRARY = "umo"
 LEVEL = 3
@@ -46,7 +46,7 @@ class McapWriter:
         path: Path,
         metadata: Sequence[tuple[str, dict[str, str]]],
         schemas: Sequence[Schema],
-        channels: Sequence[Channel],
+        channels: Sequence[McapChannel],
         *,
         level: int = LEVEL,
     ) -> None:
@@ -84,7 +84,7 @@ class McapWriter:
 
     def add(self, parts: Sequence[Messages]) -> None:
         """Add one chunk with these messages."""
-        content = b"".join(bytes(part.data) for part in parts)
+        content = b"".join([part.data for part in parts])
         compressed = self._compressors[len(content) > LARGE].compress(content)
         first, last = min(part.first for part in parts), max(part.last for part in parts)
         head = mcap_records.chunk(first, last, len(content), zlib.crc32(content), compressed)

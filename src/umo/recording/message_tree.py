@@ -71,7 +71,7 @@ def _leaf(column: str, place: int, states: Mapping[int, str], about: str) -> Lea
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class EvenRun:
     """Numbers of one kind at even distances in a frame, and in a message: numpy copies them at once."""
 
     column: str
@@ -84,7 +84,7 @@ class Run:
     """Bytes from one to the next."""
 
 
-def _runs(leaves: Sequence[tuple[str, Leaf]]) -> list[Run]:
+def _runs(leaves: Sequence[tuple[str, Leaf]]) -> list[EvenRun]:
     alike: dict[tuple[object, ...], list[Leaf]] = {}
     for path, leaf in leaves:
         key = leaf.column, re.sub(r"\d+", "*", path), tuple(leaf.states.items())
@@ -107,10 +107,10 @@ def _even(leaves: Sequence[Leaf]) -> Iterator[list[Leaf]]:
     yield part
 
 
-def _run(part: Sequence[Leaf]) -> Run:
+def _run(part: Sequence[Leaf]) -> EvenRun:
     first, last = part[0], part[-1]
     step, bytes_ = (part[1].place - first.place, part[1].at - first.at) if len(part) > 1 else (1, 1)
-    return Run(first.column, slice(first.place, last.place + 1, step), first.states, len(part), first.at, bytes_)
+    return EvenRun(first.column, slice(first.place, last.place + 1, step), first.states, len(part), first.at, bytes_)
 
 
 class MessageTree:

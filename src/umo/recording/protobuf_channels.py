@@ -16,9 +16,9 @@ from umo.cycle.events import ALARM
 from umo.frames.layout import Layout
 from umo.frames.reader import progress_of
 from umo.recording.block import Block, TakenCommand
-from umo.recording.mcap_records import HEAD, MESSAGE, Channel, Opcode, Schema, message
+from umo.recording.mcap_records import HEAD, MESSAGE, McapChannel, Opcode, Schema, message
 from umo.recording.mcap_writer import Messages
-from umo.recording.message_tree import PACKAGE, ROOT, UNKNOWN, MessageTree, Run, leaves_of
+from umo.recording.message_tree import PACKAGE, ROOT, UNKNOWN, EvenRun, MessageTree, leaves_of
 from umo.recording.recording import ALARMS_TOPIC, COMMANDS_TOPIC, EVENTS_TOPIC
 
 MACHINE, EVENTS, ALARMS, COMMANDS, PROGRESS = range(3, 8)
@@ -61,12 +61,12 @@ class ProtobufChannels:
             *(Schema(EVENT_SCHEMA + i, f"{PACKAGE}.{name}", "protobuf", seldom) for i, name in enumerate(SELDOM)),
         ]
         units = {path: leaf.about for path, leaf in leaves if leaf.about}
-        self.channels: Sequence[Channel] = [
-            Channel(MACHINE, "machine", "protobuf", MACHINE_SCHEMA, units if len(units) <= MAX_UNITS else {}),
-            Channel(EVENTS, EVENTS_TOPIC, "protobuf", EVENT_SCHEMA),
-            Channel(ALARMS, ALARMS_TOPIC, "protobuf", EVENT_SCHEMA),
-            Channel(COMMANDS, COMMANDS_TOPIC, "protobuf", COMMAND_SCHEMA),
-            Channel(PROGRESS, "progress", "protobuf", PROGRESS_SCHEMA),
+        self.channels: Sequence[McapChannel] = [
+            McapChannel(MACHINE, "machine", "protobuf", MACHINE_SCHEMA, units if len(units) <= MAX_UNITS else {}),
+            McapChannel(EVENTS, EVENTS_TOPIC, "protobuf", EVENT_SCHEMA),
+            McapChannel(ALARMS, ALARMS_TOPIC, "protobuf", EVENT_SCHEMA),
+            McapChannel(COMMANDS, COMMANDS_TOPIC, "protobuf", COMMAND_SCHEMA),
+            McapChannel(PROGRESS, "progress", "protobuf", PROGRESS_SCHEMA),
         ]
 
     def messages(self, block: Block, times: npt.NDArray[np.int64]) -> list[Messages]:
@@ -98,7 +98,7 @@ class ProtobufChannels:
             there[:] = states[run][told] if run.states else columns[run.column][:, run.places]
         index = np.empty((count, 2), "<u8")
         index[:, 0], index[:, 1] = times, np.arange(count, dtype=np.uint64) * np.uint64(size)
-        return Messages(MACHINE, rows.tobytes(), index.tobytes(), count, int(times.min()), int(times.max()))
+        return Messages(MACHINE, rows.data, index.tobytes(), count, int(times.min()), int(times.max()))
 
     def _told(self, block: Block, states: Sequence[npt.NDArray[np.uint8]]) -> npt.NDArray[np.int64]:
         """The places of the frames of which there is a message: evenly, the first change of a state between two of
@@ -144,7 +144,7 @@ class ProtobufChannels:
         return new
 
 
-def _states(values: npt.NDArray[Any], run: Run) -> npt.NDArray[np.uint8]:
+def _states(values: npt.NDArray[Any], run: EvenRun) -> npt.NDArray[np.uint8]:
     """The numbers of states; of what is none UNKNOWN."""
     if values.dtype == np.uint8:
         return values

@@ -12,7 +12,7 @@ from umo.cycle.events import CommandState
 from umo.frames import Reader
 from umo.frames.reader import NumberedEvent
 from umo.recording.block import Block
-from umo.recording.collecting import Collector, joined
+from umo.recording.ring_collector import Collector, joined
 
 WRITE_PAUSE = 1.0
 """s between two writes."""

@@ -32,7 +32,7 @@ SPARSE_TOPICS = frozenset({EXACT_TOPIC, EVENTS_TOPIC, ALARMS_TOPIC, COMMANDS_TOP
 
 
 @dataclass(frozen=True)
-class Gap:
+class LostFrames:
     """Frames that are missing."""
 
     first: int
@@ -175,12 +175,12 @@ class Recording:
         return [command for block in self.blocks(full=False) for command in block.commands]
 
     @cached_property
-    def gaps(self) -> list[Gap]:
+    def gaps(self) -> list[LostFrames]:
         """The frames that are missing between the first and the last one."""
         gaps, expected = [], None
         for head in self._heads():
             if expected is not None and head.first > expected:
-                gaps.append(Gap(expected, head.first - expected))
+                gaps.append(LostFrames(expected, head.first - expected))
             expected = head.first + head.count
         return gaps
 
