@@ -8,7 +8,7 @@ import threading
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import duckdb
 import numpy as np
@@ -17,9 +17,13 @@ from helpers.fleets import Fleet
 from umo.fleet.fleet_query import asked
 from umo.fleet.fleet_record import FleetRecorder
 from umo.fleet.fleet_record_files import RecordFolder
+from umo.fleet.fleet_record_source import FleetSource, RecordSource
 from umo.fleet.message_parts import packed
 from umo.fleet.run_words import FULL, LAST, Delta, Rest, WordFrame
 from umo.frames.layout import Layout
+
+if TYPE_CHECKING:
+    from umo.fleet.jetstream_server import JetStreamServer
 
 OBJECTS = (
     {"path": "level", "kind": "DigitalSensor", "unit": "mm", "minimum": 0.0, "maximum": 9.0},
@@ -87,18 +91,28 @@ async def until_recorded(condition: Callable[[], Any], within: float = 40.0) -> 
 class Recording:
     """A recorder in a thread, which can be killed."""
 
-    def __init__(self, fleet: Fleet, root: Path) -> None:
-        self._fleet, self.root = fleet, root
+    def __init__(self, fleet: Fleet, root: Path, jetstream: JetStreamServer | None = None) -> None:
+        self._fleet, self.root, self._jetstream = fleet, root, jetstream
         self.said: list[str] = []
         self._stop: threading.Event | None = None
 
     async def begin(self) -> None:
-        self._session = await self._fleet.session()
         self._folder = RecordFolder(self.root, self.said.append)
-        self._recorder = FleetRecorder(self._session, self._folder, say=self.said.append)
+        self._recorder = FleetRecorder(await self._source(), self._folder, say=self.said.append)
         self._stop = stop = threading.Event()
         self._thread = threading.Thread(target=self._recorder.run, args=(stop.is_set,))
         self._thread.start()
+
+    async def _source(self) -> RecordSource:
+        if self._jetstream is not None:
+            from umo.fleet.jetstream_source import JetStreamSource
+
+            made = JetStreamSource(self._jetstream, self._folder, ["*/*"], self.said.append)
+            self._close = made.close
+            return made
+        session = await self._fleet.session()
+        self._close = session.close
+        return FleetSource(session)
 
     async def end(self, *, killed: bool = False) -> None:
         """`killed`: what has not been written is lost."""
@@ -106,9 +120,10 @@ class Recording:
             return
         if killed:
             self._recorder._write = lambda followed: None  # type: ignore[method-assign]
+            self._recorder._tell_written = lambda: None  # type: ignore[method-assign]
         self._stop.set()
         await asyncio.to_thread(self._thread.join)
-        await asyncio.to_thread(self._session.close)  # type: ignore[no-untyped-call]
+        await asyncio.to_thread(self._close)
         self._folder.close()
         self._stop = None
 
