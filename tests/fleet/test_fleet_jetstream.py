@@ -7,6 +7,8 @@ import os
 import signal
 import sys
 from collections.abc import Awaitable, Callable
+from contextlib import closing
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +24,14 @@ from helpers.fleet_histories import Recording, rows, until_recorded
 from helpers.fleets import PLANT, Fleet, free_port
 from helpers.jetstreams import NatsServer, needs_server, server
 from umo.fleet import fleet_record, jetstream_publisher, jetstream_source, station_publisher
+from umo.fleet.fleet_record import FleetRecorder
+from umo.fleet.fleet_record_files import RecordFolder
 from umo.fleet.jetstream_publisher import JetStreamPublisher
 from umo.fleet.jetstream_server import STREAM, JetStreamServer
+from umo.fleet.jetstream_source import JetStreamSource
+from umo.fleet.station_publisher import StationPublisher
+from umo.frames.frame_server import sockets
+from umo.remote.search import frames_at
 from umo.testing.faces import TriedMachine
 from umo.testing.faces.tried_machine import until
 
@@ -104,6 +112,40 @@ async def recorded_up_to(history: Recording, number: int) -> None:
 # What is recorded ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.skipif(find_spec("bench") is None, reason="not in a clone")
+def test_what_a_gateway_has_published_is_recorded_from_the_stream(server: NatsServer, tmp_path: Path) -> None:
+    from bench.fleet.rings import MadeRing, value
+    from fleet.test_station_publisher import Sent
+
+    stream, objects, count = JetStreamServer(server.url), 3, 250
+    ring = MadeRing("made", objects)
+    this = StationPublisher(Sent(), PLANT, frames_at(sockets()[0]), 0.1)  # type: ignore[arg-type]
+    said: list[str] = []
+    history = JetStreamPublisher(stream, said.append)
+    history.begin(this)
+    for _ in range(count):
+        ring.step()
+        this.look()
+    history.close()  # sends the rest
+    files = RecordFolder(tmp_path / "history", said.append)
+    with closing(JetStreamSource(stream, files, ["cell7/*"], said.append)) as source:
+        recorder = FleetRecorder(source, files, say=said.append)
+
+        def is_there() -> bool:
+            return recorder._place == count and all(each.run.rows is not None for each in recorder._followed.values())
+
+        recorder.run(is_there)
+    files.close()
+    found = rows(files.root, "SELECT delta, value FROM values WHERE path = 'cell.o001' ORDER BY number")
+    assert [each[0] for each in found] == list(range(count))
+    assert [each[1] for each in found] == [value(number, objects)[1] for number in range(count)]
+    assert rows(files.root, "SELECT * FROM gaps") == []
+    this.end()
+    this.close()
+    ring.close()
+
+
+@pytest.mark.full
 def test_a_recorder_that_begins_later_has_what_the_stream_holds(server: NatsServer, tmp_path: Path) -> None:
     """Longer than the gateway keeps: it keeps none."""
 
@@ -270,7 +312,7 @@ def test_what_a_full_stream_has_dropped_is_a_gap_with_its_count(server: NatsServ
         assert sorted([*deltas, *range(first, end + 1)]) == list(range(deltas[-1] + 1))
         assert count == end - first + 1 > 0
 
-    tried(server, work, bytes=150_000)
+    tried(server, work, bytes=25_000)
 
 
 @pytest.mark.full

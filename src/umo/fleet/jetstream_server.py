@@ -115,9 +115,9 @@ class JetStreamServer:
     async def _make_streams(self, js: JetStreamContext) -> None:
         """Streams that are there are taken as they are: whoever runs the server may have made them otherwise."""
         for name, subjects, most, keep, size in (
-            (STREAM, [subject("*", "*", each) for each in (keys.DELTA, keys.EVENT)], -1, self.keep, self.bytes),
+            (STREAM, [subject("*", "*", "*")], -1, self.keep, self.bytes),
             (DECLARATIONS, [subject("*", "*", keys.DECLARATION, "*")], 1, self.keep + 24 * REFRESH,
-             min(DECLARATION_BYTES, self.bytes)),
+             DECLARATION_BYTES),
         ):  # fmt: skip
             config = StreamConfig(
                 name, subjects=subjects, max_msgs_per_subject=most, max_age=keep, max_bytes=size,
@@ -146,8 +146,8 @@ def why(error: BaseException) -> str:
     """An error of a connection in a few words."""
     if isinstance(error, TimeoutError | EOFError | nats.errors.NoServersError) and not str(error).strip():
         return "no answer"
-    text = getattr(error, "strerror", None) or text_of(error)
-    return str(text).removeprefix("nats: ")
+    text = getattr(error, "description", None) or getattr(error, "strerror", None) or str(error)
+    return str(text).removeprefix("nats: ") or type(error).__name__
 
 
 def load(url: str, certificates: Path | None, given: Mapping[str, Any], environ: Mapping[str, str] = os.environ) -> (
