@@ -33,6 +33,7 @@ from nats.js.errors import NotFoundError
 
 from umo.duration import seconds
 from umo.errors import DeclarationError, OptionError, UmoError, text_of
+from umo.faces.endpoint import is_local
 from umo.fleet import fleet_keys as keys
 from umo.fleet.fleet_identity import CA_FILE, CERTIFICATE_FILE, KEY_FILE
 from umo.fleet.fleet_keys import StationKey
@@ -81,6 +82,8 @@ class JetStreamServer:
             )
         if parts.scheme == "tls" and self.certificates is None:
             raise OptionError(f"{self.url}: tls needs the folder of certificates (--certificates)")
+        if self.credentials.password is not None and parts.scheme == "nats" and not is_local(str(parts.hostname)):
+            raise OptionError(f"{self.url}: a password would be readable on its way; write tls://HOST:4222")
         self.context()
 
     def context(self) -> ssl.SSLContext | None:
