@@ -14,6 +14,7 @@ last one of each run: what is dropped by age or size of the first must not take 
 
 from __future__ import annotations
 
+import asyncio
 import os
 import ssl
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
@@ -103,17 +104,17 @@ class JetStreamServer:
         """A connection with its streams, which are made if they are missing. One of `AWAY`, or UmoError."""
         client = Client()
         try:
-            await client.connect(
+            await asyncio.wait_for(client.connect(
                 self.url.replace("tls:", "nats:"), tls=self.context(), allow_reconnect=False,
                 connect_timeout=CONNECT_TIME, error_cb=_unheard, ping_interval=2, max_outstanding_pings=2,
                 name="umo fleet", **self.credentials.options(),
-            )  # fmt: skip
+            ), 2 * CONNECT_TIME)  # fmt: skip
             js = client.jetstream()
             await self._make_streams(js)
             yield client, js
         finally:
             with suppress(*AWAY):
-                await client.close()
+                await asyncio.wait_for(client.close(), CONNECT_TIME)
 
     async def _make_streams(self, js: JetStreamContext) -> None:
         """Streams that are there are taken as they are: whoever runs the server may have made them otherwise."""
