@@ -145,11 +145,12 @@ def test_both_ends_are_known_by_the_certificates_of_the_fleet(tmp_path: Path) ->
 def test_tls_does_not_become_plain_where_the_server_has_none(tmp_path: Path) -> None:
     authority = Authority.create(tmp_path / "fleet")
     authority.issue("site", "cell7")
-    server = NatsServer(tmp_path / "nats")
+    server = NatsServer(tmp_path / "nats", "trace: true, debug: true")
     server.begin()
     try:
         with pytest.raises(AWAY):
             asyncio.run(reached(JetStreamServer(server.url.replace("nats:", "tls:"), tmp_path / "fleet/cell7")))
+        assert "umo fleet" not in server.log  # the name that it tells, with its user
     finally:
         server.kill()
 

@@ -58,6 +58,15 @@ AWAY = (NatsError, OSError, ssl.SSLError, TimeoutError, EOFError)
 """What an attempt, or a connection, ends with."""
 
 
+class ProvedClient(Client):
+    """Ends a connection to a server without TLS before it tells who it is; nats-py goes on without."""
+
+    async def _process_info(self, info: dict[str, Any], initial_connection: bool = False) -> None:
+        if initial_connection and not info.get("tls_required"):
+            raise NatsError("the server has no TLS")
+        await super()._process_info(info, initial_connection)
+
+
 @dataclass(frozen=True)
 class JetStreamServer:
     """`url`: nats://HOST:PORT or tls://HOST:PORT; `certificates`: folder as of a fleet; `keep`: s."""
@@ -102,7 +111,7 @@ class JetStreamServer:
     @asynccontextmanager
     async def connected(self) -> AsyncIterator[tuple[Client, JetStreamContext]]:
         """A connection with its streams, which are made if they are missing. One of `AWAY`, or UmoError."""
-        client = Client()
+        client = Client() if self.context() is None else ProvedClient()
         try:
             await asyncio.wait_for(client.connect(
                 self.url.replace("tls:", "nats:"), tls=self.context(), allow_reconnect=False,
