@@ -19,9 +19,8 @@ pytest.importorskip("nats", reason="the extra fleet-jetstream is not installed")
 pytest.importorskip("duckdb", reason="the extra fleet-history is not installed")
 pytest.importorskip("pyarrow", reason="the extra fleet-history is not installed")
 
-from fleet.test_fleet_record_live import Truth, check, recorded_levels
-from helpers.fleet_histories import Recording, rows, until_recorded
-from helpers.fleets import PLANT, Fleet, free_port
+from helpers.fleet_histories import Recording, Truth, check, recorded_levels, rows, until_recorded
+from helpers.fleets import PLANT, Fleet, Sent, free_port
 from helpers.jetstreams import NatsServer, needs_server, server
 from umo.fleet import fleet_record, jetstream_publisher, jetstream_source, station_publisher
 from umo.fleet.fleet_record import FleetRecorder
@@ -115,7 +114,6 @@ async def recorded_up_to(history: Recording, number: int) -> None:
 @pytest.mark.skipif(find_spec("bench") is None, reason="not in a clone")
 def test_what_a_gateway_has_published_is_recorded_from_the_stream(server: NatsServer, tmp_path: Path) -> None:
     from bench.fleet.rings import MadeRing, value
-    from fleet.test_station_publisher import Sent
 
     stream, objects, count = JetStreamServer(server.url), 3, 250
     ring = MadeRing("made", objects)

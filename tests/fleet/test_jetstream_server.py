@@ -202,14 +202,16 @@ def credentials(token: str, seed: str) -> str:
 @needs_server
 @pytest.mark.full
 def test_a_user_is_known_by_a_file_of_credentials(tmp_path: Path) -> None:
-    operator, account, user, stranger = Key(OPERATOR), Key(ACCOUNT), Key(USER), Key(USER)
+    operator, account, system, user, stranger = (Key(each) for each in (OPERATOR, ACCOUNT, ACCOUNT, USER, USER))
     unlimited = dict.fromkeys(("subs", "data", "payload", "imports", "exports", "conn", "leaf", "mem_storage",
                                "disk_storage", "streams", "consumer"), -1) | {"wildcards": True}  # fmt: skip
     limits = {"type": "account", "limits": unlimited}
     server = NatsServer(
         tmp_path / "nats",
-        f"operator: {operator.sign('umo', operator.public, {'type': 'operator'})}\nresolver: MEMORY\n"
-        f"resolver_preload: {{ {account.public}: {operator.sign('plant', account.public, limits)} }}",
+        f"operator: {operator.sign('umo', operator.public, {'type': 'operator'})}\n"
+        f"resolver: MEMORY\nsystem_account: {system.public}\n"
+        f"resolver_preload: {{ {account.public}: {operator.sign('plant', account.public, limits)}, "
+        f"{system.public}: {operator.sign('system', system.public, {'type': 'account'})} }}",
     )
     server.begin()
     try:

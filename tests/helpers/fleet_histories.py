@@ -6,7 +6,8 @@ import asyncio
 import json
 import threading
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ from umo.fleet.fleet_record_source import FleetSource, RecordSource
 from umo.fleet.message_parts import packed
 from umo.fleet.run_words import FULL, LAST, Delta, Rest, WordFrame
 from umo.frames.layout import Layout
+from umo.testing.faces import TriedMachine
 
 if TYPE_CHECKING:
     from umo.fleet.jetstream_server import JetStreamServer
@@ -142,3 +144,46 @@ async def recording(fleet: Fleet, root: Path) -> AsyncIterator[Recording]:
         yield made
     finally:
         await made.end()
+
+
+class Truth:
+    """What the machine had, from its own ring; its level goes up and down meanwhile."""
+
+    def __init__(self, machine: TriedMachine) -> None:
+        self._machine, self.levels = machine, dict[int, float]()
+        self._task = asyncio.create_task(self._follow())
+
+    async def _follow(self) -> None:
+        raw = 0
+        with self._machine.find() as reader:
+            place = reader.index("cell.level")
+            while True:
+                raw = (raw + 7) % 200
+                self._machine.set("cell.level", raw)
+                frames = reader.read()
+                levels = frames["values"][:, place].tolist()
+                self.levels.update(zip(frames["number"].tolist(), levels, strict=True))
+                assert not reader.lost
+                await asyncio.sleep(0.02)
+
+    async def end(self) -> None:
+        self._task.cancel()
+        with suppress(asyncio.CancelledError):
+            await self._task
+
+
+def recorded_levels(root: Path) -> dict[int, float]:
+    found = rows(root, "SELECT number, value FROM values WHERE path = 'cell.level' ORDER BY number")
+    assert len(found) == len(dict(found)), "a period is there twice"
+    return dict(found)
+
+
+def check(root: Path, truth: Truth) -> None:
+    """The files have every delta's period, once, with the machine's value; no gap."""
+    levels = recorded_levels(root)
+    assert len(levels) > 20
+    gaps = rows(root, "SELECT of, first, last, why FROM gaps WHERE why <> 'before it was recorded'")
+    assert gaps == []
+    assert {after - before for before, after in pairwise(levels)} == {20}
+    assert levels == {number: truth.levels[number] for number in levels}
+    assert len(set(levels.values())) > 5
