@@ -23,9 +23,10 @@ from umo.errors import FramesError, OptionError
 from umo.fleet import fleet_record, fleet_record_files, run_feed
 from umo.fleet.fleet_keys import StationKey
 from umo.fleet.fleet_query import asked
-from umo.fleet.fleet_record import FleetRecorder, Incoming, key_pattern
+from umo.fleet.fleet_record import FleetRecorder, Incoming
 from umo.fleet.fleet_record_files import RecordFolder
 from umo.fleet.fleet_record_run import AWAY, BEFORE, FULL_DISK, LOST, UNDECLARED, FollowedRun, Recorded
+from umo.fleet.fleet_record_source import FleetSource, key_pattern
 from umo.fleet.fleet_session import FleetNetwork, opened
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a fleet needs Linux")
@@ -308,7 +309,7 @@ def test_a_full_disk_is_told_once_and_the_oldest_values_are_a_gap_when_there_is_
     known = KnownRun()
     session = opened(FleetNetwork(listen=[f"tcp/127.0.0.1:{free_port()}"]), "peer")
     most = 30 * known.words(0).nbytes
-    recorder = FleetRecorder(session, folder, say=said.append, most_pending=most)
+    recorder = FleetRecorder(FleetSource(session), folder, say=said.append, most_pending=most)
 
     def come(first: int, stop: int) -> None:
         for number in range(first, stop):

@@ -7,8 +7,6 @@ import os
 import signal
 import sys
 from collections.abc import Awaitable, Callable
-from contextlib import suppress
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +16,7 @@ pytest.importorskip("zenoh", reason="the extra fleet is not installed")
 pytest.importorskip("duckdb", reason="the extra fleet-history is not installed")
 pytest.importorskip("pyarrow", reason="the extra fleet-history is not installed")
 
-from helpers.fleet_histories import Recording, by_duckdb, recording, rows, until_recorded
+from helpers.fleet_histories import Recording, Truth, by_duckdb, check, recorded_levels, recording, rows, until_recorded
 from helpers.fleets import PLANT, Fleet, fleet_of
 from umo.fleet import fleet_record
 from umo.testing.faces import TriedMachine
@@ -43,49 +41,6 @@ def tried(work: Callable[[TriedMachine, Fleet], Awaitable[None]], **more: Any) -
             await work(machine, fleet)
 
     asyncio.run(all_of_it())
-
-
-class Truth:
-    """What the machine had, from its own ring; its level goes up and down meanwhile."""
-
-    def __init__(self, machine: TriedMachine) -> None:
-        self._machine, self.levels = machine, dict[int, float]()
-        self._task = asyncio.create_task(self._follow())
-
-    async def _follow(self) -> None:
-        raw = 0
-        with self._machine.find() as reader:
-            place = reader.index("cell.level")
-            while True:
-                raw = (raw + 7) % 200
-                self._machine.set("cell.level", raw)
-                frames = reader.read()
-                levels = frames["values"][:, place].tolist()
-                self.levels.update(zip(frames["number"].tolist(), levels, strict=True))
-                assert not reader.lost
-                await asyncio.sleep(0.02)
-
-    async def end(self) -> None:
-        self._task.cancel()
-        with suppress(asyncio.CancelledError):
-            await self._task
-
-
-def recorded_levels(root: Path) -> dict[int, float]:
-    found = rows(root, "SELECT number, value FROM values WHERE path = 'cell.level' ORDER BY number")
-    assert len(found) == len(dict(found)), "a period is there twice"
-    return dict(found)
-
-
-def check(root: Path, truth: Truth) -> None:
-    """The files have every delta's period, once, with the machine's value; no gap."""
-    levels = recorded_levels(root)
-    assert len(levels) > 20
-    gaps = rows(root, "SELECT of, first, last, why FROM gaps WHERE why <> 'before it was recorded'")
-    assert gaps == []
-    assert {after - before for before, after in pairwise(levels)} == {20}
-    assert levels == {number: truth.levels[number] for number in levels}
-    assert len(set(levels.values())) > 5
 
 
 def test_values_states_qualities_and_events_are_in_files_that_others_read(tmp_path: Path) -> None:

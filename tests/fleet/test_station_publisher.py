@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("zenoh", reason="the extra fleet is not installed")
 
 from bench.fleet.rings import MadeRing, value
+from helpers.fleets import Sent
 from umo.cycle.stage import Stage
 from umo.fleet.fleet_keys import StationKey
 from umo.fleet.run_words import FULL, WordFrame
@@ -22,20 +23,6 @@ from umo.remote.search import frames_at
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux")
 OBJECTS = 3000
 """So many that a ring has few frames."""
-
-
-class Sent:
-    """A session, and the deltas that it would send."""
-
-    def __init__(self) -> None:
-        self.messages: list[bytes] = []
-
-    def put(self, data: Any) -> None:
-        if isinstance(data, bytes):
-            self.messages.append(data)
-
-    def __getattr__(self, name: str) -> Any:
-        return lambda *args, **options: self
 
 
 @pytest.fixture

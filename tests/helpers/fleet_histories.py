@@ -6,9 +6,10 @@ import asyncio
 import json
 import threading
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import duckdb
 import numpy as np
@@ -17,9 +18,14 @@ from helpers.fleets import Fleet
 from umo.fleet.fleet_query import asked
 from umo.fleet.fleet_record import FleetRecorder
 from umo.fleet.fleet_record_files import RecordFolder
+from umo.fleet.fleet_record_source import FleetSource, RecordSource
 from umo.fleet.message_parts import packed
 from umo.fleet.run_words import FULL, LAST, Delta, Rest, WordFrame
 from umo.frames.layout import Layout
+from umo.testing.faces import TriedMachine
+
+if TYPE_CHECKING:
+    from umo.fleet.jetstream_server import JetStreamServer
 
 OBJECTS = (
     {"path": "level", "kind": "DigitalSensor", "unit": "mm", "minimum": 0.0, "maximum": 9.0},
@@ -87,18 +93,28 @@ async def until_recorded(condition: Callable[[], Any], within: float = 120.0) ->
 class Recording:
     """A recorder in a thread, which can be killed."""
 
-    def __init__(self, fleet: Fleet, root: Path) -> None:
-        self._fleet, self.root = fleet, root
+    def __init__(self, fleet: Fleet, root: Path, jetstream: JetStreamServer | None = None) -> None:
+        self._fleet, self.root, self._jetstream = fleet, root, jetstream
         self.said: list[str] = []
         self._stop: threading.Event | None = None
 
     async def begin(self) -> None:
-        self._session = await self._fleet.session()
         self._folder = RecordFolder(self.root, self.said.append)
-        self._recorder = FleetRecorder(self._session, self._folder, say=self.said.append)
+        self._recorder = FleetRecorder(await self._source(), self._folder, say=self.said.append)
         self._stop = stop = threading.Event()
         self._thread = threading.Thread(target=self._recorder.run, args=(stop.is_set,))
         self._thread.start()
+
+    async def _source(self) -> RecordSource:
+        if self._jetstream is not None:
+            from umo.fleet.jetstream_source import JetStreamSource
+
+            made = JetStreamSource(self._jetstream, self._folder, ["*/*"], self.said.append)
+            self._close = made.close
+            return made
+        session = await self._fleet.session()
+        self._close = session.close
+        return FleetSource(session)
 
     async def end(self, *, killed: bool = False) -> None:
         """`killed`: what has not been written is lost."""
@@ -106,9 +122,10 @@ class Recording:
             return
         if killed:
             self._recorder._write = lambda followed: None  # type: ignore[method-assign]
+            self._recorder._tell_written = lambda: None  # type: ignore[method-assign]
         self._stop.set()
         await asyncio.to_thread(self._thread.join)
-        await asyncio.to_thread(self._session.close)  # type: ignore[no-untyped-call]
+        await asyncio.to_thread(self._close)
         self._folder.close()
         self._stop = None
 
@@ -127,3 +144,46 @@ async def recording(fleet: Fleet, root: Path) -> AsyncIterator[Recording]:
         yield made
     finally:
         await made.end()
+
+
+class Truth:
+    """What the machine had, from its own ring; its level goes up and down meanwhile."""
+
+    def __init__(self, machine: TriedMachine) -> None:
+        self._machine, self.levels = machine, dict[int, float]()
+        self._task = asyncio.create_task(self._follow())
+
+    async def _follow(self) -> None:
+        raw = 0
+        with self._machine.find() as reader:
+            place = reader.index("cell.level")
+            while True:
+                raw = (raw + 7) % 200
+                self._machine.set("cell.level", raw)
+                frames = reader.read()
+                levels = frames["values"][:, place].tolist()
+                self.levels.update(zip(frames["number"].tolist(), levels, strict=True))
+                assert not reader.lost
+                await asyncio.sleep(0.02)
+
+    async def end(self) -> None:
+        self._task.cancel()
+        with suppress(asyncio.CancelledError):
+            await self._task
+
+
+def recorded_levels(root: Path) -> dict[int, float]:
+    found = rows(root, "SELECT number, value FROM values WHERE path = 'cell.level' ORDER BY number")
+    assert len(found) == len(dict(found)), "a period is there twice"
+    return dict(found)
+
+
+def check(root: Path, truth: Truth) -> None:
+    """The files have every delta's period, once, with the machine's value; no gap."""
+    levels = recorded_levels(root)
+    assert len(levels) > 20
+    gaps = rows(root, "SELECT of, first, last, why FROM gaps WHERE why <> 'before it was recorded'")
+    assert gaps == []
+    assert {after - before for before, after in pairwise(levels)} == {20}
+    assert levels == {number: truth.levels[number] for number in levels}
+    assert len(set(levels.values())) > 5

@@ -112,3 +112,17 @@ async def asked(session: zenoh.Session, user: str, **command: Any) -> list[dict[
         return [json.loads(bytes(each.ok.payload)) for each in replies if each.ok is not None]
 
     return await asyncio.to_thread(get)
+
+
+class Sent:
+    """A session, and the deltas that it would send."""
+
+    def __init__(self) -> None:
+        self.messages: list[bytes] = []
+
+    def put(self, data: Any) -> None:
+        if isinstance(data, bytes):
+            self.messages.append(data)
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *args, **options: self

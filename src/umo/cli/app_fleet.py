@@ -33,6 +33,10 @@ Certificates = Annotated[
     Path | None,
     typer.Option(metavar="FOLDER", help="Folder with ca.pem, certificate.pem, key.pem (umo fleet certificate)."),
 ]
+JetStream = Annotated[
+    str | None,
+    typer.Option(metavar="URL", help="JetStream that keeps what is published, as nats://HOST:4222 or tls://HOST:4222."),
+]
 HistoryFolder = Annotated[
     Path, typer.Argument(metavar="[FOLDER]", help="Folder of the history; default: fleet-history.")
 ]
@@ -56,6 +60,7 @@ def serve(
     connect: Connect = None,
     listen: Listen = None,
     certificates: Certificates = None,
+    jetstream: JetStream = None,
 ) -> int:
     """Publish the stations that run on this computer, also those that start later, until Ctrl-C.
 
@@ -65,7 +70,7 @@ def serve(
     from .serve_fleet import serve_gateway
 
     changes = {"site": site, "connect": connect, "listen": listen, "certificates": certificates}
-    return serve_gateway(changes, commands=commands, rate=rate)
+    return serve_gateway(changes, commands=commands, rate=rate, jetstream=jetstream)
 
 
 @command(epilog="Examples: umo fleet router --listen tls/0.0.0.0:7447 --certificates ~/fleet/plant", status=SERVED)
@@ -96,15 +101,18 @@ def record(
     ] = None,
     connect: Connect = None,
     certificates: Certificates = None,
+    jetstream: JetStream = None,
 ) -> int:
     """Write the values and events of all stations to Parquet files, by station and hour, until Ctrl-C.
 
     `umo fleet query` asks them, and every program that reads Parquet can. What did not come is in them as a gap with
-    its count. A recorder that is begun again goes on where it was.
+    its count. A recorder that is begun again goes on where it was. With --jetstream it reads what gateways have put
+    there (umo fleet serve --jetstream), also what it missed while it was away for long.
     """
     from .record_fleet import record_history
 
-    return record_history(folder, {"connect": connect, "certificates": certificates}, stations or ["*/*"], keep)
+    changes = {"connect": connect, "certificates": certificates}
+    return record_history(folder, changes, stations or ["*/*"], keep, jetstream)
 
 
 @command(

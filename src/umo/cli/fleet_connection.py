@@ -5,12 +5,19 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
 
 import zenoh
 
+from umo.errors import UmoError
 from umo.fleet.fleet_session import FleetAway
+from umo.fleet.fleet_settings import FleetSettings
 
 from .console import say
+
+if TYPE_CHECKING:
+    from umo.fleet.jetstream_server import JetStreamServer
 
 AGAIN = 2.0
 """Time in s after which it is tried again."""
@@ -51,3 +58,12 @@ def _tell(session: zenoh.Session) -> None:
         if is_there != was_there:
             say("the fleet is reached again" if is_there else "the fleet is away; it is waited for")
         was_there = is_there
+
+
+def jetstream_server(url: str, settings: FleetSettings) -> JetStreamServer:
+    """The JetStream of a command line; UmoError without what it needs."""
+    if find_spec("nats") is None:
+        raise UmoError('a JetStream needs nats: pip install "umo[fleet-jetstream]"')
+    from umo.fleet.jetstream_server import load
+
+    return load(url, settings.network.certificates, settings.jetstream)

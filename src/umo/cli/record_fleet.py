@@ -6,12 +6,13 @@ import csv as csv_files
 import json
 import signal
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from datetime import date, datetime
 from importlib.util import find_spec
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from umo.duration import seconds
 from umo.errors import DeclarationError, OptionError, UmoError
@@ -20,43 +21,82 @@ from umo.text import printable
 from .background import step_back
 from .console import out, plain_table, say
 
+if TYPE_CHECKING:
+    from umo.fleet.fleet_record_files import RecordFolder
+    from umo.fleet.fleet_record_source import RecordSource
+    from umo.fleet.fleet_settings import FleetSettings
+    from umo.fleet.jetstream_server import JetStreamServer
+
 BATCH = 10_000
 """Rows that are held at a time."""
 
 
-def record_history(folder: Path, changes: Mapping[str, Any], stations: Sequence[str], keep: str | None) -> int:
+def record_history(
+    folder: Path, changes: Mapping[str, Any], stations: Sequence[str], keep: str | None, jetstream: str | None = None
+) -> int:
     """Record until Ctrl-C or SIGTERM."""
     _check_installed("zenoh", "pyarrow")
     from umo.fleet import fleet_settings
-    from umo.fleet.fleet_record import FleetRecorder, key_pattern
+    from umo.fleet.fleet_record import FleetRecorder
     from umo.fleet.fleet_record_files import RecordFolder
-    from umo.fleet.fleet_session import opened_client
+    from umo.fleet.fleet_record_source import key_pattern
 
-    from .fleet_connection import opened_patiently, tell_connection
+    from .fleet_connection import jetstream_server
 
     kept = None if keep is None else _seconds("--keep", keep)
     for each in stations:
         key_pattern(each)
-    network = fleet_settings.load(changes=changes).network
+    settings = fleet_settings.load(changes=changes)
+    if jetstream is not None and changes.get("connect"):
+        raise OptionError("--jetstream or --connect: a recorder reads from one of them")
+    server = None if jetstream is None else jetstream_server(jetstream, settings)
     step_back()
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     files = RecordFolder(folder, say)
-    session = opened_patiently(lambda: opened_client(network), stop.is_set)
-    if session is None:
-        files.close()
-        return 0
     try:
-        if network.connect:
-            tell_connection(session)
-        out.print(f"records {', '.join(stations)} to {folder}", soft_wrap=True)
-        FleetRecorder(session, files, stations, keep=kept, say=say).run(stop.is_set)
+        with _source(settings, server, files, stations, stop.is_set) as source:
+            if source is None:
+                return 0
+            out.print(f"records {', '.join(stations)} to {folder}", soft_wrap=True)
+            FleetRecorder(source, files, keep=kept, say=say).run(stop.is_set)
     finally:
-        session.close()
         files.close()
     say("the recorder has ended; what came is in its files")
     return 0
+
+
+@contextmanager
+def _source(
+    settings: FleetSettings,
+    server: JetStreamServer | None,
+    files: RecordFolder,
+    stations: Sequence[str],
+    stopped: Callable[[], bool],
+) -> Iterator[RecordSource | None]:
+    """Where the messages come from; None: it was stopped before anybody answered."""
+    from umo.fleet.fleet_record_source import FleetSource
+    from umo.fleet.fleet_session import opened_client
+
+    from .fleet_connection import opened_patiently, tell_connection
+
+    if server is not None:
+        from umo.fleet.jetstream_source import JetStreamSource
+
+        with closing(JetStreamSource(server, files, stations, say)) as source:
+            yield source
+        return
+    session = opened_patiently(lambda: opened_client(settings.network), stopped)
+    if session is None:
+        yield None
+        return
+    try:
+        if settings.network.connect:
+            tell_connection(session)
+        yield FleetSource(session, stations)
+    finally:
+        session.close()
 
 
 def query_history(folder: Path, sql: str, *, last: str | None, rows: int, csv: Path | None, as_json: bool) -> int:

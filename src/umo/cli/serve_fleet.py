@@ -21,10 +21,10 @@ from umo.frames.frame_server import folder
 
 from .background import step_back, until_stopped
 from .console import out, say
-from .fleet_connection import opened_patiently, tell_connection
+from .fleet_connection import jetstream_server, opened_patiently, tell_connection
 
 
-def serve_gateway(changes: Mapping[str, Any], *, commands: bool, rate: float) -> int:
+def serve_gateway(changes: Mapping[str, Any], *, commands: bool, rate: float, jetstream: str | None = None) -> int:
     """Publish the stations of this computer until Ctrl-C or SIGTERM."""
     if not SLOWEST <= rate <= FASTEST:
         raise OptionError(f"--rate {rate:g} is not from {SLOWEST:g} to {FASTEST:g}")
@@ -33,11 +33,13 @@ def serve_gateway(changes: Mapping[str, Any], *, commands: bool, rate: float) ->
     settings.require(SITE)
     if commands and not (network.is_local or network.is_proved):
         raise OptionError("commands of other computers need tls: its certificates prove who they are")
+    server = None if jetstream is None else jetstream_server(jetstream, settings)
     step_back()
     lock = _alone()
     mode = "client" if network.connect and not network.listen else "peer"
     session = opened_patiently(lambda: opened(network, mode), lambda: False)
     assert session is not None
+    history = None
     try:
         if mode == "client":
             tell_connection(session)
@@ -45,12 +47,22 @@ def serve_gateway(changes: Mapping[str, Any], *, commands: bool, rate: float) ->
             "publishes the stations of", settings.site, network, "reading and commands" if commands else "reading only"
         )
 
+        if server is not None:
+            from umo.fleet.jetstream_publisher import JetStreamPublisher
+
+            history = JetStreamPublisher(server, say)
+
         async def serving() -> None:
             users = FleetUsers(is_proved=network.is_proved)
-            await FleetGateway(session, settings.site, users, rate=rate, read_only=not commands, say=say).run()
+            gateway = FleetGateway(
+                session, settings.site, users, rate=rate, read_only=not commands, say=say, history=history
+            )
+            await gateway.run()
 
         asyncio.run(until_stopped(serving()))
     finally:
+        if history is not None:
+            history.close()
         session.close()
         os.close(lock)
     say("the gateway has ended; stations that run go on")

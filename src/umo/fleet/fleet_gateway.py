@@ -14,7 +14,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from math import inf
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import zenoh
 
@@ -27,6 +27,9 @@ from umo.fleet.station_publisher import StationPublisher
 from umo.frames import Reader
 from umo.frames.frame_server import sockets
 from umo.remote.search import frames_at
+
+if TYPE_CHECKING:
+    from umo.fleet.jetstream_publisher import JetStreamPublisher
 
 log = logging.getLogger("umo.fleet")
 RATE = 10.0
@@ -93,7 +96,8 @@ class PublishedStation:
 
 
 class FleetGateway:
-    """`site`: the first word of the keys of this computer's stations. `say` is told of what a user has to know."""
+    """`site`: the first word of the keys of this computer's stations. `say` is told of what a user has to know;
+    `history` publishes to a JetStream also."""
 
     def __init__(
         self,
@@ -105,9 +109,11 @@ class FleetGateway:
         read_only: bool = True,
         say: Callable[[str], object] = log.info,
         find: Callable[[], list[Path]] = sockets,
+        history: JetStreamPublisher | None = None,
     ) -> None:
         self._session, self._site, self._users = session, site, users
         self._interval, self._read_only, self._say, self._find = 1.0 / rate, read_only, say, find
+        self._history = history
         self._stations: dict[Path, PublishedStation] = {}
         self._refused: dict[Path, UnpublishedStation] = {}
         self._ended: list[tuple[float, StationPublisher]] = []
@@ -147,6 +153,8 @@ class FleetGateway:
     async def _leave(self, path: Path) -> None:
         station = self._stations.pop(path)
         self._say(f"{station.publisher.key} has ended")
+        if self._history is not None:
+            self._history.end(station.publisher)
         with suppress(zenoh.ZError, UmoError):
             await station.end()
         self._ended.append((time.monotonic() + AFTER_END, station.publisher))
@@ -193,6 +201,8 @@ class FleetGateway:
             raise FramesError(f"{key} is in the fleet already, of another computer: give this one another --site")
         publisher = StationPublisher(self._session, key, reader, self._interval)
         self._refused.pop(path, None)
+        if self._history is not None:
+            self._history.begin(publisher)
         self._stations[path] = PublishedStation(publisher, self._session, self._users, self._read_only)
         self._say(f"{key} (pid {reader.about['pid']})")
 

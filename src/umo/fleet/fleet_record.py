@@ -1,4 +1,4 @@
-"""The recorder of a fleet: subscribes to all stations, and writes what they publish to Parquet files.
+"""The recorder of a fleet: writes what stations publish to Parquet files.
 
 What it has written last it reads from its own files when it begins, so that nothing is there twice and what is missing
 is announced with its count. Gateways keep their last 60 s at 10 Hz: what a recorder that is away for less has missed
@@ -9,30 +9,29 @@ from __future__ import annotations
 
 import json
 import logging
-import re
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import pyarrow as pa
-import zenoh
 
-from umo.errors import FramesError, OptionError, UmoError, text_of
+from umo.errors import FramesError, UmoError, text_of
 from umo.fleet import fleet_keys as keys
-from umo.fleet.fleet_keys import StationKey, station_of
+from umo.fleet.fleet_keys import StationKey
 from umo.fleet.fleet_mirror import ANSWER_TIME
 from umo.fleet.fleet_record_files import RecordFolder
 from umo.fleet.fleet_record_rows import events_table, gaps_table
 from umo.fleet.fleet_record_run import FollowedRun
-from umo.fleet.past_queries import PastQueries
+from umo.fleet.fleet_record_source import RecordSource, StreamPlace
 from umo.fleet.run_feed import RunFeed
 from umo.fleet.run_words import RUN_BYTES, peek
+from umo.fleet.stream_positions import StreamPositions
 
 log = logging.getLogger("umo.fleet")
 FLUSH = 3.0
@@ -43,6 +42,8 @@ PART_BYTES = 8 << 20
 """Bytes of a run that are written before it is time."""
 MAX_INCOMING = 256 << 20
 """Bytes of messages that wait to be looked at, at most. What comes beyond is a gap."""
+MAX_AHEAD = 32 << 20
+"""Bytes of messages that wait at which a source that can wait does so."""
 MAX_PENDING = 512 << 20
 """Bytes of all that waits to be written, at most: while the disk is full older values are dropped."""
 TAKE_WAIT = 0.1
@@ -51,19 +52,19 @@ MOST = 2000
 """Messages between two looks at what is to be written."""
 DECLARATIONS = 50
 """Declarations that are asked for at a time."""
-IDLE = 120.0
-"""Time in s after which a run of which nothing comes any more is forgotten; the files know it."""
 TIDY_PAUSE = 600.0
 """Time in s from one look at all folders to the next, also at the end of an hour."""
-_PATTERN = re.compile(r"[\w.*-]{1,64}/[\w.*-]{1,64}", re.ASCII)
 
 
-QueuedMessage = tuple[str, StationKey, bytes]
-"""Kind, station and what it is."""
+class QueuedMessage(NamedTuple):
+    kind: str
+    key: StationKey
+    data: bytes
+    place: StreamPlace | None
 
 
 class Incoming:
-    """Messages from the threads of Zenoh, bounded."""
+    """Messages from other threads, bounded."""
 
     def __init__(self, most: int = MAX_INCOMING) -> None:
         self._most = most
@@ -71,12 +72,16 @@ class Incoming:
         self._messages: deque[QueuedMessage] = deque()
         self._changed = threading.Condition()
 
-    def put(self, kind: str, key: StationKey, data: bytes) -> None:
+    @property
+    def size(self) -> int:
+        return self._bytes
+
+    def put(self, kind: str, key: StationKey, data: bytes, place: StreamPlace | None = None) -> None:
         with self._changed:
             if self._bytes + len(data) > self._most:
                 return
             self._bytes += len(data)
-            self._messages.append((kind, key, data))
+            self._messages.append(QueuedMessage(kind, key, data, place))
             self._changed.notify()
 
     def take(self, wait: float) -> list[QueuedMessage]:
@@ -84,7 +89,7 @@ class Incoming:
             if not self._messages:
                 self._changed.wait(wait)
             taken = [self._messages.popleft() for _ in range(min(len(self._messages), MOST))]
-            self._bytes -= sum(len(data) for _, _, data in taken)
+            self._bytes -= sum(len(each.data) for each in taken)
             return taken
 
 
@@ -111,6 +116,7 @@ class Followed:
     asked: float = float("-inf")
     """When it was asked for its declaration."""
     is_described: bool = field(default=False)
+    positions: StreamPositions = field(default_factory=StreamPositions)
 
     def go_on(self) -> None:
         """Record what has its turn."""
@@ -123,55 +129,50 @@ class Followed:
 
 
 class FleetRecorder:
-    """`patterns`: SITE/STATION with `*`; `keep`: s, None: for ever. `say` is told of what a user has to know."""
+    """`keep`: s, None: for ever. `say` is told of what a user has to know."""
 
     def __init__(
         self,
-        session: zenoh.Session,
+        source: RecordSource,
         folder: RecordFolder,
-        patterns: Sequence[str] = ("*/*",),
         *,
         keep: float | None = None,
         say: Callable[[str], object] = log.info,
         utc: Callable[[], float] = time.time,
         most_pending: int = MAX_PENDING,
     ) -> None:
-        self._session, self._folder, self._keep, self._say, self._utc = session, folder, keep, say, utc
+        self._source, self._folder, self._keep, self._say, self._utc = source, folder, keep, say, utc
         self._most_pending = most_pending
         self._incoming = Incoming()
         self._followed: dict[tuple[StationKey, bytes], Followed] = {}
         self._is_full = False
         self._tidied, self._hour = float("-inf"), ""
         self._untidy: deque[Path] = deque()
-        self._queries = PastQueries(session, self._answered_past)
-        self._subscribers = [
-            session.declare_subscriber(f"{keys.ROOT}/{key_pattern(each)}/{kind}", partial(self._put, kind))
-            for each in patterns
-            for kind in (keys.DELTA, keys.EVENT)
-        ]
+        self._pending = 0
+        """Bytes of what is to be written, at the last look."""
+        self._place = 0
+        """The last one in the stream that was taken, and that of which the source knows that it is written."""
+        source.begin(self._incoming.put, self._has_room)
 
-    def _put(self, kind: str, sample: zenoh.Sample) -> None:
-        self._incoming.put(kind, station_of(str(sample.key_expr)), bytes(sample.payload))
-
-    def _answered_past(self, key: StationKey, run: bytes, data: bytes) -> None:
-        self._incoming.put(keys.PAST, key, run + data)
+    def _has_room(self) -> bool:
+        return not self._is_full and self._incoming.size < MAX_AHEAD and self._pending < self._most_pending // 2
 
     def run(self, stop: Callable[[], bool]) -> None:
         """Record until `stop`; then write what has come."""
         while not stop():
             self.step()
-        for each in self._subscribers:
-            each.undeclare()
+        self._source.end()
         while messages := self._incoming.take(0.0):
-            for kind, key, data in messages:
-                self._take(kind, key, data)
+            for message in messages:
+                self._take(message)
         for followed in list(self._followed.values()):
             self._write(followed)
+        self._tell_written()
 
     def step(self) -> None:
         """Take what has come, write what is due."""
-        for kind, key, data in self._incoming.take(TAKE_WAIT):
-            self._take(kind, key, data)
+        for message in self._incoming.take(TAKE_WAIT):
+            self._take(message)
         now = time.monotonic()
         self._ask_for_past(now)
         self._ask(now)
@@ -182,47 +183,59 @@ class FleetRecorder:
         ]  # fmt: skip
         for each in due[:FLUSHES]:
             self._write(each)
+        if due:
+            self._tell_written()
         self._make_room()
         self._tidy(now)
 
     # What comes ----------------------------------------------------------------------------------------
 
-    def _take(self, kind: str, key: StationKey, data: bytes) -> None:
+    def _take(self, queued: QueuedMessage) -> None:
+        kind, key, data, place = queued
+        if place is not None:
+            self._place = place.sequence
         with told(key):
             if kind == keys.DELTA:
-                followed = self._run_of(key, peek(data).run)
+                head = peek(data)
+                followed = self._run_of(key, head.run)
+                if place is not None:
+                    followed.positions.take(place.sequence, head)
+                    followed.feed.leave_out(place.first)
                 followed.feed.take_delta(data, time.monotonic())
             elif kind == keys.EVENT:
                 message = json.loads(data)
                 followed = self._run_of(key, bytes.fromhex(message["run"]))
+                if place is not None:
+                    followed.positions.take(place.sequence, None)
+                    followed.feed.leave_out_events(int(message["events"][0][0]))
                 followed.feed.take_events(message)
             elif kind == keys.PAST:
                 followed = self._run_of(key, data[:RUN_BYTES])
                 followed.feed.take_past(data[RUN_BYTES:])
-            else:
+            elif kind == keys.DECLARATION:
                 self._take_declaration(key, data)
+                return
+            else:  # of a station that is not wanted
                 return
             followed.go_on()
 
     def _run_of(self, key: StationKey, run: bytes) -> Followed:
-        now = time.monotonic()
         followed = self._followed.get((key, run))
         if followed is None:
+            now = time.monotonic()
             this = FollowedRun(run, self._folder.recorded(key))
-            followed = Followed(key, this, RunFeed(run, *this.wanted, now), now, now)
+            followed = Followed(key, this, RunFeed(run, *this.wanted, now), 0.0, now)
             self._followed[key, run] = followed
             self._say(f"{key} is recorded")
-        followed.heard = now
+        followed.heard = self._source.now()
         return followed
 
     def _ask_for_past(self, now: float) -> None:
         """Ask for what is missing: who was asked is behind the others the next time."""
         for of, each in list(self._followed.items()):
-            if self._queries.are_too_many:
+            if not self._source.ask_past(each.key, each.feed, now):
                 return
-            if (request := each.feed.request(now)) is not None:
-                self._queries.ask(each.key, request)
-                self._followed[of] = self._followed.pop(of)
+            self._followed[of] = self._followed.pop(of)
             each.go_on()  # with what is there, if nobody answers
 
     def _ask(self, now: float) -> None:
@@ -233,16 +246,7 @@ class FleetRecorder:
         ]  # fmt: skip
         for each in waiting[:DECLARATIONS]:
             each.asked = now
-            with suppress(zenoh.ZError):  # the network is away
-                self._session.get(
-                    each.key.key(keys.DECLARATION),
-                    zenoh.handlers.Callback(partial(self._answered, each.key), lambda: None),
-                    timeout=ANSWER_TIME,
-                )
-
-    def _answered(self, key: StationKey, reply: zenoh.Reply) -> None:
-        if reply.ok is not None:
-            self._incoming.put(keys.DECLARATION, key, bytes(reply.ok.payload))
+            self._source.ask_declaration(each.key, each.run.run)
 
     def _take_declaration(self, key: StationKey, data: bytes) -> None:
         for followed in self._followed.values():
@@ -278,8 +282,25 @@ class FleetRecorder:
         if self._is_full:
             self._is_full = False
             self._say("the history is written again")
-        if followed.heard < followed.written - IDLE and not run.give_up():
-            del self._followed[key, run.run]
+        everything = run.is_written and followed.feed.holds_nothing
+        followed.positions.wrote(run.last["values"], everything=everything)
+        if followed.heard < self._source.now() - self._source.idle:
+            self._leave(followed)
+
+    def _leave(self, followed: Followed) -> None:
+        """Nothing comes of it any more: go on with what is there, and forget it when that is written."""
+        followed.feed.give_up()
+        followed.go_on()
+        if followed.feed.holds_nothing and not followed.run.give_up():
+            del self._followed[followed.key, followed.run.run]
+
+    def _tell_written(self) -> None:
+        """Tell the source up to where a recorder that begins anew needs nothing."""
+        needed = [
+            each.positions.needed(each.run.last["values"], has_ended=each.run.has_ended)
+            for each in self._followed.values()
+        ]
+        self._source.written(min((each for each in needed if each is not None), default=self._place + 1) - 1)
 
     def _tell_full(self, error: Exception) -> None:
         if not self._is_full:
@@ -289,7 +310,8 @@ class FleetRecorder:
 
     def _make_room(self) -> None:
         """Drop the older half of what the runs have that hold more than their share."""
-        if sum(each.run.bytes for each in self._followed.values()) <= self._most_pending:
+        self._pending = sum(each.run.bytes for each in self._followed.values())
+        if self._pending <= self._most_pending:
             return
         share = self._most_pending / len(self._followed)
         for each in self._followed.values():
@@ -315,10 +337,3 @@ class FleetRecorder:
     @staticmethod
     def _hour_of(utc: float) -> str:
         return datetime.fromtimestamp(utc, UTC).strftime("%Y-%m-%dT%H")
-
-
-def key_pattern(text: str) -> str:
-    """`cell7/*`, `*/press*` as a key of Zenoh; OptionError if it is none."""
-    if not _PATTERN.fullmatch(text):
-        raise OptionError(f"{text!r} names no stations; write SITE/STATION, where * stands for anything, as 'cell7/*'")
-    return "/".join(part if part == "*" else re.sub(r"\*+", "$*", part) for part in text.split("/"))

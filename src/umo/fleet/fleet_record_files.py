@@ -37,7 +37,7 @@ MERGED_PARTS, MERGED_BYTES = 60, 8 << 20
 GROUP_ROWS = 100_000
 """Rows of a row group: smaller ones are put together."""
 LOOKED_AT = 24
-"""Newest files of a station that a recorder reads when it begins."""
+"""Newest files of a station that a recorder reads when it begins, by default."""
 LOCK, MERGING = ".recorder", ".merging"
 _NAME = re.compile(r"(\d{4}-\d\d-\d\dT\d\d)(?:\.(\d{8}))?\.parquet")
 
@@ -59,6 +59,8 @@ class RecordFolder:
     def __init__(self, root: Path, say: Callable[[str], object]) -> None:
         root.mkdir(parents=True, exist_ok=True)
         self.root, self._say = root, say
+        self.looked_at = LOOKED_AT
+        """Newest files of a station that tell what is recorded already; it is asked for each run once."""
         self._lock = open(root / LOCK, "w")  # noqa: SIM115 - held as long as the recorder records
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -206,7 +208,7 @@ class RecordFolder:
         files = [(_modified(each.path), each) for each in hour_files(place)]
         parts = [each for _, each in files if each.number is not None]
         whole = sorted((each for each in files if each[1].number is None), key=lambda each: each[0])
-        return parts + [each for _, each in whole[-LOOKED_AT:]]
+        return parts + [each for _, each in whole[-self.looked_at :]]
 
     def _about(self, path: Path) -> dict[str, Any]:
         """What a file says of itself. One that is damaged is set aside, and told."""

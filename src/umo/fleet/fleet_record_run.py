@@ -212,6 +212,11 @@ class FollowedRun:
 
     # What is written -----------------------------------------------------------------------------------
 
+    @property
+    def is_written(self) -> bool:
+        """Whether nothing that came is left to be written."""
+        return not (self.taken or self.gaps or self._events or self._waiting)
+
     def has_written(self, values: int = 0, events: int = 0, gaps: int = 0) -> None:
         """So many of each are in files."""
         self.bytes -= sum(len(each.image) for each in self.taken[:values])

@@ -6,6 +6,7 @@ connect = ["tls/plant.local:7447"]    # routers, or other computers; default: th
 listen = []                           # addresses at which others reach this one
 certificates = "~/.config/umo/fleet"  # folder of ca.pem, certificate.pem, key.pem (umo fleet certificate)
 user = "ann"                          # whose commands these are; default: that of the certificate, or of this computer
+[jetstream]                           # see umo.fleet.jetstream_server
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from __future__ import annotations
 import socket
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from umo.system import roles
 from umo.system.processes import user_name
 from umo.text import did_you_mean
 
-KEYS = ("site", "connect", "listen", "certificates", "user")
+KEYS = ("site", "connect", "listen", "certificates", "user", "jetstream")
 MAX_BYTES = 1 << 16
 
 
@@ -34,6 +35,8 @@ class FleetSettings:
     site: str
     network: FleetNetwork
     user: str
+    jetstream: Mapping[str, Any] = field(default_factory=dict)
+    """The table [jetstream] (`umo.fleet.jetstream_server`)."""
 
     @property
     def why_none(self) -> str:
@@ -82,7 +85,10 @@ def load(file: Path | None = None, changes: Mapping[str, Any] | None = None) -> 
             f"{identity.kind} = {names[identity.kind]!r}, and the certificate in {folder} is of {identity}"
         )
     site, user = names.get(SITE) or segment(socket.gethostname()), names.get(USER) or segment(user_name())
-    return FleetSettings(site, network, user)
+    jetstream = given.get("jetstream", {})
+    if not isinstance(jetstream, dict):
+        raise OptionError(f"jetstream = {jetstream!r} is not a table, [jetstream]")
+    return FleetSettings(site, network, user, jetstream)
 
 
 def _read(file: Path) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from itertools import takewhile
 from typing import NamedTuple
 
 from umo.fleet.run_words import Delta
@@ -43,13 +44,13 @@ class KeptDeltas:
         """Number of the last one of all, -1 without any; and those from a number on, as many as one answer holds.
         If the first of them is a later one, nobody has what is between."""
         with self._lock:
-            kept = list(self._kept)
+            last = self._kept[-1].number if self._kept else -1
+            kept = list(takewhile(lambda each: each.number >= number, reversed(self._kept)))
         found: list[bytes] = []
         size = 0
-        for each in kept:
-            if each.number >= number:
-                size += len(each.data)
-                if found and (len(found) == MOST or size > MOST_BYTES):
-                    break
-                found.append(each.data)
-        return (kept[-1].number if kept else -1), found
+        for each in reversed(kept):
+            size += len(each.data)
+            if found and (len(found) == MOST or size > MOST_BYTES):
+                break
+            found.append(each.data)
+        return last, found

@@ -67,6 +67,16 @@ class RunFeed:
         self._go_on()
         return True
 
+    def leave_out(self, delta: int) -> None:
+        """Deltas before this number that have not come do not come any more."""
+        if delta > self.delta:
+            self._skip_to(delta)
+            self._go_on()
+
+    def leave_out_events(self, event: int) -> None:
+        """Events before this number that have not come do not come any more."""
+        self.event = max(self.event, event)
+
     def take_events(self, told: Mapping[str, Any]) -> None:
         """A message with events as it was published. Those behind a gap are asked for."""
         events = told["events"]
@@ -164,13 +174,17 @@ class RunFeed:
             self._heard, self._silence = now, min(2 * self._silence, LONGEST_SILENCE)
             self._tries = 0
         elif self._tries == TRIES:
-            self._give_up()
+            self.give_up()
             return None
         self._asked = now
         self._tries += 1
         return Missing(self.run, self.delta, self.event)
 
-    def _give_up(self) -> None:
+    @property
+    def holds_nothing(self) -> bool:
+        return not (self._held or self._deltas or self._events)
+
+    def give_up(self) -> None:
         """Nobody answers: go on with what is there."""
         self._tries = 0
         self.event = self._last_event + 1

@@ -64,7 +64,7 @@ class StationPublisher:
         assert fields is not None
         found = [fields[name] for name in STATUS_FIELDS]
         self._status_parts = [slice(at, at + kind.itemsize) for kind, at, *_ in found]
-        self._kept = KeptDeltas(max(MOST, ceil(KEPT / max(interval, self.stride * period or interval))), FULL_EVERY)
+        self.kept = KeptDeltas(max(MOST, ceil(KEPT / max(interval, self.stride * period or interval))), FULL_EVERY)
         self._deltas, self._events, self._statuses = (
             session.declare_publisher(key.key(kind), congestion_control=zenoh.CongestionControl.DROP)
             for kind in (keys.DELTA, keys.EVENT, keys.STATUS)
@@ -121,7 +121,7 @@ class StationPublisher:
         told = rest if rest != self._rest or number % REST_EVERY == 0 or flags else b""
         delta = Delta(self.run, number, flags, places, changed, told, self._event)
         data = delta.packed()
-        self._kept.add(delta, data)
+        self.kept.add(delta, data)
         self._deltas.put(data)
         self._next, self._words, self._rest = number + 1, words, rest
         self.latest = number, words, rest
@@ -159,13 +159,18 @@ class StationPublisher:
                 packed(json.dumps(about).encode(), without_job(self.reader.layout).describe(), bytes(words), rest),
             )
 
+    def described(self) -> bytes:
+        """The declaration of the run alone, without values."""
+        about = {"run": self.run.hex(), "number": -1, "stride": self.stride, "site": self.key.site, "event": 0}
+        return packed(json.dumps(about).encode(), self.reader.layout.describe(), b"", b"")
+
     def _tell_past(self, query: zenoh.Query) -> None:
         """What was published before, and who asks has missed (`umo.fleet.run_feed`)."""
         with query, suppress(ValueError):  # of a number that is none, or of frames that have just been closed
             asked = query.parameters
             if asked.get("run") != self.run.hex():  # of one that has ended
                 return
-            head, deltas = self._kept.since(int(asked.get("delta") or 0))
+            head, deltas = self.kept.since(int(asked.get("delta") or 0))
             event = self.reader.next_event
             events = self.reader.events(int(asked.get("event") or 0))[:MOST]
             if events:
