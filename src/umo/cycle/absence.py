@@ -50,6 +50,9 @@ class Drivers(Protocol):
     def watchdog(self, name: str, seconds: float) -> None:
         """Arm the driver's watchdog."""
 
+    def note_look(self, driver: Driver[Any], found: bool | None) -> None:
+        """Note what a look for this driver has found."""
+
 
 class Absence:
     """One driver that has failed."""
@@ -173,8 +176,9 @@ class Absences:
     def _look_for(self, absence: Absence) -> None:
         found, error = attempt(_answer, absence.driver)
         if error is not None:
-            absence.cause = error.text
-        if found is None and error is None and self._is_awaited(absence):
+            absence.cause, found = error.text, False
+        self._transfer.note_look(absence.driver, found)
+        if found is None and self._is_awaited(absence):
             absence.shut = True  # until it is known
             self._transfer.exchange(absence.driver, Away(absence.refusal))
             return

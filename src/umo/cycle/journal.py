@@ -35,6 +35,9 @@ class Kind(IntEnum):
     """A worker process has brought a reading of its driver; `time` is that of the reading."""
     CONFIRMED = 10
     """A worker process has brought what its device has accepted of an actuator; `time` is that of the transfer."""
+    LOOKED = 11
+    """A driver that is away was looked for; the slot is the first of its objects. `raw` 1: its device answers, 0: it
+    does not, -1: not known yet."""
 
 
 class ErrorKind(IntEnum):

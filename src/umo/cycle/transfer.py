@@ -364,6 +364,11 @@ class Transfer:
             before = self.raws[slot]
             self.journal.add(slot, kind, before if raw is None else raw, before, error, time)
 
+    def note_look(self, driver: Driver[Any], found: bool | None) -> None:
+        """Into the journal: what a look for a driver that is away has found."""
+        slot = next(slot for slot, wire in enumerate(self.wires) if wire.driver is driver and slot != self.timer)
+        self.note(slot, Kind.LOOKED, raw=-1 if found is None else int(found))
+
     def by_driver(self, slots: Iterable[int]) -> list[tuple[Driver[Any], list[int]]]:
         groups: dict[int, tuple[Driver[Any], list[int]]] = {}
         for slot in slots:

@@ -1,0 +1,187 @@
+"""Replaying a recorded run: its drivers, its clients and its time are the tape; the rest is the program of today."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from umo.cycle import connect
+from umo.cycle.client_commands import Mode
+from umo.cycle.client_control import ClientControl
+from umo.cycle.clock import WallClock
+from umo.cycle.events import CommandState
+from umo.cycle.frame import Frame, Observer
+from umo.cycle.journal import CAPACITY, Journal
+from umo.cycle.machine import ConnectedMachine
+from umo.cycle.phases import Phases
+from umo.drivers.contract import WaitEnded
+from umo.errors import DriverError, text_of
+from umo.replay.comparison import Comparison
+from umo.replay.hands import TapeInbox, TapeLevels
+from umo.replay.player import CAUSE, Player
+from umo.replay.program import Program
+from umo.replay.result import Difference, Replayed
+from umo.replay.tape import NotReplayable, Periods, Tape
+from umo.replay.tape_driver import taped, watch_blocks
+
+RANDOM_HASHES = "the order of hashes was not fixed in the recorded run (PYTHONHASHSEED): sets of texts may differ"
+
+
+class Replay:
+    """One replay of a tape."""
+
+    def __init__(
+        self,
+        tape: Tape,
+        program: Program | None = None,
+        *,
+        settings: Mapping[str, object] | None = None,
+        observers: Iterable[Observer] = (),
+    ) -> None:
+        """`program`: default is the station of the recording. `settings`: other values of numbers by path; the replay
+        goes on beyond differences then: open loop, as the recorded sensors do not answer to what is written.
+        NotReplayable, in one line."""
+        self._tape = tape
+        _check(tape)
+        self.program = program or Program.of(tape)
+        self._observers = list(observers)
+        if settings:
+            self.program.set(settings)
+        self.layout = tape.layout
+        initial = dict(self.layout.about.get("initial", {}))
+        self.periods = Periods(tape)
+        self.player = Player(self.periods, initial.get("raws") or [0] * len(self.layout.objects))
+        self.player.lenient = bool(settings)
+        self.result = Replayed(self.program.name, settings=dict(settings or {}))
+        if initial.get("hash_seed", "random") != os.environ.get("PYTHONHASHSEED", "random") or (
+            initial.get("hash_seed", "random") == "random"
+        ):
+            self.result.hashes = RANDOM_HASHES
+        self.connection = self._connection(initial)
+        self.comparison: Comparison
+
+    def _connection(self, initial: Mapping[str, Any]) -> connect[Any]:
+        program = self.program
+        recorded = {str(each["path"]): slot for slot, each in enumerate(self.layout.objects)}
+        today = {wire.item.path for wire in program.wired.wires}
+        for missing, where in (recorded.keys() - today, "machine of today"), (today - recorded.keys(), "recording"):
+            if missing:
+                raise NotReplayable(f"the {where} has no object {min(missing)}: inputs and outputs must be the same")
+        connection = connect(program.machine, taped(program.wired, self.player, recorded))
+        connection.kept = {path: value for path, value in initial.get("kept", {}).items() if path not in self.result.settings}
+        connection.alarm_states = initial.get("alarms", {})
+        connection.seed = initial.get("seed", 0)
+        connection.pause = lambda seconds: None
+        return connection
+
+    def run(self) -> Replayed:
+        """Replay to the end of the tape, or to the first difference."""
+        result, begun = self.result, time.perf_counter()
+        try:
+            with self.connection as machine, self._played(self.connection.machine):
+                if self.player.skipped > 0:
+                    self.connection.machine.skip_ticks()
+                if not self.player.over:
+                    self.program.drive(machine)
+        except (WaitEnded, KeyboardInterrupt) as error:
+            if isinstance(error, KeyboardInterrupt):
+                raise
+        except BaseException as error:  # SystemExit too: of control code
+            result.error = error
+        result.elapsed = time.perf_counter() - begun
+        result.inexact = self.player.ended
+        self._compare_ends()
+        return result
+
+    @contextmanager
+    def _played(self, machine: ConnectedMachine) -> Iterator[None]:
+        """The tape answers from now on, in periods."""
+        image, player = machine.image, self.player
+        phases = Phases(image, self.connection.wired.drivers, machine.parts)
+        watch_blocks(image.transfer, player)
+        image.transfer.bind(image.inputs, image.outputs)
+        journal = image.transfer.journal = player.journal = Journal(CAPACITY + len(image.items))
+        inbox = TapeInbox(player)
+        levels = TapeLevels(player, inbox, self._tape.events)
+        mode = Mode.MANUAL if self.program.manual else Mode.AUTOMATIC
+        machine.clients = ClientControl(machine, inbox, levels, mode, levels.now)
+        self.comparison = comparison = Comparison(machine, journal, player, self.layout, self.result)
+        player.wrong = comparison.tell
+        if not player.lenient:
+            comparison.on_difference = self.connection.stop.request
+
+        def shown(frame: Frame) -> None:
+            comparison(frame)
+            for observer in self._observers:
+                observer(frame)
+            phases.clear()
+            journal.clear()
+            player.finish()
+            if player.over:
+                self.connection.stop.request()
+
+        machine.observers.append(shown)
+        if isinstance(machine.clock, WallClock):
+            _play_time(machine.clock, player)
+        yield
+
+    def _compare_ends(self) -> None:
+        """An error that ends the replay is that of the recording, or a difference."""
+        result, end = self.result, _end_of(self._tape)
+        result.ended = "" if end is None else end.text
+        if result.difference is not None or self.player.lenient:
+            return
+        if result.error is not None:
+            recorded = end.text if end is not None and end.state is CommandState.FAILED else ""
+            text = text_of(result.error)
+            if end is not None and not _same_error(result.error, text, recorded):
+                result.difference = self._end_difference(recorded or "no error", text)
+            elif self.player.next is not None:
+                result.difference = self._end_difference("it went on", text)
+        elif self.player.next is not None and not self.player.ended:
+            result.difference = self._end_difference("it went on", "the program has ended")
+
+    def _end_difference(self, recorded: str, replayed: str) -> Difference:
+        return Difference(max(self.player.shown - 1, 0), self.result.simulated, "", recorded, replayed)
+
+
+def replay(tape: Tape, program: Program | None = None, **options: Any) -> Replayed:
+    """Replay a recorded run (`Replay`)."""
+    return Replay(tape, program, **options).run()
+
+
+def _check(tape: Tape) -> None:
+    late = getattr(tape, "replayable_from", None)
+    if late is not None:
+        raise NotReplayable(str(late))
+
+
+def _play_time(clock: WallClock, player: Player) -> None:
+    """The clock of a machine without a timer."""
+    tick: Callable[[], None] = clock.on_tick
+    clock._start = 0.0
+    clock._source = lambda: 0.0 if player.period is None else player.period.time
+
+    def on_tick() -> None:
+        tick()
+        player.tick()
+
+    clock.on_tick = on_tick
+
+
+def _end_of(tape: Tape) -> Any:
+    """The event that tells the end of the run; None: the recording has none, as the run was killed."""
+    ends = [event for event in tape.events if event.is_end]
+    return ends[-1] if ends else None
+
+
+def _same_error(error: BaseException, text: str, recorded: str) -> bool:
+    """Whether this is the recorded error. What a driver said of its failure is not recorded."""
+    if not recorded:
+        return False
+    if isinstance(error, DriverError) or CAUSE in text:
+        return all(failure.path in recorded for failure in getattr(error, "failures", ()))
+    return recorded.splitlines()[0][:100] == text.splitlines()[0][:100] or recorded.startswith(type(error).__name__)
