@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+import json
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from umo import connect
+from umo import UmoError, connect, drive
 from umo.cycle.events import Event
 from umo.frames import Reader, published
 from umo.frames.layout import ENTRY, Layout
+from umo.process.job import Job, Plan
+from umo.replay.program import Program
+from umo.replay.replaying import replay
+from umo.replay.result import Replayed
+from umo.wiring import resolve
 
 
 @dataclass
@@ -38,6 +44,8 @@ class MemoryTape:
         self.layout, self.job = layout, job
         self.events: list[Event] = []
         self.recorded: list[MemoryBlock] = []
+        self.commands: list[Taken] = []
+        """The commands of the block that is being recorded."""
 
     def blocks(self) -> Iterator[MemoryBlock]:
         return iter(self.recorded)
@@ -60,7 +68,8 @@ def taped(connection: connect[Any], job: Mapping[str, Any] | None = None, size: 
         def flush() -> None:
             if frames:
                 entries = np.concatenate([np.empty(0, ENTRY), *journal])
-                tape.recorded.append(MemoryBlock(np.concatenate(frames), entries))
+                tape.recorded.append(MemoryBlock(np.concatenate(frames), entries, list(tape.commands)))
+                tape.commands.clear()
                 frames.clear()
                 journal.clear()
 
@@ -80,3 +89,52 @@ def taped(connection: connect[Any], job: Mapping[str, Any] | None = None, size: 
         connection.machine.observers.append(copy)
         connection.afterwards.append(end)
         yield tape
+
+
+@dataclass
+class Case:
+    """A machine with its wiring and its loop, for a run that is recorded and for its replays."""
+
+    machine: Callable[[], Any]
+    wiring: Callable[[Any], Any]
+    loop: Callable[[Any], Any]
+    options: dict[str, Any] = field(default_factory=dict)
+
+    def record(self) -> MemoryTape:
+        """Run it, to its end or its error."""
+        machine = self.machine()
+        connection = connect(machine, self.wiring(machine), **self.options)
+        with suppress(UmoError), connection as m, taped(connection) as tape:
+            self.loop(m)
+        return tape
+
+    def program(self, loop: Callable[[Any], Any] | None = None) -> Program:
+        machine = self.machine()
+        return Program(machine, resolve(machine, self.wiring(machine)), loop or self.loop)
+
+    def replay(self, tape: MemoryTape, loop: Callable[[Any], Any] | None = None, **options: Any) -> Replayed:
+        return replay(tape, self.program(loop), **options)
+
+
+def recorded(station: str, wiring: str | None = None, **options: Any) -> MemoryTape:
+    """A run of a station in virtual time, in this process."""
+    plan = Plan(Job(station, wiring=wiring, options=options))
+    connection = connect(plan.machine, plan.wired)
+    job = {"station": station, "wiring": wiring, "options": options}
+    with suppress(UmoError), connection as m, taped(connection, job) as tape:
+        drive(m, plan.application)
+    return tape
+
+
+def listen(tape: MemoryTape, clients: Any) -> None:
+    """Keep the commands that the clients of a taped machine send."""
+    inbox, get = clients.inbox, clients.inbox.get
+
+    def kept() -> Any:
+        command = get()
+        if command is not None:
+            text = {key: value for key, value in vars(command).items() if key != "number"}
+            tape.commands.append(Taken(command.number, 0, json.dumps(text).encode()))
+        return command
+
+    inbox.get = kept

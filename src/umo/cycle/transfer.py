@@ -16,7 +16,7 @@ import numpy as np
 
 from umo.cycle.absence import Absences
 from umo.cycle.columns import Block
-from umo.cycle.journal import ErrorKind, Journal, Kind
+from umo.cycle.journal import OF_BLOCK, ErrorKind, Journal, Kind
 from umo.cycle.stand_ins import NotCalled
 from umo.drivers.contract import UNREAD, Channel, Driver
 from umo.drivers.off_cycle import OffCycle
@@ -200,7 +200,8 @@ class Transfer:
 
     def block_failed(self, block: Block, error: BaseException, inputs: bool) -> list[tuple[int, str]]:
         """The slots of a block that failed, each with its cause; the others stand."""
-        return self._failed(block.driver, range(block.start, block.stop), error, None if inputs else block.view)
+        written = None if inputs else block.view
+        return self._failed(block.driver, range(block.start, block.stop), error, written, OF_BLOCK)
 
     # Some objects --------------------------------------------------------------------------------------
 
@@ -328,10 +329,15 @@ class Transfer:
             self.absences.failed(driver, error, timed_out, write)
 
     def _failed(
-        self, driver: Driver[Any], slots: Sequence[int], error: BaseException, written: Sequence[int] | None
+        self,
+        driver: Driver[Any],
+        slots: Sequence[int],
+        error: BaseException,
+        written: Sequence[int] | None,
+        time: float = nan,
     ) -> list[tuple[int, str]]:
         """The slots of a block that failed, with the cause: all of them, or those that the driver names. `written` are
-        the raw integers that were to be written; None: it was read."""
+        the raw integers that were to be written; None: it was read. `time` is for the journal."""
         self._mark(driver, error, written is not None, whole=not isinstance(error, ChannelsFailed))
         causes, whole = error.causes if isinstance(error, ChannelsFailed) else {}, cause_of_failure(error)
         named = [(slot, causes[text]) for slot in slots if (text := self.wires[slot].channel.text) in causes]
@@ -339,7 +345,7 @@ class Transfer:
         raws = {} if written is None else dict(zip(slots, written, strict=True))
         kind = Kind.FAILED_READ if written is None else Kind.FAILED_WRITE
         for slot, _ in failed:
-            self.note(slot, kind, ErrorKind.CHANNELS if named else ErrorKind.of(error), raws.get(slot))
+            self.note(slot, kind, ErrorKind.CHANNELS if named else ErrorKind.of(error), raws.get(slot), time)
         return failed
 
     def failure(self, slot: int, cause: str) -> Failure:
@@ -359,7 +365,7 @@ class Transfer:
         self, slot: int, kind: Kind, error: ErrorKind = ErrorKind.NONE, raw: int | None = None, time: float = nan
     ) -> None:
         """Into the journal, if one is kept: something happened to this object and its level did not change. `raw` is
-        what was to be written, `time` that of what a worker process has brought."""
+        what was to be written, `time` that of what a worker process has brought, or `OF_BLOCK`."""
         if self.journal is not None and slot != self.timer:
             before = self.raws[slot]
             self.journal.add(slot, kind, before if raw is None else raw, before, error, time)

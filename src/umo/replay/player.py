@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any
 
-from umo.cycle.journal import ErrorKind, Journal, Kind
+from umo.cycle.journal import OF_BLOCK, ErrorKind, Journal, Kind
 from umo.drivers.contract import IntArray, WaitEnded
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
 from umo.replay.tape import Entry, Period, Periods
@@ -122,11 +122,19 @@ class Player:
         """`initialize` or `reset` of one object. Their order may be another one: it depends on the wall clock."""
         if self.period is None:
             return
-        entry = self._search(slot, (kind, Kind.FAILED_RESET))
+        kinds = kind, Kind.FAILED_RESET
+        entry = self._search(slot, kinds, self.at) or self._search(slot, kinds)
         if entry is None:
             self._tell(slot, "none", f"its {kind.name.lower()}")
         else:
             _raise_if_failed(entry)
+
+    @property
+    def resets_again(self) -> bool:
+        """Whether a reset was recorded that is still to come."""
+        entries = [] if self.period is None else self.period.entries
+        kinds = (Kind.RESET, Kind.FAILED_RESET)
+        return any(entry[1] in kinds and number not in self._used for number, entry in enumerate(entries))
 
     def looked(self, slots: Collection[int]) -> bool | None:
         """What a look for a driver that is away has found."""
@@ -187,10 +195,10 @@ class Player:
         self._tell(slot, "none", asked)
         return None
 
-    def _search(self, slot: int, kinds: Collection[int]) -> Entry | None:
-        """The next entry of an object that was not used yet, wherever it stands in the period."""
+    def _search(self, slot: int, kinds: Collection[int], since: int = 0) -> Entry | None:
+        """The next entry of an object that was not used yet, from this number on."""
         assert self.period is not None
-        for number, entry in enumerate(self.period.entries):
+        for number, entry in enumerate(self.period.entries[since:], since):
             if entry[0] == slot and entry[1] in kinds and number not in self._used:
                 self._used.add(number)
                 return entry
@@ -215,7 +223,7 @@ class Player:
         last = -1
         for entry in self.period.entries[self.at :]:
             place = places.get(entry[0], -1)
-            if entry[1] != kind or place <= last:
+            if entry[1] != kind or entry[5] != OF_BLOCK or place <= last:
                 break
             failed.append(entry)
             last = place

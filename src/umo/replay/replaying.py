@@ -25,7 +25,7 @@ from umo.replay.player import CAUSE, Player
 from umo.replay.program import Program
 from umo.replay.result import Difference, Replayed
 from umo.replay.tape import NotReplayable, Periods, Tape
-from umo.replay.tape_driver import taped, watch_blocks
+from umo.replay.tape_driver import count_as_hardware, taped, watch_blocks
 
 RANDOM_HASHES = "the order of hashes was not fixed in the recorded run (PYTHONHASHSEED): sets of texts may differ"
 
@@ -70,7 +70,8 @@ class Replay:
         for missing, where in (recorded.keys() - today, "machine of today"), (today - recorded.keys(), "recording"):
             if missing:
                 raise NotReplayable(f"the {where} has no object {min(missing)}: inputs and outputs must be the same")
-        connection = connect(program.machine, taped(program.wired, self.player, recorded))
+        faults = self.layout.about.get("injected_faults", [])
+        connection = connect(program.machine, taped(program.wired, self.player, recorded, faults))
         connection.kept = {path: value for path, value in initial.get("kept", {}).items() if path not in self.result.settings}
         connection.alarm_states = initial.get("alarms", {})
         connection.seed = initial.get("seed", 0)
@@ -90,7 +91,7 @@ class Replay:
             if isinstance(error, KeyboardInterrupt):
                 raise
         except BaseException as error:  # SystemExit too: of control code
-            result.error = error
+            result.error = result.error or error
         result.elapsed = time.perf_counter() - begun
         result.inexact = self.player.ended
         self._compare_ends()
@@ -99,16 +100,17 @@ class Replay:
     @contextmanager
     def _played(self, machine: ConnectedMachine) -> Iterator[None]:
         """The tape answers from now on, in periods."""
-        image, player = machine.image, self.player
+        image, player, result = machine.image, self.player, self.result
         phases = Phases(image, self.connection.wired.drivers, machine.parts)
         watch_blocks(image.transfer, player)
+        count_as_hardware(image.transfer, self.program.wired, self.connection.wired.drivers)
         image.transfer.bind(image.inputs, image.outputs)
         journal = image.transfer.journal = player.journal = Journal(CAPACITY + len(image.items))
         inbox = TapeInbox(player)
         levels = TapeLevels(player, inbox, self._tape.events)
         mode = Mode.MANUAL if self.program.manual else Mode.AUTOMATIC
         machine.clients = ClientControl(machine, inbox, levels, mode, levels.now)
-        self.comparison = comparison = Comparison(machine, journal, player, self.layout, self.result)
+        self.comparison = comparison = Comparison(machine, journal, player, self.layout, result)
         player.wrong = comparison.tell
         if not player.lenient:
             comparison.on_difference = self.connection.stop.request
@@ -126,7 +128,13 @@ class Replay:
         machine.observers.append(shown)
         if isinstance(machine.clock, WallClock):
             _play_time(machine.clock, player)
-        yield
+        try:
+            yield
+        except WaitEnded:
+            raise
+        except BaseException as error:  # leaving may raise another one
+            result.error = error
+            raise
 
     def _compare_ends(self) -> None:
         """An error that ends the replay is that of the recording, or a difference."""

@@ -12,7 +12,7 @@ from umo.cycle.columns import Block
 from umo.cycle.journal import Kind
 from umo.cycle.transfer import BlockTransfer, Transfer
 from umo.drivers.contract import Channel, Driver, IntArray
-from umo.drivers.faults.wrapper import bare
+from umo.drivers.faults.wrapper import Injection, bare
 from umo.drivers.off_cycle import OffCycle
 from umo.replay.player import Player
 from umo.replay.tape import NotReplayable
@@ -104,8 +104,21 @@ class SeekingTapeTimer(TapeTimer, SeekingTapeDriver):
     """The same for a timer whose driver knows whether its device answers."""
 
 
-def taped(wired: Wired, player: Player, recorded: Mapping[str, int]) -> Wired:
-    """The wiring with tapes in the place of its drivers; no device is used. `recorded`: the slot of each path."""
+class TapeInjection(Injection):
+    """In the place of injected faults: none is in effect. At the end the actuators were perhaps reset once more."""
+
+    def __init__(self, texts: Sequence[str], player: Player) -> None:
+        super().__init__(texts, 0, False)
+        self._player = player
+
+    def end(self) -> bool:
+        self.clock = None
+        return self._player.resets_again
+
+
+def taped(wired: Wired, player: Player, recorded: Mapping[str, int], faults: Sequence[str] = ()) -> Wired:
+    """The wiring with tapes in the place of its drivers; no device is used. `recorded`: the slot of each path;
+    `faults`: those that were injected in the recorded run."""
     timer = wired.timer_wire
     slots = {id(wire.channel): recorded[wire.item.path] for wire in wired.wires}
     tapes: dict[int, TapeDriver] = {}
@@ -123,9 +136,16 @@ def taped(wired: Wired, player: Player, recorded: Mapping[str, int]) -> Wired:
             tape.timer = id(wire.channel)
         wires.append(dataclasses.replace(wire, driver=tape))
     drivers: dict[str, Driver[Any]] = {name: tapes[id(driver)] for name, driver in wired.drivers.items()}
+    injection = TapeInjection(faults, player) if faults else None
     return dataclasses.replace(
-        wired, drivers=drivers, wires=wires, hardware={}, watchdogs={}, injection=None, paced=False
+        wired, drivers=drivers, wires=wires, hardware={}, watchdogs={}, injection=injection, paced=False
     )
+
+
+def count_as_hardware(transfer: Transfer, wired: Wired, tapes: Mapping[str, Driver[Any]]) -> None:
+    """Drivers that took devices in the recorded run count as such: a write that failed is carried out later perhaps,
+    so that everything is reset twice."""
+    transfer._real = {id(tapes[name]) for name in wired.hardware}
 
 
 def _tape_of(driver: Driver[Any], player: Player, slots: Mapping[int, int], is_timer: bool) -> TapeDriver:
