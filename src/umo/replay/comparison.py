@@ -64,7 +64,8 @@ class Comparison:
 
     def __call__(self, frame: Frame) -> None:
         period, result = self._player.period, self._result
-        if period is None:  # after the end of the tape
+        if period is None:
+            self._tell_extra(frame)
             return
         journal = self._journal
         result.periods += 1
@@ -88,6 +89,14 @@ class Comparison:
         if self._result.difference is None and period is not None:
             path = self._paths[slot] if slot >= 0 else ""
             self._result.difference = self._difference(period, path, recorded, replayed)
+            self.on_difference()
+
+    def _tell_extra(self, frame: Frame) -> None:
+        """A frame that was not recorded: the program updates once more in a period, unless the tape is over."""
+        if not self._player.over and self._result.difference is None:
+            number = max(self._player.shown - 1, 0)
+            found = Difference(number, frame.time, "", "one update in this period", "another one")
+            self._result.difference = found
             self.on_difference()
 
     def _replayed_raws(self) -> Any:

@@ -77,11 +77,13 @@ class Player:
 
     def finish(self) -> None:
         """The period was shown."""
-        if self.period is not None:
-            self.raws = self.period.raws
+        shown, begun, self._begun = self.period, self._begun, None
+        if shown is not None:
+            self.raws = shown.raws
             self.shown += 1
-        self._begin(self._begun)
-        self._begun = None
+        if shown is not None and begun is None and self.next is not None and self.next.number == shown.number:
+            begun, self.next = self.next, next(self._coming, None)  # the program has updated once more
+        self._begin(begun)
         self.over = self.period is None and self.next is None
 
     @property

@@ -87,11 +87,11 @@ class Replay:
                     self.connection.machine.skip_ticks()
                 if not self.player.over:
                     self.program.drive(machine)
-        except (WaitEnded, KeyboardInterrupt) as error:
-            if isinstance(error, KeyboardInterrupt):
-                raise
-        except BaseException as error:  # SystemExit too: of control code
-            result.error = result.error or error
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # SystemExit too: of control code; what leaving raises is in no recording
+            if not self.connection.started:
+                raise NotReplayable(f"the machine cannot be connected: {text_of(error)}") from error
         result.elapsed = time.perf_counter() - begun
         result.inexact = self.player.ended
         self._compare_ends()
