@@ -76,8 +76,8 @@ def taped(connection: connect[Any], job: Mapping[str, Any] | None = None, size: 
         def copy(frame: Any) -> None:
             new = reader.read()
             frames.append(new)
-            for each in new:
-                journal.append(reader.entries(int(each["journal"]), int(each["journal"] + each["entries"]))[1])
+            places = zip(new["journal"].tolist(), new["entries"].tolist(), strict=True)
+            journal.extend(reader.entries(first, first + count)[1] for first, count in places)
             if len(frames) >= size:
                 flush()
 

@@ -53,7 +53,7 @@ class Flaky(Scripted):
         if not self.quiet and random.random() < self.share:
             failed = random.sample([channel.text for channel in channels], min(len(channels), 1))
             raise random.choice(
-                [DriverError("dead"), DeviceTimeout("slow"), ChannelsFailed(dict.fromkeys(failed, "cut")), OSError("off")]
+                [DriverError("dead"), DeviceTimeout("slow"), ChannelsFailed(dict.fromkeys(failed, "cut")), OSError()]
             )
         return super()._call(segment, channels, raws)
 
@@ -155,7 +155,9 @@ def case(seed: int, share: float, count: int = 300, **process: Any) -> Case:
 
         entries = {path: {"driver": "other"} for path in ("unit.level", "unit.valve", "held", "heater")}
         clock = VirtualTimer(missed, on_period=begin)
-        return wired(machine, box, clock=clock, entries=entries, other=other) | ({"process": process} if process else {})
+        return wired(machine, box, clock=clock, entries=entries, other=other) | (
+            {"process": process} if process else {}
+        )
 
     return Case(restless, wiring, loop(count))
 

@@ -18,7 +18,7 @@ from umo.presentation.digits import number_text
 from umo.presentation.value_text import value_text
 from umo.replay.player import Player
 from umo.replay.result import Difference, Replayed
-from umo.replay.tape import Entry, Period
+from umo.replay.tape import JournalEntry, Period
 
 MAX_SIGNALS = 8
 """Signals that a difference names at most."""
@@ -108,17 +108,20 @@ class Comparison:
 
     # What differs --------------------------------------------------------------------------------------
 
-    def _entries(self) -> list[Entry]:
+    def _entries(self) -> list[JournalEntry]:
         journal = self._journal
         rows = np.frombuffer(journal.buffer, ENTRY_ROW, journal.count)
         if self._order is not None:
             rows = rows.copy()
             rows["slot"] = self._recorded_slot[rows["slot"]]
-        entries: list[Entry] = rows.tolist()
+        entries: list[JournalEntry] = rows.tolist()
         return entries
 
     def _same_entries(self, period: Period) -> bool:
-        if self._order is None and bytes(memoryview(self._journal.buffer)[: period.count * ENTRY.size]) == period.journal:
+        if (
+            self._order is None
+            and bytes(memoryview(self._journal.buffer)[: period.count * ENTRY.size]) == period.journal
+        ):
             return True
         return _in_order(self._entries()) == _in_order(period.entries)
 
@@ -131,9 +134,7 @@ class Comparison:
             other = replayed[number] if number < len(replayed) else None
             if one != other:
                 either: Any = one or other
-                return self._difference(
-                    period, self._paths[either[0]], self._entry_text(one), self._entry_text(other)
-                )
+                return self._difference(period, self._paths[either[0]], self._entry_text(one), self._entry_text(other))
         different = np.flatnonzero(raws != period.raws).tolist()
         if different:
             slot = next((slot for slot in different if slot in self.outputs), different[0])
@@ -141,12 +142,10 @@ class Comparison:
                 period, self._paths[slot], self._text(slot, int(period.raws[slot])), self._text(slot, int(raws[slot]))
             )
         journal = self._journal
-        for what, one, other in (
-            ("sample", period.sampled, journal.sampled),
-            ("update", period.updated, journal.updated),
-        ):
-            if one != other:
-                return self._difference(period, "", _whole(what, one), _whole(what, other))
+        counts = ("sample", period.sampled, journal.sampled), ("update", period.updated, journal.updated)
+        for what, before, now in counts:
+            if before != now:
+                return self._difference(period, "", _whole(what, before), _whole(what, now))
         return None
 
     def _difference(self, period: Period, path: str, recorded: str, replayed: str) -> Difference:
@@ -192,7 +191,7 @@ def _whole(what: str, count: int) -> str:
     return f"no {what} of the whole machine" if count < 0 else f"the {what} after {count} transfers of single objects"
 
 
-def _in_order(entries: Sequence[Entry]) -> list[tuple[Any, ...]]:
+def _in_order(entries: Sequence[JournalEntry]) -> list[tuple[Any, ...]]:
     """The entries so that they can be compared: NaN is equal to NaN, resets in a row stand in the order of slots."""
     found: list[tuple[Any, ...]] = []
     row: list[tuple[Any, ...]] = []

@@ -12,7 +12,7 @@ from typing import Any
 from umo.cycle.journal import OF_BLOCK, ErrorKind, Journal, Kind
 from umo.drivers.contract import IntArray, WaitEnded
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
-from umo.replay.tape import Entry, Period, Periods
+from umo.replay.tape import JournalEntry, Period, Periods
 
 CAUSE = "it failed in the recording"
 """The text of an error of a driver that is replayed."""
@@ -162,32 +162,32 @@ class Player:
             found = self._group(slots, WRITES, "a write of its own")
             _raise_for(found.values(), slots, texts)
 
-    def read_block(self, slots: Sequence[int], texts: Sequence[str], out: IntArray) -> None:
+    def read_block(self, slots: IntArray, texts: Sequence[str], out: IntArray) -> None:
         """The block of a driver, the first time in this period: only what has failed has entries."""
         period = self.period
         if period is None:
-            out[:] = [self.raws[slot] for slot in slots]
+            out[:] = [self.raws[slot] for slot in slots.tolist()]
             return
         if not period.entries:
             out[:] = period.raws[slots]
             return
         failed = self._failed(slots, Kind.FAILED_READ)
         since = self.at + len(failed)
-        out[:] = [period.moved(slot, since) for slot in slots]
-        _raise_for(failed, slots, texts)
+        out[:] = [period.moved(slot, since) for slot in slots.tolist()]
+        _raise_for(failed, slots.tolist(), texts)
 
-    def write_block(self, slots: Sequence[int], texts: Sequence[str]) -> None:
+    def write_block(self, slots: IntArray, texts: Sequence[str]) -> None:
         if self.period is not None and self.period.entries:
-            _raise_for(self._failed(slots, Kind.FAILED_WRITE), slots, texts)
+            _raise_for(self._failed(slots, Kind.FAILED_WRITE), slots.tolist(), texts)
 
     # Entries -------------------------------------------------------------------------------------------
 
-    def _next(self) -> Entry | None:
+    def _next(self) -> JournalEntry | None:
         assert self.period is not None
         entries, at = self.period.entries, self.at
         return entries[at] if at < len(entries) else None
 
-    def _entry(self, slot: int, kinds: Collection[int], asked: str) -> Entry | None:
+    def _entry(self, slot: int, kinds: Collection[int], asked: str) -> JournalEntry | None:
         """The entry of a call for one object; None: there is none, which is told."""
         entry = self._next()
         if self.lenient:
@@ -197,7 +197,7 @@ class Player:
         self._tell(slot, "none", asked)
         return None
 
-    def _search(self, slot: int, kinds: Collection[int], since: int = 0) -> Entry | None:
+    def _search(self, slot: int, kinds: Collection[int], since: int = 0) -> JournalEntry | None:
         """The next entry of an object that was not used yet, from this number on."""
         assert self.period is not None
         for number, entry in enumerate(self.period.entries[since:], since):
@@ -206,7 +206,7 @@ class Player:
                 return entry
         return None
 
-    def _group(self, slots: Sequence[int], kinds: Collection[int], asked: str) -> dict[int, Entry]:
+    def _group(self, slots: Sequence[int], kinds: Collection[int], asked: str) -> dict[int, JournalEntry]:
         assert self.period is not None
         if self.lenient:
             each = {slot: self._search(slot, kinds) for slot in slots}
@@ -217,11 +217,11 @@ class Player:
             self._tell(missing[0], "none", asked)
         return found
 
-    def _failed(self, slots: Sequence[int], kind: Kind) -> list[Entry]:
+    def _failed(self, slots: IntArray, kind: Kind) -> list[JournalEntry]:
         """The entries from here on of the objects of a block that have failed."""
         assert self.period is not None
-        places = {slot: number for number, slot in enumerate(slots)}
-        failed: list[Entry] = []
+        places = {slot: number for number, slot in enumerate(slots.tolist())}
+        failed: list[JournalEntry] = []
         last = -1
         for entry in self.period.entries[self.at :]:
             place = places.get(entry[0], -1)
@@ -236,14 +236,14 @@ class Player:
             self.wrong(slot, recorded, replayed)
 
 
-def _raise_if_failed(entry: Entry) -> None:
+def _raise_if_failed(entry: JournalEntry) -> None:
     if entry[2] == ErrorKind.TIMEOUT:
         raise DeviceTimeout(CAUSE)
     if entry[2] != ErrorKind.NONE:
         raise DriverError(CAUSE)
 
 
-def _raise_for(entries: Collection[Entry], slots: Sequence[int], texts: Sequence[str]) -> None:
+def _raise_for(entries: Collection[JournalEntry], slots: Sequence[int], texts: Sequence[str]) -> None:
     """Raise as the driver did for the transfer of these objects."""
     failed = [entry for entry in entries if entry[2] != ErrorKind.NONE]
     for entry in failed:

@@ -65,7 +65,9 @@ class Program:
                 raise OptionError(f"--set {path}: no such number{did_you_mean(path, known)}")
             number = known[path]
             try:
-                parameters.append(Parameter(number, number.checked(value) if number.is_field else number.of_its_type(value)))
+                parameters.append(
+                    Parameter(number, number.checked(value) if number.is_field else number.of_its_type(value))
+                )
             except UmoError as error:
                 raise OptionError(f"--set {error}") from None
         self.wired = dataclasses.replace(self.wired, parameters=parameters)

@@ -72,7 +72,9 @@ class Replay:
                 raise NotReplayable(f"the {where} has no object {min(missing)}: inputs and outputs must be the same")
         faults = self.layout.about.get("injected_faults", [])
         connection = connect(program.machine, taped(program.wired, self.player, recorded, faults))
-        connection.kept = {path: value for path, value in initial.get("kept", {}).items() if path not in self.result.settings}
+        connection.kept = {
+            path: value for path, value in initial.get("kept", {}).items() if path not in self.result.settings
+        }
         connection.alarm_states = initial.get("alarms", {})
         connection.seed = initial.get("seed", 0)
         connection.pause = lambda seconds: None

@@ -14,7 +14,7 @@ from umo.frames.layout import Layout
 
 MOVING = {Kind.READ, Kind.WRITE, Kind.RESET, Kind.INITIALIZE, Kind.ARRIVED, Kind.CONFIRMED}
 """Entries of the journal after which an object has another raw integer than before."""
-Entry = tuple[int, int, int, int, int, float]
+JournalEntry = tuple[int, int, int, int, int, float]
 """Slot, kind, error, raw, raw before, time."""
 
 
@@ -29,7 +29,7 @@ class TakenCommand(Protocol):
     data: bytes
 
 
-class Block(Protocol):
+class TapeBlock(Protocol):
     """Consecutive frames of a recording."""
 
     frames: npt.NDArray[Any]
@@ -55,7 +55,7 @@ class Tape(Protocol):
     def events(self) -> Iterable[Any]:
         """The events of the run (`umo.cycle.events.Event`)."""
 
-    def blocks(self) -> Iterator[Block]:
+    def blocks(self) -> Iterator[TapeBlock]:
         """The blocks from the first period on."""
 
 
@@ -75,10 +75,10 @@ class Period:
         self.raws = raws
         """The raw integer of each object at the end of the period."""
         self._rows, self._place = entries, place
-        self._entries: list[Entry] | None = None
+        self._entries: list[JournalEntry] | None = None
 
     @property
-    def entries(self) -> list[Entry]:
+    def entries(self) -> list[JournalEntry]:
         """Its entries of the journal."""
         if self._entries is None:
             self._entries = self._rows.tolist()
@@ -136,7 +136,7 @@ class Periods:
                 last = period.time
                 yield period
 
-    def _periods(self, block: Block) -> Iterator[tuple[Period, int]]:
+    def _periods(self, block: TapeBlock) -> Iterator[tuple[Period, int]]:
         frames, entries = block.frames, block.entries
         names = ("number", "time", "missed", "taken", "sampled", "updated")
         rows = zip(*(frames[name].tolist() for name in names), strict=True)
