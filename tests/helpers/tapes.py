@@ -35,6 +35,7 @@ class MemoryBlock:
     commands: list[Taken] = field(default_factory=list)
     lost: int = 0
     entries_lost: int = 0
+    commands_lost: int = 0
 
 
 class MemoryTape:
@@ -120,7 +121,7 @@ def recorded(station: str, wiring: str | None = None, **options: Any) -> MemoryT
     """A run of a station in virtual time, in this process."""
     plan = Plan(Job(station, wiring=wiring, options=options))
     connection = connect(plan.machine, plan.wired)
-    job = {"station": station, "wiring": wiring, "options": options}
+    job = {"station": station, "wiring": {"name": wiring}, "options": {"given": options}}
     with suppress(UmoError), connection as m, taped(connection, job) as tape:
         drive(m, plan.application)
     return tape

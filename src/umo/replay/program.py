@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -37,18 +38,18 @@ class Program:
     @classmethod
     def of(cls, tape: Tape, station: str | None = None) -> Program:
         """The station of the recording as it is today, or another `station`; NotReplayable if it cannot be made."""
-        recorded = dict(tape.job)
+        recorded = tape.job
+        given = dict(recorded.get("options", {}).get("given", {}))
         job = Job(
             station=station or recorded.get("place") or recorded.get("station"),
-            machine=None if station else recorded.get("machine"),
-            application=recorded.get("application"),
             wiring=_wiring_of(recorded, station),
-            options={k: v for k, v in dict(recorded.get("options", {})).items() if k not in WIRING_OPTIONS},
+            options={name: value for name, value in given.items() if name not in WIRING_OPTIONS},
             manual=bool(recorded.get("manual", False)),
-            script=recorded.get("script"),
         )
-        if job.machine is not None:
-            job.station = None
+        if station is None and recorded.get("machine"):
+            job.station, job.machine = None, recorded["machine"]
+            job.application, job.script = recorded.get("application"), recorded.get("script")
+            sys.path += [each for each in recorded.get("path", ()) if each not in sys.path]
         try:
             plan = Plan(job)
         except UmoError as error:
@@ -73,14 +74,15 @@ class Program:
         self.wired = dataclasses.replace(self.wired, parameters=parameters)
 
 
-def _wiring_of(job: Mapping[str, Any], station: str | None) -> Any:
+def _wiring_of(job: Mapping[str, Any], station: str | None) -> str | dict[str, Any] | None:
     """The wiring of the recording: its file where that has the recorded text still, else this text."""
-    text, name = job.get("wiring_text"), job.get("wiring")
+    wiring = job.get("wiring") or {}
+    text, file = wiring.get("text"), wiring.get("file")
     if not isinstance(text, str):
-        return name
-    place = job.get("wiring_path")
-    if station is None and place and _text_of_file(Path(place)) == text:
-        return str(place)
+        table = wiring.get("table")
+        return dict(table) if isinstance(table, Mapping) else wiring.get("name") or None
+    if station is None and file and _text_of_file(Path(file)) == text:
+        return str(file)
     try:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -24,7 +24,7 @@ from umo.replay.hands import TapeInbox, TapeLevels
 from umo.replay.player import CAUSE, Player
 from umo.replay.program import Program
 from umo.replay.result import Difference, Replayed
-from umo.replay.tape import NotReplayable, Periods, Tape
+from umo.replay.tape import NotReplayable, Periods, Tape, events_of
 from umo.replay.tape_driver import count_as_hardware, taped, watch_blocks
 
 RANDOM_HASHES = "the order of hashes was not fixed in the recorded run (PYTHONHASHSEED): sets of texts may differ"
@@ -109,7 +109,7 @@ class Replay:
         image.transfer.bind(image.inputs, image.outputs)
         journal = image.transfer.journal = player.journal = Journal(CAPACITY + len(image.items))
         inbox = TapeInbox(player)
-        levels = TapeLevels(player, inbox, self._tape.events)
+        levels = TapeLevels(player, inbox, events_of(self._tape))
         mode = Mode.MANUAL if self.program.manual else Mode.AUTOMATIC
         machine.clients = ClientControl(machine, inbox, levels, mode, levels.now)
         self.comparison = comparison = Comparison(machine, journal, player, self.layout, result)
@@ -184,7 +184,7 @@ def _play_time(clock: WallClock, player: Player) -> None:
 
 def _end_of(tape: Tape) -> Any:
     """The event that tells the end of the run; None: the recording has none, as the run was killed."""
-    ends = [event for event in tape.events if event.is_end]
+    ends = [event for event in events_of(tape) if event.is_end]
     return ends[-1] if ends else None
 
 

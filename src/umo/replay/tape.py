@@ -40,6 +40,8 @@ class TapeBlock(Protocol):
     """The commands that were taken in these periods."""
     lost: int
     """Frames that are missing before it."""
+    commands_lost: int
+    """Commands that are missing in it."""
     entries_lost: int
     """Entries of the journal that are missing in it."""
 
@@ -53,10 +55,15 @@ class Tape(Protocol):
 
     @property
     def events(self) -> Iterable[Any]:
-        """The events of the run (`umo.cycle.events.Event`)."""
+        """The events of the run: `umo.cycle.events.Event`, or with its number `umo.frames.reader.NumberedEvent`."""
 
     def blocks(self) -> Iterator[TapeBlock]:
         """The blocks from the first period on."""
+
+
+def events_of(tape: Tape) -> list[Any]:
+    """The events without their numbers."""
+    return [getattr(each, "event", each) for each in tape.events]
 
 
 class Period:
@@ -127,6 +134,9 @@ class Periods:
                 return
             if block.entries_lost:
                 self.ended = f"{block.entries_lost} entries of the journal after {last:g} s were lost"
+                return
+            if block.commands_lost:
+                self.ended = f"{block.commands_lost} commands of clients after {last:g} s were lost"
                 return
             self.commands |= {each.number: each.data for each in block.commands}
             for period, lost in self._periods(block):
