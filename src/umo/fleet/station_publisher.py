@@ -19,7 +19,7 @@ from umo.fleet.fleet_keys import StationKey
 from umo.fleet.message_parts import packed
 from umo.fleet.run_words import FULL, LAST, Delta, Rest, WordFrame, Words
 from umo.frames import Reader
-from umo.frames.layout import DESCRIPTION, HOLDER, NAME
+from umo.frames.layout import DESCRIPTION, HOLDER, NAME, without_job
 from umo.frames.reader import FRAME_HEAD, NumberedEvent
 from umo.presentation.run_facts import ALARMS
 from umo.twin import declares_twin, twin_of
@@ -166,7 +166,7 @@ class StationPublisher:
             }  # fmt: skip
             query.reply(
                 self.key.key(keys.DECLARATION),
-                packed(json.dumps(about).encode(), self.reader.layout.describe(), bytes(words), rest),
+                packed(json.dumps(about).encode(), without_job(self.reader.layout).describe(), bytes(words), rest),
             )
 
     def _tell_status(self, query: zenoh.Query) -> None:

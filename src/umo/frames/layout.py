@@ -19,7 +19,7 @@ import mmap
 import struct
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -156,7 +156,8 @@ class Layout:
     objects: tuple[dict[str, Any], ...]
     phases: tuple[str, ...]
     about: dict[str, Any]
-    """Whose frames these are: station, wiring, pid, when it started, the period in s."""
+    """Whose frames these are: station, wiring, pid, when it started, the period in s; `job`: what was run
+    (`umo.process.job_facts`)."""
     signals: tuple[dict[str, Any], ...] = ()
     """Path and unit of each, of named values the names of their states."""
     interlocks: tuple[str, ...] = ()
@@ -232,6 +233,11 @@ class Layout:
         if not fits:
             raise FramesError("the description of the frames does not fit this version")
         return layout
+
+
+def without_job(layout: Layout) -> Layout:
+    """The layout without what was run: paths and wiring are nobody's on another computer."""
+    return replace(layout, about={name: fact for name, fact in layout.about.items() if name != "job"})
 
 
 class Places(NamedTuple):

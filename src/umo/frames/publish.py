@@ -39,6 +39,7 @@ def published(
     *,
     place: Path | None = None,
     options: Mapping[str, Any] = MappingProxyType({}),
+    job: Mapping[str, Any] = MappingProxyType({}),
     ends: RunDescriptors | None = None,
 ) -> Iterator[Ring]:
     """Publish every period of a connected machine while the block lasts.
@@ -48,8 +49,9 @@ def published(
             ...
 
     `umo ps` and `umo watch press` then find it: a thread of this process answers them. `place` is the station's folder,
-    `options` those with which its machine was made. With `ends`, the writer's descriptors of empty memory, this process
-    only writes: who has given them answers those who look for the station.
+    `options` those with which its machine was made, `job` all that is needed to run the same again (plain data). With
+    `ends`, the writer's descriptors of empty memory, this process only writes: who has given them answers those who
+    look for the station.
     FramesError if there is not enough memory, or if this connection is already published.
     """
     if connection.image.transfer.journal is not None:
@@ -66,7 +68,7 @@ def published(
         layout = Layout(
             describe_objects(machine.image.items),
             tuple(phases.names),
-            about | {"options": dict(options)} | _about(connection),
+            about | {"options": dict(options)} | _about(connection) | ({"job": dict(job)} if job else {}),
             describe_signals(machine.frame.signals, machine.kept),
             tuple(machine.commands.reasons),
             tuple(each.describe() for each in machine.actions.values()),

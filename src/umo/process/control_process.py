@@ -32,6 +32,7 @@ from umo.process import kept_values
 from umo.process.control_watch import WHERE_SIGNAL
 from umo.process.hang_detection import LOOK_INTERVAL, STARVED_LIMITS, guardian_limit
 from umo.process.job import Plan
+from umo.process.job_facts import job_facts
 from umo.process.kept_file import ALARMS, NUMBERS
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, plain, plain_reports, status_of
@@ -241,6 +242,7 @@ class Control:
                     plan.wiring_name,
                     place=plan.place,
                     options=plan.machine_options,
+                    job=job_facts(plan, self._kept),
                     ends=self._frames[0],
                 )
                 ring = stack.enter_context(frames)

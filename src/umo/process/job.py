@@ -94,7 +94,8 @@ class Plan:
             self.wiring = station.wiring(job.wiring)
         else:
             self.wiring = Path(job.wiring) if isinstance(job.wiring, str) else job.wiring
-        shares = distribute_options(job.options, machine=make, application=main, wiring=self.wiring)
+        self.shares = shares = distribute_options(job.options, machine=make, application=main, wiring=self.wiring)
+        """The options, as each part of the run takes them."""
         self.application: Application[Any] | None = None if main is None else partial(main, **shares.application)
         self.machine_options = {name: value for name, value in job.options.items() if name in shares.machine}
         if station is not None:

@@ -1,0 +1,113 @@
+"""What a run is, as plain data: enough to run the same again. It stands in the frames' description as `about["job"]`."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import sys
+from collections.abc import Iterator, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from umo.errors import text_of
+from umo.process.job import Plan
+from umo.wiring.json_values import as_plain
+
+KINDS = (".py", ".toml", ".xml", ".json")
+"""Suffixes of the files of a station that decide what it does."""
+HASH_SEED = "PYTHONHASHSEED"
+"""Environment variable of the order of sets of text."""
+
+
+def job_facts(plan: Plan, kept: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any]:
+    """The facts about a run. `kept`: what it has taken over from the last run, by section. What is no plain data (a
+    driver that is an object) is there in words. Nothing raises: where they cannot be told there is only `error`."""
+    try:
+        return _facts(plan, kept)
+    except Exception as error:  # as of options that refer to themselves
+        return {"error": text_of(error)}
+
+
+def _facts(plan: Plan, kept: Mapping[str, Any]) -> dict[str, Any]:
+    job, shares = plan.job, plan.shares
+    facts = {
+        "station": plan.name,
+        "place": str(plan.place.resolve()),
+        "machine": job.machine,
+        "application": job.application,
+        "script": job.script,
+        "path": job.path,
+        "wiring": _wiring(plan),
+        "options": {
+            "given": job.options,
+            "machine": plan.machine_options,
+            "application": shares.application,
+            "drivers": shares.wiring,
+        },
+        "parameters": {number.path: value for number, value in plan.wired.parameters},
+        "fault_seed": None if plan.wired.injection is None else plan.wired.injection.seed,
+        "manual": job.manual,
+        "until": job.until,
+        "kept": kept,
+        "versions": {
+            "umo": version("umo"),
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+            "platform": f"{sys.platform} {platform.release()} {platform.machine()}",
+        },
+        "files": files_hash(plan.place),
+        "host": platform.node(),
+        "hash_seed": os.environ.get(HASH_SEED),
+    }
+    return dict(json.loads(json.dumps(facts, default=_plain)))
+
+
+def files_hash(place: Path) -> str:
+    """SHA-256 in hex of a station's files, by name and content; of a script that of this file. What cannot be read does
+    not count."""
+    digest = hashlib.sha256()
+    for name, path in _files(place):
+        try:
+            content = path.read_bytes()
+        except OSError:
+            continue
+        digest.update(f"{name}\0{len(content)}\0".encode(errors="surrogateescape"))
+        digest.update(content)
+    return digest.hexdigest()
+
+
+def _files(place: Path) -> Iterator[tuple[str, Path]]:
+    """Names and paths, in order. Folders that begin with a point or an underscore, and runs, are passed over."""
+    if not place.is_dir():
+        yield place.name, place
+        return
+    for folder, names, files in os.walk(place):
+        names[:] = sorted(name for name in names if not name.startswith((".", "_")) and name != "runs")
+        for name in sorted(files):
+            if name.endswith(KINDS):
+                path = Path(folder, name)
+                yield path.relative_to(place).as_posix(), path
+
+
+def _wiring(plan: Plan) -> dict[str, Any]:
+    """Its name, file and text; of one that is no file its table."""
+    if isinstance(plan.wiring, Path):
+        return {
+            "name": plan.wiring_name,
+            "file": str(plan.wiring.resolve()),
+            "text": plan.wiring.read_text("utf-8", "replace"),
+        }
+    return {"name": "", "table": plan.wiring}
+
+
+def _plain(value: Any) -> Any:
+    try:
+        return as_plain(value)
+    except TypeError:
+        return dict(value) if isinstance(value, Mapping) else repr(value)

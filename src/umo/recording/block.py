@@ -1,0 +1,163 @@
+"""Blocks of consecutive frames, with all that belongs to them, as two messages of a recording.
+
+`umo/exact` has what replay needs, `umo/columns` the rest; together they give the frames back bit by bit, without
+checksums. Each begins with the length of a description in JSON, 4 bytes, and this description; then come the columns
+(`umo.recording.column_coding`). Entries of the journal and commands stand behind those of `umo/exact`.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from umo.cycle.events import CommandState, Event
+from umo.errors import FramesError
+from umo.frames.layout import ENTRY, Layout
+from umo.frames.reader import Entries, Frames, NumberedEvent
+from umo.recording.column_coding import decode, encoded
+
+MADE_ANEW = ("sequence", "checksum", "entries_checksum")
+"""Fields that are not kept: the sequence follows from the number of the frame, checksums are 0."""
+EXACT = (
+    "number", "time", "missed", "utc", "utc_error", "taken", "journal", "entries", "entries_lost", "sampled", "updated",
+    "raws",
+)  # fmt: skip
+"""What replay needs of a frame."""
+FIELDS = tuple(ENTRY.names or ())
+
+
+@dataclass(frozen=True)
+class TakenCommand:
+    """A command of a client that the machine has taken."""
+
+    number: int
+    """Number of the command, from 1."""
+    period: int
+    """Number of the frame of the period in which it was taken, from 0; -1: that frame is lost."""
+    data: bytes
+    """The command as it came (JSON); empty: it was not a command, or was written over before it was copied."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Consecutive frames, and all that belongs to them."""
+
+    frames: Frames
+    """Structured array of `Layout.dtype`."""
+    entries: Entries
+    """The entries of the journal of these frames, as far as they are there: without the first `entries_lost`."""
+    commands: list[TakenCommand] = field(default_factory=list)
+    lost: int = 0
+    """Number of frames that are missing before it."""
+    entries_lost: int = 0
+    """Number of entries of these frames that were written over before they were copied."""
+    commands_lost: int = 0
+    """Number of commands of these frames that were written over before they were copied."""
+    events: list[NumberedEvent] = field(default_factory=list)
+    """The events that were told up to these frames."""
+    live: Mapping[str, Any] = field(default_factory=dict)
+    """What the ring said beside the frames: `mode`, `holder` of the lease, `tunables` where they have changed."""
+    is_full: bool = True
+    """Whether the columns that replay does not need are there; else their numbers are 0 and NaN."""
+
+    @property
+    def first(self) -> int:
+        """Number of the first frame, from 0."""
+        return int(self.frames["sequence"][0]) // 2 - 1
+
+    @property
+    def stop(self) -> int:
+        """Number of the frame that follows."""
+        return self.first + len(self.frames)
+
+    def journal(self, row: int) -> Entries | None:
+        """The entries of the period of a frame, by its place in this block; None: some were lost."""
+        frame, end = self.frames[row], self.frames[-1]
+        first = int(end["journal"] + end["entries"]) - len(self.entries)
+        start, count = int(frame["journal"]) - first, int(frame["entries"])
+        return None if start < 0 < count else self.entries[max(start, 0) : max(start, 0) + count]
+
+
+def rest_of(layout: Layout) -> list[str]:
+    """The fields of the message `umo/columns`."""
+    return [name for name, *_ in layout.columns if name not in EXACT + MADE_ANEW]
+
+
+def exact_message(block: Block) -> bytes:
+    commands = [(each.number, each.period, len(each.data)) for each in block.commands]
+    events = [(number, event.time, event.path, event.text, event.who, event.command, int(event.state), event.asked)
+              for number, event in block.events]  # fmt: skip
+    about = {
+        "first": block.first, "count": len(block.frames), "lost": block.lost, "entries": len(block.entries),
+        "entries_lost": block.entries_lost, "commands": commands, "commands_lost": block.commands_lost,
+        "events": events, "live": dict(block.live), "time": float(block.frames["time"][0]),
+        "number": int(block.frames["number"][0]),
+    }  # fmt: skip
+    texts = b"".join(each.data for each in block.commands)
+    return _headed(about) + encoded(block.frames, EXACT) + encoded(block.entries, FIELDS) + texts
+
+
+def columns_message(block: Block, layout: Layout) -> bytes:
+    return _headed({"first": block.first, "count": len(block.frames)}) + encoded(block.frames, rest_of(layout))
+
+
+def block_of(layout: Layout, exact: bytes | memoryview, columns: bytes | memoryview | None) -> Block:
+    """The block of these two messages; without the second one it is not full. FramesError if they are damaged."""
+    try:
+        return _block_of(layout, exact, columns)
+    except (ValueError, KeyError, TypeError, struct.error) as error:
+        raise FramesError(f"a block of the recording is damaged: {error}") from None
+
+
+def _block_of(layout: Layout, exact: bytes | memoryview, columns: bytes | memoryview | None) -> Block:
+    about, data = headed(exact)
+    count, first = int(about["count"]), int(about["first"])
+    frames = np.zeros(count, layout.dtype)
+    frames["sequence"] = 2 * np.arange(first, first + count, dtype=np.uint64) + 2
+    data = decode(data, frames, EXACT)
+    entries = np.zeros(int(about["entries"]), ENTRY)
+    texts = decode(data, entries, FIELDS)
+    if columns is None:
+        frames["values"], frames["signals"] = np.nan, np.nan
+    else:
+        same, rest = headed(columns)
+        if (same["first"], same["count"]) != (first, count):
+            raise ValueError("its two messages are of different frames")
+        decode(rest, frames, rest_of(layout))
+    return Block(
+        frames, entries, _commands(about["commands"], texts), int(about["lost"]), int(about["entries_lost"]),
+        int(about["commands_lost"]), events_of(about), about["live"], columns is not None,
+    )  # fmt: skip
+
+
+def events_of(about: Mapping[str, Any]) -> list[NumberedEvent]:
+    """The events in the description of a message `umo/exact`."""
+    return [
+        NumberedEvent(number, Event(time, path, text, who, command, CommandState(state), asked))
+        for number, time, path, text, who, command, state, asked in about["events"]
+    ]
+
+
+def _commands(rows: Sequence[Sequence[int]], texts: memoryview) -> list[TakenCommand]:
+    commands = []
+    for number, period, size in rows:
+        commands.append(TakenCommand(number, period, bytes(texts[:size])))
+        texts = texts[size:]
+    return commands
+
+
+def _headed(about: Mapping[str, Any]) -> bytes:
+    text = json.dumps(about, separators=(",", ":")).encode()
+    return struct.pack("<I", len(text)) + text
+
+
+def headed(data: bytes | memoryview) -> tuple[dict[str, Any], memoryview]:
+    """The description at the beginning of a message, and what follows it. ValueError if there is none."""
+    view = memoryview(data)
+    (size,) = struct.unpack_from("<I", view)
+    return dict(json.loads(bytes(view[4 : 4 + size]))), view[4 + size :]

@@ -1,0 +1,237 @@
+"""Records of MCAP, the container of recordings (mcap.dev/spec): each an opcode, a length and a body, little-endian."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from enum import IntEnum
+from typing import NamedTuple
+
+MAGIC = b"\x89MCAP0\r\n"
+HEAD = struct.Struct("<BQ")
+"""Opcode and length of a body."""
+MESSAGE = struct.Struct("<HIQQ")
+"""Channel, sequence, log time and publish time in ns since 1970; the data follow."""
+FOOTER = struct.Struct("<QQI")
+"""Offsets of the summary and of its offsets, CRC-32 of the summary."""
+FOOTER_BYTES = HEAD.size + FOOTER.size + len(MAGIC)
+_CHUNK = struct.Struct("<QQQI")
+_STATISTICS = struct.Struct("<QHIIIIQQ")
+_INDEX_ROW = struct.Struct("<HQ")
+
+
+class Opcode(IntEnum):
+    """The kinds of records."""
+
+    HEADER = 1
+    FOOTER = 2
+    SCHEMA = 3
+    CHANNEL = 4
+    MESSAGE = 5
+    CHUNK = 6
+    MESSAGE_INDEX = 7
+    CHUNK_INDEX = 8
+    STATISTICS = 11
+    METADATA = 12
+    METADATA_INDEX = 13
+    SUMMARY_OFFSET = 14
+    DATA_END = 15
+
+
+class Channel(NamedTuple):
+    """A channel, and the schema of its messages; schema 0: none."""
+
+    number: int
+    topic: str
+    encoding: str
+    schema: int = 0
+    metadata: Mapping[str, str] = {}
+
+
+class Schema(NamedTuple):
+    number: int
+    name: str
+    encoding: str
+    data: bytes
+
+
+class ChunkIndex(NamedTuple):
+    """Where a chunk lies, and of what time its messages are."""
+
+    first: int
+    last: int
+    at: int
+    length: int
+    indexes: Mapping[int, int]
+    """Offset of the message index of each channel."""
+    index_length: int
+    compressed: int
+    size: int
+
+
+class RawRecord(NamedTuple):
+    """A record as it stands in a file: the offset of its opcode, and its body."""
+
+    at: int
+    opcode: int
+    body: memoryview
+
+
+def record(opcode: int, body: bytes) -> bytes:
+    return HEAD.pack(opcode, len(body)) + body
+
+
+def string(text: str) -> bytes:
+    data = text.encode()
+    return struct.pack("<I", len(data)) + data
+
+
+def mapping(texts: Mapping[str, str]) -> bytes:
+    body = b"".join(string(key) + string(value) for key, value in texts.items())
+    return struct.pack("<I", len(body)) + body
+
+
+def header(library: str) -> bytes:
+    return MAGIC + record(Opcode.HEADER, string("") + string(library))
+
+
+def schema(each: Schema) -> bytes:
+    head = struct.pack("<H", each.number) + string(each.name) + string(each.encoding)
+    return record(Opcode.SCHEMA, head + struct.pack("<I", len(each.data)) + each.data)
+
+
+def channel(each: Channel) -> bytes:
+    head = struct.pack("<HH", each.number, each.schema) + string(each.topic) + string(each.encoding)
+    return record(Opcode.CHANNEL, head + mapping(each.metadata))
+
+
+def message(channel: int, sequence: int, time: int, data: bytes) -> bytes:
+    return record(Opcode.MESSAGE, MESSAGE.pack(channel, sequence & 0xFFFFFFFF, time, time) + data)
+
+
+def metadata(name: str, texts: Mapping[str, str]) -> bytes:
+    return record(Opcode.METADATA, string(name) + mapping(texts))
+
+
+def metadata_index(at: int, length: int, name: str) -> bytes:
+    return record(Opcode.METADATA_INDEX, struct.pack("<QQ", at, length) + string(name))
+
+
+def chunk(first: int, last: int, size: int, checksum: int, compressed: bytes) -> bytes:
+    head = _CHUNK.pack(first, last, size, checksum) + string("zstd") + struct.pack("<Q", len(compressed))
+    return HEAD.pack(Opcode.CHUNK, len(head) + len(compressed)) + head + compressed
+
+
+def chunk_index(each: ChunkIndex) -> bytes:
+    rows = b"".join(_INDEX_ROW.pack(*row) for row in each.indexes.items())
+    head = struct.pack("<QQQQI", each.first, each.last, each.at, each.length, len(rows))
+    tail = struct.pack("<Q", each.index_length) + string("zstd") + struct.pack("<QQ", each.compressed, each.size)
+    return record(Opcode.CHUNK_INDEX, head + rows + tail)
+
+
+def message_index(channel: int, rows: bytes) -> bytes:
+    """`rows`: log time and offset in the chunk of each message, 16 bytes each."""
+    return record(Opcode.MESSAGE_INDEX, struct.pack("<HI", channel, len(rows)) + rows)
+
+
+def statistics(
+    counts: Mapping[int, int], *, schemas: int, channels: int, metadata: int, chunks: int, first: int, last: int
+) -> bytes:
+    rows = b"".join(_INDEX_ROW.pack(*row) for row in counts.items())
+    head = _STATISTICS.pack(sum(counts.values()), schemas, channels, 0, metadata, chunks, first, last)
+    return record(Opcode.STATISTICS, head + struct.pack("<I", len(rows)) + rows)
+
+
+def closing(at: int, groups: Sequence[tuple[Opcode, bytes]]) -> bytes:
+    """All that follows the data of a file: their end at this offset, the summary, footer and magic."""
+    end = record(Opcode.DATA_END, bytes(4))
+    start = at + len(end)
+    offsets, place = [], start
+    for opcode, group in groups:
+        if group:
+            offsets.append(record(Opcode.SUMMARY_OFFSET, struct.pack("<BQQ", opcode, place, len(group))))
+        place += len(group)
+    summary = b"".join([*(group for _, group in groups), *offsets])
+    begun = HEAD.pack(Opcode.FOOTER, FOOTER.size) + struct.pack("<QQ", start, place)
+    return end + summary + begun + struct.pack("<I", zlib.crc32(begun, zlib.crc32(summary))) + MAGIC
+
+
+# Reading -----------------------------------------------------------------------------------------------
+
+
+def records(data: memoryview, at: int = 0) -> Iterator[RawRecord]:
+    """The records from an offset on, as far as they are there as a whole."""
+    while at + HEAD.size <= len(data):
+        opcode, length = HEAD.unpack_from(data, at)
+        body = at + HEAD.size
+        if not opcode or length > len(data) - body:
+            return
+        yield RawRecord(at, opcode, data[body : body + length])
+        at = body + length
+
+
+def is_whole(data: memoryview) -> bool:
+    """Whether a file ends as it should, and its summary with its checksum."""
+    at = len(data) - FOOTER_BYTES
+    if at < len(MAGIC) or bytes(data[-len(MAGIC) :]) != MAGIC or HEAD.unpack_from(data, at) != (2, FOOTER.size):
+        return False
+    start, _, checksum = FOOTER.unpack_from(data, at + HEAD.size)
+    return bool(start <= at and zlib.crc32(data[start : at + HEAD.size + 16]) == checksum)
+
+
+def read_string(body: memoryview, at: int) -> tuple[str, int]:
+    """A string at an offset, and where it ends. ValueError if it is not there as a whole."""
+    end = at + 4 + int.from_bytes(body[at : at + 4], "little")
+    if end > len(body):
+        raise ValueError("a text is cut short")
+    return str(body[at + 4 : end], "utf-8"), end
+
+
+def read_mapping(body: memoryview, at: int) -> tuple[dict[str, str], int]:
+    end = at + 4 + int.from_bytes(body[at : at + 4], "little")
+    at, texts = at + 4, {}
+    while at < end:
+        key, at = read_string(body, at)
+        texts[key], at = read_string(body, at)
+    return texts, at
+
+
+def read_metadata(body: memoryview) -> tuple[str, dict[str, str]]:
+    name, at = read_string(body, 0)
+    return name, read_mapping(body, at)[0]
+
+
+def read_channel(body: memoryview) -> Channel:
+    number, schema = struct.unpack_from("<HH", body)
+    topic, at = read_string(body, 4)
+    encoding, at = read_string(body, at)
+    return Channel(number, topic, encoding, schema, read_mapping(body, at)[0])
+
+
+def read_schema(body: memoryview) -> Schema:
+    (number,) = struct.unpack_from("<H", body)
+    name, at = read_string(body, 2)
+    encoding, at = read_string(body, at)
+    (size,) = struct.unpack_from("<I", body, at)
+    return Schema(number, name, encoding, bytes(body[at + 4 : at + 4 + size]))
+
+
+class RawChunk(NamedTuple):
+    """The head of a chunk, and what is compressed in it."""
+
+    first: int
+    last: int
+    size: int
+    checksum: int
+    compression: str
+    data: memoryview
+
+
+def read_chunk(body: memoryview) -> RawChunk:
+    first, last, size, checksum = _CHUNK.unpack_from(body)
+    compression, at = read_string(body, _CHUNK.size)
+    (length,) = struct.unpack_from("<Q", body, at)
+    if at + 8 + length != len(body):
+        raise ValueError("a chunk is cut short")
+    return RawChunk(first, last, size, checksum, compression, body[at + 8 :])
