@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,11 @@ from umo import UmoError, connect, drive
 from umo.cycle.events import Event
 from umo.frames import Reader, published
 from umo.frames.layout import ENTRY, Layout
+from umo.frames.reader import NumberedEvent
 from umo.process.job import Job, Plan
+from umo.process.job_facts import job_facts
+from umo.recording.block import Block, TakenCommand
+from umo.recording.recording_file import RecordingFile
 from umo.replay.program import Program
 from umo.replay.replaying import replay
 from umo.replay.result import Replayed
@@ -121,10 +126,22 @@ def recorded(station: str, wiring: str | None = None, **options: Any) -> MemoryT
     """A run of a station in virtual time, in this process."""
     plan = Plan(Job(station, wiring=wiring, options=options))
     connection = connect(plan.machine, plan.wired)
-    job = {"station": station, "wiring": {"name": wiring}, "options": {"given": options}}
+    job = job_facts(plan)
     with suppress(UmoError), connection as m, taped(connection, job) as tape:
         drive(m, plan.application)
     return tape
+
+
+def save(tape: MemoryTape, path: Path) -> Path:
+    """The tape as a recording."""
+    tape.layout.about["job"] = dict(tape.job)
+    events = [NumberedEvent(number, event) for number, event in enumerate(tape.events)]
+    with closing(RecordingFile(path, tape.layout)) as file:
+        for each in tape.recorded:
+            commands = [TakenCommand(command.number, command.period, command.data) for command in each.commands]
+            block = Block(each.frames, each.entries, commands, each.lost, each.entries_lost)
+            file.add([block if each is not tape.recorded[-1] else replace(block, events=events)])
+    return path
 
 
 def listen(tape: MemoryTape, clients: Any) -> None:

@@ -202,7 +202,7 @@ def latency(
     answer(period, seconds, load, json_file)
 
 
-from . import app_fleet, app_fleet_certificates, app_running, app_service, app_wiring  # noqa: E402, F401  (their commands)
+from . import app_fleet, app_fleet_certificates, app_replay, app_running, app_service, app_wiring  # noqa: E402, F401
 
 
 def _version(value: bool) -> None:

@@ -71,7 +71,7 @@ class Comparison:
         result.periods += 1
         result.simulated = frame.time
         result.raws += len(self.outputs)
-        raws = self._replayed_raws()
+        raws = self.replayed_raws()
         same = (
             frame.number == period.number
             and journal.count == period.count
@@ -99,7 +99,8 @@ class Comparison:
             self._result.difference = found
             self.on_difference()
 
-    def _replayed_raws(self) -> Any:
+    def replayed_raws(self) -> Any:
+        """The raw integers of the replay, by recorded slots; a view, valid in this period."""
         raws = self._raws if self._order is None else self._raws[self._order]
         if self._timer >= 0 and self._player.period is not None:  # a tick that ends the replay is in no frame
             raws = raws.copy()

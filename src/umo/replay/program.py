@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from umo.cycle import drive
-from umo.errors import OptionError, UmoError, text_of
+from umo.errors import OptionError, UmoError, WiringError, text_of
 from umo.objects import Compound
 from umo.objects.numbers import numbers_of
 from umo.process.job import Job, Plan
@@ -53,7 +53,8 @@ class Program:
         try:
             plan = Plan(job)
         except UmoError as error:
-            raise NotReplayable(f"the station of the recording cannot be made: {text_of(error)}") from error
+            why = str(error.mistakes[0]) if isinstance(error, WiringError) and error.mistakes else text_of(error)
+            raise NotReplayable(f"the machine of the recording cannot be made: {why}") from error
         return cls(plan.machine, plan.wired, partial(drive, application=plan.application), plan.name, job.manual)
 
     def set(self, settings: Mapping[str, object]) -> None:

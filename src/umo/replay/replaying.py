@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from types import MappingProxyType
 from typing import Any
 
 from umo.cycle import connect
@@ -37,9 +38,7 @@ class Replay:
         self,
         tape: Tape,
         program: Program | None = None,
-        *,
-        settings: Mapping[str, object] | None = None,
-        observers: Iterable[Observer] = (),
+        settings: Mapping[str, object] = MappingProxyType({}),
     ) -> None:
         """`program`: default is the station of the recording. `settings`: other values of numbers by path; the replay
         goes on beyond differences then: open loop, as the recorded sensors do not answer to what is written.
@@ -47,7 +46,8 @@ class Replay:
         self._tape = tape
         _check(tape)
         self.program = program or Program.of(tape)
-        self._observers = list(observers)
+        self.observers: list[Observer] = []
+        """Called in each period with its frame, before the next one begins."""
         if settings:
             self.program.set(settings)
         self.layout = tape.layout
@@ -55,7 +55,7 @@ class Replay:
         self.periods = Periods(tape)
         self.player = Player(self.periods, initial.get("raws") or [0] * len(self.layout.objects))
         self.player.lenient = bool(settings)
-        self.result = Replayed(self.program.name, settings=dict(settings or {}))
+        self.result = Replayed(self.program.name, settings=dict(settings))
         if initial.get("hash_seed", "random") != os.environ.get("PYTHONHASHSEED", "random") or (
             initial.get("hash_seed", "random") == "random"
         ):
@@ -119,7 +119,7 @@ class Replay:
 
         def shown(frame: Frame) -> None:
             comparison(frame)
-            for observer in self._observers:
+            for observer in self.observers:
                 observer(frame)
             phases.clear()
             journal.clear()
@@ -158,9 +158,11 @@ class Replay:
         return Difference(max(self.player.shown - 1, 0), self.result.simulated, "", recorded, replayed)
 
 
-def replay(tape: Tape, program: Program | None = None, **options: Any) -> Replayed:
+def replay(
+    tape: Tape, program: Program | None = None, settings: Mapping[str, object] = MappingProxyType({})
+) -> Replayed:
     """Replay a recorded run (`Replay`)."""
-    return Replay(tape, program, **options).run()
+    return Replay(tape, program, settings).run()
 
 
 def _check(tape: Tape) -> None:

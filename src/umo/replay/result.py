@@ -74,6 +74,9 @@ class Replayed:
     def __str__(self) -> str:
         count = f"{self.periods:,} periods ({duration(round(self.simulated, 6))}), {self.raws:,} commanded raw integers"
         lines = [f"identical: {count}" if self.difference is None else f"different: {count}\n{self.difference}"]
+        if self.settings:
+            changed = ", ".join(f"{path} = {value}" for path, value in self.settings.items())
+            lines.append(f"with {changed}: open loop, as the recorded sensors do not answer to what is commanded now")
         lines += [f"the replay ended here: {self.inexact}"] if self.inexact else []
         lines += [f"the recorded run ended by: {self.ended}"] if self.ended else []
         lines += [self.hashes] if self.hashes and not self.identical else []
