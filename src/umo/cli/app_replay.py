@@ -10,7 +10,7 @@ import typer
 from .shared import HelpPanel
 
 command = HelpPanel("Recordings")
-Recorded = Annotated[Path, typer.Argument(metavar="FILE", help="A recording (.mcap).")]
+RecordingArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A recording (.mcap).")]
 STATUS = "0 identical; 1 different; 2 the recording cannot be replayed, or a mistake, told on stderr; 130 Ctrl-C"
 
 
@@ -20,7 +20,7 @@ STATUS = "0 identical; 1 different; 2 the recording cannot be replayed, or a mis
     status=STATUS,
 )
 def replay(
-    file: Recorded,
+    file: RecordingArgument,
     station: Annotated[
         str | None,
         typer.Argument(metavar="[STATION]", help="Another station than that of the recording, such as a copy of it."),

@@ -22,36 +22,51 @@ class NotReplayable(UmoError):
     """A recording that cannot be replayed, in one line."""
 
 
-class TakenCommand(Protocol):
+class TapeCommand(Protocol):
     """A command of a client, as it came."""
 
-    number: int
-    data: bytes
+    @property
+    def number(self) -> int: ...
+    @property
+    def data(self) -> bytes: ...
 
 
 class TapeBlock(Protocol):
     """Consecutive frames of a recording."""
 
-    frames: npt.NDArray[Any]
-    """Structured array with the fields of `Layout.columns`, as far as they were recorded."""
-    entries: npt.NDArray[Any]
-    """Their entries of the journal (`umo.frames.layout.ENTRY`)."""
-    commands: Sequence[TakenCommand]
-    """The commands that were taken in these periods."""
-    lost: int
-    """Frames that are missing before it."""
-    commands_lost: int
-    """Commands that are missing in it."""
-    entries_lost: int
-    """Entries of the journal that are missing in it."""
+    @property
+    def frames(self) -> npt.NDArray[Any]:
+        """Structured array with the fields of `Layout.columns`, as far as they were recorded."""
+
+    @property
+    def entries(self) -> npt.NDArray[Any]:
+        """Their entries of the journal (`umo.frames.layout.ENTRY`)."""
+
+    @property
+    def commands(self) -> Sequence[TapeCommand]:
+        """The commands that were taken in these periods."""
+
+    @property
+    def lost(self) -> int:
+        """Frames that are missing before it."""
+
+    @property
+    def entries_lost(self) -> int:
+        """Entries of the journal that are missing in it."""
+
+    @property
+    def commands_lost(self) -> int:
+        """Commands that are missing in it."""
 
 
 class Tape(Protocol):
     """A recorded run. `umo.recording.Recording` is one."""
 
     layout: Layout
-    job: Mapping[str, Any]
-    """The run: station, wiring, options (`umo.replay.program`)."""
+
+    @property
+    def job(self) -> Mapping[str, Any]:
+        """What was run: station, wiring, options (`umo.process.job_facts`)."""
 
     @property
     def events(self) -> Iterable[Any]:

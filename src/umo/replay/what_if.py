@@ -16,7 +16,7 @@ MAX_POINTS = 20_000
 
 
 @dataclass
-class Curve:
+class TwoCurves:
     """The values of one actuator, recorded and replayed."""
 
     path: str
@@ -51,7 +51,7 @@ class Curves:
         """The time of each point in s."""
         return np.array(self._times)
 
-    def different(self) -> list[Curve]:
+    def different(self) -> list[TwoCurves]:
         """The actuators that were commanded otherwise, those that differ most often first."""
         if not self._rows:
             return []
@@ -61,8 +61,8 @@ class Curves:
         order = [place for place in np.argsort(-counts, kind="stable").tolist() if counts[place]]
         return [self._curve(outputs[place], recorded[:, place], replayed[:, place]) for place in order]
 
-    def _curve(self, slot: int, recorded: Any, replayed: Any) -> Curve:
+    def _curve(self, slot: int, recorded: Any, replayed: Any) -> TwoCurves:
         about = self._replay.layout.objects[slot]
         wire = next(wire for wire in self._replay.program.wired.wires if wire.item.path == about["path"])
         values = [np.array([wire.value(raw) for raw in each.tolist()]) for each in (recorded, replayed)]
-        return Curve(str(about["path"]), str(about.get("unit", "")), *values)
+        return TwoCurves(str(about["path"]), str(about.get("unit", "")), *values)
