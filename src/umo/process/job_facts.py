@@ -1,4 +1,4 @@
-"""What a run is, as plain data: enough to run the same again. It stands in the frames' description as `about["job"]`."""
+"""What a run is, as plain data, to run the same again. It stands in the frames' description as `about["job"]`."""
 
 from __future__ import annotations
 

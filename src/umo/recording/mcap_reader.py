@@ -105,6 +105,17 @@ class McapReader:
             raise ValueError("a chunk is damaged: its checksum does not fit")
         return content
 
+    def raw(self, at: int) -> bytes:
+        """The chunk at an offset as it stands in the file, with its message indexes."""
+        found = mcap_records.records(self.data, at)
+        chunk = next(found)
+        end = at + mcap_records.HEAD.size + len(chunk.body)
+        for each in found:
+            if each.opcode != Opcode.MESSAGE_INDEX:
+                break
+            end = each.at + mcap_records.HEAD.size + len(each.body)
+        return bytes(self.data[at:end])
+
     def messages(self, at: int) -> Iterator[Message]:
         """The messages of a chunk. ValueError if it is damaged."""
         head = mcap_records.MESSAGE.size

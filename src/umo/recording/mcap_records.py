@@ -16,6 +16,8 @@ MESSAGE = struct.Struct("<HIQQ")
 FOOTER = struct.Struct("<QQI")
 """Offsets of the summary and of its offsets, CRC-32 of the summary."""
 FOOTER_BYTES = HEAD.size + FOOTER.size + len(MAGIC)
+MESSAGE_INDEX = struct.Struct("<HI")
+"""Channel and bytes of the rows that follow."""
 _CHUNK = struct.Struct("<QQQI")
 _STATISTICS = struct.Struct("<QHIIIIQQ")
 _INDEX_ROW = struct.Struct("<HQ")
@@ -132,7 +134,7 @@ def chunk_index(each: ChunkIndex) -> bytes:
 
 def message_index(channel: int, rows: bytes) -> bytes:
     """`rows`: log time and offset in the chunk of each message, 16 bytes each."""
-    return record(Opcode.MESSAGE_INDEX, struct.pack("<HI", channel, len(rows)) + rows)
+    return record(Opcode.MESSAGE_INDEX, MESSAGE_INDEX.pack(channel, len(rows)) + rows)
 
 
 def statistics(

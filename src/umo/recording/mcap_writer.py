@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import zstandard
 
 from umo.recording import mcap_records
@@ -97,6 +98,20 @@ class McapWriter:
         span = (first, last) if self._span is None else (min(first, self._span[0]), max(last, self._span[1]))
         self._write(head + bytes(indexes), [mcap_records.chunk_index(index)], counts, span)
 
+    def add_raw(self, chunks: Sequence[bytes]) -> None:
+        """Add chunks as they stand in another file with the same channels, each with its message indexes."""
+        data, indexes, counts = bytearray(), [], dict(self._counts)
+        first, last = self._span or (1 << 63, 0)
+        for each in chunks:
+            index, numbers = _indexed(each, self.end + len(data))
+            indexes.append(mcap_records.chunk_index(index))
+            for channel, count in numbers.items():
+                counts[channel] = counts.get(channel, 0) + count
+            first, last = min(first, index.first), max(last, index.last)
+            data += each
+        if chunks:
+            self._write(bytes(data), indexes, counts, (first, last))
+
     def _write(self, data: bytes, indexes: list[bytes], counts: dict[int, int], span: tuple[int, int] | None) -> None:
         """Write data and the new end of the file. What fits only in part is taken back: the old end is written again,
         for which there was room."""
@@ -146,8 +161,18 @@ class McapWriter:
         os.close(self._file)
 
 
-def _moved(rows: Sequence[tuple[int, int]] | bytes, by: int) -> bytes:
-    import numpy as np
+def _indexed(chunk: bytes, at: int) -> tuple[ChunkIndex, dict[int, int]]:
+    """The index of a chunk that comes to lie at this offset, and the number of messages of each channel."""
+    head, *indexes = mcap_records.records(memoryview(chunk))
+    raw, length = mcap_records.read_chunk(head.body), mcap_records.HEAD.size + len(head.body)
+    places, counts = {}, {}
+    for each in indexes:
+        channel, size = mcap_records.MESSAGE_INDEX.unpack_from(each.body)
+        places[channel], counts[channel] = at + each.at, size // 16
+    rest = len(chunk) - length
+    return ChunkIndex(raw.first, raw.last, at, length, places, rest, len(raw.data), raw.size), counts
 
+
+def _moved(rows: Sequence[tuple[int, int]] | bytes, by: int) -> bytes:
     table = np.frombuffer(rows, "<u8").reshape(-1, 2) if isinstance(rows, bytes) else np.array(rows, "<u8")
     return bytes((table + np.array([0, by], "<u8")).astype("<u8").tobytes())

@@ -26,6 +26,9 @@ FORMAT = "1"
 METADATA = "umo"
 """Name of the metadata that say what a file is."""
 EXACT_TOPIC, COLUMNS_TOPIC = "umo/exact", "umo/columns"
+EVENTS_TOPIC, ALARMS_TOPIC, COMMANDS_TOPIC = "events", "alarms", "commands"
+SPARSE_TOPICS = frozenset({EXACT_TOPIC, EVENTS_TOPIC, ALARMS_TOPIC, COMMANDS_TOPIC})
+"""What is kept from period 0 on, also where the rest of old files is not."""
 
 
 @dataclass(frozen=True)

@@ -71,11 +71,15 @@ class Receiver:
     def _text(self, number: int) -> bytes | None:
         """The text of this command; None if it is not whole."""
         at = QUEUE + (number - 1) % SLOTS * SLOT
-        slot = bytes(self._memory[at : at + SLOT])  # a copy: others may write there at any time
-        checksum, size, found = ENTRY.unpack_from(slot)
-        text = slot[ENTRY.size : ENTRY.size + size]
-        whole = size <= MAX_COMMAND_BYTES and found == number and checksum == _checksum(size, number, text)
-        return text if whole else None
+        return command_in(bytes(self._memory[at : at + SLOT]), number)  # a copy: others may write there at any time
+
+
+def command_in(slot: bytes, number: int) -> bytes | None:
+    """The text of the command of this number in a slot of the queue; None if it is not there, or not whole."""
+    checksum, size, found = ENTRY.unpack_from(slot)
+    text = slot[ENTRY.size : ENTRY.size + size]
+    whole = size <= MAX_COMMAND_BYTES and found == number and checksum == _checksum(size, number, text)
+    return text if whole else None
 
 
 class Sender:

@@ -1,0 +1,151 @@
+"""Collecting what a ring has into blocks: frames, the entries of their journal, commands of clients, events."""
+
+from __future__ import annotations
+
+import zlib
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from umo.errors import FramesError
+from umo.frames import Reader
+from umo.frames.client_memory import QUEUE, SLOT, SLOTS, ClientMemory
+from umo.frames.reader import Entries, Frames, NumberedEvent
+from umo.recording.block import Block, TakenCommand
+from umo.remote.queue import ENTRY as COMMAND_HEAD
+from umo.remote.queue import command_in
+
+MAX_ENTRIES = 1 << 16
+"""Entries of the journal of frames that lie around none: those of a damaged frame are not asked for."""
+
+
+class Collector:
+    """Follows a ring, from its oldest frame on. Nothing of it waits."""
+
+    def __init__(self, reader: Reader) -> None:
+        self._reader = reader
+        self._cells: ClientMemory | None = None
+        if reader.ends is not None:
+            with suppress(FramesError):  # a ring of another computer has none
+                self._cells = ClientMemory(reader.ends.cells, reader.layout)
+        self._copied: dict[int, bytes] = {}
+        """The commands that were copied from the queue, by number."""
+        self._seen = 0
+        """Number of the last command that was looked at in the queue."""
+        self._taken: int | None = None
+        """Number of the last command whose period is known; None before the first frame."""
+        self._stop: int | None = None
+        """Number of the frame that follows the last one; None before the first."""
+        self._event = 0
+        self._tunables = 0
+
+    def look(self) -> list[Block]:
+        """What is new, as blocks; few frames each."""
+        self._copy_commands()
+        frames = self._reader.read()
+        if not len(frames):
+            return []
+        self._copy_commands()
+        breaks = np.flatnonzero(np.diff(frames["sequence"]) != 2) + 1
+        return [self._block(part) for part in np.split(frames, breaks)]
+
+    def rest(self) -> list[NumberedEvent]:
+        """The events that were told after the last frame."""
+        events = self._reader.events(self._event)
+        self._event = self._reader.next_event
+        return events
+
+    def _block(self, frames: Frames) -> Block:
+        first = int(frames["sequence"][0]) // 2 - 1
+        lost = 0 if self._stop is None else first - self._stop
+        self._stop = first + len(frames)
+        entries, entries_lost = self._entries(frames)
+        commands, commands_lost = self._commands(frames, first, lost)
+        return Block(frames, entries, commands, lost, entries_lost, commands_lost, self.rest(), self._live())
+
+    def _entries(self, frames: Frames) -> tuple[Entries, int]:
+        start, last = int(frames["journal"][0]), frames[-1]
+        stop = int(last["journal"]) + int(last["entries"])
+        there, entries = self._reader.entries(start, stop)
+        return entries, there - start
+
+    def _live(self) -> dict[str, Any]:
+        """Mode, holder of the lease; tunable numbers if they have changed."""
+        mode, tunables = self._reader.mode, self._reader.tunables()
+        live: dict[str, Any] = {"mode": None if mode is None else int(mode), "holder": self._reader.holder}
+        digest = zlib.crc32(np.array(list(tunables.values())).tobytes())
+        if tunables and digest != self._tunables:
+            self._tunables = digest
+            live["tunables"] = list(tunables.values())
+        return live
+
+    # Commands ------------------------------------------------------------------------------------------
+
+    def _copy_commands(self) -> None:
+        """Copy the new commands of the queue, taken or not, before clients write over them."""
+        if self._cells is None:
+            return
+        head = int(self._cells.head[0])
+        if not self._seen < head < 1 << 62:
+            return
+        for number in range(max(self._seen, head - SLOTS) + 1, head + 1):
+            at = QUEUE + (number - 1) % SLOTS * SLOT
+            slot = bytes(self._cells.memory[at : at + SLOT])
+            text = command_in(slot, number)
+            if text is not None or COMMAND_HEAD.unpack_from(slot)[2] <= number:  # not yet written over
+                self._copied[number] = text or b""
+        self._seen = head
+
+    def _commands(self, frames: Frames, first: int, lost: int) -> tuple[list[TakenCommand], int]:
+        """The commands that were taken in these periods, and how many of them were written over before."""
+        taken = frames["taken"]
+        before = self._taken
+        if before is None:
+            before = 0 if first == 0 else int(taken[0])
+        self._taken = int(taken[-1])
+        commands, missing = [], 0
+        for number in range(before + 1, min(self._taken, before + MAX_ENTRIES) + 1):
+            place = int(np.searchsorted(taken, number))
+            text = self._copied.pop(number, None)
+            missing += text is None
+            period = -1 if lost and not place else first + place
+            commands.append(TakenCommand(number, period, text or b""))
+        return commands, missing
+
+    def close(self) -> None:
+        if self._cells is not None:
+            self._cells.close()
+
+
+def joined(blocks: list[Block]) -> list[Block]:
+    """As few blocks as possible: those that follow one another without a loss are one."""
+    groups: list[list[Block]] = []
+    for block in blocks:
+        follows = bool(groups) and block.first == groups[-1][-1].stop
+        if follows and not (block.lost or block.entries_lost):
+            groups[-1].append(block)
+        else:
+            groups.append([block])
+    return [_one(group) for group in groups]
+
+
+def _one(blocks: list[Block]) -> Block:
+    if len(blocks) == 1:
+        return blocks[0]
+    first, live = blocks[0], {}
+    frames, at = np.zeros(sum(len(block.frames) for block in blocks), first.frames.dtype), 0
+    for block in blocks:
+        frames[at : at + len(block.frames)] = block.frames
+        at += len(block.frames)
+        live |= block.live
+    return Block(
+        frames,
+        np.concatenate([block.entries for block in blocks]),
+        [command for block in blocks for command in block.commands],
+        first.lost,
+        first.entries_lost,
+        sum(block.commands_lost for block in blocks),
+        [event for block in blocks for event in block.events],
+        live,
+    )

@@ -1,0 +1,121 @@
+"""The files of one recording: a new one by size and time; what replay needs is kept of all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from umo.errors import UmoError, text_of
+from umo.frames.layout import Layout
+from umo.recording.block import Block
+from umo.recording.copying import join, thin
+from umo.recording.part_names import part_name
+from umo.recording.recording_file import OtherChannels, RecordingFile
+
+ROTATE_TIME, ROTATE_SIZE = 3600.0, 1 << 30
+"""s and bytes of a file, after which the next one is begun."""
+PARTS_OF_LAST = 4
+"""Number of files in which a flight recorder keeps its last minutes."""
+
+
+@dataclass(frozen=True)
+class RecordSettings:
+    """What is kept, in which files."""
+
+    last: float | None = None
+    """Flight recorder: the s before the end, or before a demand, that are kept in full; None: all."""
+    rotate_time: float = ROTATE_TIME
+    rotate_size: int = ROTATE_SIZE
+    keep: int | None = None
+    """Bytes of the files that are kept in full; older ones keep only what replay needs. None: all are."""
+
+
+@dataclass
+class _Part:
+    path: Path
+    size: int
+    end: float
+    """The time of its last frame, s on the cycle's clock."""
+    is_thin: bool = False
+
+
+class RecordingParts:
+    """Writes blocks to the files of `path`. OSError where the first cannot be made; later from `add`."""
+
+    def __init__(
+        self,
+        path: Path,
+        layout: Layout,
+        others: OtherChannels | None = None,
+        settings: RecordSettings = RecordSettings(),
+    ) -> None:
+        self.path, self.failed = path, ""
+        """`failed`: why an older part keeps more than it should."""
+        self._layout, self._others, self._settings = layout, others, settings
+        self._rotate_time = settings.rotate_time if settings.last is None else settings.last / PARTS_OF_LAST
+        self._parts: list[_Part] = []
+        self._file = RecordingFile(path, layout, others)
+        self._worker = ThreadPoolExecutor(1, "umo record")
+        self._time = 0.0
+        self._thinning: Future[None] | None = None
+
+    @property
+    def size(self) -> int:
+        """Bytes of all files."""
+        return self._file.size + sum(part.size for part in self._parts)
+
+    @property
+    def paths(self) -> list[Path]:
+        """The files, the oldest first."""
+        return [*(part.path for part in self._parts), self._file.path]
+
+    def add(self, blocks: Sequence[Block]) -> None:
+        """Write blocks as one chunk."""
+        settings = self._settings
+        if self._file.span and (self._file.span >= self._rotate_time or self._file.size >= settings.rotate_size):
+            number = len(self._parts) + 2
+            following = RecordingFile(part_name(self.path, number), self._layout, self._others, part=number)
+            self._parts.append(_Part(self._file.path, self._file.size, self._time))
+            self._file.close()
+            self._file = following
+        self._file.add(blocks)
+        self._time = float(blocks[-1].frames["time"][-1])
+        if self._thinning is None or self._thinning.done():
+            self._make_thin()
+
+    def _make_thin(self) -> None:
+        """Make the oldest full part thin if there are too many, in a thread: frames go on meanwhile."""
+        full = [part for part in self._parts if not part.is_thin]
+        if not full:
+            return
+        last, keep = self._settings.last, self._settings.keep
+        old = last is not None and self._time - full[0].end >= last
+        many = keep is not None and self._file.size + sum(part.size for part in full) > keep
+        if old or many:
+            full[0].is_thin = True
+            self._thinning = self._worker.submit(self._thin, full[0])
+
+    def _thin(self, part: _Part) -> None:
+        try:
+            thin(part.path)
+            part.size = part.path.stat().st_size
+        except (OSError, UmoError) as error:
+            self.failed = f"{part.path} keeps everything: {text_of(error)}"
+
+    def save(self, path: Path) -> Future[None]:
+        """All that there is now as one file, written in a thread."""
+        return self._worker.submit(join, self.paths, path)
+
+    def close(self) -> None:
+        """No more blocks come. What threads do is finished first."""
+        self._worker.shutdown()
+        self._file.close()
+
+    def discard(self) -> None:
+        """Remove all files, after `close`."""
+        for path in self.paths:
+            with suppress(OSError):
+                path.unlink()
