@@ -16,7 +16,8 @@ STATUS = "0 identical; 1 different; 2 the recording cannot be replayed, or a mis
 
 @command(
     epilog="Examples: umo replay run.mcap  |  umo replay run.mcap my-machine  |  "
-    "umo replay run.mcap --set z.servo.gain=0.004",
+    "umo replay run.mcap --set z.servo.gain=0.004  |  umo replay run.mcap --at 12.3s  |  "
+    "umo replay run.mcap --break 'abs(z.servo.error) > 50'",
     status=STATUS,
 )
 def replay(
@@ -38,12 +39,27 @@ def replay(
         Path | None,
         typer.Option(metavar="FILE.png", help="File of this plot; default: FILE.what-if.png, beside the recording."),
     ] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TIME|PERIOD|first-difference",
+            help="Stop there in a debugger, such as 12.3s, with the machine as it was.",
+        ),
+    ] = None,
+    condition: Annotated[
+        str | None,
+        typer.Option(
+            "--break", metavar="EXPR", help="Stop there each time that this becomes true: 'z.servo.error > 50'."
+        ),
+    ] = None,
 ) -> int:
     """Run the control code of today on the inputs of a recording, and compare what it commands, to the bit.
 
     No device is opened. Times, missed periods, errors of drivers and the commands of clients are those of the recording
     too. The first difference is told with its period, its object, both values, and where each sequence stood.
+
+    The debugger is pdb with a few more commands (`help` lists them): it goes to any period, back too.
     """
     from .replay_run import replay_file
 
-    return replay_file(file, station, settings or (), plot)
+    return replay_file(file, station, settings or (), plot, at, condition)

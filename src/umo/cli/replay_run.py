@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from umo.cycle import Frame
-from umo.errors import FramesError, OptionError
+from umo.errors import FramesError, OptionError, UmoError
 from umo.exit_status import ExitStatus
 from umo.replay.opening import HASH_SEED, opened, other_hash_seed
 from umo.replay.program import Program
 from umo.replay.replaying import Replay
+from umo.replay.stops import Condition, Stop
 from umo.replay.tape import NotReplayable, Tape, events_of
 from umo.replay.what_if import Curves
 
@@ -25,13 +26,24 @@ LOOK_PERIODS = 199
 """Periods between two looks at the progress."""
 
 
-def replay_file(file: Path, station: str | None, given: Sequence[str], plot: Path | None) -> int:
-    """Replay it; the exit status. `given`: PATH=VALUE, numbers that are to have other values."""
+def replay_file(
+    file: Path,
+    station: str | None,
+    given: Sequence[str],
+    plot: Path | None,
+    at: str | None = None,
+    condition: str | None = None,
+) -> int:
+    """Replay it; the exit status. `given`: PATH=VALUE, numbers that are to have other values. `at`, `condition`: where
+    it stops in a debugger."""
     settings = dict(map(setting, given))
+    stop, expression = at and Stop.parse(at), condition and Condition(condition)
     try:
         with opened(file) as tape:
             if (seed := other_hash_seed(tape.layout.about)) is not None:
                 begin_again(seed)
+            if stop or expression:
+                return _debug(tape, station, settings, stop or None, expression or None)
             return _replay(tape, file, station, settings, plot)
     except (NotReplayable, FramesError) as error:
         say(str(error), "red")
@@ -68,7 +80,7 @@ class ReplayProgress:
         self._periods += 1
         if self._periods % LOOK_PERIODS == 0:
             share = min(frame.time / self._end, 1.0) if self._end else None
-            self._line.show(frame.time, "replaying", share)
+            self._line.show(frame.time, "replaying" if err.is_terminal else "", share)
 
 
 def _replay(tape: Tape, file: Path, station: str | None, settings: Mapping[str, object], plot: Path | None) -> int:
@@ -83,6 +95,33 @@ def _replay(tape: Tape, file: Path, station: str | None, settings: Mapping[str, 
     if settings and result.difference is not None:
         _draw(curves, plot or file.with_suffix(".what-if.png"), result.settings)
     return result.status
+
+
+def _debug(
+    tape: Tape, station: str | None, settings: Mapping[str, object], stop: Stop | None, condition: Condition | None
+) -> int:
+    from umo.replay.debugger import DebuggedReplay
+    from umo.replay.snapshots import Runner, SnapshotList
+
+    def begin(runner: Runner) -> int:
+        try:
+            replay = Replay(tape, Program.of(tape, station), settings)
+        except UmoError as error:
+            say(str(error), "red")
+            return ExitStatus.MISTAKE
+        line = OneLine(err)
+        debugged = DebuggedReplay(replay, runner, stop, condition, ReplayProgress(line, tape))
+        debugged.clear = line.__exit__
+        replay.observers.append(debugged)
+        result = replay.run()
+        debugged.clear()
+        if not debugged.has_stopped:
+            failed = f" (it could not be evaluated: {condition.failed})" if condition and condition.failed else ""
+            say(f"it did not come there{failed}")
+        print(result, flush=True)
+        return result.status
+
+    return SnapshotList().run(begin)
 
 
 def _draw(curves: Curves, path: Path, settings: Mapping[str, Any]) -> None:

@@ -40,6 +40,8 @@ class Player:
         """Whether what was not recorded is answered all the same: a replay with other settings."""
         self.wrong: Callable[[int, str, str], object] = lambda slot, recorded, replayed: None
         """Function that is told of a call that was not recorded so: its object, what was recorded, what is asked."""
+        self.paused = False
+        """Whether whoever looks at the machine calls drivers: that is no part of the replay."""
         self.over = self.next is None
         """Whether nothing more was recorded."""
         self.skipped = 0 if self.next is None else self.next.number - max(self.next.missed, 1)
@@ -105,7 +107,7 @@ class Player:
 
     def read(self, slot: int) -> int:
         """One sensor, now."""
-        if self.period is None:
+        if self.period is None or self.paused:
             return int(self.raws[slot])
         entry = self._entry(slot, READS, "a reading of its own")
         if entry is None:
@@ -115,14 +117,14 @@ class Player:
 
     def write(self, slot: int, raw: int) -> None:
         """One actuator, now."""
-        if self.period is not None:
+        if self.period is not None and not self.paused:
             entry = self._entry(slot, WRITES, f"a write of its own (raw {raw})")
             if entry is not None:
                 _raise_if_failed(entry)
 
     def bring_to_default(self, slot: int, kind: Kind) -> None:
         """`initialize` or `reset` of one object. Their order may be another one: it depends on the wall clock."""
-        if self.period is None:
+        if self.period is None or self.paused:
             return
         kinds = kind, Kind.FAILED_RESET
         entry = self._search(slot, kinds, self.at) or self._search(slot, kinds)
@@ -140,7 +142,7 @@ class Player:
 
     def looked(self, slots: Collection[int]) -> bool | None:
         """What a look for a driver that is away has found."""
-        if self.period is None:
+        if self.period is None or self.paused:
             return True
         entry = self._next()
         if entry is None or entry[1] != Kind.LOOKED or entry[0] not in slots:
@@ -150,7 +152,7 @@ class Player:
 
     def read_group(self, slots: Sequence[int], texts: Sequence[str], out: IntArray) -> None:
         """Some sensors in one transfer, each with an entry of its own."""
-        if self.period is None:
+        if self.period is None or self.paused:
             out[:] = [self.raws[slot] for slot in slots]
             return
         found = self._group(slots, READS, "a reading of its own")
@@ -158,14 +160,14 @@ class Player:
         _raise_for(found.values(), slots, texts)
 
     def write_group(self, slots: Sequence[int], texts: Sequence[str]) -> None:
-        if self.period is not None:
+        if self.period is not None and not self.paused:
             found = self._group(slots, WRITES, "a write of its own")
             _raise_for(found.values(), slots, texts)
 
     def read_block(self, slots: IntArray, texts: Sequence[str], out: IntArray) -> None:
         """The block of a driver, the first time in this period: only what has failed has entries."""
         period = self.period
-        if period is None:
+        if period is None or self.paused:
             out[:] = [self.raws[slot] for slot in slots.tolist()]
             return
         if not period.entries:
@@ -177,7 +179,7 @@ class Player:
         _raise_for(failed, slots.tolist(), texts)
 
     def write_block(self, slots: IntArray, texts: Sequence[str]) -> None:
-        if self.period is not None and self.period.entries:
+        if self.period is not None and self.period.entries and not self.paused:
             _raise_for(self._failed(slots, Kind.FAILED_WRITE), slots.tolist(), texts)
 
     # Entries -------------------------------------------------------------------------------------------

@@ -46,6 +46,8 @@ class Replay:
         self._tape = tape
         _check(tape)
         self.program = program or Program.of(tape)
+        self.on_connected: Callable[[], object] = lambda: None
+        """Function that is called when the machine is connected."""
         self.observers: list[Observer] = []
         """Called in each period with its frame, before the next one begins."""
         if settings:
@@ -85,6 +87,7 @@ class Replay:
         result, begun = self.result, time.perf_counter()
         try:
             with self.connection as machine, self._played(self.connection.machine):
+                self.on_connected()
                 if self.player.skipped > 0:
                     self.connection.machine.skip_ticks()
                 if not self.player.over:
@@ -98,6 +101,16 @@ class Replay:
         result.inexact = self.player.ended
         self._compare_ends()
         return result
+
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """In the block whoever looks at the machine may call its drivers, which is no part of the replay."""
+        transfer, player = self.connection.machine.image.transfer, self.player
+        journal, transfer.journal, player.paused = transfer.journal, None, True
+        try:
+            yield
+        finally:
+            transfer.journal, player.paused = journal, False
 
     @contextmanager
     def _played(self, machine: ConnectedMachine) -> Iterator[None]:
