@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -18,6 +19,7 @@ from umo.frames.layout import ENTRY, Layout
 from umo.frames.reader import NumberedEvent
 from umo.process.job import Job, Plan
 from umo.process.job_facts import job_facts
+from umo.process.station import shipped
 from umo.recording.block import Block, TakenCommand
 from umo.recording.recording_file import RecordingFile
 from umo.replay.program import Program
@@ -142,6 +144,16 @@ def save(tape: MemoryTape, path: Path) -> Path:
             block = Block(each.frames, each.entries, commands, each.lost, each.entries_lost)
             file.add([block if each is not tape.recorded[-1] else replace(block, events=events)])
     return path
+
+
+def changed_conveyor(folder: Path, name: str, before: str, after: str) -> Path:
+    """A copy of the conveyor with one change."""
+    copy = folder / "conveyor"
+    shutil.copytree(shipped()["conveyor"], copy, ignore=shutil.ignore_patterns("__pycache__"))
+    text = (copy / name).read_text()
+    assert before in text
+    (copy / name).write_text(text.replace(before, after))
+    return copy
 
 
 def listen(tape: MemoryTape, clients: Any) -> None:

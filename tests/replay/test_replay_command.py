@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -12,7 +11,7 @@ from pathlib import Path
 import pytest
 from typer.testing import Result
 
-from helpers.tapes import recorded, save
+from helpers.tapes import changed_conveyor, recorded, save
 from umo.replay.tape import NotReplayable
 from umo.testing import assert_replays
 
@@ -141,15 +140,3 @@ def machine():
         timer=DigitalSensor("sampling_period", minimum=0, maximum=99_999, resolution=1, synchronous=False),
     )
 """
-
-
-def changed_conveyor(folder: Path, name: str, before: str, after: str) -> Path:
-    """A copy of the conveyor with one change."""
-    from umo.process.station import shipped
-
-    copy = folder / "conveyor"
-    shutil.copytree(shipped()["conveyor"], copy, ignore=shutil.ignore_patterns("__pycache__"))
-    text = (copy / name).read_text()
-    assert before in text
-    (copy / name).write_text(text.replace(before, after))
-    return copy

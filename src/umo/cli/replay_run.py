@@ -15,7 +15,7 @@ from umo.exit_status import ExitStatus
 from umo.replay.opening import HASH_SEED, opened, other_hash_seed
 from umo.replay.program import Program
 from umo.replay.replaying import Replay
-from umo.replay.stops import Condition, Stop
+from umo.replay.stops import BreakCondition, Stop
 from umo.replay.tape import NotReplayable, Tape, events_of
 from umo.replay.what_if import Curves
 
@@ -37,7 +37,7 @@ def replay_file(
     """Replay it; the exit status. `given`: PATH=VALUE, numbers that are to have other values. `at`, `condition`: where
     it stops in a debugger."""
     settings = dict(map(setting, given))
-    stop, expression = at and Stop.parse(at), condition and Condition(condition)
+    stop, expression = at and Stop.parse(at), condition and BreakCondition(condition)
     try:
         with opened(file) as tape:
             if (seed := other_hash_seed(tape.layout.about)) is not None:
@@ -98,7 +98,7 @@ def _replay(tape: Tape, file: Path, station: str | None, settings: Mapping[str, 
 
 
 def _debug(
-    tape: Tape, station: str | None, settings: Mapping[str, object], stop: Stop | None, condition: Condition | None
+    tape: Tape, station: str | None, settings: Mapping[str, object], stop: Stop | None, condition: BreakCondition | None
 ) -> int:
     from umo.replay.debugger import DebuggedReplay
     from umo.replay.snapshots import Runner, SnapshotList

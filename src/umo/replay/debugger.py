@@ -17,7 +17,7 @@ from umo.objects import Compound
 from umo.objects.paths import children
 from umo.replay.replaying import Replay
 from umo.replay.snapshots import EVERY, Runner
-from umo.replay.stops import Condition, Stop
+from umo.replay.stops import BreakCondition, Stop
 
 HELP = """\
 back N        N periods back          to TIME|PERIOD|first-difference   there, back or forth
@@ -33,7 +33,7 @@ class DebuggedReplay:
         replay: Replay,
         runner: Runner,
         at: Stop | None,
-        condition: Condition | None,
+        condition: BreakCondition | None,
         look: Callable[[Frame], object] = lambda frame: None,
     ) -> None:
         self.replay, self.runner = replay, runner
@@ -84,7 +84,8 @@ class DebuggedReplay:
         found = at_the_end or self._interrupted or self._stop.is_at(period, time, differs)
         if self._condition is not None:
             with self.replay.paused():
-                found |= self._condition.becomes_true(self.replay.program.machine, period, time)
+                became = self._condition.becomes_true(self.replay.program.machine, period, time)
+            found |= became and self._stop == Stop()  # not on the way to another place
         return found
 
     def _pause(self, period: int, time: float) -> None:

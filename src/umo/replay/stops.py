@@ -1,4 +1,4 @@
-"""Where a replay is to stop for its debugger: at a period, a time, the first difference, or when an expression is true."""
+"""Where a replay stops for its debugger: at a period, a time, the first difference, an expression that becomes true."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Stop:
         )
 
 
-class Condition:
+class BreakCondition:
     """An expression over the machine, such as `z.servo.error > 50`: names are its parts, `m`, `period` and `time`."""
 
     def __init__(self, text: str) -> None:
@@ -61,6 +61,7 @@ class Condition:
         except (SyntaxError, ValueError) as error:
             raise OptionError(f"--break {text!r} is no expression: {error}") from None
         self._was = False
+        """Whether it was true in the period before."""
         self.failed = ""
         """Why it could not be evaluated the last time; "": it could."""
 
