@@ -28,6 +28,8 @@ from umo.replay.result import Difference, Replayed
 from umo.replay.tape import NotReplayable, Periods, Tape, events_of
 from umo.replay.tape_driver import count_as_hardware, taped, watch_blocks
 
+MAX_COMPARED = 100
+"""Characters of an error's text that are compared."""
 RANDOM_HASHES = "the order of hashes was not fixed in the recorded run (PYTHONHASHSEED): sets of texts may differ"
 
 
@@ -204,9 +206,12 @@ def _end_of(tape: Tape) -> Any:
 
 
 def _same_error(error: BaseException, text: str, recorded: str) -> bool:
-    """Whether this is the recorded error. What a driver said of its failure is not recorded."""
+    """Whether this is the recorded error. What a driver said of its failure is not recorded; events cut long texts."""
     if not recorded:
         return False
-    if isinstance(error, DriverError) or CAUSE in text:
-        return all(failure.path in recorded for failure in getattr(error, "failures", ()))
-    return recorded.splitlines()[0][:100] == text.splitlines()[0][:100] or recorded.startswith(type(error).__name__)
+    if CAUSE in text or isinstance(error, DriverError):
+        failures = getattr(error, "failures", ())
+        if any(failure.path in recorded for failure in failures):  # it names some of them
+            return True
+        return not failures and text.partition(CAUSE)[0][:MAX_COMPARED] in recorded
+    return recorded.startswith((text.partition("\n")[0][:MAX_COMPARED], type(error).__name__))
