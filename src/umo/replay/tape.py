@@ -14,6 +14,8 @@ from umo.frames.layout import Layout
 
 MOVING = {Kind.READ, Kind.WRITE, Kind.RESET, Kind.INITIALIZE, Kind.ARRIVED, Kind.CONFIRMED}
 """Entries of the journal after which an object has another raw integer than before."""
+OPEN_LOOP = "open_loop"
+"""The fact about a recording of which periods were left out (`umo.replay.shrinking`): only its error is compared."""
 JournalEntry = tuple[int, int, int, int, int, float]
 """Slot, kind, error, raw, raw before, time."""
 
