@@ -4,8 +4,8 @@
     python -m tools.replay_mutants 20 conveyor  some of one station
 
 A mutant has one change in a file of the station's control code, or in a number of it. The truth comes from elsewhere:
-the mutant also runs on the plant with the same seed. Until it commands something else, its inputs are the recorded ones;
-so the first period that differs from the recorded run must be the one that the replay finds.
+the mutant also runs on the plant with the same seed. Until it commands something else, its inputs are the recorded
+ones; so the first period that differs from the recorded run must be the one that the replay finds.
 """
 
 from __future__ import annotations
@@ -25,19 +25,16 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from helpers.tapes import MemoryTape, taped  # noqa: E402
-
-from umo import connect, drive  # noqa: E402
-from umo.cycle.stopping import TimeLimit  # noqa: E402
-from umo.process.job import Job, Plan  # noqa: E402
-from umo.process.job_facts import job_facts  # noqa: E402
-from umo.process.station import shipped  # noqa: E402
-from umo.replay.program import Program  # noqa: E402
-from umo.replay.replaying import replay  # noqa: E402
-from umo.replay.tape import NotReplayable  # noqa: E402
+from helpers.tapes import MemoryTape, taped
+from umo import connect, drive
+from umo.cycle.stopping import TimeLimit
+from umo.process.job import Job, Plan
+from umo.process.job_facts import job_facts
+from umo.process.station import shipped
+from umo.replay.program import Program
+from umo.replay.replaying import replay
+from umo.replay.tape import NotReplayable
 
 FILES = {
     "conveyor": (("control.py", "tracking.py", "belt.py", "application.py"), {"seed": 1}),
@@ -110,7 +107,9 @@ def _commanded(tape: MemoryTape, outputs: list[int]) -> list[Any]:
     for block in tape.recorded:
         at = 0
         fields = ["slot", "kind", "error", "raw", "before"]
-        for raws, count in zip(block.frames["raws"][:, outputs].tolist(), block.frames["entries"].tolist(), strict=True):
+        for raws, count in zip(
+            block.frames["raws"][:, outputs].tolist(), block.frames["entries"].tolist(), strict=True
+        ):
             found.append((raws, block.entries[at : at + count][fields].tolist()))
             at += count
     return found
@@ -134,11 +133,9 @@ def _sites(path: Path) -> int:
 def _nodes(tree: ast.AST) -> Iterator[ast.AST]:
     """What can be changed: numbers, comparisons, sums, conditions."""
     for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and type(node.value) in (int, float):
-            yield node
-        elif isinstance(node, ast.BinOp | ast.BoolOp) and type(node.op) in SWAPS:
-            yield node
-        elif isinstance(node, ast.Compare) and type(node.ops[0]) in SWAPS:
+        kind: Any = getattr(node, "op", None) or (node.ops[0] if isinstance(node, ast.Compare) else None)
+        is_number = isinstance(node, ast.Constant) and type(node.value) in (int, float)
+        if is_number or (type(kind) in SWAPS and not isinstance(node, ast.AugAssign | ast.UnaryOp)):
             yield node
 
 

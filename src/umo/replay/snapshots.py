@@ -23,7 +23,7 @@ EVERY = 2000
 """Periods between two snapshots."""
 MOST = 15
 """Snapshots that are kept beside the first one, each of some MB: the last 30,000 periods that were visited."""
-Message = dict[str, Any]
+Orders = dict[str, Any]
 
 
 class Link:
@@ -46,7 +46,7 @@ class Link:
         with suppress(OSError):  # the other end has ended
             self._connection.sendall(json.dumps(message).encode() + b"\n")
 
-    def receive(self) -> Message | None:
+    def receive(self) -> Orders | None:
         """The next message; None: the other end has ended."""
         while b"\n" not in self._rest:
             try:
@@ -57,7 +57,7 @@ class Link:
                 return None
             self._rest += data
         line, _, self._rest = self._rest.partition(b"\n")
-        message: Message = json.loads(line)
+        message: Orders = json.loads(line)
         return message
 
     def close(self) -> None:
@@ -69,11 +69,11 @@ class Runner:
 
     def __init__(self, address: str) -> None:
         self._address = address
-        self.orders: Message = {}
+        self.orders: Orders = {}
         self.known: set[int] = set()
         self._link = self._begin({})
 
-    def _begin(self, orders: Message) -> Link:
+    def _begin(self, orders: Orders) -> Link:
         self.orders, self.known = orders, set(orders.get("known", ()))
         link = Link.to(self._address)
         link.send(kind="runner")
@@ -201,7 +201,7 @@ class SnapshotList:
             self._visited.remove(oldest)
             self._snapshots.pop(oldest).close()
 
-    def _go(self, orders: Message) -> None:
+    def _go(self, orders: Orders) -> None:
         """Let the last snapshot before a period go on to it."""
         period = max(each for each in self._snapshots if each <= max(orders["period"], min(self._snapshots)))
         self._visited.remove(period)
