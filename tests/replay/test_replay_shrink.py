@@ -87,7 +87,7 @@ def test_the_periods_in_words() -> None:
 
 
 def failing_conveyor() -> MemoryTape:
-    tape = recorded("conveyor", fault=["sorter.entry wrong length at 2.2 s"])
+    tape = recorded("conveyor", fault=["sorter.entry wrong length at 2.2 s"], patience=1.0)
     assert tape.events[-1].is_end
     return tape
 
