@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import signal
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -421,6 +422,21 @@ def test_random_numbers_of_the_machine_are_repeated_and_their_seed_is_recorded()
     assert each.replay(tape).identical
     tape.layout.about["initial"]["seed"] = 1
     assert not each.replay(tape).identical
+
+
+def test_ctrl_c_ends_a_replay_and_is_no_difference() -> None:
+    tape, each = doubled().record(), doubled()
+
+    def loop(m: Any) -> None:
+        for number in range(50):
+            if not m.cycle.running:
+                break
+            if number == 20:
+                signal.raise_signal(signal.SIGINT)
+            periods(m)
+
+    with pytest.raises(KeyboardInterrupt):
+        each.replay(tape, loop)
 
 
 def test_lost_frames_and_lost_entries_end_the_replay_in_words() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -103,6 +104,8 @@ class Replay:
         except BaseException as error:  # SystemExit too: of control code; what leaving raises is in no recording
             if not self.connection.started:
                 raise NotReplayable(f"the machine cannot be connected: {text_of(error)}") from error
+        if self.connection.stop.signal == signal.SIGINT:  # Ctrl-C, which asks a connected machine to stop
+            raise KeyboardInterrupt
         result.elapsed = time.perf_counter() - begun
         result.inexact = self.player.ended
         self._compare_ends()
