@@ -44,11 +44,18 @@ class Drivers(Protocol):
     @property
     def drivers(self) -> Mapping[str, Driver[Any]]: ...
 
+    @property
+    def now(self) -> Callable[[], float]:
+        """The clock in s by which a call has taken too long."""
+
     def exchange(self, driver: Driver[Any], callee: Any) -> None:
         """Let calls of this driver go to `callee` from now on."""
 
     def watchdog(self, name: str, seconds: float) -> None:
         """Arm the driver's watchdog."""
+
+    def note_look(self, driver: Driver[Any], found: bool | None) -> None:
+        """Note what a look for this driver has found."""
 
 
 class Absence:
@@ -173,8 +180,9 @@ class Absences:
     def _look_for(self, absence: Absence) -> None:
         found, error = attempt(_answer, absence.driver)
         if error is not None:
-            absence.cause = error.text
-        if found is None and error is None and self._is_awaited(absence):
+            absence.cause, found = error.text, False
+        self._transfer.note_look(absence.driver, found)
+        if found is None and self._is_awaited(absence):
             absence.shut = True  # until it is known
             self._transfer.exchange(absence.driver, Away(absence.refusal))
             return
@@ -204,7 +212,9 @@ class Absences:
         return True
 
     def _trial(self, absence: Absence) -> Tried:
-        return Tried(absence.driver, lambda: self._back(absence), lambda ns: self.tried(absence.name, ns))
+        return Tried(
+            absence.driver, lambda: self._back(absence), lambda ns: self.tried(absence.name, ns), self._transfer.now
+        )
 
     def _initialize_again(self, absence: Absence) -> str:
         """Initialise every object of the driver and arm its watchdog; why that failed, or ""."""

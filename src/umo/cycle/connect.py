@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from random import Random
 from types import TracebackType
 from typing import Any, Generic, NoReturn, TypeVar
 
@@ -87,6 +88,8 @@ class connect(Generic[C]):
         """The states of the alarms at the end of the last run, by path; an alarm that is not named begins as normal."""
         self.not_restored: dict[str, str] = {}
         """The kept values that were not taken, by path: why, in words. Each of these numbers has its default."""
+        self.seed = 0
+        """Seed of the machine's random numbers (`m.cycle.random`)."""
         self.device_claim: DeviceClaim | None = None
         """The owner of the devices, if not the connection itself."""
         self.wired: Wired
@@ -158,6 +161,7 @@ class connect(Generic[C]):
             outputs = self.wired.process.outputs
             rates, injection = self.wired.rates, self.wired.injection
             self.machine = machine_of(self.root, image, rates, self.stop, injection, outputs)
+            self.machine.random = Random(self.seed)
             commands = self.machine.commands
             self.machine.alarms = engine_of(alarms, image, commands, self.machine.equipment.all)
             if self.machine.alarms is not None:

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import struct
 from enum import IntEnum
-from math import nan
+from math import inf, nan
 
 ENTRY = struct.Struct("<IHHqqd")
 """An entry: slot, kind, error, raw, before, time; 32 bytes."""
 CAPACITY = 4096
 """Number of entries of one period that are kept, beside one for each object: all may fail in a period."""
+OF_BLOCK = -inf
+"""Number in the place of a time: the object has failed in the transfer of its block, not in one of its own."""
 NEVER = -1
 """Number in the place of a count: the transfer of the whole machine did not take place in this period."""
 
@@ -35,6 +37,9 @@ class Kind(IntEnum):
     """A worker process has brought a reading of its driver; `time` is that of the reading."""
     CONFIRMED = 10
     """A worker process has brought what its device has accepted of an actuator; `time` is that of the transfer."""
+    LOOKED = 11
+    """A driver that is away was looked for; the slot is the first of its objects. `raw` 1: its device answers, 0: it
+    does not, -1: not known yet."""
 
 
 class ErrorKind(IntEnum):
@@ -77,7 +82,7 @@ class Journal:
     ) -> None:
         """An object has this raw integer now, and had another one before (the same where nothing moved). What failed:
         `raw` is what was to be written, the last one of a sensor. `time` of what a worker process has brought, in s on
-        the cycle's clock; NaN: it has brought nothing yet."""
+        the cycle's clock; NaN: it has brought nothing yet; `OF_BLOCK`."""
         if self.count == self.capacity:
             self.lost += 1
             return

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
 from functools import cached_property, partial
+from random import Random
 from time import monotonic_ns
 from types import MethodType
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, Protocol, cast
@@ -165,6 +166,8 @@ class ConnectedMachine:
         self.events: Events = self.commands.events
         """The last 1,000 actions of guards and clients."""
         self.stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]
+        self.random = Random(0)
+        """The random numbers of control code, which a replay repeats."""
         self._slots: dict[int, _PartSlots] = {}
         self._acts: dict[int, list[MethodType]] = {}
         self._laws: list[MethodType] = []

@@ -16,7 +16,7 @@ import numpy as np
 
 from umo.cycle.absence import Absences
 from umo.cycle.columns import Block
-from umo.cycle.journal import ErrorKind, Journal, Kind
+from umo.cycle.journal import OF_BLOCK, ErrorKind, Journal, Kind
 from umo.cycle.stand_ins import NotCalled
 from umo.drivers.contract import UNREAD, Channel, Driver
 from umo.drivers.off_cycle import OffCycle
@@ -84,6 +84,8 @@ class Transfer:
         """The journal of transfers of single objects; None if it is not used."""
         self.on_call: Callable[[], object] = lambda: None
         """Function that is called before each call that is not part of a period: a sign of life."""
+        self.now: Callable[[], float] = monotonic
+        """The clock in s by which a call has taken too long."""
         self.tick: Callable[[Channel], int]
         """The read of the timer."""
         self.defaults = [wire.default for wire in wires]
@@ -200,7 +202,8 @@ class Transfer:
 
     def block_failed(self, block: Block, error: BaseException, inputs: bool) -> list[tuple[int, str]]:
         """The slots of a block that failed, each with its cause; the others stand."""
-        return self._failed(block.driver, range(block.start, block.stop), error, None if inputs else block.view)
+        written = None if inputs else block.view
+        return self._failed(block.driver, range(block.start, block.stop), error, written, OF_BLOCK)
 
     # Some objects --------------------------------------------------------------------------------------
 
@@ -299,12 +302,14 @@ class Transfer:
         """One of the paper's segments; what failed."""
         self.on_call()
         wire = self.wires[slot]
-        began = monotonic()
+        began = self.now()
         try:
             getattr(self._callees[slot], segment)(wire.channel, *default)
         except BaseException as error:  # whatever a driver raises, the others are still to be brought to their defaults
-            self._mark(wire.driver, error, True, monotonic() - began)
-            self.note(slot, Kind.FAILED_RESET, ErrorKind.of(error), default[0] if default else None)
+            took = self.now() - began
+            self._mark(wire.driver, error, True, took)
+            kind = ErrorKind.TIMEOUT if took >= wire.driver.timeout else ErrorKind.of(error)
+            self.note(slot, Kind.FAILED_RESET, kind, default[0] if default else None)
             return self.failure(slot, cause_of_failure(error))
         self._late.pop(id(wire.driver), None)
         if segment in _JOURNAL_KINDS:
@@ -321,17 +326,22 @@ class Transfer:
             return
         timed_out = isinstance(error, TimeoutError) or took >= driver.timeout
         if timed_out:
-            self._late[id(driver)] = monotonic()
+            self._late[id(driver)] = self.now()
         if write and id(driver) in self._real:
             self.unsure = True
         if self.absences is not None and (timed_out or whole):
             self.absences.failed(driver, error, timed_out, write)
 
     def _failed(
-        self, driver: Driver[Any], slots: Sequence[int], error: BaseException, written: Sequence[int] | None
+        self,
+        driver: Driver[Any],
+        slots: Sequence[int],
+        error: BaseException,
+        written: Sequence[int] | None,
+        time: float = nan,
     ) -> list[tuple[int, str]]:
         """The slots of a block that failed, with the cause: all of them, or those that the driver names. `written` are
-        the raw integers that were to be written; None: it was read."""
+        the raw integers that were to be written; None: it was read. `time` is for the journal."""
         self._mark(driver, error, written is not None, whole=not isinstance(error, ChannelsFailed))
         causes, whole = error.causes if isinstance(error, ChannelsFailed) else {}, cause_of_failure(error)
         named = [(slot, causes[text]) for slot in slots if (text := self.wires[slot].channel.text) in causes]
@@ -339,7 +349,7 @@ class Transfer:
         raws = {} if written is None else dict(zip(slots, written, strict=True))
         kind = Kind.FAILED_READ if written is None else Kind.FAILED_WRITE
         for slot, _ in failed:
-            self.note(slot, kind, ErrorKind.CHANNELS if named else ErrorKind.of(error), raws.get(slot))
+            self.note(slot, kind, ErrorKind.CHANNELS if named else ErrorKind.of(error), raws.get(slot), time)
         return failed
 
     def failure(self, slot: int, cause: str) -> Failure:
@@ -348,7 +358,7 @@ class Transfer:
         return Failure(wire.item.path, wire.channel.text, cause, self._names[id(wire.driver)])
 
     def _is_late(self, driver: Driver[Any]) -> bool:
-        return monotonic() - self._late.get(id(driver), -inf) < LATE_TIME + 2 * driver.timeout
+        return self.now() - self._late.get(id(driver), -inf) < LATE_TIME + 2 * driver.timeout
 
     def _moved(self, slot: int, raw: int, kind: Kind) -> None:
         if self.journal is not None:
@@ -359,10 +369,15 @@ class Transfer:
         self, slot: int, kind: Kind, error: ErrorKind = ErrorKind.NONE, raw: int | None = None, time: float = nan
     ) -> None:
         """Into the journal, if one is kept: something happened to this object and its level did not change. `raw` is
-        what was to be written, `time` that of what a worker process has brought."""
+        what was to be written, `time` that of what a worker process has brought, or `OF_BLOCK`."""
         if self.journal is not None and slot != self.timer:
             before = self.raws[slot]
             self.journal.add(slot, kind, before if raw is None else raw, before, error, time)
+
+    def note_look(self, driver: Driver[Any], found: bool | None) -> None:
+        """Into the journal: what a look for a driver that is away has found."""
+        slot = next(slot for slot, wire in enumerate(self.wires) if wire.driver is driver and slot != self.timer)
+        self.note(slot, Kind.LOOKED, raw=-1 if found is None else int(found))
 
     def by_driver(self, slots: Iterable[int]) -> list[tuple[Driver[Any], list[int]]]:
         groups: dict[int, tuple[Driver[Any], list[int]]] = {}

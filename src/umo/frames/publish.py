@@ -129,6 +129,13 @@ def _about(connection: connect[Any]) -> dict[str, Any]:
         "started_monotonic": time.monotonic_ns(),
         "period": wired.period or 0.0,
         "realtime": wired.realtime,
+        "initial": {
+            "raws": connection.image.columns.raws.tolist(),
+            "kept": dict(connection.kept),
+            "alarms": dict(connection.alarm_states),
+            "seed": connection.seed,
+            "hash_seed": os.environ.get("PYTHONHASHSEED", "random"),
+        },
     }
     if wired.rates:
         about["rates"] = [{"path": each.part._path, "every": each.every, "phase": each.phase} for each in wired.rates]

@@ -12,6 +12,8 @@ from umo.errors import EquipmentFault, NotConnected
 from umo.objects.scaling import ByteArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
+    from random import Random
+
     from umo.objects.node import Node
 
 
@@ -111,6 +113,8 @@ class Machine(Protocol):
     def running(self) -> bool: ...
     @property
     def is_manual(self) -> bool: ...
+    @property
+    def random(self) -> Random: ...
     def sample(self, part: Node) -> bool: ...
     def control(self, part: Node) -> None: ...
     def update(self, part: Node) -> bool: ...
@@ -184,6 +188,12 @@ class Cycle:
     def running(self) -> bool:
         """False after a request to stop (SIGINT, SIGTERM, SIGHUP), or if not connected."""
         return self.connected and self._machine.running
+
+    @property
+    def random(self) -> Random:
+        """Random numbers of the machine, the same in each run of the same seed (`connect.seed`; default: 0), so that a
+        recording of it can be replayed."""
+        return self._machine.random
 
     @property
     def period(self) -> float:

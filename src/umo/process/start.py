@@ -37,6 +37,9 @@ from umo.text import some
 LINUX = sys.platform.startswith("linux")
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment in which numpy starts no threads of its own: the loop's process holds one."""
+FIXED_HASHES = {"PYTHONHASHSEED": "0"}
+"""Environment in which sets of texts have the same order in each run, unless another one is given: a recording of the
+run can be replayed."""
 
 STOPPED_LOOK_INTERVAL = 0.5
 """Time in s between two looks for processes that were stopped by a signal."""
@@ -125,7 +128,7 @@ class Started:
                 pass_fds=files,
                 stdin=subprocess.DEVNULL,
                 start_new_session=True,  # Ctrl-C at the terminal is for the starter to pass on
-                env=environ | {"PYTHONPATH": os.pathsep.join(filter(None, job.path))} | ONE_THREAD,
+                env=FIXED_HASHES | environ | {"PYTHONPATH": os.pathsep.join(filter(None, job.path))} | ONE_THREAD,
             )
 
     @property

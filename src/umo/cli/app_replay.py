@@ -1,0 +1,91 @@
+"""The commands for replays of recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .shared import HelpPanel, finite
+
+command = HelpPanel("Recordings")
+RecordingArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A recording (.mcap).")]
+STATUS = "0 identical; 1 different; 2 the recording cannot be replayed, or a mistake, told on stderr; 130 Ctrl-C"
+
+
+@command(
+    epilog="Examples: umo replay run.mcap  |  umo replay run.mcap my-machine  |  "
+    "umo replay run.mcap --set z.servo.gain=0.004  |  umo replay run.mcap --at 12.3s  |  "
+    "umo replay run.mcap --break 'abs(z.servo.error) > 50'",
+    status=STATUS,
+)
+def replay(
+    file: RecordingArgument,
+    station: Annotated[
+        str | None,
+        typer.Argument(metavar="[STATION]", help="Another station than that of the recording, such as a copy of it."),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="PATH=VALUE",
+            help="Give a number another value than in the recording, and draw what would have been commanded. May be "
+            "repeated.",
+        ),
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.png", help="File of this plot; default: FILE.what-if.png, beside the recording."),
+    ] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TIME|PERIOD|first-difference",
+            help="Stop there in a debugger, such as 12.3s, with the machine as it was.",
+        ),
+    ] = None,
+    condition: Annotated[
+        str | None,
+        typer.Option(
+            "--break", metavar="EXPR", help="Stop there each time that this becomes true: 'z.servo.error > 50'."
+        ),
+    ] = None,
+) -> int:
+    """Run the control code of today on the inputs of a recording, and compare what it commands, to the bit.
+
+    No device is opened. Times, missed periods, errors of drivers and the commands of clients are those of the recording
+    too. The first difference is told with its period, its object, both values, and where each sequence stood.
+
+    The debugger is pdb with a few more commands (`help` lists them): it goes to any period, back too.
+    """
+    from .replay_run import replay_file
+
+    return replay_file(file, station, settings or (), plot, at, condition)
+
+
+@command(
+    epilog="Examples: umo shrink run.mcap  |  umo shrink run.mcap -o short.mcap --seconds 600",
+    status="0 done; 2 the recording has no error to shrink to, or a mistake, told on stderr",
+)
+def shrink(
+    file: RecordingArgument,
+    station: Annotated[
+        str | None, typer.Argument(metavar="[STATION]", help="Another station than that of the recording.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE.mcap", help="Default: FILE.shrunk.mcap.")
+    ] = None,
+    seconds: Annotated[
+        float, typer.Option(min=1.0, callback=finite, help="The longest time that it takes, s.")
+    ] = 120.0,
+) -> int:
+    """Find the fewest periods of a recording that still give its error, and make a recording of them.
+
+    Periods are left out as inputs: open loop. That proves that the error follows from these inputs, not that a machine
+    would give them. `umo replay` of the result compares the error alone.
+    """
+    from .replay_shrink import shrink_file
+
+    return shrink_file(file, station, output, seconds)

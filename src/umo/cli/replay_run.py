@@ -1,0 +1,137 @@
+"""`umo replay`: replay a recording, and tell the first difference."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from umo.cycle import Frame
+from umo.errors import FramesError, OptionError, UmoError
+from umo.exit_status import ExitStatus
+from umo.replay.opening import HASH_SEED, opened, other_hash_seed
+from umo.replay.program import Program
+from umo.replay.replaying import Replay
+from umo.replay.stops import BreakCondition, Stop
+from umo.replay.tape import NotReplayable, Tape, events_of
+from umo.replay.what_if import Curves
+
+from .console import err, out, say
+from .progress_line import OneLine
+
+LOOK_PERIODS = 199
+"""Periods between two looks at the progress."""
+
+
+def replay_file(
+    file: Path,
+    station: str | None,
+    given: Sequence[str],
+    plot: Path | None,
+    at: str | None = None,
+    condition: str | None = None,
+) -> int:
+    """Replay it; the exit status. `given`: PATH=VALUE, numbers that are to have other values. `at`, `condition`: where
+    it stops in a debugger."""
+    settings = dict(map(setting, given))
+    stop, expression = at and Stop.parse(at), condition and BreakCondition(condition)
+    try:
+        with opened(file) as tape:
+            if (seed := other_hash_seed(tape.layout.about)) is not None:
+                begin_again(seed)
+            if stop or expression:
+                return _debug(tape, station, settings, stop or None, expression or None)
+            return _replay(tape, file, station, settings, plot)
+    except (NotReplayable, FramesError) as error:
+        say(str(error), "red")
+        return ExitStatus.MISTAKE
+
+
+def setting(text: str) -> tuple[str, Any]:
+    """PATH=VALUE; OptionError for anything else. The value is a number, true or false, or a text."""
+    path, equals, value = text.partition("=")
+    if not equals or not path.strip() or not value.strip():
+        raise OptionError(f"--set {text!r}: write for example z.servo.gain=0.004")
+    try:
+        return path.strip(), tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return path.strip(), value.strip()
+
+
+def begin_again(seed: str) -> None:
+    """Begin this command once more with the hash seed of the recording, which is read where a process starts. Does
+    nothing where `umo` is not a process of its own."""
+    if Path(sys.argv[0]).stem in ("umo", "umo_command") and sys.orig_argv[1:2] != ["-c"]:
+        os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], os.environ | {HASH_SEED: seed})
+
+
+class ReplayProgress:
+    """An observer that shows how far a replay is."""
+
+    def __init__(self, line: OneLine, tape: Tape) -> None:
+        ends = [event.time for event in events_of(tape) if event.is_end]
+        self._line, self._end = line, ends[-1] if ends else 0.0
+        self._periods = 0
+
+    def __call__(self, frame: Frame) -> None:
+        self._periods += 1
+        if self._periods % LOOK_PERIODS == 0:
+            share = min(frame.time / self._end, 1.0) if self._end else None
+            self._line.show(frame.time, "replaying" if err.is_terminal else "", share)
+
+
+def _replay(tape: Tape, file: Path, station: str | None, settings: Mapping[str, object], plot: Path | None) -> int:
+    replay = Replay(tape, Program.of(tape, station), settings)
+    curves = Curves(replay)
+    with OneLine(err) as line:
+        replay.observers.append(ReplayProgress(line, tape))
+        if settings:
+            replay.observers.append(curves)
+        result = replay.run()
+    out.print(str(result), soft_wrap=True, markup=False, highlight=False)
+    if settings and result.difference is not None:
+        _draw(curves, plot or file.with_suffix(".what-if.png"), result.settings)
+    return result.status
+
+
+def _debug(
+    tape: Tape, station: str | None, settings: Mapping[str, object], stop: Stop | None, condition: BreakCondition | None
+) -> int:
+    from umo.replay.debugger import DebuggedReplay
+    from umo.replay.snapshots import Runner, SnapshotList
+
+    def begin(runner: Runner) -> int:
+        try:
+            replay = Replay(tape, Program.of(tape, station), settings)
+        except UmoError as error:
+            say(str(error), "red")
+            return ExitStatus.MISTAKE
+        line = OneLine(err)
+        debugged = DebuggedReplay(replay, runner, stop, condition, ReplayProgress(line, tape))
+        debugged.clear = line.__exit__
+        replay.observers.append(debugged)
+        result = replay.run()
+        debugged.clear()
+        if not debugged.has_stopped:
+            failed = f" (it could not be evaluated: {condition.failed})" if condition and condition.failed else ""
+            say(f"it did not come there{failed}")
+        print(result, flush=True)
+        return result.status
+
+    return SnapshotList().run(begin)
+
+
+def _draw(curves: Curves, path: Path, settings: Mapping[str, Any]) -> None:
+    from .replay_plot import save_what_if
+
+    try:
+        save_what_if(curves, path, settings)
+    except ImportError:
+        say('no plot: matplotlib is not installed (pip install "umo[plot]")')
+    except OSError as error:
+        say(f"{path}: {error.strerror}", "red")
+    else:
+        out.print(f"plot: {path}", soft_wrap=True, markup=False)

@@ -1,0 +1,87 @@
+"""The result of a replay."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from umo.exit_status import ExitStatus
+from umo.presentation.durations import duration
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The first place at which a replay differs from its recording."""
+
+    period: int
+    """Number of the period, counted from 0 at the beginning of the recording."""
+    time: float
+    """Its time in s on the cycle's clock."""
+    path: str
+    """The object; "" where it is none."""
+    recorded: str
+    replayed: str
+    """What was recorded and what was replayed, in words: a value with its unit and raw integer."""
+    places: Sequence[str] = ()
+    """Where each sequence stood: file:line."""
+    signals: Sequence[str] = ()
+    """The signals that differed in this period too: path, recorded and replayed value."""
+
+    def __str__(self) -> str:
+        what = f"{self.path}: " if self.path else ""
+        where = f"period {self.period:,}, {self.time:g} s"
+        lines = [f"first difference in {where}: {what}recorded {self.recorded}, replayed {self.replayed}"]
+        lines += [f"  the sequence stood at {place}" for place in self.places]
+        lines += [f"  {each}" for each in self.signals]
+        return "\n".join(lines)
+
+
+@dataclass
+class Replayed:
+    """How a replay went."""
+
+    station: str = ""
+    periods: int = 0
+    """Number of periods that were replayed."""
+    raws: int = 0
+    """Number of commanded raw integers that were compared."""
+    simulated: float = 0.0
+    """Time in s on the machine's clock at the end."""
+    difference: Difference | None = None
+    inexact: str = ""
+    """Why the replay ended before the end of the recording; "": it did not."""
+    ended: str = ""
+    """How the recorded run ended, in its own words; "": the recording does not say."""
+    error: BaseException | None = None
+    """The error that ended the replayed run; None: there was none."""
+    settings: dict[str, Any] = field(default_factory=dict)
+    """The numbers that were set to other values (`umo replay --set`), by path."""
+    open_loop: bool = False
+    """Whether the recording was shrunk: its error alone was compared."""
+    hashes: str = ""
+    """A remark on the order of hashes, if it was not fixed."""
+    elapsed: float = 0.0
+    """Duration in s."""
+
+    @property
+    def identical(self) -> bool:
+        return self.difference is None
+
+    @property
+    def status(self) -> ExitStatus:
+        """The exit status of `umo replay`."""
+        return ExitStatus.DONE if self.identical else ExitStatus.FAILED
+
+    def __str__(self) -> str:
+        count = f"{self.periods:,} periods ({duration(round(self.simulated, 6))}), {self.raws:,} commanded raw integers"
+        if self.open_loop:
+            count = f"{self.periods:,} periods in open loop, of which only the error is compared"
+        lines = [f"identical: {count}" if self.difference is None else f"different: {count}\n{self.difference}"]
+        if self.settings:
+            changed = ", ".join(f"{path} = {value}" for path, value in self.settings.items())
+            lines.append(f"with {changed}: open loop, as the recorded sensors do not answer to what is commanded now")
+        lines += [f"the replay ended here: {self.inexact}"] if self.inexact else []
+        lines += [f"the recorded run ended by: {self.ended}"] if self.ended else []
+        lines += [self.hashes] if self.hashes and not self.identical else []
+        return "\n".join(lines)

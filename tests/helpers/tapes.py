@@ -1,0 +1,170 @@
+"""A tape of a run in this process: an observer that copies frames, entries of the journal, and commands."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from umo import connect, drive
+from umo.cycle.events import Event
+from umo.frames import Reader, published
+from umo.frames.layout import ENTRY, Layout
+from umo.frames.reader import NumberedEvent
+from umo.process.job import Job, Plan
+from umo.process.job_facts import job_facts
+from umo.process.station import shipped
+from umo.recording.block import Block, TakenCommand
+from umo.recording.recording_file import RecordingFile
+from umo.replay.program import Program
+from umo.replay.replaying import replay
+from umo.replay.result import Replayed
+from umo.wiring import resolve
+
+
+@dataclass
+class Taken:
+    number: int
+    period: int
+    data: bytes
+
+
+@dataclass
+class MemoryBlock:
+    frames: Any
+    entries: Any
+    commands: list[Taken] = field(default_factory=list)
+    lost: int = 0
+    entries_lost: int = 0
+    commands_lost: int = 0
+
+
+class MemoryTape:
+    """A recorded run in memory (`umo.replay.Tape`)."""
+
+    def __init__(self, layout: Layout, job: Mapping[str, Any]) -> None:
+        self.layout, self.job = layout, job
+        self.events: list[Event] = []
+        self.recorded: list[MemoryBlock] = []
+        self.commands: list[Taken] = []
+        """The commands of the block that is being recorded."""
+
+    def blocks(self) -> Iterator[MemoryBlock]:
+        return iter(self.recorded)
+
+    @property
+    def frames(self) -> Any:
+        return np.concatenate([each.frames for each in self.recorded])
+
+
+@contextmanager
+def taped(connection: connect[Any], job: Mapping[str, Any] | None = None, size: int = 500) -> Iterator[MemoryTape]:
+    """Tape what a connected machine does; to be entered within `with connection`. The tape is whole when the
+    connection is closed."""
+    with published(connection, "taped") as ring:
+        tape = MemoryTape(ring.layout, job or {})
+        reader = Reader(ring.path)
+        journal: list[Any] = []
+        frames: list[Any] = []
+
+        def flush() -> None:
+            if frames:
+                entries = np.concatenate([np.empty(0, ENTRY), *journal])
+                tape.recorded.append(MemoryBlock(np.concatenate(frames), entries, list(tape.commands)))
+                tape.commands.clear()
+                frames.clear()
+                journal.clear()
+
+        def copy(frame: Any) -> None:
+            new = reader.read()
+            frames.append(new)
+            places = zip(new["journal"].tolist(), new["entries"].tolist(), strict=True)
+            journal.extend(reader.entries(first, first + count)[1] for first, count in places)
+            if len(frames) >= size:
+                flush()
+
+        def end() -> None:
+            tape.events = list(connection.machine.events)
+            flush()
+            reader.close()
+
+        connection.machine.observers.append(copy)
+        connection.afterwards.append(end)
+        yield tape
+
+
+@dataclass
+class Case:
+    """A machine with its wiring and its loop, for a run that is recorded and for its replays."""
+
+    machine: Callable[[], Any]
+    wiring: Callable[[Any], Any]
+    loop: Callable[[Any], Any]
+    options: dict[str, Any] = field(default_factory=dict)
+
+    def record(self) -> MemoryTape:
+        """Run it, to its end or its error."""
+        machine = self.machine()
+        connection = connect(machine, self.wiring(machine), **self.options)
+        with suppress(Exception), connection as m, taped(connection) as tape:
+            self.loop(m)
+        return tape
+
+    def program(self, loop: Callable[[Any], Any] | None = None) -> Program:
+        machine = self.machine()
+        return Program(machine, resolve(machine, self.wiring(machine)), loop or self.loop)
+
+    def replay(self, tape: MemoryTape, loop: Callable[[Any], Any] | None = None, **options: Any) -> Replayed:
+        return replay(tape, self.program(loop), **options)
+
+
+def recorded(station: str, wiring: str | None = None, **options: Any) -> MemoryTape:
+    """A run of a station in virtual time, in this process."""
+    plan = Plan(Job(station, wiring=wiring, options=options))
+    connection = connect(plan.machine, plan.wired)
+    job = job_facts(plan)
+    with suppress(Exception), connection as m, taped(connection, job) as tape:
+        drive(m, plan.application)
+    return tape
+
+
+def save(tape: MemoryTape, path: Path) -> Path:
+    """The tape as a recording."""
+    tape.layout.about["job"] = dict(tape.job)
+    events = [NumberedEvent(number, event) for number, event in enumerate(tape.events)]
+    with closing(RecordingFile(path, tape.layout)) as file:
+        for each in tape.recorded:
+            commands = [TakenCommand(command.number, command.period, command.data) for command in each.commands]
+            block = Block(each.frames, each.entries, commands, each.lost, each.entries_lost)
+            file.add([block if each is not tape.recorded[-1] else replace(block, events=events)])
+    return path
+
+
+def changed_conveyor(folder: Path, name: str, before: str, after: str) -> Path:
+    """A copy of the conveyor with one change."""
+    copy = folder / "conveyor"
+    shutil.copytree(shipped()["conveyor"], copy, ignore=shutil.ignore_patterns("__pycache__"))
+    text = (copy / name).read_text()
+    assert before in text
+    (copy / name).write_text(text.replace(before, after))
+    return copy
+
+
+def listen(tape: MemoryTape, clients: Any) -> None:
+    """Keep the commands that the clients of a taped machine send."""
+    inbox, get = clients.inbox, clients.inbox.get
+
+    def kept() -> Any:
+        command = get()
+        if command is not None:
+            text = {key: value for key, value in vars(command).items() if key != "number"}
+            tape.commands.append(Taken(command.number, 0, json.dumps(text).encode()))
+        return command
+
+    inbox.get = kept

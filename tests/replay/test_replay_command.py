@@ -1,0 +1,142 @@
+"""`umo replay`, `assert_replays`: what they say, and their exit status."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import Result
+
+from helpers.tapes import changed_conveyor, recorded, save
+from umo.replay.tape import NotReplayable
+from umo.testing import assert_replays
+
+Umo = Callable[..., Result]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of the conveyor, `conveyor.mcap`, and one of a station of one's own, `own.mcap` of `own`."""
+    made = tmp_path_factory.mktemp("recordings")
+    save(recorded("conveyor"), made / "conveyor.mcap")
+    return made
+
+
+@pytest.fixture
+def conveyor(folder: Path) -> Path:
+    return folder / "conveyor.mcap"
+
+
+def test_a_recording_is_identical(umo: Umo, conveyor: Path) -> None:
+    result = umo("replay", str(conveyor))
+    assert result.exit_code == 0, result.output
+    assert result.stdout.startswith("identical: 3,7") and "commanded raw integers" in result.stdout
+    assert "the recorded run ended by: the application has ended" in result.stdout
+
+
+def test_other_control_code_differs_at_a_period_an_object_and_a_line(umo: Umo, conveyor: Path, tmp_path: Path) -> None:
+    copy = changed_conveyor(tmp_path, "tracking.py", "tunable=True)] = 0.05", "tunable=True)] = 0.09")
+    result = umo("replay", str(conveyor), str(copy))
+    assert result.exit_code == 1
+    assert "first difference in period" in result.stdout
+    assert "sorter.diverter: recorded" in result.stdout and "the sequence stood at" in result.stdout
+
+
+def test_another_value_is_drawn_in_open_loop(umo: Umo, conveyor: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    plot = tmp_path / "plot.png"
+    result = umo("replay", str(conveyor), "--set", "sorter.push_time=0.09", "--plot", str(plot))
+    assert result.exit_code == 1
+    assert "with sorter.push_time = 0.09: open loop" in result.stdout
+    assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (["--set", "sorter.push_tim=1"], "did you mean 'sorter.push_time'"),
+        (["--set", "sorter.push_time"], "write for example"),
+        (["--set", "sorter.push_time=fast"], "push_time"),
+        (["nowhere"], "no station 'nowhere'"),
+        (["furnace"], "cannot be made: wiring: wire"),
+    ],
+)
+def test_a_mistake_is_told_in_a_line(umo: Umo, conveyor: Path, given: list[str], told: str) -> None:
+    result = umo("replay", str(conveyor), *given)
+    assert result.exit_code == 2
+    assert told in result.stderr and len(result.stderr.splitlines()) <= 2, result.stderr
+
+
+@pytest.mark.parametrize("content", [b"", b"nothing", b"\x89MCAP0\r\n", os.urandom(3000)])
+def test_a_file_that_is_no_recording_is_told_in_a_line(umo: Umo, tmp_path: Path, content: bytes) -> None:
+    file = tmp_path / "some.mcap"
+    file.write_bytes(content)
+    result = umo("replay", str(file))
+    assert result.exit_code == 2 and len(result.stderr.splitlines()) == 1, result.stderr
+    assert umo("replay", str(tmp_path / "none.mcap")).exit_code == 2
+
+
+def test_a_recording_that_was_begun_late_is_refused(umo: Umo, tmp_path: Path) -> None:
+    tape = recorded("conveyor")
+    tape.recorded = tape.recorded[1:]
+    result = umo("replay", str(save(tape, tmp_path / "late.mcap")))
+    assert result.exit_code == 2 and "period 500" in result.stderr
+
+
+def test_one_line_in_pytest(conveyor: Path, tmp_path: Path) -> None:
+    assert_replays(conveyor)
+    copy = changed_conveyor(tmp_path, "tracking.py", "tunable=True)] = 0.05", "tunable=True)] = 0.09")
+    with pytest.raises(AssertionError, match=r"sorter\.diverter"):
+        assert_replays(conveyor, copy)
+    with pytest.raises(NotReplayable, match=r"none\.mcap"):
+        assert_replays(tmp_path / "none.mcap")
+
+
+HASHED = """
+from umo.control import next_period
+async def main(m):
+    for name in set("abcdefghijklmnop"):
+        m.heater.write(ord(name) / 20.0)
+        await next_period()
+"""
+
+
+@pytest.mark.slow
+def test_the_order_of_hashes_is_that_of_the_recording(tmp_path: Path) -> None:
+    """In another process, also for pytest."""
+    environ = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, [Path(__file__).parents[1], *sys.path]))}
+    program = "import sys; from replay.test_replay_command import record_hashed; record_hashed(*sys.argv[1:])"
+    for seed in ("3", "4"):
+        file = tmp_path / f"{seed}.mcap"
+        command = [sys.executable, "-c", program, str(tmp_path), str(file)]
+        subprocess.run(command, check=True, cwd=tmp_path, env=environ | {"PYTHONHASHSEED": seed})
+        assert_replays(file)
+        command = [sys.executable, "-m", "umo_command", "replay", str(file)]
+        done = subprocess.run(command, env=environ | {"PYTHONHASHSEED": "5"}, capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout + done.stderr
+
+
+def record_hashed(folder: str, file: str) -> None:
+    station = Path(folder, "hashed")
+    if not station.exists():
+        station.mkdir()
+        (station / "objects.py").write_text(OBJECTS)
+        (station / "application.py").write_text(HASHED)
+    save(recorded(str(station)), Path(file))
+
+
+OBJECTS = """
+from umo import Compound, DigitalActuator, DigitalSensor
+class Oven(Compound):
+    heater: DigitalActuator
+    timer: DigitalSensor
+def machine():
+    return Oven(
+        heater=DigitalActuator("V", default=0.0, minimum=0.0, maximum=10.0, resolution=0.01),
+        timer=DigitalSensor("sampling_period", minimum=0, maximum=99_999, resolution=1, synchronous=False),
+    )
+"""

@@ -1,0 +1,173 @@
+"""The debugger of `umo replay`, as somebody at a terminal has it: stops, and ways to go back and forth."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from helpers.tapes import changed_conveyor, recorded, save
+from helpers.waiting import until
+from umo.errors import OptionError
+from umo.replay.stops import BreakCondition, Stop
+
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="snapshots are forks of Linux")
+
+
+@pytest.fixture(scope="module")
+def conveyor(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return save(recorded("conveyor"), tmp_path_factory.mktemp("recordings") / "conveyor.mcap")
+
+
+def command(*words: str) -> list[str]:
+    return [sys.executable, "-m", "umo_command", "replay", *words]
+
+
+def session(file: Path, lines: str, *words: str) -> str:
+    """What the debugger says to these lines."""
+    environ = {name: value for name, value in os.environ.items() if name != "PYTHONBREAKPOINT"}
+    done = subprocess.run(
+        command(str(file), *words), input=lines, capture_output=True, text=True, env=environ, timeout=50
+    )
+    assert "Traceback" not in done.stdout + done.stderr, done.stdout + done.stderr
+    return done.stdout
+
+
+def stops(text: str) -> list[int]:
+    """The periods at which it stopped."""
+    return [int(each.replace(",", "")) for each in re.findall(r"period ([\d,]+), [\d.e-]+ s\n", text)]
+
+
+def test_it_goes_to_a_period_back_and_forth(conveyor: Path) -> None:
+    lines = "back 100\nto 3 s\nstep\nstep 10\nto 100\nto 3000\nback 5000\nq\n"
+    said = session(conveyor, lines, "--at", "2500")
+    assert stops(said) == [2500, 2400, 1499, 1500, 1510, 100, 3000, 0]
+
+
+def test_the_machine_is_as_it_was_whichever_way_one_came(conveyor: Path) -> None:
+    look = "p sorter.belt.position, sorter.belt.speed.read(), m.now\nwhere\n"
+    lines = f"{look}to 3500\nto 10\nback 10\nto 2345\n{look}q\n"
+    said = session(conveyor, lines, "--at", "2345")
+    looks = re.findall(r"\(\d+\.\d+, \d+\.\d+, 4\.692\)", said)
+    assert len(looks) == 2 and looks[0] == looks[1]
+    first, second = (re.findall(r"stands at (\S+)", each) for each in said.split("period 2,345, 4.692 s")[1:])
+    assert first[:5] == second[:5] != []
+
+
+def test_it_stops_each_time_that_an_expression_becomes_true(conveyor: Path) -> None:
+    lines = "p sorter.entry.read()\ncontinue\nback 10\ncontinue\nq\n"
+    said = session(conveyor, lines, "--break", "sorter.entry.read().name == 'COVERED'")
+    first, second, back, again = stops(said)
+    assert "Beam.COVERED" in said
+    assert first < second == again and back == second - 10
+
+
+def test_it_stops_at_the_first_difference(conveyor: Path, tmp_path: Path) -> None:
+    copy = changed_conveyor(tmp_path, "tracking.py", "tunable=True)] = 0.05", "tunable=True)] = 0.09")
+    said = session(conveyor, "p sorter.push_time\nback 1\nstep\nq\n", str(copy), "--at", "first-difference")
+    first, before, again = stops(said)[:3]
+    assert first == again == before + 1
+    assert "sorter.diverter: recorded" in said and "0.09" in said
+
+
+def test_at_the_end_of_the_recording_it_stops_once_more_and_then_tells_the_result(conveyor: Path) -> None:
+    said = session(conveyor, "continue\nback 3\ncontinue\ncontinue\n", "--at", "10")
+    assert stops(said)[0] == 10 and said.count("the recording ends here") == 2
+    assert said.rstrip().splitlines()[-2].startswith("(replay) identical: 3,7")
+
+
+def test_a_line_of_control_code_can_be_reached_and_looking_changes_nothing(conveyor: Path) -> None:
+    lines = "b umo.stations.conveyor.tracking:184\ncontinue\np self.belt.speed.read()\ncl 1\ncontinue\ncontinue\n"
+    said = session(conveyor, lines, "--at", "10")
+    assert "identical" in said
+
+
+def test_mistakes_in_the_prompt_are_told(conveyor: Path) -> None:
+    said = session(conveyor, "to nowhere\nback x\nhelp\np 1 +\nq\n", "--at", "5")
+    assert "'nowhere' is no place in a replay" in said and "back N" in said and "invalid literal" in said
+
+
+def test_another_debugger_is_begun_where_the_environment_names_one(conveyor: Path) -> None:
+    environ = os.environ | {"PYTHONBREAKPOINT": "replay.test_replay_debugger.breaking", "PYTHONPATH": path()}
+    done = subprocess.run(command(str(conveyor), "--at", "700"), capture_output=True, text=True, env=environ)
+    assert re.findall(r"broke at (\d+)", done.stdout) == ["700", "500", "3740"], done.stdout + done.stderr
+
+
+def breaking() -> None:
+    """A debugger that goes back once."""
+    frame = sys._getframe()
+    while frame is not None and frame.f_code.co_name != "_place":
+        frame = frame.f_back  # type: ignore[assignment]
+    print("broke at", frame.f_locals["period"], flush=True)
+    if frame.f_locals["period"] == 700:
+        frame.f_locals["replay"].back(200)
+
+
+def path() -> str:
+    return os.pathsep.join([str(Path(__file__).parents[1]), *filter(None, sys.path)])
+
+
+def test_every_process_ends_with_the_first_one(conveyor: Path) -> None:
+    with subprocess.Popen(
+        command(str(conveyor), "--at", "3000"), stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+    ) as process:
+        assert process.stdout is not None
+        while b"(replay)" not in process.stdout.peek(1):
+            process.stdout.readline()
+        group = process.pid
+        assert len(members(group)) >= 3
+        process.send_signal(signal.SIGKILL)
+        until(lambda: not members(group))
+
+
+def members(group: int) -> list[int]:
+    """The processes of a group that have not ended."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            rest = stat.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(rest[2]) == group and rest[0] != "Z":
+            found.append(int(stat.parent.name))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("text", "stop"),
+    [
+        ("12.3s", Stop(time=12.3)),
+        ("500", Stop(period=500)),
+        ("2 min", Stop(time=120.0)),
+        ("first-difference", Stop(difference=True)),
+    ],
+)
+def test_a_place_in_a_replay(text: str, stop: Stop) -> None:
+    assert Stop.parse(text) == stop
+
+
+@pytest.mark.parametrize("text", ["", "-3", "nan", "first", "3 parsecs"])
+def test_what_is_no_place_is_told(text: str) -> None:
+    with pytest.raises(OptionError, match="is no place in a replay"):
+        Stop.parse(text)
+
+
+def test_a_condition_is_told_where_it_begins_to_hold() -> None:
+    class M:
+        x: Any = 1
+
+    m, condition = M(), BreakCondition("m.x > 2 and period >= 0")
+    seen = []
+    for x in (1, 3, 4, 2, 5):
+        m.x = x
+        seen.append(condition.becomes_true(m, 0, 0.0))  # type: ignore[arg-type]
+    assert seen == [False, True, False, False, True]
+    assert not BreakCondition("nothing > 1").becomes_true(m, 0, 0.0)  # type: ignore[arg-type]
+    with pytest.raises(OptionError, match="is no expression"):
+        BreakCondition("import os")

@@ -1,0 +1,124 @@
+"""Replays of runs in real time, over Modbus: missed periods, stops, clients, a control process that was killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import umo
+from helpers.live import plant, record_live, stopped_and_continued
+from umo.process.start import Started
+from umo.recording import Recording
+from umo.replay.replaying import replay
+from umo.replay.result import Replayed
+
+pytestmark = [pytest.mark.full, pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes")]
+
+
+@pytest.fixture(scope="module")
+def box(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    with plant("conveyor", tmp_path_factory.mktemp("box")) as wiring:
+        yield wiring
+
+
+def replayed(file: Path) -> tuple[Replayed, Recording]:
+    with Recording(file) as recording:
+        return replay(recording), recording
+
+
+def test_a_run_over_modbus_that_was_stopped_and_continued_is_identical(box: Path, tmp_path: Path) -> None:
+    stops: list[int] = []
+
+    def act(started: Started, frames: int) -> None:
+        if len(stops) < 3 and frames > 200 * (len(stops) + 1) and started.pid is not None:
+            stops.append(frames)
+            stopped_and_continued(started.pid, 0.1)
+
+    record_live("conveyor", box, tmp_path / "run.mcap", act, parts=2)
+    result, recording = replayed(tmp_path / "run.mcap")
+    assert result.identical and result.periods > 600, str(result)
+    assert recording.complete
+    with Recording(tmp_path / "run.mcap") as again:
+        assert sum(int(block.frames["missed"].sum()) for block in again.blocks()) > 50
+
+
+def test_a_run_whose_control_process_was_killed_is_identical_to_its_last_period(box: Path, tmp_path: Path) -> None:
+    def act(started: Started, frames: int) -> None:
+        if frames > 200 and started.pid is not None and started.outcome is None:
+            os.kill(started.pid, signal.SIGKILL)
+
+    outcome = record_live("conveyor", box, tmp_path / "run.mcap", act, acknowledge=True, parts=2)
+    assert outcome.failure is not None and outcome.failure.name == "ControlLost"
+    result, recording = replayed(tmp_path / "run.mcap")
+    assert result.identical and result.periods > 200, str(result)
+    assert result.ended == "" and not recording.ended
+
+
+def test_a_run_that_a_client_stopped_is_identical(box: Path, tmp_path: Path) -> None:
+    asked: list[Any] = []
+
+    def act(started: Started, frames: int) -> None:
+        if frames > 200 and not asked:
+            asked.append(umo.attach("conveyor").stop())
+
+    record_live("conveyor", box, tmp_path / "run.mcap", act, acknowledge=True, parts=2)
+    result, _ = replayed(tmp_path / "run.mcap")
+    assert result.identical, str(result)
+    assert result.ended.startswith("stopped by")
+
+
+HAND = """
+import sys, time, umo
+station = umo.attach("ztheta")
+with station.lease("commissioning"):
+    station.home()
+    station.z.move_to(100_000)
+    station.z.servo.gain = 0.004
+    station.gripper.vacuum.write("ON")
+    time.sleep(0.3)
+    station.gripper.vacuum.release()
+    try:
+        station.z.move_to(10**9)
+    except umo.UmoError as error:
+        print(error)
+    station.theta.jog(10.0)
+    time.sleep(0.3)
+    if sys.argv[1] == "die":
+        import os, signal
+        os.kill(os.getpid(), signal.SIGKILL)
+    station.theta.jog.release()
+    station.theta.move_to(200.0)
+station.stop()
+"""
+
+
+@pytest.mark.parametrize("how", ["leave", "die"])
+def test_a_run_by_hand_is_identical_also_if_the_operator_dies(how: str, tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    hands: list[subprocess.Popen[bytes]] = []
+    ends: list[float] = []
+
+    def act(started: Started, frames: int) -> None:
+        if frames > 100 and not hands:
+            hands.append(subprocess.Popen([sys.executable, "-c", HAND, how]))
+        if hands and hands[0].poll() is not None and how == "die":
+            ends.append(time.monotonic())
+            if ends[-1] - ends[0] > 3.0 and started.outcome is None:
+                started.ask_to_stop()
+
+    record_live("ztheta", None, tmp_path / "run.mcap", act, manual=True, realtime=True)
+    result, recording = replayed(tmp_path / "run.mcap")
+    assert result.identical, str(result)
+    texts = [event.text for _, event in recording.events]
+    commands = [event for _, event in recording.events if event.command]
+    assert len(commands) > 10 and result.periods > 3000
+    if how == "die":
+        assert any("dead-man" in text or "not renewed" in text for text in texts), texts
