@@ -217,7 +217,15 @@ def latency(
     answer(period, seconds, load, json_file)
 
 
-from . import app_fleet, app_fleet_certificates, app_record, app_running, app_service, app_wiring  # noqa: E402, F401  (their commands)
+from . import (  # noqa: E402  (their commands)
+    app_fleet,  # noqa: F401
+    app_fleet_certificates,  # noqa: F401
+    app_record,  # noqa: F401
+    app_recordings,  # noqa: F401
+    app_running,  # noqa: F401
+    app_service,  # noqa: F401
+    app_wiring,  # noqa: F401
+)
 
 
 def _version(value: bool) -> None:

@@ -32,9 +32,10 @@ from umo.fleet import fleet_keys as keys
 from umo.fleet.fleet_keys import StationKey, station_of
 from umo.fleet.fleet_mirror import ANSWER_TIME, subscribed
 from umo.fleet.fleet_record_files import RecordFolder
-from umo.fleet.fleet_record_rows import events_table, gaps_table
+from umo.fleet.fleet_record_rows import gaps_table
 from umo.fleet.fleet_record_run import FollowedRun
 from umo.fleet.run_words import peek
+from umo.tables.value_tables import events_table
 
 log = logging.getLogger("umo.fleet")
 FLUSH = 3.0

@@ -174,6 +174,16 @@ class Recording:
         """The commands that the machine has taken, in order."""
         return [command for block in self.blocks(full=False) for command in block.commands]
 
+    @property
+    def parts(self) -> list[Path]:
+        """Its files, in order."""
+        return [file.path for file in self._files]
+
+    @cached_property
+    def block_starts(self) -> list[tuple[float, int]]:
+        """Of each block its time in s on the machine's clock, and how many frames it has."""
+        return [(head.time, head.count) for head in self._heads()]
+
     @cached_property
     def gaps(self) -> list[Gap]:
         """The frames that are missing between the first and the last one."""
