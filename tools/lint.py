@@ -28,8 +28,8 @@ SHOWN_TO_THE_OBJECTS = TREE / "objects" / "link.py"
 """Protocols of the parts above, under the names that those parts have."""
 ROLES = {"__init__", "application", "control", "objects", "plant", "run", "errors", "driver", "channel", "twin"}
 """Modules with one part in many places: a station's files, a driver's, a command of the command line, its errors."""
-ROLES_OF_CLASSES = {"Plant"}
-"""Classes that each station has."""
+ROLES_OF_CLASSES = {"Plant", "Block"}
+"""Classes that each station has; what is moved in one transfer, and frames in one piece of a recording."""
 COMMAND = get_command(app)
 CODE = re.compile(r"^```.*?^```|`[^`\n]+`", re.M | re.S)
 LINK = re.compile(r"\]\((?!https?:)([^)#]+)")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from helpers.recorded import block_at_random, layout_of
 from umo.errors import FramesError
-from umo.recording import Block, Gap, Recording
+from umo.recording import Block, LostFrames, Recording
 from umo.recording.block import block_of, columns_message, exact_message
 from umo.recording.recording_file import RecordingFile
 
@@ -89,7 +89,7 @@ def test_missing_frames_are_gaps(tmp_path: Path) -> None:
     file.add([block_at_random(layout, 8, 15, 1), late])
     file.close()
     with Recording(tmp_path / "run.mcap") as recording:
-        assert recording.gaps == [Gap(23, 7)] and not recording.complete
+        assert recording.gaps == [LostFrames(23, 7)] and not recording.complete
         assert [block.lost for block in recording.blocks()] == [0, 7]
         assert recording.replayable_from is not None and "period 8" in recording.replayable_from
 

@@ -19,6 +19,7 @@ from types import TracebackType
 from typing import Any
 
 from umo.errors import OptionError, text_of
+from umo.exit_status import ExitStatus
 from umo.frames import Reader
 from umo.process.start import ONE_THREAD
 from umo.system import descriptor_passing, notify
@@ -133,7 +134,9 @@ class RecordBeside:
             how = f"signal {-status}" if status < 0 else f"status {status}"
             self._process.stdout.close()  # type: ignore[union-attr]
             self._process = None
-            if status:
+            if status == ExitStatus.NOT_RECORDED:  # it has said why
+                self.complete = False
+            elif status:
                 self._miss(f"the recorder has ended ({how}); the machine runs on, and is recorded no longer")
 
     def _miss(self, text: str) -> None:

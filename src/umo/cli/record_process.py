@@ -23,8 +23,8 @@ from umo.system.realtime import drop_realtime
 from .record_beside import FRAMES, READY
 from .record_work import RecordingWork, record_to_the_end
 
-NICENESS = 10
-"""Of the process: it may be behind by less than a ring."""
+NICENESS = 5
+"""Of the process: one that is behind by more than a ring loses frames."""
 
 
 def main(file: int, path: Path, settings: dict[str, Any]) -> int:

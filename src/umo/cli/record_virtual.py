@@ -57,7 +57,7 @@ class RecordedVirtual:
             connection, plan.name, plan.wiring_name, place=plan.place, options=plan.machine_options, job=job, ends=ends
         ))  # fmt: skip
         reader = self._undo.enter_context(Reader("the run", readers))
-        self._work = RecordingWork(reader, order.file, RecordSettings(**order.settings), say)
+        self._work = RecordingWork(reader, order.file, RecordSettings(**order.settings), say, threaded=False)
         self._share = max(reader.slots // SHARE_OF_RING, 1)
         connection.machine.observers.append(self._each_period)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,16 @@ class RecordingWork:
     """Records one run to a file, or flies beside it. OSError, UmoError if it cannot begin. A disk that is full later
     ends the record in words; the file is whole."""
 
-    def __init__(self, reader: Reader, file: Path, settings: RecordSettings, say: Callable[[str], object]) -> None:
+    def __init__(
+        self,
+        reader: Reader,
+        file: Path,
+        settings: RecordSettings,
+        say: Callable[[str], object],
+        *,
+        threaded: bool = True,
+    ) -> None:
+        """`threaded`: whether a thread writes, while frames are read on."""
         self._reader, self._file, self._say = reader, file, say
         self._last = settings.last
         self._folder: FlightFolder | None = None
@@ -30,7 +40,8 @@ class RecordingWork:
             self._folder = flight_folder.new(str(reader.about["station"]), int(reader.about["pid"]), os.getpid())
         path = file if self._folder is None else self._folder.file
         self._parts = RecordingParts(path, reader.layout, ProtobufChannels(reader.layout, settings.rate), settings)
-        self._recorder = Recorder(reader, self._parts)
+        self._thread = ThreadPoolExecutor(1, "umo record") if threaded else None
+        self._recorder = Recorder(reader, self._parts, thread=self._thread)
         self.is_over = False
         """Whether nothing is recorded any more."""
         self.failed = False
@@ -70,6 +81,8 @@ class RecordingWork:
     def _close(self) -> None:
         recorder, parts = self._recorder, self._parts
         recorder.close()
+        if self._thread is not None:
+            self._thread.shutdown()
         parts.close()
         if parts.failed:
             self._say(parts.failed)

@@ -109,24 +109,28 @@ def columns_message(block: Block, layout: Layout) -> bytes:
     left_out = _following(layout, frames)
     if left_out:
         columns["values"] = columns["values"].copy()
-        columns["values"][:, left_out] = 0.0
+        columns["values"][:, left_out if len(left_out) < len(layout.objects) else slice(None)] = 0.0
     about = {"first": block.first, "count": len(frames), "following": left_out}
     return _headed(about) + encoded(columns, columns)
 
 
 def _following(layout: Layout, frames: Frames) -> list[int]:
     """The places of the objects whose values follow from their raws in all of these frames."""
-    places = [place for place, each in enumerate(layout.objects) if "one" in each or "resolution" in each]
-    same = (_values(layout, frames, places).view("<u8") == frames["values"][:, places].view("<u8")).all(axis=0)
-    return [place for place, follows in zip(places, same.tolist(), strict=True) if follows]
+    if not layout.objects:
+        return []
+    differ = _values(layout, frames).view("<u8")
+    differ ^= frames["values"].view("<u8")
+    return [int(place) for place in np.flatnonzero(~differ.any(axis=0))]
 
 
-def _values(layout: Layout, frames: Frames, places: Sequence[int]) -> Any:
-    """The values of raws by resolution and zero offset; of a binary object the raw itself."""
-    objects = [layout.objects[place] for place in places]
-    resolutions = np.array([float(each.get("resolution", 1.0)) for each in objects])
-    offsets = np.array([float(each.get("zero_offset", 0.0)) for each in objects])
-    return frames["raws"][:, places] * resolutions + offsets
+def _values(layout: Layout, frames: Frames) -> Any:
+    """The values of raws by resolution and zero offset; of a binary object the raw itself. What has neither has a value
+    by chance, if at all."""
+    resolutions = np.array([float(each.get("resolution", 1.0)) for each in layout.objects])
+    offsets = np.array([float(each.get("zero_offset", 0.0)) for each in layout.objects])
+    values = frames["raws"] * resolutions
+    values += offsets
+    return values
 
 
 def block_of(layout: Layout, exact: bytes | memoryview, columns: bytes | memoryview | None) -> Block:
@@ -153,7 +157,7 @@ def _block_of(layout: Layout, exact: bytes | memoryview, columns: bytes | memory
             raise ValueError("its two messages are of different frames")
         decode(rest, frames, rest_of(layout))
         if following := same["following"]:
-            frames["values"][:, following] = _values(layout, frames, following)
+            frames["values"][:, following] = _values(layout, frames)[:, following]
     return Block(
         frames, entries, _commands(about["commands"], texts), int(about["lost"]), int(about["entries_lost"]),
         int(about["commands_lost"]), events_of(about), about["live"], columns is not None,

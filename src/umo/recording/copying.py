@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from umo.errors import FramesError
-from umo.recording.mcap_reader import McapReader, Message
+from umo.recording.mcap_reader import McapMessage, McapReader
 from umo.recording.mcap_records import message
 from umo.recording.mcap_writer import McapWriter, Messages
 from umo.recording.recording import METADATA, SPARSE_TOPICS
@@ -80,7 +80,7 @@ def repair(path: Path) -> tuple[int, int]:
     return chunks, cut
 
 
-def _messages(file: McapReader, chunks: Sequence[int], kept: set[int]) -> Iterator[Message]:
+def _messages(file: McapReader, chunks: Sequence[int], kept: set[int]) -> Iterator[McapMessage]:
     for at in chunks:
         try:
             yield from [each for each in file.messages(at) if each.channel in kept]
@@ -88,7 +88,7 @@ def _messages(file: McapReader, chunks: Sequence[int], kept: set[int]) -> Iterat
             continue
 
 
-def _by_channel(found: Sequence[Message]) -> list[Messages]:
+def _by_channel(found: Sequence[McapMessage]) -> list[Messages]:
     parts = []
     for channel in sorted({each.channel for each in found}):
         data, rows, times = bytearray(), [], []

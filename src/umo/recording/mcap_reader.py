@@ -15,13 +15,13 @@ import zstandard
 
 from umo.errors import FramesError
 from umo.recording import mcap_records
-from umo.recording.mcap_records import Channel, Opcode, RawChunk, Schema
+from umo.recording.mcap_records import McapChannel, Opcode, RawChunk, Schema
 
 MAX_CHUNK = 1 << 30
 """Bytes of a chunk that are taken for sound."""
 
 
-class Message(NamedTuple):
+class McapMessage(NamedTuple):
     """A message of a chunk."""
 
     channel: int
@@ -56,7 +56,7 @@ class McapReader:
         """Whether it ends as it should. One that is not was cut or torn; what it still holds is read."""
         self.metadata: dict[str, dict[str, str]] = {}
         self.schemas: dict[int, Schema] = {}
-        self.channels: dict[int, Channel] = {}
+        self.channels: dict[int, McapChannel] = {}
         self.chunks: list[int] = []
         """Offsets of the chunks, in the order in which they were written."""
         self.end = len(mcap_records.MAGIC)
@@ -116,13 +116,13 @@ class McapReader:
             end = each.at + mcap_records.HEAD.size + len(each.body)
         return bytes(self.data[at:end])
 
-    def messages(self, at: int) -> Iterator[Message]:
+    def messages(self, at: int) -> Iterator[McapMessage]:
         """The messages of a chunk. ValueError if it is damaged."""
         head = mcap_records.MESSAGE.size
         for each in mcap_records.records(memoryview(self.chunk(at))):
             if each.opcode == Opcode.MESSAGE:
                 channel, sequence, time, _ = mcap_records.MESSAGE.unpack_from(each.body)
-                yield Message(channel, sequence, time, each.body[head:])
+                yield McapMessage(channel, sequence, time, each.body[head:])
 
     def topic(self, name: str) -> int:
         """The number of the channel of a topic; 0: there is none."""

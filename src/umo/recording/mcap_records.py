@@ -12,12 +12,12 @@ MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")
 """Opcode and length of a body."""
 MESSAGE = struct.Struct("<HIQQ")
-"""Channel, sequence, log time and publish time in ns since 1970; the data follow."""
+"""McapChannel, sequence, log time and publish time in ns since 1970; the data follow."""
 FOOTER = struct.Struct("<QQI")
 """Offsets of the summary and of its offsets, CRC-32 of the summary."""
 FOOTER_BYTES = HEAD.size + FOOTER.size + len(MAGIC)
 MESSAGE_INDEX = struct.Struct("<HI")
-"""Channel and bytes of the rows that follow."""
+"""McapChannel and bytes of the rows that follow."""
 _CHUNK = struct.Struct("<QQQI")
 _STATISTICS = struct.Struct("<QHIIIIQQ")
 _INDEX_ROW = struct.Struct("<HQ")
@@ -41,7 +41,7 @@ class Opcode(IntEnum):
     DATA_END = 15
 
 
-class Channel(NamedTuple):
+class McapChannel(NamedTuple):
     """A channel, and the schema of its messages; schema 0: none."""
 
     number: int
@@ -103,7 +103,7 @@ def schema(each: Schema) -> bytes:
     return record(Opcode.SCHEMA, head + struct.pack("<I", len(each.data)) + each.data)
 
 
-def channel(each: Channel) -> bytes:
+def channel(each: McapChannel) -> bytes:
     head = struct.pack("<HH", each.number, each.schema) + string(each.topic) + string(each.encoding)
     return record(Opcode.CHANNEL, head + mapping(each.metadata))
 
@@ -204,11 +204,11 @@ def read_metadata(body: memoryview) -> tuple[str, dict[str, str]]:
     return name, read_mapping(body, at)[0]
 
 
-def read_channel(body: memoryview) -> Channel:
+def read_channel(body: memoryview) -> McapChannel:
     number, schema = struct.unpack_from("<HH", body)
     topic, at = read_string(body, 4)
     encoding, at = read_string(body, at)
-    return Channel(number, topic, encoding, schema, read_mapping(body, at)[0])
+    return McapChannel(number, topic, encoding, schema, read_mapping(body, at)[0])
 
 
 def read_schema(body: memoryview) -> Schema:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -70,11 +70,53 @@ def _leaf(column: str, place: int, states: Mapping[int, str], about: str) -> Lea
     return Leaf(column, place, states if small else {}, about)
 
 
+@dataclass(frozen=True, eq=False)
+class EvenRun:
+    """Numbers of one kind at even distances in a frame, and in a message: numpy copies them at once."""
+
+    column: str
+    places: slice
+    states: Mapping[int, str]
+    count: int
+    at: int
+    """Offset of the first in a message."""
+    step: int
+    """Bytes from one to the next."""
+
+
+def _runs(leaves: Sequence[tuple[str, Leaf]]) -> list[EvenRun]:
+    alike: dict[tuple[object, ...], list[Leaf]] = {}
+    for path, leaf in leaves:
+        key = leaf.column, re.sub(r"\d+", "*", path), tuple(leaf.states.items())
+        alike.setdefault(key, []).append(leaf)
+    return [_run(part) for each in alike.values() for part in _even(each)]
+
+
+def _even(leaves: Sequence[Leaf]) -> Iterator[list[Leaf]]:
+    """The leaves in parts in which they lie at even distances."""
+    part: list[Leaf] = []
+    for leaf in leaves:
+        far = len(part) > 1 and (leaf.place - part[-1].place, leaf.at - part[-1].at) != (
+            part[1].place - part[0].place,
+            part[1].at - part[0].at,
+        )
+        if far or (len(part) == 1 and leaf.place <= part[0].place):
+            yield part
+            part = []
+        part.append(leaf)
+    yield part
+
+
+def _run(part: Sequence[Leaf]) -> EvenRun:
+    first, last = part[0], part[-1]
+    step, bytes_ = (part[1].place - first.place, part[1].at - first.at) if len(part) > 1 else (1, 1)
+    return EvenRun(first.column, slice(first.place, last.place + 1, step), first.states, len(part), first.at, bytes_)
+
+
 class MessageTree:
     """The descriptor of the message, its bytes with all numbers 0, and where each number stands in it."""
 
     def __init__(self, leaves: Sequence[tuple[str, Leaf]]) -> None:
-        self.leaves = [leaf for _, leaf in leaves]
         self._file = pb.FileDescriptorProto(name="machine.proto", package=PACKAGE, syntax="proto3")
         self._types: dict[str, str] = {}
         root = _Part()
@@ -82,6 +124,7 @@ class MessageTree:
             _insert(root, path.split("."), leaf)
         self._declare(root, ROOT)
         self.template = self._fill(root, 0)
+        self.runs = _runs(leaves)
 
     @property
     def descriptor(self) -> bytes:

@@ -16,9 +16,9 @@ from umo.cycle.events import ALARM
 from umo.frames.layout import Layout
 from umo.frames.reader import progress_of
 from umo.recording.block import Block, TakenCommand
-from umo.recording.mcap_records import HEAD, MESSAGE, Channel, Opcode, Schema, message
+from umo.recording.mcap_records import HEAD, MESSAGE, McapChannel, Opcode, Schema, message
 from umo.recording.mcap_writer import Messages
-from umo.recording.message_tree import PACKAGE, ROOT, UNKNOWN, Leaf, MessageTree, leaves_of
+from umo.recording.message_tree import PACKAGE, ROOT, UNKNOWN, EvenRun, MessageTree, leaves_of
 from umo.recording.recording import ALARMS_TOPIC, COMMANDS_TOPIC, EVENTS_TOPIC
 
 MACHINE, EVENTS, ALARMS, COMMANDS, PROGRESS = range(3, 8)
@@ -35,6 +35,10 @@ SELDOM = {
     "Progress": {"text": STRING, "done": INTEGER, "total": INTEGER},
 }  # fmt: skip
 """The fields of what comes seldom."""
+BEGIN = HEAD.size + MESSAGE.size
+"""Offset of a message in its record."""
+HEADS = np.dtype({"names": ["sequence", "log", "publish"], "formats": ["<u4", "<u8", "<u8"], "offsets": [11, 15, 23]})
+"""What differs in the head of a record."""
 MAX_UNITS = 2000
 """Numbers whose units are in the channel's metadata, at most: they stand in the end of the file, again and again."""
 
@@ -43,12 +47,10 @@ class ProtobufChannels:
     """Makes their messages. One for each run: it knows what was told last."""
 
     def __init__(self, layout: Layout, rate: float = inf) -> None:
-        """`rate`: messages of the machine a second of its time, beside those of periods in which a state changes."""
+        """`rate`: messages of the machine a second of its time; as many again where states change in between."""
         self._stride = max(round(1 / (rate * (layout.about.get("period") or 1.0))), 1)
         leaves = leaves_of(layout)
         self._tree = MessageTree(leaves)
-        self._leaves = list(enumerate(self._tree.leaves))
-        self._rows = _row_type(self._tree)
         self._template = _template(self._tree)
         self._progress: Any = None
         file = _seldom()
@@ -59,12 +61,12 @@ class ProtobufChannels:
             *(Schema(EVENT_SCHEMA + i, f"{PACKAGE}.{name}", "protobuf", seldom) for i, name in enumerate(SELDOM)),
         ]
         units = {path: leaf.about for path, leaf in leaves if leaf.about}
-        self.channels: Sequence[Channel] = [
-            Channel(MACHINE, "machine", "protobuf", MACHINE_SCHEMA, units if len(units) <= MAX_UNITS else {}),
-            Channel(EVENTS, EVENTS_TOPIC, "protobuf", EVENT_SCHEMA),
-            Channel(ALARMS, ALARMS_TOPIC, "protobuf", EVENT_SCHEMA),
-            Channel(COMMANDS, COMMANDS_TOPIC, "protobuf", COMMAND_SCHEMA),
-            Channel(PROGRESS, "progress", "protobuf", PROGRESS_SCHEMA),
+        self.channels: Sequence[McapChannel] = [
+            McapChannel(MACHINE, "machine", "protobuf", MACHINE_SCHEMA, units if len(units) <= MAX_UNITS else {}),
+            McapChannel(EVENTS, EVENTS_TOPIC, "protobuf", EVENT_SCHEMA),
+            McapChannel(ALARMS, ALARMS_TOPIC, "protobuf", EVENT_SCHEMA),
+            McapChannel(COMMANDS, COMMANDS_TOPIC, "protobuf", COMMAND_SCHEMA),
+            McapChannel(PROGRESS, "progress", "protobuf", PROGRESS_SCHEMA),
         ]
 
     def messages(self, block: Block, times: npt.NDArray[np.int64]) -> list[Messages]:
@@ -81,30 +83,35 @@ class ProtobufChannels:
 
     def _machine(self, block: Block, times: npt.NDArray[np.int64]) -> Messages:
         """The values of the periods that are told."""
-        frames = block.frames
-        states = {n: _states(frames[leaf.column][:, leaf.place], leaf) for n, leaf in self._leaves if leaf.states}
+        frames, runs = block.frames, self._tree.runs
+        states = {run: _states(frames[run.column][:, run.places], run) for run in runs if run.states}
         told = self._told(block, list(states.values()))
-        frames, times, count = frames[told], times[told], len(told)
-        rows = np.tile(self._template, count).view(self._rows)
-        rows["sequence"] = (block.first + told).astype(np.uint32)
-        rows["log"] = rows["publish"] = times
-        columns = {name: frames[name] for name in {leaf.column for _, leaf in self._leaves}}
-        for number, leaf in self._leaves:
-            if leaf.states:
-                rows[f"n{number}"] = states[number][told]
-            else:
-                rows[f"n{number}"] = columns[leaf.column][:, leaf.place]
+        times, count, size = times[told], len(told), len(self._template)
+        rows = np.tile(self._template, count)
+        heads = np.ndarray(count, HEADS, rows, 0, size)
+        heads["sequence"] = (block.first + told).astype(np.uint32)
+        heads["log"] = heads["publish"] = times
+        columns = {name: frames[name][told] for name in {run.column for run in runs}}
+        for run in runs:
+            kind = np.uint8 if run.states else np.dtype("<f8")
+            there = np.ndarray((count, run.count), kind, rows, BEGIN + run.at, (size, run.step))
+            there[:] = states[run][told] if run.states else columns[run.column][:, run.places]
         index = np.empty((count, 2), "<u8")
-        index[:, 0], index[:, 1] = times, np.arange(count, dtype=np.uint64) * np.uint64(self._rows.itemsize)
+        index[:, 0], index[:, 1] = times, np.arange(count, dtype=np.uint64) * np.uint64(size)
         return Messages(MACHINE, rows.tobytes(), index.tobytes(), count, int(times.min()), int(times.max()))
 
     def _told(self, block: Block, states: Sequence[npt.NDArray[np.uint8]]) -> npt.NDArray[np.int64]:
-        """The places of the frames of which there is a message: evenly, where a state has changed, and the first."""
-        wanted = (block.first + np.arange(len(block.frames))) % self._stride == 0
+        """The places of the frames of which there is a message: evenly, the first change of a state between two of
+        these, and the first of the block."""
+        numbers = block.first + np.arange(len(block.frames))
+        wanted = numbers % self._stride == 0
         wanted[0] = True
-        if self._stride > 1 and states:
-            now = np.array(states)
-            wanted[1:] |= (now[:, 1:] != now[:, :-1]).any(axis=0)
+        if self._stride > 1:
+            changed = np.zeros(len(numbers), bool)
+            for now in states:
+                changed[1:] |= (now[1:] != now[:-1]).any(axis=1)
+            places = np.flatnonzero(changed & ~wanted)
+            wanted[places[np.unique(numbers[places] // self._stride, return_index=True)[1]]] = True
         return np.flatnonzero(wanted)
 
     def _event(self, number: int, event: Any) -> bytes:
@@ -137,24 +144,14 @@ class ProtobufChannels:
         return new
 
 
-def _states(values: npt.NDArray[Any], leaf: Leaf) -> npt.NDArray[np.uint8]:
+def _states(values: npt.NDArray[Any], run: EvenRun) -> npt.NDArray[np.uint8]:
+    """The numbers of states; of what is none UNKNOWN."""
     if values.dtype == np.uint8:
         return values
-    known = np.isin(values, list(leaf.states))
-    return np.where(known, values, UNKNOWN).astype(np.uint8)
-
-
-def _row_type(tree: MessageTree) -> np.dtype[Any]:
-    """A whole record of a message, with the numbers in it."""
-    head = HEAD.size
-    begin = head + MESSAGE.size
-    names, kinds, offsets = ["sequence", "log", "publish"], ["<u4", "<u8", "<u8"], [head + 2, head + 6, head + 14]
-    for number, leaf in enumerate(tree.leaves):
-        names.append(f"n{number}")
-        kinds.append("u1" if leaf.states else "<f8")
-        offsets.append(begin + leaf.at)
-    size = begin + len(tree.template)
-    return np.dtype({"names": names, "formats": kinds, "offsets": offsets, "itemsize": size})
+    found = np.full(values.shape, UNKNOWN, np.uint8)
+    for number in run.states:
+        found[values == number] = number
+    return found
 
 
 def _template(tree: MessageTree) -> npt.NDArray[np.uint8]:

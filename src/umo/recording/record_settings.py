@@ -37,8 +37,8 @@ class RecordSettings:
     keep: int | None = None
     """Size of the files that are kept in full; older ones keep only what replay needs. None: all are."""
     rate: float = RATE
-    """Messages of the machine a second for other people's tools, beside those of periods in which a state changes. What
-    umo itself reads has every period."""
+    """Messages of the machine a second for other people's tools; as many again where states change in between. What umo
+    itself reads has every period."""
 
     @property
     def plain(self) -> dict[str, Any]:

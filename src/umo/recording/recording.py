@@ -32,7 +32,7 @@ SPARSE_TOPICS = frozenset({EXACT_TOPIC, EVENTS_TOPIC, ALARMS_TOPIC, COMMANDS_TOP
 
 
 @dataclass(frozen=True)
-class Gap:
+class LostFrames:
     """Frames that are missing."""
 
     first: int
@@ -185,12 +185,12 @@ class Recording:
         return [(head.time, head.count) for head in self._heads()]
 
     @cached_property
-    def gaps(self) -> list[Gap]:
+    def gaps(self) -> list[LostFrames]:
         """The frames that are missing between the first and the last one."""
         gaps, expected = [], None
         for head in self._heads():
             if expected is not None and head.first > expected:
-                gaps.append(Gap(expected, head.first - expected))
+                gaps.append(LostFrames(expected, head.first - expected))
             expected = head.first + head.count
         return gaps
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from umo.frames.layout import Layout
 from umo.frames.reader import Frames
 from umo.recording.block import Block, columns_message, exact_message
-from umo.recording.mcap_records import Channel, Schema, message
+from umo.recording.mcap_records import McapChannel, Schema, message
 from umo.recording.mcap_writer import McapWriter, Messages
 from umo.recording.recording import COLUMNS_TOPIC, EXACT_TOPIC, METADATA, describe
 
@@ -32,7 +32,7 @@ class OtherChannels(Protocol):
         """Their schemas."""
 
     @property
-    def channels(self) -> Sequence[Channel]:
+    def channels(self) -> Sequence[McapChannel]:
         """The channels."""
 
     def messages(self, block: Block, times: Times) -> list[Messages]:
@@ -52,7 +52,7 @@ class RecordingFile:
 
     def __init__(self, path: Path, layout: Layout, others: OtherChannels | None = None, *, part: int = 1) -> None:
         self._layout, self._others = layout, others
-        channels = [Channel(EXACT, EXACT_TOPIC, ENCODING), Channel(COLUMNS, COLUMNS_TOPIC, ENCODING)]
+        channels = [McapChannel(EXACT, EXACT_TOPIC, ENCODING), McapChannel(COLUMNS, COLUMNS_TOPIC, ENCODING)]
         schemas: list[Schema] = []
         if others is not None:
             channels += others.channels
