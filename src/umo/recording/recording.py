@@ -194,6 +194,15 @@ class Recording:
             expected = head.first + head.count
         return gaps
 
+    @property
+    def chunks(self) -> int:
+        """Number of its chunks, for `chunk`."""
+        return len(self._chunks)
+
+    def chunk(self, number: int) -> list[Block]:
+        """The blocks of a chunk, by its number from 0; none if it is damaged."""
+        return [block_of(self.layout, exact, columns) for exact, columns in self._pairs(self._chunks[number])]
+
     # Inside --------------------------------------------------------------------------------------------
 
     def _heads(self) -> Iterator[_Head]:

@@ -97,6 +97,8 @@ declare namespace Page {
     /** Whether the machine has alarms. */
     alarms: boolean;
     twin: boolean;
+    /** Of a recording: its files; `second`: what stands before the paths of the other one. */
+    recording?: { files: { file: string; whole: boolean; lost: number }[]; second: string };
     qualities: [string, string][];
   }
 
@@ -131,6 +133,8 @@ declare namespace Page {
     events?: Event[];
     misses?: [number, number][];
     full: boolean;
+    /** Of a recording: the time that is shown, s on the station's clock. */
+    recording?: { time: number; playing: boolean; speed: number };
     values: Record<number, number[]>;
   }
 
