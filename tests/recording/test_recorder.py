@@ -1,5 +1,6 @@
 """The recorder: every published frame is in the file, or counted as lost."""
 
+import json
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,12 +12,16 @@ from hypothesis import strategies as st
 
 from helpers.machines import bench, wired
 from umo import connect, published
+from umo.cycle.client_control import ClientControl
 from umo.frames import Reader, Ring
+from umo.frames.client_memory import ClientMemory
+from umo.frames.memory import RunDescriptors
 from umo.objects import Compound
 from umo.recording import Recording
 from umo.recording.record_settings import RecordSettings
 from umo.recording.recorder import Recorder
 from umo.recording.recording_parts import RecordingParts
+from umo.remote.queue import Receiver, Sender
 from umo.testing import Scripted, periods
 
 
@@ -76,6 +81,58 @@ def test_a_recorder_that_begins_late_says_from_which_period(tmp_path: Path) -> N
         with Recording(tmp_path / "run.mcap") as recording:
             assert recording.replayable_from is not None
             assert f"begins at period {recording.first} " in recording.replayable_from
+
+
+@contextmanager
+def commanded() -> Iterator[tuple[Compound, Reader, Sender]]:
+    """A running machine that takes commands, its frames, and a client's queue."""
+    m = bench()
+    connection = connect(m, wired(m, Scripted()))
+    ends, readers = RunDescriptors.pair()
+    with connection, published(connection, "bench", job={"station": "bench"}, ends=ends) as ring:
+        cells = ClientMemory(ends.cells, ring.layout)
+        connection.machine.clients = clients = ClientControl(connection.machine, Receiver(cells), cells)
+        ring.show(clients)
+        with Reader("the run", readers) as reader:
+            sender = Sender(reader, cells)
+            yield m, reader, sender
+            sender.close()
+    ends.close()
+
+
+def test_commands_are_recorded_as_they_came_with_the_period_that_took_them(tmp_path: Path) -> None:
+    with commanded() as (m, reader, sender):
+        parts = RecordingParts(tmp_path / "run.mcap", reader.layout)
+        recorder = Recorder(reader, parts)
+        sent = [{"who": "ann", "key": "k", "do": "lease", "seconds": 5.0}, *({"do": f"nothing {n}"} for n in range(8))]
+        periods(m, 3)
+        for command in sent:
+            sender.send(command)
+        periods(m, 4)
+        recorder.finish()
+        parts.close()
+    with Recording(tmp_path / "run.mcap") as recording:
+        found = recording.commands
+        assert [json.loads(each.data) for each in found] == sent
+        assert [(each.number, each.period) for each in found] == [(n + 1, 3 + n // 4) for n in range(9)]
+        assert recording.frames()["taken"].tolist() == [0, 0, 0, 4, 8, 9, 9]
+
+
+def test_commands_that_were_written_over_are_counted(tmp_path: Path) -> None:
+    with commanded() as (m, reader, sender):
+        parts = RecordingParts(tmp_path / "run.mcap", reader.layout)
+        recorder = Recorder(reader, parts)
+        periods(m, 1)
+        recorder.look()
+        for _ in range(100):
+            sender.send({"do": "nothing"})
+            periods(m, 1)
+        recorder.finish()
+        parts.close()
+        assert recorder.commands_lost == 36
+    with Recording(tmp_path / "run.mcap") as recording:
+        assert [bool(each.data) for each in recording.commands] == [False] * 36 + [True] * 64
+        assert not recording.complete
 
 
 @pytest.mark.parametrize("limits", [RecordSettings(rotate=0.02), RecordSettings(rotate=0.02, keep=1)])

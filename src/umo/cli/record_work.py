@@ -98,7 +98,7 @@ class RecordingWork:
         more = len(parts.paths) - 1
         words = [
             f"{recorder.periods} periods",
-            f"{parts.size / 1e6:.1f} MB" + (f" in {more + 1} files" if more else ""),
+            f"{parts.size / 1e6:.1f} MB" + (f" in {more + 1} files" if more and self._folder is None else ""),
         ]
         if recorder.first:
             words.append(f"from period {recorder.first} on: it cannot be replayed")
