@@ -103,7 +103,8 @@ def face(
 
 @command(
     epilog="Examples: umo view  |  umo view ztheta --open  |  umo view --port 8300  |  "
-    "umo view run.mcap  |  umo view today.mcap yesterday.mcap  |  umo view --fleet  |  umo view --host 0.0.0.0 --certificate cell.pem --key cell.key",
+    "umo view run.mcap  |  umo view today.mcap yesterday.mcap  |  "
+    "umo view --fleet  |  umo view --host 0.0.0.0 --certificate cell.pem --key cell.key",
     status="0 ended by Ctrl-C; 2 a mistake, told on stderr",
 )
 def view(

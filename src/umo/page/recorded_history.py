@@ -23,6 +23,9 @@ OVERVIEW_BYTES, MAX_PARTS = 64 << 20, 16
 SHORT = 60_000
 """Periods of a stretch that is read; a longer one is drawn from the overview."""
 
+ROUNDING = 1e-9
+"""s: the times of frames are sums of floats, the times that are asked for are not."""
+
 
 class Chunk(NamedTuple):
     """A chunk of the file, read."""
@@ -108,6 +111,7 @@ class RecordedHistory(History):
 
     def at(self, time: float) -> tuple[int, Chunk, int]:
         """The frame of a time: the number of its chunk, the chunk, and its place in it. The first one before all."""
+        time += ROUNDING
         place = max(bisect_right(self._starts, time) - 1, 0)
         chunk = self.chunk(place)
         return place, chunk, max(int(np.searchsorted(chunk.samples.times, time, "right")) - 1, 0)
@@ -216,4 +220,4 @@ def _held(points: Points, row: FloatArray, times: FloatArray) -> FloatArray:
         return np.full(len(times), np.nan)
     places = np.searchsorted(np.round(points.times, 9), times, "right") - 1
     found = row[np.maximum(places, 0)]
-    return np.where((places >= 0) & (times <= points.times[-1] + 1e-9), found, np.nan)
+    return np.where((places >= 0) & (times <= points.times[-1] + ROUNDING), found, np.nan)

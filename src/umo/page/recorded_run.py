@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from bisect import bisect_right
 from collections import deque
@@ -22,10 +23,13 @@ from umo.page.recorded_history import OverlaidHistory, RecordedHistory
 from umo.page.watched_run import Watched
 from umo.presentation.value_text import as_shown
 from umo.recording import Block, Recording
+from umo.tables.recording_summary import facts_of, lines_of
 
 MAX_TOLD = 1000
 """Events and missed periods that a page is told of, the last ones."""
 MAX_SPEED = 1000.0
+SAID = ("started", "length", "periods", "lost", "end", "replay", "file")
+"""What of a recording is said beside its values."""
 SECOND = "second"
 """What stands before the paths of the other recording."""
 
@@ -44,6 +48,8 @@ class RecordedRun(Watched):
         super().__init__(Reader(recording.path, readers))
         self.name = recording.path.name
         self.run = f"{self.name}-{recording.about.get('started_monotonic', 0)}"
+        lines = lines_of(facts_of(recording))
+        self._words = "\n".join(f"{name}: {text}" for name, text in lines if name in SAID)
         self._told = _Told(recording)
         shares = len(self._recordings)
         first = RecordedHistory(recording, self._told.add, lambda share: tell(share / shares))
@@ -65,9 +71,7 @@ class RecordedRun(Watched):
         told = _Told(other)
         self._second = RecordedHistory(other, told.add, tell)
         self.history = self._overlaid = OverlaidHistory(self._frames, self._second, len(self.entries))
-        layout = other.layout
-        more = [{key: fact for key, fact in each.items() if key not in ("kind", "actuator", "wire")}
-                | {"path": f"{SECOND}.{each['path']}"} for each in (*layout.objects, *layout.signals)]  # fmt: skip
+        more = [_as_second(each) for each in (*other.layout.objects, *other.layout.signals)]
         self.entries += more
         self.columns = {str(entry["path"]): column for column, entry in enumerate(self.entries)}
         self.extremes = told.extremes.behind(self._told.extremes)
@@ -129,14 +133,17 @@ class RecordedRun(Watched):
         told["signals"] = [as_shown(each) for each in self.entries[len(told["objects"]) :]]
         files = [{"file": each.path.name, "whole": each.is_whole, "lost": sum(gap.count for gap in each.gaps)}
                  for each in self._recordings]  # fmt: skip
-        return told | {"recording": {"files": files, "second": SECOND if self._second else ""}}
+        first = self._recordings[0]
+        replay = "" if first.replayable_from else f"umo replay {shlex.quote(str(first.path))}"
+        return told | {"recording": {"files": files, "second": SECOND if self._second else "", "replay": replay}}
 
     def _heading(self) -> dict[str, Any]:
         played = {"time": round(self.position, 6), "playing": self.playing, "speed": self.speed}
-        return super()._heading() | {"silent": 0, "recording": played}
+        return super()._heading() | {"silent": 0, "box": self._words, "recording": played}
 
     def _facts(self) -> dict[str, str]:
-        return {name: text for name, text in super()._facts().items() if name not in ("no frame for", "not seen")}
+        facts = {name: text for name, text in super()._facts().items() if name not in ("no frame for", "not seen")}
+        return facts | {"state": "recorded"}
 
     def _events(self) -> list[dict[str, Any]]:
         """Those of the whole recording."""
@@ -169,6 +176,12 @@ class RecordedRun(Watched):
             self._ring.close()
         for recording in self._recordings:
             recording.close()
+
+
+def _as_second(about: Mapping[str, Any]) -> dict[str, Any]:
+    """An object or a signal of the other recording as a signal of this one."""
+    kept = {name: fact for name, fact in about.items() if name not in ("kind", "actuator", "wire")}
+    return kept | {"path": f"{SECOND}.{about['path']}", "second": True}
 
 
 class _Live:

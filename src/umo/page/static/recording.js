@@ -23,8 +23,9 @@ export class RecordingBar {
     this._text = el("output", { className: "recording-time" });
     this._speed = el("select", { "aria-label": "Speed of playing", title: "Speed of playing", onchange: () => this._send(null, this._playing) },
       ...SPEEDS.map((speed) => el("option", { value: String(speed), textContent: `${speed} \u00d7`, selected: speed === 1 })));
+    this._replay = el("button", { className: "recording-replay", title: "Copy the command that replays this run and stops at this time", onclick: () => this._copy() });
     this._file = el("span", { className: "recording-file" });
-    element.replaceChildren(this._play, el("div", { className: "recording-track" }, this._marks, this._slider), this._text, this._speed, this._file);
+    element.replaceChildren(this._play, el("div", { className: "recording-track" }, this._marks, this._slider), this._text, this._speed, this._replay, this._file);
     feed.on("description", () => this._described());
     feed.on("state", () => this._refresh());
     document.addEventListener("keydown", (event) => this._press(event));
@@ -51,6 +52,8 @@ export class RecordingBar {
     if (!recording) return;
     const names = recording.files.map(({ file, whole, lost }) => `${file}${whole ? "" : " (cut or torn)"}${lost ? ` (${lost} periods lost)` : ""}`);
     setText(this._file, names.length > 1 ? `${names[0]}, over it as \u201c${recording.second}\u201d: ${names[1]}` : names[0]);
+    this._replay.hidden = !recording.replay;
+    setText(this._replay, "Copy replay");
     this._file.title = this._file.textContent ?? "";
   }
 
@@ -94,6 +97,17 @@ export class RecordingBar {
       mark.style.left = `${100 * share}%`;
       return mark;
     }));
+  }
+
+  async _copy() {
+    const command = `${this._feed.description?.recording?.replay} --at ${this._feed.state?.recording?.time ?? 0}s`;
+    try {
+      await navigator.clipboard.writeText(command);
+      setText(this._replay, "Copied");
+    } catch {
+      setText(this._replay, command);  // without TLS, at an address of another computer, a page may not copy
+    }
+    this._replay.title = command;
   }
 
   /** @param {KeyboardEvent} event */
