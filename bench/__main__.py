@@ -38,6 +38,7 @@ from bench.drivers import table as drivers
 from bench.drivers.case import IN_KERNEL
 from bench.fleet import campaign as fleet
 from bench.fleet import figures as fleet_figures
+from bench.fleet import loop as fleet_loop
 from bench.kills import campaign, show
 
 ROUNDS, QUICK_ROUNDS = 400, 60
@@ -93,6 +94,10 @@ def main() -> int:
         return 1 if any(each.verdict == "missed" for each in found) else 0
     if options.fleet_figures:
         report.stream(console, fleet_figures.TITLE, fleet_figures.TAKES, fleet_figures.measure)
+        return 0
+    if options.fleet_loop:
+        takes = fleet_loop.PAIR_TAKES * options.fleet_loop
+        report.stream(console, fleet_loop.TITLE, takes, partial(fleet_loop.measure, options.fleet_loop))
         return 0
     if options.rates:
         takes = options.rates * len(several_rates.KINDS) * (several_rates.BLOCK + 2.0)
@@ -159,6 +164,9 @@ def _options() -> argparse.Namespace:
         help="a hundred stations on ten computers, each part killed in turn; default: 30 minutes; needs root",
     )
     alone.add_argument("--fleet-figures", action="store_true", help="what a fleet costs: 300 and 1,000 stations")
+    alone.add_argument(
+        "--fleet-loop", type=int, metavar="PAIRS", help="a loop of 1 ms in a fleet and without; 30 for a result"
+    )
     alone.add_argument("--alarms", type=int, metavar="ROUNDS", help="a loop with 1,000 alarms; 50 for a result")
     parser.add_argument("--pairs", type=int, default=30, help="pairs of blocks of a row of --against; default: 30")
     parser.add_argument("--only", default="", metavar="TEXT", help="--kills and --against: names with this in them")

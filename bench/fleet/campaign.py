@@ -101,6 +101,11 @@ class Campaign:
                 part.start()
             plant.wait(lambda: len(plant.truths) == self._size.stations, "all rings are there")
             plant.wait(self._all_seen, "all stations are seen")
+            for part in plant.faces:
+                part.start()
+            plant.wait(lambda: all("prometheus: " in each.said for each in plant.faces), "the faces serve")
+            for part in plant.scrapers:
+                part.start()
             plant.own_gateway.start()
             plant.own_station.start()
             plant.wait(lambda: COMMAND_STATION in plant.own_gateway.said, "the station that takes commands is there")
@@ -111,8 +116,10 @@ class Campaign:
             self._strike(striker, seconds, doing)
             doing("it ends")
             striker.pause(CALM, CALM)
-            plant.wait(lambda: not commands.is_running, "all commands have an answer")
+            plant.wait(lambda: not commands.is_running, "all commands have an answer", seconds + WRITING)
             self.viewer.end()
+            for part in (*plant.scrapers, *plant.faces):
+                part.end()
             for part in (*plant.rings, *plant.stations):
                 part.end()
             striker.pause(2 * SETTLING, 2 * SETTLING)
@@ -156,5 +163,6 @@ class Campaign:
         yield from compared(self.disk.folder, list(self._plant.truths.values()))
         viewed = self.report("viewer")
         yield verdicts.views(viewed)
+        yield verdicts.scrapes([self.report(f"scraper{number}") for number in range(size.real)])
         yield from verdicts.presence(striker.done, viewed["changes"], began)
         yield from verdicts.commands(self.report("commands"), done_by(self._plant.carried_out))

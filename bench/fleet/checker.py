@@ -23,15 +23,18 @@ from bench.fleet.rings import layout_of, value
 from umo.errors import FramesError
 from umo.fleet import fleet_keys as keys
 from umo.fleet.fleet_keys import EVERY, StationKey
-from umo.fleet.fleet_mirror import subscribed
 from umo.fleet.fleet_session import FleetNetwork, opened
 from umo.fleet.message_parts import unpacked
-from umo.fleet.run_words import WordFrame, Words, peek
+from umo.fleet.past_queries import PastQueries
+from umo.fleet.run_feed import RunFeed
+from umo.fleet.run_words import RUN_BYTES, WordFrame, Words, peek
 from umo.frames.layout import Layout
 
 MADE = "made"
 """Names of stations that do not exist begin with it (`bench.fleet.rings`)."""
 MADE_WORDS = WordFrame(layout_of(MADE))
+LOOK = 0.1
+"""Time in s from one look at what is missing to the next."""
 ASK_AGAIN = 0.5
 """Time in s after which a declaration that did not come is asked for again."""
 
@@ -51,7 +54,7 @@ class FollowedRun:
     lost: int = 0
     """In gaps that were told with their count."""
     untold: int = 0
-    """In gaps that were not."""
+    """That came behind a gap without a basis."""
     wrong: int = 0
     latest: float = 0.0
     """Greatest age in s of a delta when it came."""
@@ -65,62 +68,51 @@ class FollowedRun:
 class Follower:
     """Follows one run. `words`: of its layout; None: it is not known yet."""
 
-    def __init__(self, key: StationKey, words: WordFrame | None) -> None:
-        self.told = FollowedRun(str(key))
+    def __init__(self, key: StationKey, run: bytes, words: WordFrame | None) -> None:
+        self.key, self.told, self.feed = key, FollowedRun(str(key)), RunFeed(run, 0, 0, time.monotonic())
         self.words, self.is_made = words, words is not None
-        self.held: list[bytes] = []
-        """Deltas that wait for the declaration."""
+        self._waiting: list[bytes] = []
+        """Deltas that wait for the layout."""
         self.asked = 0.0
         self._image: Words | None = None
 
-    def declare(self, about: dict[str, Any], layout: bytes, words: bytes) -> None:
-        """Go on from this image; with the deltas that were held."""
-        if self.words is None:
-            self.words = WordFrame(Layout.parse(layout))
-        held, self.held = self.held, []
-        number, told = int(about["number"]), self.told
-        begins = bool(held) and self.words.parse(held[0]).is_full
-        if words and number >= told.next and not begins:
-            self._image = np.frombuffer(words, np.uint64).copy()
-            if told.first < 0:
-                told.first = number + 1
-            else:
-                self._gap(number + 1, told=False)
-            told.next = number + 1
-        for data in held:
-            self.take(data)
+    @property
+    def needs_layout(self) -> bool:
+        return self.words is None
 
-    def take(self, data: bytes) -> bool:
-        """A delta. False: it waits for a declaration."""
-        if self.words is None or self.held:
-            self.held.append(data)
-            return False
-        delta, told = self.words.parse(data), self.told
-        if delta.number < told.next:
-            told.again += 1
-            return True
+    def take(self, data: bytes) -> None:
+        """A delta as it was published."""
+        self.told.again += not self.feed.take_delta(data, time.monotonic())
+        self.go_on()
+
+    def take_past(self, data: bytes) -> None:
+        self.feed.take_past(data)
+        self.go_on()
+
+    def go_on(self) -> None:
+        """Check what has its turn."""
+        self.feed.events()
+        self._waiting += self.feed.deltas()
+        if self.words is not None:
+            waiting, self._waiting = self._waiting, []
+            for data in waiting:
+                self._take(self.words, data)
+
+    def _take(self, words: WordFrame, data: bytes) -> None:
+        delta, told = words.parse(data), self.told
         if not delta.is_full and (self._image is None or delta.number != told.next):
-            self.held.append(data)
-            return False
+            told.untold += 1
+            return
         if told.first < 0:
             told.first = told.next = delta.number
         if delta.number > told.next:
-            self._gap(delta.number, told=True)
+            told.lost += delta.number - told.next
+            told.gaps.append((told.next, delta.number - told.next, time.monotonic()))
         if self._image is None:
-            self._image = np.zeros(self.words.count, np.uint64)
-        self.words.apply(delta, self._image)
+            self._image = np.zeros(words.count, np.uint64)
+        words.apply(delta, self._image)
         told.next, told.received, told.bytes = delta.number + 1, told.received + 1, told.bytes + len(data)
-        self._check(self.words.frame(self._image), delta.number, is_last=delta.is_last)
-        return True
-
-    def _gap(self, number: int, *, told: bool) -> None:
-        this = self.told
-        count = number - this.next
-        if told:
-            this.lost += count
-        else:
-            this.untold += count
-        this.gaps.append((this.next, count, time.monotonic()))
+        self._check(words.frame(self._image), delta.number, is_last=delta.is_last)
 
     def _check(self, frame: Any, number: int, *, is_last: bool) -> None:
         told, values = self.told, frame["values"]
@@ -142,27 +134,41 @@ class Checker:
         self._session = session
         self.incoming: queue.SimpleQueue[tuple[StationKey, str, bytes]] = queue.SimpleQueue()
         self.followed: dict[tuple[StationKey, bytes], Follower] = {}
-        self._subscriber = subscribed(session, EVERY.key(keys.DELTA), self._put)
+        self._queries = PastQueries(session, lambda key, run, data: self.incoming.put((key, keys.PAST, run + data)))
+        self._subscriber = session.declare_subscriber(EVERY.key(keys.DELTA), self._put)
 
     def _put(self, sample: zenoh.Sample) -> None:
         self.incoming.put((keys.station_of(str(sample.key_expr)), keys.DELTA, bytes(sample.payload)))
 
     def take(self, key: StationKey, kind: str, data: bytes) -> None:
         if kind == keys.DECLARATION:
-            about, layout, words, _ = unpacked(data)
-            facts = json.loads(about)
-            if (follower := self.followed.get((key, bytes.fromhex(facts["run"])))) is not None:
-                follower.declare(facts, layout, words)
-            return
-        run, _ = peek(data)
+            about, layout, *_ = unpacked(data)
+            follower = self._follower(key, bytes.fromhex(json.loads(about)["run"]))
+            if follower.needs_layout:
+                follower.words = WordFrame(Layout.parse(layout))
+                follower.go_on()
+        elif kind == keys.PAST:
+            self._follower(key, data[:RUN_BYTES]).take_past(data[RUN_BYTES:])
+        else:
+            self._follower(key, peek(data).run).take(data)
+
+    def _follower(self, key: StationKey, run: bytes) -> Follower:
         if (follower := self.followed.get((key, run))) is None:
             known = MADE_WORDS if key.station.startswith(MADE) else None
-            follower = self.followed[key, run] = Follower(key, known)
-        if not follower.take(data) and time.monotonic() - follower.asked > ASK_AGAIN:
-            follower.asked = time.monotonic()
-            self._session.get(
-                key.key(keys.DECLARATION), zenoh.handlers.Callback(partial(self._declared, key)), timeout=3.0
-            )
+            follower = self.followed[key, run] = Follower(key, run, known)
+        return follower
+
+    def look(self) -> None:
+        """Ask for what is missing."""
+        now = time.monotonic()
+        for each in self.followed.values():
+            if each.needs_layout and now - each.asked > ASK_AGAIN:
+                each.asked = now
+                declared = zenoh.handlers.Callback(partial(self._declared, each.key))
+                self._session.get(each.key.key(keys.DECLARATION), declared, timeout=3.0)
+            if not self._queries.are_too_many and (request := each.feed.request(now)) is not None:
+                self._queries.ask(each.key, request)
+                each.go_on()
 
     def _declared(self, key: StationKey, reply: zenoh.Reply) -> None:
         if reply.ok is not None:
@@ -176,9 +182,13 @@ def main(report: Path, addresses: list[str]) -> None:
     file = report_file.ReportFile(report)
     session = opened(FleetNetwork(connect=addresses), "client")
     checker = Checker(session)
+    looked = 0.0
     while not (file.ends and checker.incoming.empty()):
+        if time.monotonic() - looked > LOOK:
+            checker.look()
+            looked = time.monotonic()
         try:
-            checker.take(*checker.incoming.get(timeout=0.1))
+            checker.take(*checker.incoming.get(timeout=LOOK))
         except queue.Empty:
             pass
         except FramesError as error:

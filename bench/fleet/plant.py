@@ -20,7 +20,7 @@ from umo.frames import Reader
 from umo.remote.search import frames_at
 
 ROUTERS = 2
-PORT = 7447
+PORT, FACE_PORT = 7447, 9464
 LIMIT = 60.0
 """Time in s within which what is waited for must come."""
 ROUTES, PUBLISHES = "routes for", "publishes the stations of"
@@ -47,6 +47,11 @@ class Truth:
         return f"{self.name}/{self.run.hex()}"
 
 
+def stride_of(reader: Reader) -> int:
+    """Frames of one delta, at ten deltas a second."""
+    return max(1, round(0.1 / float(reader.about["period"])))
+
+
 class FleetPlant:
     """`computers`, each with `stations`. They are only rings; one of each of the first `real` computers is real."""
 
@@ -64,6 +69,8 @@ class FleetPlant:
         self.gateways = [self._gateway(number) for number in range(computers)]
         self.rings = [self._rings(number) for number in range(computers)]
         self.stations = [self._station(number) for number in range(real)]
+        self.faces = [self._face(number) for number in range(real)]
+        self.scrapers = [self._scraper(number) for number in range(real)]
         self.carried_out = folder / "carried_out"
         own = ("fleet", "serve", "--commands", "--site", OWN, "--listen", OWN_ADDRESS)
         self.own_gateway = self.part("gateway with commands", self.alone, *UMO, *own)
@@ -100,6 +107,14 @@ class FleetPlant:
         file = self.folder / f"carried_out{number}"
         return self.python(f"station {self.sites[number]}", number, "bench.fleet.station", str(file))
 
+    def _face(self, number: int) -> Part:
+        words = ("face", "prometheus", "--station", "Plant", "--option", f"prometheus.port={FACE_PORT}")
+        return self.part(f"face {self.sites[number]}", number, *UMO, *words)
+
+    def _scraper(self, number: int) -> Part:
+        report = self.folder / f"scraper{number}.json"
+        return self.python(f"scraper {self.sites[number]}", number, "bench.fleet.scraper", str(report), str(FACE_PORT))
+
     # The truth -----------------------------------------------------------------------------------------------
 
     def frames(self, number: int) -> Path:
@@ -114,7 +129,7 @@ class FleetPlant:
                 if path not in self.truths:
                     with suppress(UmoError, OSError):
                         reader = frames_at(path)
-                        self.truths[path] = Truth(site, reader, run_of(reader.about))
+                        self.truths[path] = Truth(site, reader, run_of(reader.about, stride_of(reader)))
 
     def wait(self, condition: Callable[[], Any], what: str, limit: float = LIMIT) -> None:
         """RuntimeError if it does not come about."""
@@ -127,7 +142,7 @@ class FleetPlant:
 
     @property
     def parts(self) -> list[Part]:
-        own = [self.own_station, self.own_gateway]
+        own = [self.own_station, self.own_gateway, *self.faces, *self.scrapers]
         return [*self.rings, *self.stations, *self.gateways, *self.routers, *own]
 
     def __enter__(self) -> FleetPlant:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from bench.fleet.checker import MADE
-from bench.fleet.plant import Truth
+from bench.fleet.plant import Truth, stride_of
 from bench.fleet.strikes import Strike
 from bench.report import Target
 
@@ -41,8 +41,7 @@ class Sums:
     latest: float = 0.0
 
     def add(self, truth: Truth, told: dict[str, Any] | None) -> None:
-        stride = max(1, round(0.1 / float(truth.reader.about["period"])))
-        expected = truth.reader.head // stride
+        expected = truth.reader.head // stride_of(truth.reader)
         self.runs += 1
         self.expected += expected
         if told is None:
@@ -73,7 +72,7 @@ def deltas(sums: Sums) -> Iterator[Target]:
     what = f"{sums.expected:,} deltas of {sums.runs} runs"
     bad = sums.missing + counts["lost"]
     yield Target(f"{what}: lost", "0", f"{bad:,}", _verdict(bad))
-    yield Target("  gaps without a count, deltas", "0", f"{counts['untold']:,}", _verdict(counts["untold"]))
+    yield Target("  came without a basis, not used", "0", f"{counts['untold']:,}", _verdict(counts["untold"]))
     yield Target("  values or order not as made", "0", f"{counts['wrong']:,}", _verdict(counts["wrong"]))
     yield Target("  came again after a gateway began anew, left out by number", "-", f"{counts['again']:,}", "")
     yield Target("  oldest when it came", "-", f"{sums.latest:.1f} s", "")
@@ -121,6 +120,14 @@ def views(report: dict[str, Any]) -> Target:
     old = [age for each in report["views"].values() for _, age in each["old"]]
     shown = f"{len(old)} spells, oldest {max(old, default=0.0):.1f} s, in {looks:,} looks at {len(report['views'])}"
     return Target("values older than 2 s shown as good", "0", shown, _verdict(len(old)))
+
+
+def scrapes(reports: list[dict[str, Any]]) -> Target:
+    """Of the clients of the faces beside the real stations."""
+    count, failed, samples = (sum(each[name] for each in reports) for name in ("scrapes", "failed", "samples"))
+    what = f"scrapes of {len(reports)} Prometheus faces beside real stations: without an answer"
+    why = next((f": {each['why']}" for each in reports if each["why"]), "")
+    return Target(what, "0", f"{failed} of {count:,}, {samples:,} samples{why}", _verdict(failed))
 
 
 # Commands -----------------------------------------------------------------------------------------------------

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,8 @@ from bench.fleet.rings import value
 from bench.fleet.strikes import Strike
 from bench.fleet.verdicts import presence
 from umo.fleet.fleet_keys import StationKey
+from umo.fleet.message_parts import packed
+from umo.fleet.run_feed import AGAIN, TRIES
 from umo.fleet.run_words import FULL, Delta, Words
 
 RUN = b"12345678"
@@ -31,27 +35,29 @@ def delta(number: int, before: int | None) -> bytes:
 
 
 def follower() -> Follower:
-    return Follower(StationKey("c1", "made000"), MADE_WORDS)
+    return Follower(StationKey("c1", "made000"), RUN, MADE_WORDS)
 
 
-def test_a_follower_counts_deltas_that_come_again_and_gaps_that_are_told() -> None:
+def test_a_follower_counts_deltas_that_come_again_and_those_that_are_lost() -> None:
     this = follower()
-    for data in (delta(0, None), delta(1, 0), delta(0, None), delta(1, 0), delta(2, 1), delta(7, None), delta(8, 7)):
-        assert this.take(data)
+    for data in (delta(0, None), delta(1, 0), delta(0, None), delta(1, 0), delta(2, 1), delta(8, 7)):
+        this.take(data)
+    this.take_past(packed(json.dumps({"head": 8, "event": 0, "events": []}).encode(), delta(7, None), delta(8, 7)))
     told = this.told
     assert (told.received, told.again, told.lost, told.untold, told.wrong) == (5, 2, 4, 0, 0)
     assert [each[:2] for each in told.gaps] == [(3, 4)]
 
 
-def test_a_follower_finds_a_gap_that_is_not_told_and_values_that_were_not_made() -> None:
+def test_a_follower_finds_what_has_no_basis_and_values_that_were_not_made() -> None:
     this = follower()
-    assert this.take(delta(0, None))
-    assert not this.take(delta(5, 4))
-    this.declare({"number": 6}, b"", words(6).tobytes())
-    assert this.take(delta(7, 6))
-    assert this.told.untold == 6
-    assert this.told.wrong == 0
-    this.take(Delta(RUN, 8, 0, np.zeros(1, "<u2"), np.ones(1, np.uint64), b"").packed())
+    this.take(delta(0, None))
+    this.take(delta(5, 4))
+    for turn in range(TRIES + 1):
+        this.feed.request(turn * AGAIN)
+    this.go_on()
+    this.take(delta(6, None))
+    assert (this.told.untold, this.told.lost, this.told.wrong) == (1, 5, 0)
+    this.take(Delta(RUN, 7, 0, np.zeros(1, "<u2"), np.ones(1, np.uint64), b"").packed())
     assert this.told.wrong == 1
 
 

@@ -16,6 +16,7 @@ pytest.importorskip("zenoh", reason="the extra fleet is not installed")
 from helpers.fleets import PLANT, Fleet, fleet_of
 from umo.cli import ps_fleet as ps
 from umo.fleet import fleet_settings
+from umo.fleet.fleet_keys import StationKey
 from umo.fleet.fleet_presence import DEBOUNCE, FleetPresence, status_in, statuses
 from umo.testing.faces import TriedMachine
 from umo.testing.faces.tried_machine import until
@@ -30,7 +31,10 @@ def folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Silent:
-    """A session in which nobody is there."""
+    """A session in which nobody answers."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
 
     def declare_subscriber(self, *given: Any, **more: Any) -> Any:
         return SimpleNamespace(undeclare=lambda: None)
@@ -38,14 +42,14 @@ class Silent:
     def liveliness(self) -> Silent:
         return self
 
-    def get(self, *given: Any, **more: Any) -> None:
-        return
+    def get(self, key: str, *given: Any, **more: Any) -> None:
+        self.asked.append(key)
 
 
-def token(comes: bool) -> Any:
+def token(comes: bool, key: StationKey = PLANT) -> Any:
     import zenoh
 
-    return SimpleNamespace(key_expr=PLANT.key("alive"), kind=zenoh.SampleKind.PUT if comes else zenoh.SampleKind.DELETE)
+    return SimpleNamespace(key_expr=key.key("alive"), kind=zenoh.SampleKind.PUT if comes else zenoh.SampleKind.DELETE)
 
 
 def told(presence: FleetPresence, text: str) -> None:
@@ -76,6 +80,19 @@ def test_a_station_that_has_ended_leaves_the_list_and_one_that_was_lost_stays() 
     assert [each.key for each in presence.stations()] == [PLANT]
     told(presence, json.dumps({"station": "plant", "state": "ended"}))
     assert presence.stations() == []
+
+
+def test_a_station_that_comes_is_asked_for_its_status_and_all_of_a_large_fleet_by_one_question() -> None:
+    session = Silent()
+    presence = FleetPresence(session, lambda: 0.0)  # type: ignore[arg-type]
+    presence._changed(token(True))
+    presence.stations()
+    assert session.asked == [PLANT.key("status")]
+    for number in range(100):
+        presence._changed(token(True, StationKey("cell7", f"s{number}")))
+    assert len(presence.stations()) == 101
+    presence.stations()
+    assert session.asked[1:] == ["umo/*/*/status"]
 
 
 @pytest.mark.parametrize("data", [b"", b"no json", b"[1]", b'{"state": 1}', b"[" * 100_000, b"\xff"])

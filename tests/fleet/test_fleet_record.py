@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,9 @@ import pyarrow.parquet as pq
 
 from helpers.fleet_histories import KnownRun, by_duckdb, rows
 from helpers.fleets import PLANT, free_port
-from umo.errors import OptionError
-from umo.fleet import fleet_record, fleet_record_files
+from umo.errors import FramesError, OptionError
+from umo.fleet import fleet_record, fleet_record_files, run_feed
+from umo.fleet.fleet_keys import StationKey
 from umo.fleet.fleet_query import asked
 from umo.fleet.fleet_record import FleetRecorder, Incoming, key_pattern
 from umo.fleet.fleet_record_files import RecordFolder
@@ -52,34 +54,6 @@ def gaps(run: FollowedRun) -> list[tuple[str, int, int, str]]:
 
 
 # Runs ------------------------------------------------------------------------------------------------------
-
-
-def test_what_was_published_while_the_recorder_was_away_may_come_behind_what_is_published_now() -> None:
-    known = KnownRun()
-    messages = [known.delta(number) for number in range(30)]
-    recorded = Recorded({("values", known.run.hex()): 9})
-    run = FollowedRun(known.run, recorded, is_patient=True)
-    for number in (25, 26):
-        run.take_delta(messages[number])
-    run.take_declaration(known.declaration(26))
-    for number in (*range(20), 27, *range(20, 25), 28):
-        run.take_delta(messages[number])
-    assert numbers(run) == list(range(10, 29))
-    assert not gaps(run)
-
-
-def test_what_does_not_come_in_time_is_told_as_missing() -> None:
-    known = KnownRun()
-    messages = [known.delta(number) for number in range(30)]
-    run = FollowedRun(known.run, Recorded({("values", known.run.hex()): 9}), is_patient=True)
-    run.take_delta(messages[25])
-    run.take_declaration(known.declaration(26))
-    assert not run.taken
-    run.hurry()
-    run.take_declaration(known.declaration(26))
-    run.take_delta(messages[27])
-    assert numbers(run) == [26, 27]
-    assert gaps(run) == [("values", 10, 25, AWAY)]
 
 
 def test_deltas_become_rows_with_exact_values_states_qualities_and_times() -> None:
@@ -141,6 +115,19 @@ def test_a_run_that_is_not_declared_is_a_gap() -> None:
     assert gaps(run) == [("values", 0, 8, UNDECLARED)]
 
 
+def test_a_damaged_delta_that_waits_for_the_declaration_costs_no_other() -> None:
+    known = KnownRun()
+    run = followed(known, *range(5), declared=None)
+    run.take_delta(known.delta(5)[:-1])
+    for number in range(6, 12):
+        run.take_delta(known.delta(number))
+    with pytest.raises(FramesError):
+        run.take_declaration(known.declaration(0))
+    run.take_delta(known.delta(12))
+    assert numbers(run) == [*range(5), 10, 11, 12]
+    assert gaps(run) == [("values", 5, 9, LOST)]
+
+
 def test_a_declaration_of_another_run_changes_nothing() -> None:
     run = followed(KnownRun(), 0, 1, declared=None)
     with pytest.raises(Exception, match="another run"):
@@ -152,7 +139,7 @@ def test_a_recorder_that_was_away_goes_on_after_its_last_number() -> None:
     known = KnownRun()
     recorded = Recorded(last={("values", known.name): 14, ("events", known.name): 2})
     run = followed(known, *range(7, 20), recorded=recorded)
-    run.take_events(known.events(1, 2, 3))
+    run.take_events(known.events(1, 2, 3)["events"])
     assert numbers(run) == [15, 16, 17, 18, 19]
     assert [number for number, *_ in run.events()] == [3]
     assert not run.gaps
@@ -171,8 +158,8 @@ def test_a_gap_that_the_files_have_already_is_told_once() -> None:
 def test_events_are_once_each_with_utc_and_missing_ones_are_told() -> None:
     known = KnownRun()
     run = followed(known, *range(5))
-    run.take_events(known.events(0, 1))
-    run.take_events(known.events(1, 2, 5))
+    run.take_events(known.events(0, 1)["events"])
+    run.take_events(known.events(1, 2, 5)["events"])
     assert [number for number, *_ in run.events()] == [0, 1, 2, 5]
     assert run.events()[2][1] == 1_764_000_000_200_000
     assert gaps(run) == [("events", 3, 4, LOST)]
@@ -358,6 +345,65 @@ def test_a_full_disk_is_told_once_and_the_oldest_values_are_a_gap_when_there_is_
     assert rows(folder.root, "SELECT number, text FROM events") == [(0, "event 0")]
     assert rows(folder.root, "SELECT path, unit, maximum FROM objects LIMIT 1") == [("level", "mm", 9.0)]
     session.close()  # type: ignore[no-untyped-call]
+
+
+def test_what_is_damaged_costs_no_other_message_and_does_not_end_the_recorder(
+    folder: RecordFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nobody answers, so that what is missing is given up, and what waits behind it has its turn."""
+    monkeypatch.setattr(fleet_record, "TAKE_WAIT", 0.0)
+    monkeypatch.setattr(run_feed, "AGAIN", 0.0)
+    known = KnownRun()
+    with closing(opened(FleetNetwork(listen=[f"tcp/127.0.0.1:{free_port()}"]), "peer")) as session:
+        recorder = FleetRecorder(session, folder, say=nothing)
+        recorder._incoming.put("delta", PLANT, known.delta(0))
+        recorder._incoming.put("declaration", PLANT, known.declaration(0))
+        events = known.events(0, 1, 2)
+        events["events"][1][6] = 99  # no state of a command
+        recorder._incoming.put("event", PLANT, json.dumps(events).encode())
+        recorder._incoming.put("delta", PLANT, known.delta(2)[:-1])
+        for number in range(3, 15):
+            recorder._incoming.put("delta", PLANT, known.delta(number))
+        for _ in range(run_feed.TRIES + 2):
+            recorder.step()
+        recorder.run(lambda: True)
+    deltas = rows(folder.root, "SELECT delta FROM values WHERE path = 'level' ORDER BY delta")
+    assert [each[0] for each in deltas] == [0, *range(10, 15)]
+    assert rows(folder.root, "SELECT number FROM events ORDER BY number") == [(0,), (2,)]
+
+
+def test_stations_that_do_not_answer_do_not_keep_others_from_being_asked(
+    folder: RecordFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fleet_record, "TAKE_WAIT", 0.0)
+    monkeypatch.setattr(run_feed, "AGAIN", 0.0)
+    known = KnownRun()
+    with closing(opened(FleetNetwork(listen=[f"tcp/127.0.0.1:{free_port()}"]), "peer")) as session:
+        recorder = FleetRecorder(session, folder, say=nothing)
+        queries = HangingQueries()
+        monkeypatch.setattr(recorder, "_queries", queries)
+        keys = [StationKey("cell7", f"s{number}") for number in range(5)]
+        for key in keys:
+            recorder._incoming.put("delta", key, known.delta(3))
+        for _ in range(4):
+            queries.waiting = 0
+            recorder.step()
+    assert set(queries.asked) == set(keys)
+
+
+class HangingQueries:
+    """Two of them may wait."""
+
+    def __init__(self) -> None:
+        self.waiting, self.asked = 0, list[StationKey]()
+
+    @property
+    def are_too_many(self) -> bool:
+        return self.waiting >= 2
+
+    def ask(self, key: StationKey, missing: object) -> None:
+        self.waiting += 1
+        self.asked.append(key)
 
 
 def test_messages_beyond_the_bound_are_dropped() -> None:

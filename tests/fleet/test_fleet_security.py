@@ -244,8 +244,11 @@ def test_a_mirror_survives_what_its_own_site_sends_and_is_right_again(authority:
         run = bytes.fromhex(json.loads(_declared(await fleet.session("ann")))["run"])
         far = 1 << 40
         words = [secrets.token_bytes(size) for size in (0, 1, 24, 25, 100, 70_000)]
-        words += [HEADER.pack(run, far, 3, 0, 0) + b"x", HEADER.pack(run, far, 0xFFFFFFFF, 0xFFFFFFFF, FULL)]
-        words += [HEADER.pack(run, far, 1, 0, 0) + b"\xff" * 10, HEADER.pack(secrets.token_bytes(8), 1, 0, 0, FULL)]
+        words += [HEADER.pack(run, far, 0, 3, 0, 0) + b"x", HEADER.pack(run, far, 0, 0xFFFFFFFF, 0xFFFFFFFF, FULL)]
+        words += [
+            HEADER.pack(run, far, 0, 1, 0, 0) + b"\xff" * 10,
+            HEADER.pack(secrets.token_bytes(8), 1, 0, 0, 0, FULL),
+        ]
         for data in words:
             insider.put(PLANT.key("delta"), data)
             insider.put(PLANT.key("event"), data)
@@ -269,7 +272,7 @@ def test_a_delta_with_a_number_of_the_future_makes_values_stale_and_then_right(a
         insider, ann = await fleet.session("cell7"), await fleet.session("ann")
         run = bytes.fromhex(json.loads(_declared(ann))["run"])
         width = client.reader.layout.dtype.itemsize
-        insider.put(PLANT.key("delta"), HEADER.pack(run, 1 << 40, width // 8, 0, FULL) + b"\0" * width)
+        insider.put(PLANT.key("delta"), HEADER.pack(run, 1 << 40, 0, width // 8, 0, FULL) + b"\0" * width)
         head = client.reader.head
         await until(lambda: client.reader.head > head + 100)
         assert client.reader.latest()["number"] > 0

@@ -77,7 +77,7 @@ def test_a_message_that_is_cut_or_changed_at_its_head_is_refused_or_fits(data: s
 def test_run_and_number_are_read_without_the_declaration() -> None:
     words = WordFrame(layout())
     message = Delta(RUN, 7, FULL, *words.changed(words.words(frame(words, 1)[0]), None), b"").packed()
-    assert peek(message) == (RUN, 7)
+    assert peek(message) == (RUN, 7, 0, FULL)
     with pytest.raises(FramesError):
         peek(b"short")
 

@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("zenoh", reason="the extra fleet is not installed")
 
 from bench.fleet.rings import MadeRing, value
+from umo.cycle.stage import Stage
 from umo.fleet.fleet_keys import StationKey
 from umo.fleet.run_words import FULL, WordFrame
 from umo.fleet.station_publisher import MOST, StationPublisher
@@ -24,13 +25,14 @@ OBJECTS = 3000
 
 
 class Sent:
-    """What a session would send."""
+    """A session, and the deltas that it would send."""
 
     def __init__(self) -> None:
         self.messages: list[bytes] = []
 
     def put(self, data: Any) -> None:
-        self.messages.append(bytes(data) if isinstance(data, bytes) else data)
+        if isinstance(data, bytes):
+            self.messages.append(data)
 
     def __getattr__(self, name: str) -> Any:
         return lambda *args, **options: self
@@ -44,15 +46,14 @@ def ring(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     made.close()
 
 
-def publisher(monkeypatch: pytest.MonkeyPatch, sent: Sent) -> StationPublisher:
-    monkeypatch.setattr("zenoh.ext.declare_advanced_publisher", lambda session, key, **options: sent)
+def publisher(sent: Sent) -> StationPublisher:
     reader = frames_at(sockets()[0])
-    return StationPublisher(Sent(), StationKey("c1", "made"), reader, 0.1)  # type: ignore[arg-type]
+    return StationPublisher(sent, StationKey("c1", "made"), reader, 0.1)  # type: ignore[arg-type]
 
 
-def test_each_frame_is_published_once_as_it_stands_in_the_ring(ring: MadeRing, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_frame_is_published_once_as_it_stands_in_the_ring(ring: MadeRing) -> None:
     sent = Sent()
-    this = publisher(monkeypatch, sent)
+    this = publisher(sent)
     words = WordFrame(this.reader.layout)
     for _ in range(5):
         ring.step()
@@ -66,11 +67,9 @@ def test_each_frame_is_published_once_as_it_stands_in_the_ring(ring: MadeRing, m
         assert (words.frame(image)["values"] == value(each.number, OBJECTS)).all()
 
 
-def test_a_gateway_that_was_stopped_for_longer_than_the_ring_goes_on_with_what_is_there(
-    ring: MadeRing, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_gateway_that_was_stopped_for_longer_than_the_ring_goes_on_with_what_is_there(ring: MadeRing) -> None:
     sent = Sent()
-    this = publisher(monkeypatch, sent)
+    this = publisher(sent)
     ring.step()
     this.look()
     slots = this.reader.slots
@@ -85,13 +84,27 @@ def test_a_gateway_that_was_stopped_for_longer_than_the_ring_goes_on_with_what_i
     assert WordFrame(this.reader.layout).parse(sent.messages[1]).flags & FULL
 
 
+def test_a_run_whose_last_frame_is_damaged_ends(ring: MadeRing) -> None:
+    sent = Sent()
+    this = publisher(sent)
+    ring.step()
+    ring.step()
+    copy = ring._ring
+    copy._words[(copy._places.first + copy._size) >> 3] = 0
+    copy.live({Live.STATE: Stage.ENDED})
+    assert this.look()
+    assert not this.look()
+    last = WordFrame(this.reader.layout).parse(sent.messages[-1])
+    assert (last.number, last.is_last) == (1, True)
+
+
 def test_the_status_is_made_anew_only_where_something_of_it_has_changed(
     ring: MadeRing, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made: list[int] = []
     monkeypatch.setattr("umo.fleet.station_publisher.status_of", lambda reader: {"made": made.append(1)})
     monkeypatch.setattr("umo.fleet.station_publisher.STATUS_PAUSE", 0.0)
-    this = publisher(monkeypatch, Sent())
+    this = publisher(Sent())
     begun = len(made)
     for _ in range(3):
         ring.step()
@@ -101,3 +114,10 @@ def test_the_status_is_made_anew_only_where_something_of_it_has_changed(
     ring.step()
     this.look()
     assert len(made) == begun + 2
+
+
+def test_a_gateway_with_another_rate_publishes_another_run_as_its_numbers_are_of_other_frames(ring: MadeRing) -> None:
+    reader = frames_at(sockets()[0])
+    slow = StationPublisher(Sent(), StationKey("c1", "made"), reader, 0.3)  # type: ignore[arg-type]
+    assert slow.stride != publisher(Sent()).stride
+    assert slow.run != publisher(Sent()).run == publisher(Sent()).run

@@ -39,14 +39,17 @@ class Machine(Compound):
             valve.write(OnOff.ON)
 
     def _look(self) -> None:
-        """A reading that is good is what the box has: no input changes but its clock, which tells the age."""
+        """A reading that is good is what the box has: no input changes but its clock, which tells the age. A process
+        that stands still within a period goes on with what it has read in it."""
         for i, switch in enumerate(self.switches):
             wrong = switch.read() is not (ZeroOne.ONE if i % 3 == 0 else ZeroOne.ZERO)
             self.cells[WRONG] += wrong and switch.quality is Quality.GOOD
         for i, count in enumerate(self.counts):
             self.cells[WRONG] += count.read() != 1000 + 111 * i and count.quality is Quality.GOOD
-        age = (monotonic_ns() // CLOCK - int(self.clock.read())) % 65_536 * CLOCK * 1e-9
-        self.cells[WRONG] += self.cells[MAX_AGE] * 1e-3 < age and self.clock.quality is Quality.GOOD
+        now = monotonic_ns()
+        age = (now // CLOCK - int(self.clock.read())) % 65_536 * CLOCK * 1e-9
+        period = (now - self._machine._started) * 1e-9
+        self.cells[WRONG] += self.cells[MAX_AGE] * 1e-3 + period < age and self.clock.quality is Quality.GOOD
 
 
 class Keeping(Machine):

@@ -32,6 +32,8 @@ def record_history(folder: Path, changes: Mapping[str, Any], stations: Sequence[
     from umo.fleet.fleet_record_files import RecordFolder
     from umo.fleet.fleet_session import opened_client
 
+    from .fleet_connection import opened_patiently, tell_connection
+
     kept = None if keep is None else _seconds("--keep", keep)
     for each in stations:
         key_pattern(each)
@@ -41,8 +43,13 @@ def record_history(folder: Path, changes: Mapping[str, Any], stations: Sequence[
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     files = RecordFolder(folder, say)
-    session = opened_client(network)
+    session = opened_patiently(lambda: opened_client(network), stop.is_set)
+    if session is None:
+        files.close()
+        return 0
     try:
+        if network.connect:
+            tell_connection(session)
         out.print(f"records {', '.join(stations)} to {folder}", soft_wrap=True)
         FleetRecorder(session, files, stations, keep=kept, say=say).run(stop.is_set)
     finally:

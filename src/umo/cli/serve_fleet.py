@@ -21,6 +21,7 @@ from umo.frames.frame_server import folder
 
 from .background import step_back, until_stopped
 from .console import out, say
+from .fleet_connection import opened_patiently, tell_connection
 
 
 def serve_gateway(changes: Mapping[str, Any], *, commands: bool, rate: float) -> int:
@@ -34,8 +35,12 @@ def serve_gateway(changes: Mapping[str, Any], *, commands: bool, rate: float) ->
         raise OptionError("commands of other computers need tls: its certificates prove who they are")
     step_back()
     lock = _alone()
-    session = opened(network, "client" if network.connect and not network.listen else "peer")
+    mode = "client" if network.connect and not network.listen else "peer"
+    session = opened_patiently(lambda: opened(network, mode), lambda: False)
+    assert session is not None
     try:
+        if mode == "client":
+            tell_connection(session)
         _tell(
             "publishes the stations of", settings.site, network, "reading and commands" if commands else "reading only"
         )

@@ -14,6 +14,10 @@ ALERT_TIME = 0.3
 """Time in s within which a server refuses a certificate."""
 
 
+NOBODY, SILENT = "nobody answers there", "the computer does not answer"
+"""Reasons that may pass by themselves."""
+
+
 def why_not(address: str, certificates: Path | None) -> str:
     """`address`: such as `tls/plant.local:7447`."""
     protocol, _, rest = address.partition("/")
@@ -27,11 +31,11 @@ def why_not(address: str, certificates: Path | None) -> str:
                 return _greeted(connection, host, certificates)
             return "somebody answers there who does not speak plain tcp: a fleet with certificates has tls/HOST:PORT"
     except ConnectionRefusedError:
-        return "nobody answers there"
+        return NOBODY
     except socket.gaierror:
         return f"there is no computer {host!r}"
     except TimeoutError:
-        return "the computer does not answer"
+        return SILENT
     except (OSError, ValueError, OverflowError) as error:
         return str(getattr(error, "strerror", None) or error)
 

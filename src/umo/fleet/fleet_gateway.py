@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from math import inf
@@ -38,6 +39,10 @@ REFUSED_PAUSE = 1.0
 may still be there."""
 
 
+AFTER_END = 60.0
+"""Time in s in which what was published of a run can still be asked for after its end."""
+MOST_ENDED = 3
+"""Runs of one station that have ended of which that is so, at most."""
 TOLD_AT = 2
 """Number of the try at which it is told that a station cannot be published."""
 
@@ -80,11 +85,11 @@ class PublishedStation:
             self._gateway = SoleLease(self.publisher.reader, "fleet", self._wait, is_reader=self._read_only)
         return self._gateway
 
-    async def close(self) -> None:
+    async def end(self) -> None:
         await self.commands.close()
         if self._gateway is not None:
             await self._gateway.close()
-        self.publisher.close()
+        self.publisher.end()
 
 
 class FleetGateway:
@@ -105,6 +110,8 @@ class FleetGateway:
         self._interval, self._read_only, self._say, self._find = 1.0 / rate, read_only, say, find
         self._stations: dict[Path, PublishedStation] = {}
         self._refused: dict[Path, UnpublishedStation] = {}
+        self._ended: list[tuple[float, StationPublisher]] = []
+        """Runs that are over, each with the time until which it is asked, s of the monotonic clock."""
         self._searched = -inf
 
     @property
@@ -119,11 +126,13 @@ class FleetGateway:
                 if began - self._searched >= SEARCH_PAUSE:
                     self._searched = began
                     await self._search()
+                    self._forget()
                 await self._look()
                 await asyncio.sleep(max(0.001, began + self._interval - time.monotonic()))
         finally:
             for path in list(self._stations):
                 await self._leave(path)
+            self._forget(inf)
 
     async def _look(self) -> None:
         for path, station in list(self._stations.items()):
@@ -139,7 +148,20 @@ class FleetGateway:
         station = self._stations.pop(path)
         self._say(f"{station.publisher.key} has ended")
         with suppress(zenoh.ZError, UmoError):
-            await station.close()
+            await station.end()
+        self._ended.append((time.monotonic() + AFTER_END, station.publisher))
+
+    def _forget(self, now: float | None = None) -> None:
+        """Close the runs that ended long ago, or after which others of their station did."""
+        now = time.monotonic() if now is None else now
+        later: Counter[StationKey] = Counter()
+        for ended in reversed(self._ended[:]):
+            until, publisher = ended
+            later[publisher.key] += 1
+            if until <= now or later[publisher.key] > MOST_ENDED:
+                self._ended.remove(ended)
+                with suppress(zenoh.ZError, UmoError):
+                    publisher.close()
 
     async def _search(self) -> None:
         """Publish the stations that have begun."""

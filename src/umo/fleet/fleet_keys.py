@@ -8,7 +8,7 @@ from typing import NamedTuple
 from umo.errors import OptionError
 
 ROOT = "umo"
-DECLARATION, DELTA, EVENT, STATUS, ALIVE, COMMAND, SIGN, TWIN = (
+DECLARATION, DELTA, EVENT, STATUS, ALIVE, COMMAND, SIGN, TWIN, PAST = (
     "declaration",
     "delta",
     "event",
@@ -17,6 +17,7 @@ DECLARATION, DELTA, EVENT, STATUS, ALIVE, COMMAND, SIGN, TWIN = (
     "command",
     "sign",
     "twin",
+    "past",
 )
 ANY = "*"
 _SEGMENT = re.compile(r"[\w.-]{1,64}", re.ASCII)

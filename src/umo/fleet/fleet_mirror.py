@@ -22,7 +22,6 @@ from typing import Any
 
 import numpy as np
 import zenoh
-import zenoh.ext
 
 from umo.cycle.events import CommandState, Event
 from umo.cycle.stage import Stage
@@ -36,6 +35,8 @@ from umo.fleet.fleet_session import anybody, opened_client
 from umo.fleet.fleet_settings import FleetSettings
 from umo.fleet.message_parts import unpacked
 from umo.fleet.mirror_commands import MirrorCommands
+from umo.fleet.past_queries import PastQueries
+from umo.fleet.run_feed import RunFeed
 from umo.fleet.run_words import Rest, WordFrame, Words, peek
 from umo.frames import Reader
 from umo.frames.layout import Layout, Live
@@ -77,9 +78,10 @@ class FleetMirror:
         self.key = key
         self._session = session
         self._incoming: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
-        self._subscribers = [  # first: no delta is missed between the declaration and the first one
-            subscribed(session, key.key(kind), partial(self._put, kind)) for kind in (keys.DELTA, keys.EVENT)
+        self._subscribers = [
+            session.declare_subscriber(key.key(kind), partial(self._put, kind)) for kind in (keys.DELTA, keys.EVENT)
         ]
+        self._queries = PastQueries(session, lambda _, run, data: self._incoming.put((keys.PAST, data)))
         about, described, words, rest = unpacked(declaration_of(session, key))
         facts = json.loads(about)
         self._run = bytes.fromhex(facts["run"])
@@ -98,7 +100,7 @@ class FleetMirror:
         self._ages = ArrivalAges()
         (width,) = fields["quality"][0].shape
         self._qualities = slice(fields["quality"][1], fields["quality"][1] + width)
-        self._next_event = max(0, int(facts["event"]) - 1)
+        self._feed = RunFeed(self._run, self._number + 1, max(0, int(facts["event"]) - 1), time.monotonic())
         self.lost = 0
         """Deltas that did not come."""
         self._ended = threading.Event()
@@ -129,10 +131,11 @@ class FleetMirror:
             except queue.Empty:
                 kind, data = "", b""
             try:
-                if kind == keys.DELTA:
-                    self._take_delta(data)
-                elif kind == keys.EVENT:
-                    self._take_events(data)
+                if kind:
+                    self._take(kind, data)
+                if (request := self._feed.request(time.monotonic())) is not None:
+                    self._queries.ask(self.key, request)
+                self._go_on()
                 self._commands.look()
                 if not self._is_stale and time.monotonic() - self._heard > self._limit:
                     self._grow_stale()
@@ -142,23 +145,38 @@ class FleetMirror:
                 log.warning("%s: %s", self.key, error, exc_info=error)
         self._finish()
 
-    def _take_delta(self, data: bytes) -> None:
-        run, number = peek(data)
-        if run != self._run:
+    def _take(self, kind: str, data: bytes) -> None:
+        """What has come goes through the feed."""
+        feed, now = self._feed, time.monotonic()
+        if kind == keys.PAST:
+            feed.take_past(data)
+        elif kind == keys.EVENT:
+            told = json.loads(data)
+            if bytes.fromhex(told["run"]) == self._run:
+                feed.take_events(told)
+        elif peek(data).run != self._run:
             self._check("a delta of another run has come; it was not used")
-            return
-        if number <= self._number:  # it came twice
-            if self._is_stale:
-                self._check("")
-            return
+        elif not feed.take_delta(data, now) and self._is_stale:
+            self._check("")
+
+    def _go_on(self) -> None:
+        """Use what has its turn. The run is over with its last delta, also if that cannot be used."""
+        self._take_events(self._feed.events())
+        deltas = self._feed.deltas()
+        if self._feed.is_over:
+            self._ended.set()
+        for each in deltas:
+            self._take_delta(each)
+
+    def _take_delta(self, data: bytes) -> None:
         delta = self._words.parse(data)
-        if number != self._number + 1 and not delta.is_full:
+        if delta.number <= self._number:  # the image has been taken since
+            return
+        if delta.number != self._number + 1 and not delta.is_full:
             self._ask_again()
             return
-        if delta.is_last:  # before the ring says that the run has ended
-            self._take_waiting_events()
-        self._count_lost(number)
-        self._number = number
+        self._count_lost(delta.number)
+        self._number = delta.number
         self._words.apply(delta, self._image)
         if self._image.view(np.uint8)[self._qualities].max(initial=0) > Quality.BAD:
             self._number = NONE
@@ -166,8 +184,6 @@ class FleetMirror:
         if delta.rest:
             self._take_rest(delta.rest)
         self._show()
-        if delta.is_last:
-            self._ended.set()
 
     def _check(self, otherwise: str) -> None:
         """What has come does not follow: the run may have ended, or its last delta was of nobody's. The station says
@@ -181,7 +197,7 @@ class FleetMirror:
         if bytes.fromhex(facts["run"]) != self._run:
             self._ended.set()
         elif int(facts["head"]) < self._number:  # not only a gateway that has begun anew, and has not come so far yet
-            self._number = NONE
+            self._ask_again()
         elif otherwise:
             log.warning("%s: %s", self.key, otherwise)
 
@@ -195,6 +211,7 @@ class FleetMirror:
             return
         self._count_lost(number := int(facts["number"]))
         self._number = number
+        self._feed.restart(number + 1)
         self._image[:] = np.frombuffer(words, np.uint64)
         self._take_rest(rest)
         self._show()
@@ -210,27 +227,12 @@ class FleetMirror:
         self._ring.lease(rest.lease, rest.holder)
         self._ring.tunables(rest.tunables)
 
-    def _take_waiting_events(self) -> None:
-        """The events that came before the end, which may be behind it in the queue."""
-        time.sleep(LOOK)
-        with suppress(queue.Empty):
-            while True:
-                kind, data = self._incoming.get_nowait()
-                if kind == keys.EVENT:
-                    self._take_events(data)
-
-    def _take_events(self, data: bytes) -> None:
-        told = json.loads(data)
-        if bytes.fromhex(told["run"]) != self._run:
-            return
-        for number, *given in told["events"]:
-            if number >= self._next_event:
-                self._next_event = number + 1
-                at, path, text, who, command, state, asked = given
-                local = self._commands.local(int(command))
-                self._tell(Event(at, path, text, who, local, CommandState(state), asked))
-                if local and state != CommandState.BEGUN:
-                    self._commands.has_ended(local)
+    def _take_events(self, events: list[list[Any]]) -> None:
+        for _, at, path, text, who, command, state, asked in events:
+            local = self._commands.local(int(command))
+            self._tell(Event(at, path, text, who, local, CommandState(state), asked))
+            if local and state != CommandState.BEGUN:
+                self._commands.has_ended(local)
 
     def _tell(self, event: Event) -> None:
         """Add an event to the ring; one without a time is of now."""
@@ -273,18 +275,6 @@ class FleetMirror:
             self._thread.join(ANSWER_TIME)
         with suppress(zenoh.ZError):
             self._session.close()
-
-
-def subscribed(session: zenoh.Session, key: str, take: Callable[[zenoh.Sample], None]) -> Any:
-    """A subscriber that also gets what was published before it was there, and what it has missed since, as far as the
-    publisher still has it. It may get messages twice: those of a station have numbers."""
-    return zenoh.ext.declare_advanced_subscriber(
-        session,
-        key,
-        take,
-        history=zenoh.ext.HistoryConfig(detect_late_publishers=True),
-        recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
-    )
 
 
 def declaration_of(session: zenoh.Session, key: StationKey) -> bytes:

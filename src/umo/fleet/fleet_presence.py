@@ -14,10 +14,12 @@ import zenoh
 from umo.fleet import fleet_keys as keys
 from umo.fleet.fleet_keys import StationKey
 
-DEBOUNCE = 0.7
+DEBOUNCE = 0.5
 """Time in s from the loss of a station's token until it counts as away: a router that is begun again takes all with
 it for a moment."""
 MAX_STATIONS = 10_000
+ASKED_ONE_BY_ONE = 20
+"""Stations that are asked for their status one by one, if no more have come at once; else one question is to all."""
 ANSWER_TIME = 1.0
 """Time in s within which stations tell their status."""
 
@@ -49,6 +51,8 @@ class FleetPresence:
         self._session, self._clock = session, clock
         self._lock = threading.Lock()
         self._found: dict[StationKey, FleetStation] = {}
+        self._come: set[StationKey] = set()
+        """Those that have come and have not been asked yet."""
         self._statuses = session.declare_subscriber(keys.EVERY.key(keys.STATUS), self._told)
         self._tokens = session.liveliness().declare_subscriber(keys.EVERY.key(keys.ALIVE), self._changed, history=True)
 
@@ -61,7 +65,14 @@ class FleetPresence:
                 station = self._found[key] = FleetStation(key)
             if station is not None:
                 station.lost = None if comes else self._clock()
-        if comes:
+                if comes:
+                    self._come.add(key)
+
+    def _ask(self) -> None:
+        """Ask those that have come for their status."""
+        with self._lock:
+            come, self._come = self._come, set()
+        for key in come if len(come) <= ASKED_ONE_BY_ONE else (keys.EVERY,):
             self._session.get(key.key(keys.STATUS), zenoh.handlers.Callback(self._replied), timeout=ANSWER_TIME)
 
     def _replied(self, reply: zenoh.Reply) -> None:
@@ -77,7 +88,9 @@ class FleetPresence:
                 station.status, station.told = status, self._clock()
 
     def stations(self) -> list[FleetStation]:
-        """All that were seen, by their names; those that have ended and are away are left out."""
+        """All that were seen, by their names; those that have ended and are away are left out. Those that have come
+        since the last call are asked for their status."""
+        self._ask()
         now = self._clock()
         with self._lock:
             over = [key for key, each in self._found.items() if each.state == "ended" and not each.is_present(now)]

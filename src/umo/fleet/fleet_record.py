@@ -1,7 +1,7 @@
 """The recorder of a fleet: subscribes to all stations, and writes what they publish to Parquet files.
 
 What it has written last it reads from its own files when it begins, so that nothing is there twice and what is missing
-is announced with its count. Gateways keep their last 30 s at least: what a recorder that is away for less has missed
+is announced with its count. Gateways keep their last 60 s at 10 Hz: what a recorder that is away for less has missed
 comes later. One that cannot write keeps a bounded amount.
 """
 
@@ -13,16 +13,12 @@ import re
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import partial
-from itertools import chain
-from math import inf
 from pathlib import Path
-from queue import Empty, SimpleQueue
-from typing import Any
 
 import pyarrow as pa
 import zenoh
@@ -30,11 +26,13 @@ import zenoh
 from umo.errors import FramesError, OptionError, UmoError, text_of
 from umo.fleet import fleet_keys as keys
 from umo.fleet.fleet_keys import StationKey, station_of
-from umo.fleet.fleet_mirror import ANSWER_TIME, subscribed
+from umo.fleet.fleet_mirror import ANSWER_TIME
 from umo.fleet.fleet_record_files import RecordFolder
 from umo.fleet.fleet_record_rows import gaps_table
 from umo.fleet.fleet_record_run import FollowedRun
-from umo.fleet.run_words import peek
+from umo.fleet.past_queries import PastQueries
+from umo.fleet.run_feed import RunFeed
+from umo.fleet.run_words import RUN_BYTES, peek
 from umo.tables.value_tables import events_table
 
 log = logging.getLogger("umo.fleet")
@@ -50,19 +48,19 @@ MAX_PENDING = 512 << 20
 """Bytes of all that waits to be written, at most: while the disk is full older values are dropped."""
 TAKE_WAIT = 0.1
 """Time in s that a message is waited for."""
-SUBSCRIBE_PAUSE = 0.025
-"""Time in s from one subscription to the next."""
 MOST = 2000
 """Messages between two looks at what is to be written."""
 DECLARATIONS = 50
 """Declarations that are asked for at a time."""
-PATIENCE = 2.0
-"""Time in s after the first message of a run in which what was published before may come."""
 IDLE = 120.0
 """Time in s after which a run of which nothing comes any more is forgotten; the files know it."""
 TIDY_PAUSE = 600.0
 """Time in s from one look at all folders to the next, also at the end of an hour."""
 _PATTERN = re.compile(r"[\w.*-]{1,64}/[\w.*-]{1,64}", re.ASCII)
+
+
+QueuedMessage = tuple[str, StationKey, bytes]
+"""Kind, station and what it is."""
 
 
 class Incoming:
@@ -71,7 +69,7 @@ class Incoming:
     def __init__(self, most: int = MAX_INCOMING) -> None:
         self._most = most
         self._bytes = 0
-        self._messages: deque[tuple[str, StationKey, bytes]] = deque()
+        self._messages: deque[QueuedMessage] = deque()
         self._changed = threading.Condition()
 
     def put(self, kind: str, key: StationKey, data: bytes) -> None:
@@ -82,7 +80,7 @@ class Incoming:
             self._messages.append((kind, key, data))
             self._changed.notify()
 
-    def take(self, wait: float) -> list[tuple[str, StationKey, bytes]]:
+    def take(self, wait: float) -> list[QueuedMessage]:
         with self._changed:
             if not self._messages:
                 self._changed.wait(wait)
@@ -91,18 +89,38 @@ class Incoming:
             return taken
 
 
+@contextmanager
+def told(key: StationKey) -> Iterator[None]:
+    """Whatever is wrong with a message is told, and disturbs no other."""
+    try:
+        yield
+    except UmoError as error:
+        log.warning("%s: %s", key, error)
+    except Exception as error:  # of a message that is none of umo's
+        log.warning("%s: %s", key, text_of(error), exc_info=error)
+
+
 @dataclass
 class Followed:
     """A run with the times of what was done with it."""
 
     key: StationKey
     run: FollowedRun
+    feed: RunFeed
     heard: float
     written: float
-    begun: float
     asked: float = float("-inf")
     """When it was asked for its declaration."""
     is_described: bool = field(default=False)
+
+    def go_on(self) -> None:
+        """Record what has its turn."""
+        for event in self.feed.events():
+            with told(self.key):
+                self.run.take_events([event])
+        for data in self.feed.deltas():
+            with told(self.key):
+                self.run.take_delta(data)
 
 
 class FleetRecorder:
@@ -126,54 +144,37 @@ class FleetRecorder:
         self._is_full = False
         self._tidied, self._hour = float("-inf"), ""
         self._untidy: deque[Path] = deque()
-        self._present: SimpleQueue[StationKey] = SimpleQueue()
-        self._subscribed: dict[StationKey, list[Any]] = {}
-        self._next_subscribed = float("-inf")
-        self._tokens = [
-            session.liveliness().declare_subscriber(
-                f"{keys.ROOT}/{key_pattern(each)}/{keys.ALIVE}", self._appears, history=True
-            )
+        self._queries = PastQueries(session, self._answered_past)
+        self._subscribers = [
+            session.declare_subscriber(f"{keys.ROOT}/{key_pattern(each)}/{kind}", partial(self._put, kind))
             for each in patterns
+            for kind in (keys.DELTA, keys.EVENT)
         ]
 
-    def _appears(self, sample: zenoh.Sample) -> None:
-        self._present.put(station_of(str(sample.key_expr)))
+    def _put(self, kind: str, sample: zenoh.Sample) -> None:
+        self._incoming.put(kind, station_of(str(sample.key_expr)), bytes(sample.payload))
 
-    def _subscribe(self, now: float) -> None:
-        """Follow one more station: gateways drop what they cannot send, as the history of many at once."""
-        with suppress(Empty):
-            while now >= self._next_subscribed:
-                key = self._present.get_nowait()
-                if key not in self._subscribed:
-                    self._next_subscribed = now + SUBSCRIBE_PAUSE
-                    self._subscribed[key] = [
-                        subscribed(self._session, key.key(kind), partial(self._put, kind, key))
-                        for kind in (keys.DELTA, keys.EVENT)
-                    ]
-
-    def _put(self, kind: str, key: StationKey, sample: zenoh.Sample) -> None:
-        self._incoming.put(kind, key, bytes(sample.payload))
+    def _answered_past(self, key: StationKey, run: bytes, data: bytes) -> None:
+        self._incoming.put(keys.PAST, key, run + data)
 
     def run(self, stop: Callable[[], bool]) -> None:
         """Record until `stop`; then write what has come."""
         while not stop():
             self.step()
-        for each in (*self._tokens, *chain.from_iterable(self._subscribed.values())):
+        for each in self._subscribers:
             each.undeclare()
         while messages := self._incoming.take(0.0):
             for kind, key, data in messages:
                 self._take(kind, key, data)
-        self._hurry(inf)
         for followed in list(self._followed.values()):
             self._write(followed)
 
     def step(self) -> None:
         """Take what has come, write what is due."""
-        for kind, key, data in self._incoming.take(TAKE_WAIT if self._present.empty() else SUBSCRIBE_PAUSE):
+        for kind, key, data in self._incoming.take(TAKE_WAIT):
             self._take(kind, key, data)
         now = time.monotonic()
-        self._hurry(now - PATIENCE)
-        self._subscribe(now)
+        self._ask_for_past(now)
         self._ask(now)
         interval = max(FLUSH, len(self._followed) / FLUSHES)
         due = [
@@ -188,36 +189,42 @@ class FleetRecorder:
     # What comes ----------------------------------------------------------------------------------------
 
     def _take(self, kind: str, key: StationKey, data: bytes) -> None:
-        """A message; whatever is wrong with one disturbs no other."""
-        try:
+        with told(key):
             if kind == keys.DELTA:
-                self._run_of(key, peek(data)[0]).run.take_delta(data)
+                followed = self._run_of(key, peek(data).run)
+                followed.feed.take_delta(data, time.monotonic())
             elif kind == keys.EVENT:
-                told = json.loads(data)
-                self._run_of(key, bytes.fromhex(told["run"])).run.take_events(told)
+                message = json.loads(data)
+                followed = self._run_of(key, bytes.fromhex(message["run"]))
+                followed.feed.take_events(message)
+            elif kind == keys.PAST:
+                followed = self._run_of(key, data[:RUN_BYTES])
+                followed.feed.take_past(data[RUN_BYTES:])
             else:
                 self._take_declaration(key, data)
-        except UmoError as error:
-            log.warning("%s: %s", key, error)
-        except Exception as error:  # of a message that is none of umo's
-            log.warning("%s: %s", key, text_of(error), exc_info=error)
+                return
+            followed.go_on()
 
     def _run_of(self, key: StationKey, run: bytes) -> Followed:
         now = time.monotonic()
         followed = self._followed.get((key, run))
         if followed is None:
-            followed = Followed(key, FollowedRun(run, self._folder.recorded(key), True), now, now, now)
+            this = FollowedRun(run, self._folder.recorded(key))
+            followed = Followed(key, this, RunFeed(run, *this.wanted, now), now, now)
             self._followed[key, run] = followed
             self._say(f"{key} is recorded")
         followed.heard = now
         return followed
 
-    def _hurry(self, before: float) -> None:
-        """Those that were begun before this time wait for nothing older any more."""
-        for each in self._followed.values():
-            if each.run.is_patient and each.begun <= before:
-                with suppress(FramesError):  # of a message that does not fit
-                    each.run.hurry()
+    def _ask_for_past(self, now: float) -> None:
+        """Ask for what is missing: who was asked is behind the others the next time."""
+        for of, each in list(self._followed.items()):
+            if self._queries.are_too_many:
+                return
+            if (request := each.feed.request(now)) is not None:
+                self._queries.ask(each.key, request)
+                self._followed[of] = self._followed.pop(of)
+            each.go_on()  # with what is there, if nobody answers
 
     def _ask(self, now: float) -> None:
         """Ask for the declarations that are needed."""

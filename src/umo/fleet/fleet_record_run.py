@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,7 +14,7 @@ from umo.cycle.events import CommandState, Event
 from umo.errors import FramesError
 from umo.fleet.fleet_record_rows import Gap, RunRows, TakenDelta
 from umo.fleet.message_parts import unpacked
-from umo.fleet.run_words import Delta, Rest, WordFrame, Words, peek
+from umo.fleet.run_words import FULL_EVERY, Delta, Rest, WordFrame, Words, peek
 from umo.frames.layout import Layout
 
 VALUES, EVENTS = "values", "events"
@@ -39,10 +39,9 @@ class Recorded:
 
 
 class FollowedRun:
-    """`recorded`: what the files had of it when the recorder began. `is_patient`: what was published before it was
-    followed may still come, behind what is published now, until `hurry`."""
+    """`recorded`: what the files had of it when the recorder began. Deltas and events are given in their order."""
 
-    def __init__(self, run: bytes, recorded: Recorded, is_patient: bool = False) -> None:
+    def __init__(self, run: bytes, recorded: Recorded) -> None:
         self.run = run
         self.name = run.hex()
         self.rows: RunRows | None = None
@@ -65,7 +64,12 @@ class FollowedRun:
         self.bytes = 0
         """Of what is to be written."""
         self.has_ended = False
-        self.is_patient = is_patient
+
+    @property
+    def wanted(self) -> tuple[int, int]:
+        """Numbers of the first delta and the first event to follow it from: a delta with all words is among them."""
+        first = self.last[VALUES] + 1
+        return first - first % FULL_EVERY, self.last[EVENTS] + 1
 
     @property
     def needs_declaration(self) -> bool:
@@ -75,45 +79,26 @@ class FollowedRun:
 
     def take_delta(self, data: bytes) -> None:
         """A message of this run. FramesError if it does not fit."""
-        if self._waiting or not self._follow(data):
-            self._wait(data)
-
-    def hurry(self) -> None:
-        """Nothing from before comes any more: go on with what is there."""
-        self.is_patient = False
-        if self._words is not None:
-            self._go_on()
-
-    def _wait(self, data: bytes) -> None:
-        """They wait in the order of their numbers."""
-        place, number = len(self._waiting), peek(data)[1]
-        while place and peek(self._waiting[place - 1])[1] > number:
-            place -= 1
-        self._waiting.insert(place, data)
+        if not self._waiting and self._follow(data):
+            return
+        self._waiting.append(data)
         self._waiting_bytes += len(data)
         while self._waiting_bytes > MAX_WAITING:
-            self._waiting_bytes -= len(self._waiting.popleft())
+            self._forget_first()
         if self._words is not None:
             self._go_on()  # this may be one with all words
 
     def _follow(self, data: bytes) -> bool:
         """Apply a delta; False: what is before it is missing."""
-        number = peek(data)[1]
-        if number <= self._seen:  # it came twice
-            return True
         if self._words is None:
             return False
-        if self._awaits_older and number > self.last[VALUES] + 1:
-            return False
         delta = self._words.parse(data)
-        if not delta.is_full and (self._image is None or number != self._seen + 1):
+        if delta.number <= self._seen:  # the declaration was of a later one
+            return True
+        if not delta.is_full and (self._image is None or delta.number != self._seen + 1):
             return False
         self._apply(delta)
         return True
-
-    @property
-    def _awaits_older(self) -> bool:
-        return self.is_patient and self._image is None
 
     def _apply(self, delta: Delta) -> None:
         assert self._words is not None
@@ -159,11 +144,11 @@ class FollowedRun:
             layout = Layout.parse(described)
             self._words, self.rows = WordFrame(layout), RunRows(self.name, layout)
         self._go_on()
-        if not self._waiting or not words or self._awaits_older:
+        if not self._waiting or not words:
             return
         number = int(facts["number"])  # deltas before it need one with all words, which did not come
-        while self._waiting and peek(self._waiting[0])[1] <= number:
-            self._waiting_bytes -= len(self._waiting.popleft())
+        while self._waiting and peek(self._waiting[0]).number <= number:
+            self._forget_first()
         if number > self._seen:
             self._adopt(number, words, rest)
         self._go_on()
@@ -176,27 +161,29 @@ class FollowedRun:
         self._record(number)
 
     def _go_on(self) -> None:
-        """Apply those that wait, from the first one that can be: one with all words, or the one that follows."""
+        """Apply those that wait, from the first one that can be: the one that follows, or one with all words."""
         while self._waiting:
-            if not self._follow(self._waiting[0]):
-                if self._awaits_older:
-                    return
-                full = next((i for i, each in enumerate(self._waiting) if self._is_full(each)), None)
+            try:
+                is_used = self._follow(self._waiting[0])
+            except FramesError:
+                self._forget_first()
+                raise
+            if not is_used:
+                full = next((i for i, each in enumerate(self._waiting) if peek(each).is_full), None)
                 if full is None:
                     return
                 for _ in range(full):
-                    self._waiting_bytes -= len(self._waiting.popleft())
-                continue
-            self._waiting_bytes -= len(self._waiting.popleft())
+                    self._forget_first()
+            else:
+                self._forget_first()
 
-    def _is_full(self, data: bytes) -> bool:
-        assert self._words is not None
-        return self._words.parse(data).is_full
+    def _forget_first(self) -> None:
+        self._waiting_bytes -= len(self._waiting.popleft())
 
     def give_up(self) -> bool:
         """Announce what still waits for a declaration; whether something did."""
         if self._waiting:
-            number = peek(self._waiting[-1])[1]
+            number = peek(self._waiting[-1]).number
             self._waiting.clear()
             self._waiting_bytes = 0
             self._why[VALUES] = UNDECLARED
@@ -206,8 +193,8 @@ class FollowedRun:
 
     # Events --------------------------------------------------------------------------------------------
 
-    def take_events(self, told: Mapping[str, Any]) -> None:
-        for number, at, path, text, who, command, state, asked in told["events"]:
+    def take_events(self, events: Sequence[Sequence[Any]]) -> None:
+        for number, at, path, text, who, command, state, asked in events:
             if number > self.last[EVENTS]:
                 self._find_gap(EVENTS, int(number), None)
                 event = Event(float(at), path, text, who, int(command), CommandState(state), asked)

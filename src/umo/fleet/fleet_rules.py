@@ -46,8 +46,6 @@ PUBLISH = (
 )
 EVERYTHING = (*PUBLISH, "query", "liveliness_query")
 PRESENCE = tuple(f"{keys.ROOT}/{keys.ANY}/{keys.ANY}/{kind}" for kind in (keys.ALIVE, keys.STATUS))
-CACHE = "@adv/**"
-"""Below the key of a publisher: what it keeps, and its heartbeat. `**` alone does not name it."""
 _NAME = re.compile(r"[A-Za-z0-9_][\w.-]*", re.ASCII)
 
 
@@ -115,7 +113,7 @@ class FleetRules:
 
     def settings(self) -> dict[str, Any]:
         """The access control of Zenoh. Who is not named may do nothing."""
-        rules, subjects, policies = [_rule("seen by all", EVERYTHING, ["**", f"**/{CACHE}"], "egress")], [], []
+        rules, subjects, policies = [_rule("seen by all", EVERYTHING, ["**"], "egress")], [], []
 
         def allow(kind: str, name: str, *allowed: tuple[Sequence[str], Sequence[str]]) -> None:
             this = f"{kind}:{name}"
@@ -125,9 +123,9 @@ class FleetRules:
             policies.append({"rules": [rules[0]["id"], *(each["id"] for each in own)], "subjects": [this]})
 
         for name in self.routers:
-            allow(ROUTER, name, (EVERYTHING, ["**", f"**/{CACHE}"]))
+            allow(ROUTER, name, (EVERYTHING, ["**"]))
         for name in self.sites:
-            allow(SITE, name, (PUBLISH, [f"{keys.ROOT}/{name}/**", f"{keys.ROOT}/{name}/**/{CACHE}"]))
+            allow(SITE, name, (PUBLISH, [f"{keys.ROOT}/{name}/**"]))
         for name, sites in self.users.items():
             commands = [f"{keys.ROOT}/{site}/*/{key}" for site in sites
                         for key in (f"{keys.COMMAND}/{name}", f"{keys.SIGN}/{name}/*")]  # fmt: skip
@@ -137,7 +135,7 @@ class FleetRules:
 
 def seen_at(sites: Sequence[str]) -> list[str]:
     """What whoever may see the stations of these sites asks for: all keys of one word, which commands are not."""
-    return [f"{keys.ROOT}/{site}/*/*{more}" for site in sites for more in ("", f"/{CACHE}")]
+    return [f"{keys.ROOT}/{site}/*/*" for site in sites]
 
 
 def reading_only() -> dict[str, Any]:

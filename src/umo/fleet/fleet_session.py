@@ -20,7 +20,7 @@ import zenoh
 from umo.errors import OptionError, UmoError, text_of
 from umo.fleet import fleet_keys as keys
 from umo.fleet import fleet_rules
-from umo.fleet.fleet_diagnosis import why_not
+from umo.fleet.fleet_diagnosis import NOBODY, SILENT, why_not
 from umo.fleet.fleet_identity import CA_FILE, CERTIFICATE_FILE, KEY_FILE, Identity, identity_of
 from umo.fleet.fleet_rules import FleetRules
 
@@ -35,10 +35,16 @@ KEEP_ALIVES = 4
 """Signs of life in that time."""
 CONNECT_TIME = 3000
 """Time in ms in which a router must answer at the start. Later it may be away for any time."""
+RETRY = {"period_init_ms": 250, "period_max_ms": 1000, "period_increase_factor": 2}
+"""Pauses in ms from one try to reach a router that is away to the next."""
 TOKEN_TIME = 1.0
 """Time in s within which others tell that they are there."""
 QUEUE_TIME = 100_000
 """Time in us that a message waits for room at most; then it is dropped."""
+
+
+class FleetAway(UmoError):
+    """Nobody answers at any of the addresses; that may pass by itself."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +118,12 @@ def settings_of(network: FleetNetwork, mode: str) -> dict[str, Any]:
     settings: dict[str, Any] = {
         "mode": mode,
         "listen": {"endpoints": listen, "exit_on_failure": mode == "router" or not local},
-        "connect": {"endpoints": connect, "exit_on_failure": mode == "client", "timeout_ms": CONNECT_TIME},
+        "connect": {
+            "endpoints": connect,
+            "exit_on_failure": mode == "client",
+            "timeout_ms": CONNECT_TIME,
+            "retry": RETRY,
+        },
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": True}},
         "transport/link/tx/lease": LINK_LEASE,
         "transport/link/tx/keep_alive": KEEP_ALIVES,
@@ -132,7 +143,7 @@ def settings_of(network: FleetNetwork, mode: str) -> dict[str, Any]:
 
 
 def opened(network: FleetNetwork = LOCAL_NETWORK, mode: str = "peer") -> zenoh.Session:
-    """A session. UmoError if the address is taken, a certificate is wrong, or the router is not there."""
+    """A session. FleetAway if the router is not there; UmoError if the address is taken, or a certificate is wrong."""
     settings = settings_of(network, mode)
     config = zenoh.Config()
     try:
@@ -140,7 +151,8 @@ def opened(network: FleetNetwork = LOCAL_NETWORK, mode: str = "peer") -> zenoh.S
             config.insert_json5(key, json.dumps(value))
         return zenoh.open(config)
     except zenoh.ZError as error:
-        raise UmoError(f"the fleet cannot be reached by {_cause(network, text_of(error))}") from None
+        kind, cause = _cause(network, text_of(error))
+        raise kind(f"the fleet cannot be reached by {cause}") from None
 
 
 def opened_client(network: FleetNetwork) -> zenoh.Session:
@@ -148,12 +160,14 @@ def opened_client(network: FleetNetwork) -> zenoh.Session:
     return opened(replace(network, listen=()), "client" if network.connect else "peer")
 
 
-def _cause(network: FleetNetwork, text: str) -> str:
+def _cause(network: FleetNetwork, text: str) -> tuple[type[UmoError], str]:
     """Which address, and why: a message of Zenoh without the places in its source, or what a second try shows."""
     addresses = (*network.listen, *network.connect)
     if "Unable to connect" in text and network.connect:
-        return "; ".join(f"{each}: {why_not(each, network.certificates)}" for each in network.connect)
-    return f"{', '.join(addresses) or LOCAL}: {text.split(' at /')[0].split(' - Caused by')[0].strip()}"
+        why = {each: why_not(each, network.certificates) for each in network.connect}
+        kind = FleetAway if set(why.values()) <= {NOBODY, SILENT} else UmoError
+        return kind, "; ".join(f"{address}: {each}" for address, each in why.items())
+    return UmoError, f"{', '.join(addresses) or LOCAL}: {text.split(' at /')[0].split(' - Caused by')[0].strip()}"
 
 
 def anybody(session: zenoh.Session, timeout: float = 1.0) -> list[keys.StationKey]:

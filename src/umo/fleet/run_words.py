@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -25,14 +25,16 @@ from umo.errors import FramesError
 from umo.frames.layout import NAME, Layout, Live
 
 Words = npt.NDArray[np.uint64]
-HEADER = struct.Struct("<8sQIIBxxx")
-"""Run, number of the delta, number of words, bytes of the rest, flags."""
+HEADER = struct.Struct("<8sQIIIB3x")
+"""Run, number of the delta, events that were published before, number of words, bytes of the rest, flags."""
 FULL, LAST = 1, 2
 """Flags: every word of the frame is there; the run has ended, no delta follows."""
 REST = struct.Struct(f"<qqqq{NAME}s")
 """State, mode, missed, number of the lease, its holder; the tunable numbers (`<f8`) follow."""
 LEFT_OUT = ("sequence", "checksum", "entries_checksum", "journal", "entries", "entries_lost", "sampled", "updated")
 """Fields of a frame that are of the ring, or of the journal, which a fleet does not carry."""
+FULL_EVERY = 100
+"""Every so many deltas one has all words: who has only the last ones begins there."""
 RUN_BYTES = 8
 MAX_WORDS = 1 << 20
 
@@ -77,6 +79,8 @@ class Delta:
     words: Words
     rest: bytes
     """Packed; empty: as before."""
+    events: int = 0
+    """Number of the next event of the run."""
 
     @property
     def is_full(self) -> bool:
@@ -87,7 +91,7 @@ class Delta:
         return bool(self.flags & LAST)
 
     def packed(self) -> bytes:
-        head = HEADER.pack(self.run, self.number, len(self.words), len(self.rest), self.flags)
+        head = HEADER.pack(self.run, self.number, self.events, len(self.words), len(self.rest), self.flags)
         places = b"" if self.is_full else self.places.tobytes()
         return b"".join((head, places, self.words.tobytes(), self.rest))
 
@@ -123,7 +127,7 @@ class WordFrame:
     def parse(self, data: bytes) -> Delta:
         """FramesError for a message that does not fit this run."""
         try:
-            run, number, count, rest, flags = HEADER.unpack_from(data)
+            run, number, events, count, rest, flags = HEADER.unpack_from(data)
             full, at = bool(flags & FULL), HEADER.size
             indices = 0 if full else count
             expected = at + indices * self._index.itemsize + 8 * count + rest
@@ -136,7 +140,7 @@ class WordFrame:
             words: Words = np.frombuffer(data, np.uint64, count, at)
         except (struct.error, ValueError) as error:
             raise FramesError(f"a delta does not fit its declaration: {error}") from None
-        return Delta(run, number, flags, places, words, data[at + words.nbytes :])
+        return Delta(run, number, flags, places, words, data[at + words.nbytes :], events)
 
     def apply(self, delta: Delta, words: Words) -> None:
         """Change words as a delta says."""
@@ -150,9 +154,26 @@ class WordFrame:
         return np.frombuffer(words.tobytes(), self.dtype)[0]
 
 
-def peek(data: bytes) -> tuple[bytes, int]:
-    """Run and number of a message; FramesError if it is none."""
+class Head(NamedTuple):
+    """What the beginning of a message tells."""
+
+    run: bytes
+    number: int
+    events: int
+    flags: int
+
+    @property
+    def is_full(self) -> bool:
+        return bool(self.flags & FULL)
+
+    @property
+    def is_last(self) -> bool:
+        return bool(self.flags & LAST)
+
+
+def peek(data: bytes) -> Head:
+    """FramesError for a message that is no delta."""
     if len(data) < HEADER.size:
         raise FramesError(f"{len(data)} bytes are not a delta")
-    run, number, *_ = HEADER.unpack_from(data)
-    return run, int(number)
+    run, number, events, _, _, flags = HEADER.unpack_from(data)
+    return Head(run, number, events, flags)

@@ -6,35 +6,31 @@ import hashlib
 import json
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from math import ceil
 from typing import Any
 
 import zenoh
-import zenoh.ext
 
 from umo.cycle.stage import Stage
 from umo.errors import text_of
 from umo.fleet import fleet_keys as keys
 from umo.fleet.fleet_keys import StationKey
+from umo.fleet.kept_deltas import KeptDeltas
 from umo.fleet.message_parts import packed
-from umo.fleet.run_words import FULL, LAST, Delta, Rest, WordFrame, Words
+from umo.fleet.run_words import FULL, FULL_EVERY, LAST, Delta, Rest, WordFrame, Words
 from umo.frames import Reader
 from umo.frames.layout import DESCRIPTION, HOLDER, NAME, without_job
 from umo.frames.reader import FRAME_HEAD, NumberedEvent
 from umo.presentation.run_facts import ALARMS
 from umo.twin import declares_twin, twin_of
 
-CACHED = 30.0
-"""Time in s of which a publisher keeps the deltas, for those who have missed some."""
-HEARTBEAT = 0.5
-"""Time in s within which a subscriber learns that it has missed the last message."""
-CACHED_EVENTS = 64
+KEPT = 60.0
+"""Time in s of which the deltas are kept, for those who have missed some."""
 MOST = 100
 """Deltas of one look at most: the rest of what a ring holds follows at the next ones."""
 REST_EVERY = 10
 """The rest is in every so many deltas, also if it has not changed."""
-FULL_EVERY = 100
-"""Every so many deltas one has all words: who has only the last ones, as a recorder that was away, begins there."""
 STATUS_FIELDS = ("done", "total", "progress", "signals", "equipment", "alarms")
 """Fields of a frame of which the status tells."""
 STATUS_PAUSE = 1.0
@@ -49,7 +45,7 @@ class StationPublisher:
         about = reader.about
         period = float(about["period"])
         self.stride = max(1, round(interval / period)) if period else 1
-        self.run = run_of(about)
+        self.run = run_of(about, self.stride)
         self._frames = WordFrame(reader.layout)
         self._tunables = 8 * len(reader.layout.tunables)
         oldest = max(0, reader.head - reader.slots + 1)
@@ -68,27 +64,17 @@ class StationPublisher:
         assert fields is not None
         found = [fields[name] for name in STATUS_FIELDS]
         self._status_parts = [slice(at, at + kind.itemsize) for kind, at, *_ in found]
-        samples = max(MOST, ceil(2 * CACHED / max(interval, self.stride * period or interval)))
-        self._deltas = self._advanced(session, keys.DELTA, samples)
-        self._events = self._advanced(session, keys.EVENT, CACHED_EVENTS)
+        self._kept = KeptDeltas(max(MOST, ceil(KEPT / max(interval, self.stride * period or interval))), FULL_EVERY)
+        self._deltas, self._events, self._statuses = (
+            session.declare_publisher(key.key(kind), congestion_control=zenoh.CongestionControl.DROP)
+            for kind in (keys.DELTA, keys.EVENT, keys.STATUS)
+        )
+        self._past = session.declare_queryable(key.key(keys.PAST), self._tell_past)
         self._declared = session.declare_queryable(key.key(keys.DECLARATION), self._declare)
         self._told = session.declare_queryable(key.key(keys.STATUS), self._tell_status)
         self._twin = session.declare_queryable(key.key(keys.TWIN), self._describe_twin)
-        self._statuses = session.declare_publisher(
-            key.key(keys.STATUS), congestion_control=zenoh.CongestionControl.DROP
-        )
         self.look()
         self._alive = session.liveliness().declare_token(key.key(keys.ALIVE))
-
-    def _advanced(self, session: zenoh.Session, kind: str, samples: int) -> zenoh.ext.AdvancedPublisher:
-        return zenoh.ext.declare_advanced_publisher(
-            session,
-            self.key.key(kind),
-            congestion_control=zenoh.CongestionControl.DROP,
-            cache=zenoh.ext.CacheConfig(samples),
-            sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=HEARTBEAT),
-            publisher_detection=True,
-        )
 
     # Looks ---------------------------------------------------------------------------------------------
 
@@ -97,7 +83,7 @@ class StationPublisher:
         reader = self.reader
         count = self._publish_new()
         ended = count == 0 and reader.state is Stage.ENDED  # who writes frames lives
-        if ended and self._publish_new() == MOST:  # the last ones came in between
+        if ended and self._publish_new():  # the last ones came in between
             return True
         if reader.next_event > self._event:
             self._publish_events(reader.events(self._event))
@@ -109,7 +95,7 @@ class StationPublisher:
         return not ended
 
     def _publish_new(self) -> int:
-        """Publish the frames since the last time, at most `MOST` of them; how many there were."""
+        """Publish the frames since the last time, at most `MOST` of them; how many were whole."""
         reader, stride = self.reader, self.stride
         head = reader.head
         oldest = max(0, head - reader.slots + 1)
@@ -117,14 +103,15 @@ class StationPublisher:
         numbers = range(first, min(head // stride, first + MOST))
         if not numbers:
             return 0
-        rest, last = self._rest_of(), None
+        rest, last, count = self._rest_of(), None, 0
         for number in numbers:
             if (data := reader.frame_bytes(number * stride + stride - 1)) is not None:
                 self._publish(data, number, rest)
                 last = data
+                count += 1
         if last is not None:
             self.time = FRAME_HEAD.unpack_from(last)[3]
-        return len(numbers)
+        return count
 
     def _publish(self, frame: bytes, number: int, rest: bytes, flags: int = 0) -> None:
         words = self._frames.words_of(frame)
@@ -132,7 +119,10 @@ class StationPublisher:
             flags |= FULL
         places, changed = self._frames.changed(words, None if flags & FULL else self._words)
         told = rest if rest != self._rest or number % REST_EVERY == 0 or flags else b""
-        self._deltas.put(Delta(self.run, number, flags, places, changed, told).packed())
+        delta = Delta(self.run, number, flags, places, changed, told, self._event)
+        data = delta.packed()
+        self._kept.add(delta, data)
+        self._deltas.put(data)
         self._next, self._words, self._rest = number + 1, words, rest
         self.latest = number, words, rest
 
@@ -169,6 +159,20 @@ class StationPublisher:
                 packed(json.dumps(about).encode(), without_job(self.reader.layout).describe(), bytes(words), rest),
             )
 
+    def _tell_past(self, query: zenoh.Query) -> None:
+        """What was published before, and who asks has missed (`umo.fleet.run_feed`)."""
+        with query, suppress(ValueError):  # of a number that is none, or of frames that have just been closed
+            asked = query.parameters
+            if asked.get("run") != self.run.hex():  # of one that has ended
+                return
+            head, deltas = self._kept.since(int(asked.get("delta") or 0))
+            event = self.reader.next_event
+            events = self.reader.events(int(asked.get("event") or 0))[:MOST]
+            if events:
+                event = events[-1].number + 1 if len(events) == MOST else max(event, events[-1].number + 1)
+            about = {"head": head, "event": event, "events": [[each.number, *each.event] for each in events]}
+            query.reply(self.key.key(keys.PAST), packed(json.dumps(about).encode(), *deltas))
+
     def _tell_status(self, query: zenoh.Query) -> None:
         with query:
             query.reply(self.key.key(keys.STATUS), json.dumps(self._status))
@@ -198,7 +202,8 @@ class StationPublisher:
         data = words.tobytes()
         return rest, self._event, *(data[part] for part in self._status_parts)
 
-    def close(self) -> None:
+    def end(self) -> None:
+        """The run is over: only what was published of it can still be asked for."""
         undeclared: list[Any] = [
             self._alive,
             self._declared,
@@ -210,12 +215,16 @@ class StationPublisher:
         ]
         for each in undeclared:
             each.undeclare()
+
+    def close(self) -> None:
+        """After `end`."""
+        self._past.undeclare()
         self.reader.close()
 
 
-def run_of(about: dict[str, Any]) -> bytes:
-    """8 bytes that tell a run from every other one."""
-    text = json.dumps([about[key] for key in ("station", "place", "pid", "started", "started_monotonic")])
+def run_of(about: dict[str, Any], stride: int) -> bytes:
+    """8 bytes that tell a run from every other one, and from itself with deltas of other frames."""
+    text = json.dumps([stride, *(about[key] for key in ("station", "place", "pid", "started", "started_monotonic"))])
     return hashlib.blake2b(text.encode(), digest_size=8).digest()
 
 

@@ -84,7 +84,7 @@ class McapWriter:
 
     def add(self, parts: Sequence[Messages]) -> None:
         """Add one chunk with these messages."""
-        content = b"".join(bytes(part.data) for part in parts)
+        content = b"".join([part.data for part in parts])
         compressed = self._compressors[len(content) > LARGE].compress(content)
         first, last = min(part.first for part in parts), max(part.last for part in parts)
         head = mcap_records.chunk(first, last, len(content), zlib.crc32(content), compressed)

@@ -98,7 +98,7 @@ class ProtobufChannels:
             there[:] = states[run][told] if run.states else columns[run.column][:, run.places]
         index = np.empty((count, 2), "<u8")
         index[:, 0], index[:, 1] = times, np.arange(count, dtype=np.uint64) * np.uint64(size)
-        return Messages(MACHINE, rows.tobytes(), index.tobytes(), count, int(times.min()), int(times.max()))
+        return Messages(MACHINE, rows.data, index.tobytes(), count, int(times.min()), int(times.max()))
 
     def _told(self, block: Block, states: Sequence[npt.NDArray[np.uint8]]) -> npt.NDArray[np.int64]:
         """The places of the frames of which there is a message: evenly, the first change of a state between two of
