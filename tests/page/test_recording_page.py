@@ -13,9 +13,9 @@ import pytest
 from tests.helpers.recorded import block_at_random, layout_of
 from umo.cycle.events import Event
 from umo.frames.reader import NumberedEvent
-from umo.page import recorded_history, recorded_run
+from umo.page import recorded_history, watched_recording
 from umo.page.recorded_history import RecordedHistory
-from umo.page.recorded_run import RecordedRun
+from umo.page.watched_recording import WatchedRecording
 from umo.recording import Recording
 from umo.recording.recording_file import RecordingFile
 from umo.scope.history import samples
@@ -58,8 +58,8 @@ def values_of(path: Path) -> tuple[Any, Any]:
 
 
 @pytest.fixture
-def run(file: Path) -> Iterator[RecordedRun]:
-    made = RecordedRun(Recording(file))
+def run(file: Path) -> Iterator[WatchedRecording]:
+    made = WatchedRecording(Recording(file))
     yield made
     made.close()
 
@@ -95,7 +95,7 @@ def test_only_so_many_chunks_are_kept(file: Path, monkeypatch: pytest.MonkeyPatc
     assert len(history._read) == 2
 
 
-def at(run: RecordedRun, moment: float) -> dict[str, Any]:
+def at(run: WatchedRecording, moment: float) -> dict[str, Any]:
     """What pages are told at a time."""
     run.play(moment, False, 1.0)
     run.read()
@@ -106,7 +106,7 @@ def at(run: RecordedRun, moment: float) -> dict[str, Any]:
 
 @pytest.mark.parametrize("moments", [(0.0, 0.151, 0.599), (0.599, 0.301, 0.0), (0.25, 0.35, 0.25)])
 def test_a_time_shows_the_values_the_lease_and_the_missed_periods_of_it(
-    run: RecordedRun, file: Path, moments: Sequence[float]
+    run: WatchedRecording, file: Path, moments: Sequence[float]
 ) -> None:
     times, values = values_of(file)
     for moment in moments:
@@ -120,11 +120,11 @@ def test_a_time_shows_the_values_the_lease_and_the_missed_periods_of_it(
 
 
 def test_a_recording_plays_at_its_speed_and_stands_at_its_end(
-    run: RecordedRun, monkeypatch: pytest.MonkeyPatch
+    run: WatchedRecording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = iter([100.0, 100.1, 100.2, 200.0, 201.0])
     run._before = 100.0
-    monkeypatch.setattr(recorded_run.time, "monotonic", lambda: next(clock))
+    monkeypatch.setattr(watched_recording.time, "monotonic", lambda: next(clock))
     run.play(0.1, True, 2.0)
     positions = []
     for _ in range(4):
@@ -137,7 +137,7 @@ def test_a_recording_plays_at_its_speed_and_stands_at_its_end(
 
 def test_the_second_recording_begins_where_the_first_does(file: Path, tmp_path: Path) -> None:
     other = written(tmp_path / "two.mcap", seed=50, blocks=4, first=1000)  # from 1 s on
-    run = RecordedRun(Recording(file), second=Recording(other))
+    run = WatchedRecording(Recording(file), second=Recording(other))
     try:
         assert "second.part0.object0" in run.columns and run.history.stop == pytest.approx(0.599)
         (times, one), (_, two) = values_of(file), values_of(other)
@@ -153,7 +153,7 @@ def test_the_second_recording_begins_where_the_first_does(file: Path, tmp_path: 
         run.close()
 
 
-def test_a_page_gets_the_time_that_it_asks_for_and_no_commands(run: RecordedRun, file: Path) -> None:
+def test_a_page_gets_the_time_that_it_asks_for_and_no_commands(run: WatchedRecording, file: Path) -> None:
     with serving(recorded=run, operate=False) as served, opened(served.socket) as client:
         told = client.get("description")["recording"]
         assert told["files"] == [{"file": "one.mcap", "whole": True, "lost": 0}]
@@ -179,7 +179,7 @@ def test_a_station_has_no_time_to_choose() -> None:
         assert client.get("error")["text"] == "this is no recording"
 
 
-def test_the_slider_moves_scope_and_machine_in_a_browser(page: Any, run: RecordedRun) -> None:
+def test_the_slider_moves_scope_and_machine_in_a_browser(page: Any, run: WatchedRecording) -> None:
     with serving(recorded=run, operate=False) as served:
         page.goto(f"{served.url}#view=machine")
         page.locator("[data-path='part0.object0']").first.wait_for()

@@ -31,7 +31,7 @@ from .record_beside import SUFFIX, check_installed
 
 if TYPE_CHECKING:
     from umo.page.fleet_feed import FleetFeed
-    from umo.page.recorded_run import RecordedRun
+    from umo.page.watched_recording import WatchedRecording
 
 LIBRARIES = ("starlette", "uvicorn", "websockets")
 DEFAULT_PORT = 8270
@@ -114,10 +114,10 @@ def _recording(choice: ViewOptions) -> Path | None:
     return None
 
 
-def _recorded(file: Path, second: Path | None) -> RecordedRun:
+def _recorded(file: Path, second: Path | None) -> WatchedRecording:
     """A recording, read; another one laid over it."""
     check_installed()
-    from umo.page.recorded_run import RecordedRun
+    from umo.page.watched_recording import WatchedRecording
     from umo.recording import Recording
     from umo.tables.recorded_values import span_of
 
@@ -127,7 +127,9 @@ def _recorded(file: Path, second: Path | None) -> RecordedRun:
             if not each.chunks:
                 raise FramesError(f"{each.path} has no periods")
         length = span_of(first)[1]
-        recorded = RecordedRun(first, lambda share: line.show(share * length, f"reading {file.name}", share), *others)
+        recorded = WatchedRecording(
+            first, lambda share: line.show(share * length, f"reading {file.name}", share), *others
+        )
         opened.pop_all()
     return recorded
 

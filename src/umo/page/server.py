@@ -37,7 +37,7 @@ from umo.page.watched_run import described_twin
 
 if TYPE_CHECKING:
     from umo.page.fleet_feed import FleetFeed
-    from umo.page.recorded_run import RecordedRun
+    from umo.page.watched_recording import WatchedRecording
 
 STATIC = Path(__file__).parent / "static"
 MAX_MESSAGE_BYTES = 1 << 16
@@ -66,7 +66,7 @@ class Options:
     key: Path | None = None
     fleet: FleetFeed | None = None
     """The stations of other computers."""
-    recorded: RecordedRun | None = None
+    recorded: WatchedRecording | None = None
     """The only thing that is shown."""
 
 

@@ -43,7 +43,7 @@ READ_ONLY = "this page is read-only"
 
 @runtime_checkable
 class PlayedBack(Protocol):
-    """A recording (`umo.page.recorded_run`)."""
+    """A recording (`umo.page.watched_recording`)."""
 
     def play(self, time: float | None, playing: bool, speed: float) -> None: ...
 

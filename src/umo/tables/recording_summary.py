@@ -37,7 +37,7 @@ def facts_of(recording: Recording) -> dict[str, Any]:
         "objects": len(recording.layout.objects),
         "signals": len(recording.layout.signals),
         "events": len(recording.events),
-        "commands": len(recording.commands),
+        "commands": recording.commands_taken,
         "end": end and {"time": end.time, "text": end.text, "state": str(end.state)},
         "whole": recording.is_whole,
         "complete": recording.complete,

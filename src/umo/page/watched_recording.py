@@ -34,7 +34,7 @@ SECOND = "second"
 """What stands before the paths of the other recording."""
 
 
-class RecordedRun(Watched):
+class WatchedRecording(Watched):
     """Its ring is a copy that holds the frame of the chosen time. The constructor reads the file once, and takes over
     the recordings; `tell` is called with the share that is read."""
 
