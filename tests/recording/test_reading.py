@@ -16,7 +16,7 @@ from typer.testing import Result
 import umo as umo_package
 from tests.helpers.recorded import block_at_random, layout_of
 from umo.cycle.events import CommandState, Event
-from umo.errors import OptionError, PathError, RangeError
+from umo.errors import FramesError, OptionError, PathError, RangeError
 from umo.frames.reader import NumberedEvent
 from umo.recording import Recording
 from umo.recording.recording_file import RecordingFile
@@ -127,7 +127,7 @@ def test_mistakes_are_named_and_leave_no_file(recorded: Path, tmp_path: Path) ->
         written(recorded, tmp_path / "run.csv", start=2.0, stop=1.0)
     with pytest.raises(OptionError, match=r"\.parquet, \.csv, \.npz"):
         written(recorded, tmp_path / "run.xls")
-    with pytest.raises(OSError):
+    with pytest.raises(FramesError, match=r"none/run\.csv could not be written: no such file"):
         written(recorded, tmp_path / "none" / "run.csv")
     assert [each.name for each in tmp_path.iterdir()] == ["run.mcap"]
 

@@ -13,10 +13,11 @@ from typing import IO, Any
 
 import numpy as np
 
-from umo.errors import OptionError
+from umo.errors import FramesError, OptionError
 from umo.presentation.value_text import file_form
 from umo.recording.recording_file import utc_of
 from umo.tables.recorded_values import RecordedValues, TellTime
+from umo.text import reason_of
 
 SUFFIXES = (".parquet", ".csv", ".npz")
 BEFORE = ("time_s", "utc", "missed", "execution_us")
@@ -26,7 +27,7 @@ PIECE_ROWS = 4096
 
 
 def export(values: RecordedValues, path: Path, progress: TellTime) -> int:
-    """Write the values as the suffix says; how many periods. OSError where it cannot be written; ImportError for
+    """Write the values as the suffix says; how many periods. FramesError where it cannot be written; ImportError for
     Parquet without pyarrow."""
     if path.suffix not in SUFFIXES:
         raise OptionError(f"{path.name}: the suffix says what is written: {', '.join(SUFFIXES)}")
@@ -39,7 +40,16 @@ def export(values: RecordedValues, path: Path, progress: TellTime) -> int:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A new file beside a path, which takes its place once all is written."""
+    """A new file beside a path, which takes its place once all is written. FramesError where it cannot be."""
+    try:
+        with _renamed(path) as file:
+            yield file
+    except OSError as error:
+        raise FramesError(f"{path} could not be written: {reason_of(error)}") from None
+
+
+@contextmanager
+def _renamed(path: Path) -> Iterator[Path]:
     handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=path.suffix, dir=path.parent)
     try:
         os.close(handle)
