@@ -8,6 +8,12 @@ Here is what every program needs. The rest has a module each: two-state types `u
 laws and axes `umo.control`, what a driver needs `umo.drivers`, what tests need `umo.testing`.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 from umo.cycle import Frame, connect, drive, run
 from umo.errors import TaskFailed, UmoError
 from umo.frames import published
@@ -30,6 +36,9 @@ from umo.objects import (
 from umo.process import RunFailed, Started, start
 from umo.remote import attach
 from umo.wiring import check
+
+if TYPE_CHECKING:
+    import xarray
 
 __all__ = [
     "BinaryActuator",
@@ -55,7 +64,23 @@ __all__ = [
     "check",
     "connect",
     "drive",
+    "load",
     "published",
     "run",
     "start",
 ]
+
+
+def load(
+    path: Path | str, only: Sequence[str] = (), start: float | None = None, stop: float | None = None
+) -> xarray.Dataset:
+    """A recording (`umo run --record`) as an xarray Dataset: a variable for each object and signal along `time`.
+
+    `only`: paths or patterns, all without; `start`, `stop`: s on the machine's clock, `stop` excluded. The coordinates
+    are `time`, s on the machine's clock, and `utc`. Units, ranges and states are attributes; `PATH.quality` is the
+    quality of an object's value, which is NaN where it was BAD. OptionError without xarray (extra `analysis`),
+    FramesError if it is no recording, PathError for a path that names nothing. Source: `umo.tables.dataset`.
+    """
+    from umo.tables import dataset
+
+    return dataset.load(path, only, start, stop)

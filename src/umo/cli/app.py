@@ -217,10 +217,11 @@ def latency(
     answer(period, seconds, load, json_file)
 
 
-from . import (  # noqa: E402
+from . import (  # noqa: E402  (their commands)
     app_fleet,  # noqa: F401
     app_fleet_certificates,  # noqa: F401
     app_record,  # noqa: F401
+    app_recordings,  # noqa: F401
     app_replay,  # noqa: F401
     app_running,  # noqa: F401
     app_service,  # noqa: F401

@@ -103,6 +103,7 @@ def face(
 
 @command(
     epilog="Examples: umo view  |  umo view ztheta --open  |  umo view --port 8300  |  "
+    "umo view run.mcap  |  umo view today.mcap yesterday.mcap  |  "
     "umo view --fleet  |  umo view --host 0.0.0.0 --certificate cell.pem --key cell.key",
     status="0 ended by Ctrl-C; 2 a mistake, told on stderr",
 )
@@ -110,9 +111,13 @@ def view(
     station: Annotated[
         str | None,
         typer.Argument(
-            metavar="[STATION]",
-            help="Name, directory or pid of the station to show first, which may start later; SITE/STATION of a fleet.",
+            metavar="[STATION|FILE.mcap]",
+            help="Name, directory or pid of the station to show first, which may start later; SITE/STATION of a fleet; "
+            "or a recording.",
         ),
+    ] = None,
+    second: Annotated[
+        Path | None, typer.Argument(metavar="[FILE2.mcap]", help="Another recording, laid over the first one.")
     ] = None,
     port: Annotated[
         int | None, typer.Option(min=0, max=65535, help="TCP port; default: 8270, or any free one if it is taken.")
@@ -148,11 +153,14 @@ def view(
     on loopback, where pages may command (tab Operate), and needs the token everywhere. At another address (--host) the
     token must be given, and the page is read-only unless --operate is given; give a certificate there, or the token can
     be read on the network. Ctrl-C ends it; the stations go on.
+
+    A recording has a slider for its time, with what happened on it; nothing is commanded. Of two, the second begins
+    where the first does: its objects are those of the part "second".
     """
     from .page import ViewOptions
     from .page import view as show
 
-    show(ViewOptions(station, host, port, token, open_, operate, certificate, key, fleet))
+    show(ViewOptions(station, host, port, token, open_, operate, certificate, key, fleet, second))
 
 
 @command(epilog="Examples: umo mode ztheta  |  umo mode ztheta manual  |  umo mode ztheta automatic --take")

@@ -1,4 +1,4 @@
-"""`umo view`: the page of the running stations, served by this process."""
+"""`umo view`: the page of the running stations, or of recordings, served by this process."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import errno
 import socket
 import ssl
 import webbrowser
+from contextlib import ExitStack
 from dataclasses import dataclass
 from html import escape
 from importlib.util import find_spec
@@ -23,11 +24,14 @@ from umo.system.realtime import drop_realtime
 from umo.system.roles import Roles
 from umo.text import did_you_mean, printable
 
-from .console import out, say
+from .console import err, out, say
+from .progress_line import OneLine
 from .ps import readers
+from .record_beside import SUFFIX, check_installed
 
 if TYPE_CHECKING:
     from umo.page.fleet_feed import FleetFeed
+    from umo.page.watched_recording import WatchedRecording
 
 LIBRARIES = ("starlette", "uvicorn", "websockets")
 DEFAULT_PORT = 8270
@@ -53,6 +57,8 @@ class ViewOptions:
     certificate: Path | None = None
     key: Path | None = None
     fleet: bool = False
+    second: Path | None = None
+    """A recording to be laid over another one."""
 
 
 def view(choice: ViewOptions) -> int:
@@ -66,15 +72,17 @@ def view(choice: ViewOptions) -> int:
 
     local = is_loopback(choice.host)
     _check(choice, local)
-    elsewhere = _elsewhere(choice)
-    named = None if elsewhere else _station(choice)
+    file = _recording(choice)
+    elsewhere = None if file else _elsewhere(choice)
+    named = None if elsewhere or file else _station(choice)
+    recorded = None if file is None else _recorded(file, choice.second)
     listening = _listening(choice)
     port = listening.getsockname()[1]
     token = choice.token or new_token(folder() / "page.token")
-    operate = local or choice.operate
+    operate = (local or choice.operate) and recorded is None
     first = None if named is None else InitialStation(*named)
     fleet = _fleet() if choice.fleet or elsewhere else None
-    options = Options(choice.host, port, token, first, operate, choice.certificate, choice.key, fleet)
+    options = Options(choice.host, port, token, first, operate, choice.certificate, choice.key, fleet, recorded)
     address = f"http{'s' if choice.certificate else ''}://{_shown_host(choice.host)}:{port}/"
     shown = f"#station={elsewhere}" if elsewhere else ""
 
@@ -92,8 +100,38 @@ def view(choice: ViewOptions) -> int:
     finally:
         if choice.open:
             _opening().unlink(missing_ok=True)
-    say("the page has ended; stations that run go on")
+    say("the page has ended" if recorded else "the page has ended; stations that run go on")
     return 0
+
+
+def _recording(choice: ViewOptions) -> Path | None:
+    """The recording that is named; None: a station is."""
+    name = choice.station
+    if name is not None and (name.endswith(SUFFIX) or Path(name).is_file()):
+        return Path(name)
+    if choice.second is not None:
+        raise PageError(f"{choice.second}: a second file is for a recording ({SUFFIX}), {name} is none")
+    return None
+
+
+def _recorded(file: Path, second: Path | None) -> WatchedRecording:
+    """A recording, read; another one laid over it."""
+    check_installed()
+    from umo.page.watched_recording import WatchedRecording
+    from umo.recording import Recording
+    from umo.tables.recorded_values import span_of
+
+    with ExitStack() as opened, OneLine(err) as line:
+        first, *others = [opened.enter_context(Recording(each)) for each in (file, second) if each is not None]
+        for each in (first, *others):
+            if not each.chunks:
+                raise FramesError(f"{each.path} has no periods")
+        length = span_of(first)[1]
+        recorded = WatchedRecording(
+            first, lambda share: line.show(share * length, f"reading {file.name}", share), *others
+        )
+        opened.pop_all()
+    return recorded
 
 
 def _elsewhere(choice: ViewOptions) -> str | None:

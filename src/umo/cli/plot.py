@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from umo.cycle.frame import Signal
 from umo.cycle.trace import Trace
-from umo.objects import Atomic, Binary, DigitalSensor
+from umo.frames.layout import describe_signals
+from umo.objects.description import described
 from umo.presentation.rows import FOLDED_FROM, families, folded
 from umo.presentation.value_text import shown_unit
 from umo.text import some
@@ -32,7 +33,44 @@ MAX_NAME_LENGTH = 40
 CHARACTER_WIDTH = 0.065
 """Inches of a character of the texts above the panels."""
 
-Curve = Atomic | Signal
+
+class Curve(NamedTuple):
+    """An object or a signal of a plot."""
+
+    path: str
+    unit: str
+    kind: str
+    """`sensors`, `actuators`, `signals`, or `binary`."""
+    one: str
+    """The 1 state of a binary object."""
+    column: int
+    """Its column in the rows."""
+
+    @classmethod
+    def of(cls, about: Mapping[str, Any], column: int) -> Curve:
+        """`about`: its description (`umo.objects.description`)."""
+        path, unit, one = str(about["path"]), str(about.get("unit", "")), str(about.get("one", ""))
+        if one:
+            return cls(path, unit, "binary", one, column)
+        sensor = "actuators" if about.get("actuator") else "sensors"
+        return cls(path, unit, sensor if "kind" in about else "signals", "", column)
+
+
+@dataclass
+class Curves:
+    """What is drawn."""
+
+    rows: npt.NDArray[np.float64]
+    """As of a `Trace`."""
+    curves: list[Curve]
+    notes: list[tuple[float, str]]
+    where: str = "all are in trace.csv"
+    """Where what found no room is."""
+
+    @classmethod
+    def of(cls, trace: Trace) -> Curves:
+        about = [*map(described, trace.items), *describe_signals(trace.signals)]
+        return cls(trace.rows, [Curve.of(each, 3 + i) for i, each in enumerate(about)], trace.notes)
 
 
 @dataclass
@@ -45,7 +83,7 @@ class Panel:
     curves: list[Curve] = field(default_factory=list)
 
 
-def save_plot(trace: Trace, path: Path, title: str) -> str:
+def save_plot(trace: Trace | Curves, path: Path, title: str) -> str:
     """Draw and save it; ImportError without matplotlib. What found no room, in words; empty if everything did."""
     if not len(trace.rows):
         return ""
@@ -56,15 +94,16 @@ def save_plot(trace: Trace, path: Path, title: str) -> str:
     return rest
 
 
-def draw(trace: Trace, title: str) -> tuple[Any, str]:
+def draw(drawn: Trace | Curves, title: str) -> tuple[Any, str]:
     """A panel for each unit and for each family of like objects, a strip of bars for the binary objects: the figure,
     and what found no room in it, which it says too."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    items = [item for item in trace.items if item.path != "timer"]
-    panels = _panels([*(item for item in items if not isinstance(item, Binary)), *trace.signals])
-    strip = _groups([item for item in items if isinstance(item, Binary)])
+    trace = Curves.of(drawn) if isinstance(drawn, Trace) else drawn
+    curves = [each for each in trace.curves if each.path != "timer"]
+    panels = _panels([each for each in curves if each.kind != "binary"])
+    strip = _groups([each for each in curves if each.kind == "binary"])
     left_out = [shown.path for panel in panels[MAX_PANELS:] for shown in panel.curves]
     left_out += [shown.path for group in strip[MAX_ROWS:] for shown in group]
     panels, strip = panels[:MAX_PANELS], strip[:MAX_ROWS]
@@ -79,52 +118,46 @@ def draw(trace: Trace, title: str) -> tuple[Any, str]:
         _strip(axes[-1], trace, strip)
     _phases(axes, trace)
     _missed(axes, trace)
-    rest = f"{len(left_out)} of {len(items) + len(trace.signals)}: {some(left_out)}" if left_out else ""
-    hint = f"\nnot shown: {rest} (all are in trace.csv)" if rest else ""
+    rest = f"{len(left_out)} of {len(curves)}: {some(left_out)}" if left_out else ""
+    hint = f"\nnot shown: {rest} ({trace.where})" if rest else ""
     axes[-1].set_xlabel(f"time in s on the cycle's clock{hint}", parse_math=False)
     return figure, rest
 
 
-def _groups(shown: Sequence[Any]) -> list[list[Any]]:
+def _groups(shown: Sequence[Curve]) -> list[list[Curve]]:
     """Families together, the others one by one."""
-    groups = []
+    groups: list[list[Curve]] = []
     for places in families(each.path for each in shown).values():
         members = [shown[place] for place in places]
         groups += [members] if len(members) >= FOLDED_FROM else [[each] for each in members]
     return groups
 
 
-def _panels(shown: Sequence[Any]) -> list[Panel]:
+def _panels(shown: Sequence[Curve]) -> list[Panel]:
     """A panel for each family; actuators, sensors (with setpoints) and signals of one unit share one."""
     panels: dict[str, Panel] = {}
     for group in _groups(shown):
         first = group[0]
-        unit = shown_unit(first.unit if isinstance(first, Signal) else first.units)
+        unit = shown_unit(first.unit)
         if len(group) >= FOLDED_FROM:
             name = folded([each.path for each in group])
             panels[name] = Panel(unit, name, group)
             continue
-        label = f"{unit}\n{_kind(first)}"
-        if isinstance(first, Signal) and first.name in SENSOR_SIGNALS and f"{unit}\nsensors" in panels:
+        label = f"{unit}\n{first.kind}"
+        if first.kind == "signals" and first.path.rpartition(".")[2] in SENSOR_SIGNALS and f"{unit}\nsensors" in panels:
             label = f"{unit}\nsensors"
         panels.setdefault(label, Panel(label)).curves += group
     return list(panels.values())
 
 
-def _kind(shown: Curve) -> str:
-    if isinstance(shown, Signal):
-        return "signals"
-    return "sensors" if isinstance(shown, DigitalSensor) else "actuators"
-
-
-def _curves(axis: Any, trace: Trace, panel: Panel) -> None:
+def _curves(axis: Any, trace: Curves, panel: Panel) -> None:
     """A few curves with a name each; many as thin lines, very many as their least, median and greatest value."""
     rows = trace.rows[:: max(1, len(trace.rows) // MAX_POINTS)]
-    time, curves = rows[:, 0], rows[:, [trace.place(each) for each in panel.curves]]
+    time, curves = rows[:, 0], rows[:, [each.column for each in panel.curves]]
     paths = [each.path for each in panel.curves]
     if len(paths) <= MAX_NAMED:
         for each, curve in zip(panel.curves, curves.T, strict=True):
-            dashed = "--" if isinstance(each, Signal) and panel.label.endswith("sensors") else "-"
+            dashed = "--" if each.kind == "signals" and panel.label.endswith("sensors") else "-"
             axis.plot(time, curve, dashed, linewidth=1.0, label=_short(each.path))
     else:
         name = _short(panel.name or some(paths))
@@ -151,12 +184,12 @@ def _short(name: str) -> str:
     return name if len(name) <= MAX_NAME_LENGTH else f"...{name[3 - MAX_NAME_LENGTH :]}"
 
 
-def _strip(axis: Any, trace: Trace, strip: list[list[Binary[Any]]]) -> None:
+def _strip(axis: Any, trace: Curves, strip: list[list[Curve]]) -> None:
     """A row for each object, a bar wherever it was in its 1 state; for a family a shade for how many were."""
     time = trace.rows[:, 0]
     labels = []
     for row, group in enumerate(reversed(strip)):
-        first, columns = group[0], [trace.place(each) for each in group]
+        first, columns = group[0], [each.column for each in group]
         if len(group) == 1:
             axis.broken_barh(
                 _bars(time, trace.rows[:, columns[0]] > 0.5), (row - 0.38, 0.76), facecolors=f"C{row % 10}"
@@ -192,7 +225,7 @@ def _merged(spans: Any, most: int = 2000) -> Any:
     return np.column_stack([spans[starts, 0], spans[ends].sum(axis=1) - spans[starts, 0]])
 
 
-def _phases(axes: Any, trace: Trace) -> None:
+def _phases(axes: Any, trace: Curves) -> None:
     """The machine's progress as shaded spans; their names above the uppermost panel, as far as they fit."""
     begins = np.array([begin for begin, _ in trace.notes])
     first, last = trace.rows[0, 0], trace.rows[-1, 0]
@@ -223,7 +256,7 @@ def _phases(axes: Any, trace: Trace) -> None:
         )
 
 
-def _missed(axes: Any, trace: Trace) -> None:
+def _missed(axes: Any, trace: Curves) -> None:
     late = trace.rows[trace.rows[:, 1] > 0, 0]
     if len(late):
         axes[0].plot(

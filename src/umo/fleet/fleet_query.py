@@ -1,7 +1,7 @@
 """Questions about the history of a fleet, in SQL: DuckDB over the files of a recorder.
 
-The views `values`, `events`, `gaps` and `objects` cover all stations; `fleet_record_rows` has their columns. A question
-changes nothing, and reads no other files.
+The views `values`, `events`, `gaps` and `objects` cover all stations; `umo.tables.value_tables` has their columns. A
+question changes nothing, and reads no other files.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import duckdb
 
 from umo.errors import OptionError
 from umo.fleet.fleet_record_files import MERGING, hour_files
-from umo.fleet.fleet_record_rows import SCHEMAS
+from umo.tables.value_tables import SCHEMAS
 
 READS = (duckdb.StatementType.SELECT, duckdb.StatementType.EXPLAIN)
 

@@ -26,12 +26,13 @@ from umo.fleet import fleet_keys as keys
 from umo.fleet.fleet_keys import StationKey
 from umo.fleet.fleet_mirror import ANSWER_TIME
 from umo.fleet.fleet_record_files import RecordFolder
-from umo.fleet.fleet_record_rows import events_table, gaps_table
+from umo.fleet.fleet_record_rows import gaps_table
 from umo.fleet.fleet_record_run import FollowedRun
 from umo.fleet.fleet_record_source import RecordSource, StreamPlace
 from umo.fleet.run_feed import RunFeed
 from umo.fleet.run_words import RUN_BYTES, peek
 from umo.fleet.stream_positions import StreamPositions
+from umo.tables.value_tables import events_table
 
 log = logging.getLogger("umo.fleet")
 FLUSH = 3.0

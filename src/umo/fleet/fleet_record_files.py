@@ -26,8 +26,8 @@ import pyarrow.parquet as pq
 
 from umo.errors import OptionError
 from umo.fleet.fleet_keys import StationKey
-from umo.fleet.fleet_record_rows import SCHEMAS
 from umo.fleet.fleet_record_run import Recorded
+from umo.tables.value_tables import SCHEMAS
 
 KINDS = ("values", "events", "gaps")
 ABOUT = b"umo"

@@ -1,67 +1,15 @@
-"""The tables of a fleet's history, as Parquet has them: one row for each value of each delta.
-
-The columns are the same for all stations and all machines, so that one query covers them (docs/decisions/0048). Site
-and station stand in the names of the folders. Times are UTC as the frames tell it.
-"""
+"""The rows of a fleet's history: what came as deltas, in the tables of `umo.tables.value_tables`."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 
-from umo.cycle.events import CommandState, Event
-from umo.faces.face_declaration import FaceItem, ItemKind, items_of
 from umo.fleet.run_words import Rest
-from umo.frames.layout import Layout
-from umo.objects import Quality
-
-UTC = pa.timestamp("us", tz="UTC")
-NAME = pa.dictionary(pa.int32(), pa.string())
-"""A text of which there are few."""
-VALUES = pa.schema(
-    [
-        ("time", UTC),
-        ("time_error", pa.float64()),  # s, the greatest; null: the clock of the machine is not synchronised
-        ("run", NAME),
-        ("number", pa.int64()),  # of the period
-        ("delta", pa.int64()),
-        ("path", NAME),
-        ("value", pa.float64()),  # null: it has none
-        ("state", NAME),  # name of the value; null: it is a number
-        ("quality", NAME),
-    ]
-)
-EVENTS = pa.schema(
-    [
-        ("time", UTC), ("run", NAME), ("number", pa.int64()), ("path", pa.string()), ("text", pa.string()),
-        ("who", pa.string()), ("asked", pa.string()), ("state", NAME), ("command", pa.int64()),
-    ]
-)  # fmt: skip
-GAPS = pa.schema(
-    [
-        ("time", UTC),  # of what came next
-        ("run", NAME),
-        ("of", NAME),  # "values" or "events"
-        ("first", pa.int64()),  # number of the delta, or of the event
-        ("last", pa.int64()),
-        ("count", pa.int64()),
-        ("why", NAME),
-    ]
-)
-OBJECTS = pa.schema(
-    [
-        ("run", NAME), ("started", UTC), ("wiring", pa.string()), ("path", pa.string()), ("kind", NAME),
-        ("unit", pa.string()), ("minimum", pa.float64()), ("maximum", pa.float64()), ("states", pa.string()),
-    ]
-)  # fmt: skip
-SCHEMAS = {"values": VALUES, "events": EVENTS, "gaps": GAPS, "objects": OBJECTS}
-QUALITIES = [str(each) for each in Quality]
-RUN_ITEMS = ("mode", "missed")
-"""What is recorded of the run itself."""
+from umo.tables.value_tables import GAPS, RunValues, table, utc_of
 
 
 class TakenDelta(NamedTuple):
@@ -84,75 +32,20 @@ class Gap(NamedTuple):
     why: str
 
 
-class RunRows:
-    """The rows of one run. `layout`: of its ring."""
-
-    def __init__(self, run: str, layout: Layout) -> None:
-        self._run, self._dtype = run, layout.dtype
-        self._tunables = len(layout.tunables)
-        items = [each for each in items_of(layout) if each.kind is not ItemKind.RUN or each.path in RUN_ITEMS]
-        self._items: list[FaceItem] = items
-        self._names = [each.name for each in items]
-        self._about = layout.about
-        states = sorted({name for each in items for name in each.states.values()})
-        self._states = states
-        places = {name: place for place, name in enumerate(states)}
-        self._codes = [
-            (column, float(number), places[name])
-            for column, each in enumerate(items)
-            for number, name in each.states.items()
-        ]
+class RunRows(RunValues):
+    """The rows of one run of a fleet."""
 
     def values(self, taken: Sequence[TakenDelta]) -> pa.Table:
-        count, width = len(taken), len(self._items)
         frames = np.frombuffer(b"".join(each.image for each in taken), self._dtype)
-        values = self._numbers(frames, taken)
-        errors = np.where(frames["utc_error"] < 0, np.nan, frames["utc_error"] * 1e-9)
-        return pa.Table.from_arrays(
-            [
-                pa.array(np.repeat(utc_of(frames), width)).cast(UTC),
-                pa.array(np.repeat(errors, width), from_pandas=True),
-                names(np.zeros(count * width, np.int32), [self._run]),
-                pa.array(np.repeat(frames["number"], width)),
-                pa.array(np.repeat([each.number for each in taken], width), pa.int64()),
-                names(np.tile(np.arange(width, dtype=np.int32), count), self._names),
-                pa.array(values.ravel(), from_pandas=True),
-                names(self._states_of(values).ravel(), self._states),
-                names(self._qualities(frames, values).ravel(), QUALITIES),
-            ],
-            schema=VALUES,
-        )
+        return self.table(frames, utc_of(frames), [each.number for each in taken], self._beside(taken))
 
-    def _numbers(self, frames: Any, taken: Sequence[TakenDelta]) -> Any:
-        tunables = np.full((len(taken), self._tunables), np.nan)
+    def _beside(self, taken: Sequence[TakenDelta]) -> Any:
+        beside = np.full((len(taken), self._tunables + 2), np.nan)
         for row, each in enumerate(taken):
             if len(each.rest.tunables) == 8 * self._tunables:
-                tunables[row] = np.frombuffer(each.rest.tunables, "<f8")
-        run = np.array([(each.rest.mode, each.rest.missed) for each in taken], np.float64)
-        states = (frames[name].astype(np.float64) for name in ("equipment", "axes", "alarms"))
-        return np.concatenate((frames["values"], frames["signals"], tunables, *states, run), axis=1)
-
-    def _states_of(self, values: Any) -> Any:
-        codes = np.full(values.shape, -1, np.int32)
-        for column, number, code in self._codes:
-            codes[values[:, column] == number, column] = code
-        return codes
-
-    def _qualities(self, frames: Any, values: Any) -> Any:
-        """Those of objects; what else has a value is good."""
-        codes = np.where(np.isnan(values), np.int32(Quality.BAD), np.int32(Quality.GOOD))
-        given = frames["quality"]
-        codes[:, : given.shape[1]] = np.minimum(given, len(QUALITIES) - 1)
-        return codes
-
-    def objects(self) -> pa.Table:
-        started = int(float(self._about.get("started", 0.0)) * 1e6)
-        rows = [
-            (self._run, started, str(self._about.get("wiring") or ""), each.name, each.kind.value, each.unit,
-             each.minimum, each.maximum, json.dumps(each.states) if each.states else None)
-            for each in self._items
-        ]  # fmt: skip
-        return table(OBJECTS, rows)
+                beside[row, : self._tunables] = np.frombuffer(each.rest.tunables, "<f8")
+            beside[row, self._tunables :] = each.rest.mode, each.rest.missed
+        return beside
 
     def moment(self, image: bytes) -> tuple[int, float]:
         """UTC of a frame in us since 1970, and its time on the machine's clock in s."""
@@ -163,33 +56,7 @@ class RunRows:
         return int(np.frombuffer(image, self._dtype)["number"][0])
 
 
-def utc_of(frames: Any) -> Any:
-    """us since 1970 of each frame."""
-    return (frames["began"] + frames["utc"]) // 1000
-
-
-def names(codes: Any, texts: Sequence[str]) -> pa.DictionaryArray:
-    """Texts by their places, below 0: null."""
-    return pa.DictionaryArray.from_arrays(pa.array(codes, mask=codes < 0), pa.array(texts, pa.string()))
-
-
-def events_table(run: str, events: Sequence[tuple[int, int | None, Event]]) -> pa.Table:
-    """`events`: number, UTC in us, and what happened."""
-    rows = [
-        (at, run, number, each.path, each.text, each.who, each.asked, str(CommandState(each.state)), each.command)
-        for number, at, each in events
-    ]
-    return table(EVENTS, rows)
-
-
 def gaps_table(run: str, gaps: Sequence[Gap]) -> pa.Table:
     return table(
         GAPS, [(each.time, run, each.of, each.first, each.last, each.last - each.first + 1, each.why) for each in gaps]
-    )
-
-
-def table(schema: pa.Schema, rows: Sequence[tuple[Any, ...]]) -> pa.Table:
-    columns = zip(*rows, strict=True) if rows else ((),) * len(schema)
-    return pa.Table.from_arrays(
-        [pa.array(column, field.type) for column, field in zip(columns, schema, strict=True)], schema=schema
     )

@@ -32,6 +32,14 @@ class Extremes:
         self.least = np.fmin(self.least, np.fmin.reduce(values, axis=0))
         self.greatest = np.fmax(self.greatest, np.fmax.reduce(values, axis=0))
 
+    def behind(self, first: Extremes) -> Extremes:
+        """These behind others, as of one machine."""
+        both = Extremes(0, 0)
+        both.least = np.concatenate([first.least, self.least])
+        both.greatest = np.concatenate([first.greatest, self.greatest])
+        both.since = first.since
+        return both
+
 
 class ExtremesNews:
     """What one page has not been told yet of these extremes. `id`: the page's number for it."""

@@ -36,10 +36,11 @@ MAX_ENDED = 4
 class Feed:
     """`watched` are the runs by name. A run that has ended stays until the station, in this folder, starts again."""
 
-    def __init__(self, fleet: FleetFeed | None = None) -> None:
-        """`fleet`: with the stations of other computers."""
+    def __init__(self, fleet: FleetFeed | None = None, recorded: Watched | None = None) -> None:
+        """`fleet`: with the stations of other computers; `recorded`: only this recording."""
         self.fleet = fleet
-        self.watched: dict[str, Watched] = {}
+        self._recorded = recorded
+        self.watched: dict[str, Watched] = {} if recorded is None else {recorded.name: recorded}
         self.pages = 0
         """Number of open pages."""
         self._refused: dict[str, float] = {}
@@ -84,6 +85,8 @@ class Feed:
 
     async def search(self) -> None:
         """Attach to new rings, in a thread: a guardian may be stopped. The last runs that ended are kept."""
+        if self._recorded is not None:
+            return
         known, now = {watched.path for watched in self.watched.values()}, time.monotonic()
         paths: list[Path] = []
         with suppress(FramesError):  # no folder: nothing runs

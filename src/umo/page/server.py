@@ -37,6 +37,7 @@ from umo.page.watched_run import described_twin
 
 if TYPE_CHECKING:
     from umo.page.fleet_feed import FleetFeed
+    from umo.page.watched_recording import WatchedRecording
 
 STATIC = Path(__file__).parent / "static"
 MAX_MESSAGE_BYTES = 1 << 16
@@ -65,6 +66,8 @@ class Options:
     key: Path | None = None
     fleet: FleetFeed | None = None
     """The stations of other computers."""
+    recorded: WatchedRecording | None = None
+    """The only thing that is shown."""
 
 
 def application(options: Options, feed: Feed, ended: Callable[[asyncio.Task[None]], None]) -> ASGIApp:
@@ -149,7 +152,7 @@ def serve(options: Options, listening: socket.socket, ready: Callable[[], None])
 
 def server(options: Options, ready: Callable[[], None]) -> Server:
     """The server, not yet running."""
-    app = application(options, Feed(options.fleet), lambda task: serving.feed_ended(task))
+    app = application(options, Feed(options.fleet, options.recorded), lambda task: serving.feed_ended(task))
     http: Any = partial(HttpConnection, UnauthenticatedConnections(), _tls(options))
     config = uvicorn.Config(
         app, loop="asyncio", http=http, log_level="error", access_log=False, lifespan="on",

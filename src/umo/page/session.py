@@ -3,7 +3,7 @@
 From the page, JSON: `watch` (name of a run; "": none; place: its folder, null: any), `live` (id, paths, span, width,
 trigger), `extremes` (id; anew: from now on), `stop` (id), `window` (id, paths, start, stop, width), `measure` (id,
 paths, start, stop), `command` (id, do, path, value, arguments, over, who), `touch` (number of the state that it
-answers, held).
+answers, held), `play` (of a recording: time, playing, speed).
 To the page, JSON: `server`, `stations`, `fleet`, `description`, `state`, `extremes`, `measured`, `answer`, `error`;
 binary: points (`umo.page.subscriptions.packed`).
 """
@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
@@ -39,6 +39,13 @@ CLOSE_TIMEOUT = 1.0
 FLEET_PAUSE = 0.5
 """s from one table of the fleet to the next."""
 READ_ONLY = "this page is read-only"
+
+
+@runtime_checkable
+class PlayedBack(Protocol):
+    """A recording (`umo.page.watched_recording`)."""
+
+    def play(self, time: float | None, playing: bool, speed: float) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -216,6 +223,8 @@ class Session:
         elif kind == "extremes":
             self._end_extremes()
             self._extremes = ExtremesNews(_key(message), watched.extremes_for(message.get("anew") is True))
+        elif kind == "play":
+            self._play(watched, message)
         elif kind == "window":
             head = {"id": message.get("id"), "window": True}
             self._ask(partial(HistoryPart.of(watched, message).window, head, pixels(message)))
@@ -224,6 +233,14 @@ class Session:
             self._ask(partial(HistoryPart.of(watched, message).measured, head))
         else:
             raise BadRequest(f"no message {kind!r}")
+
+    @staticmethod
+    def _play(watched: Watched, message: dict[str, Any]) -> None:
+        """Move the time of a recording, for all pages that show it."""
+        if not isinstance(watched, PlayedBack):
+            raise BadRequest("this is no recording")
+        time = number(message, "time") if "time" in message else None
+        watched.play(time, message.get("playing") is True, number(message, "speed", 1.0))
 
     def _ask(self, work: Callable[[], str | bytes]) -> None:
         try:

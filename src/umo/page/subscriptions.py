@@ -20,7 +20,7 @@ import numpy as np
 
 from umo.page.watched_run import Watched
 from umo.presentation.value_text import file_form, state_text
-from umo.scope.reduction import Points, crossing, measured, measured_state, reduced
+from umo.scope.reduction import Points, crossing, measured, measured_state
 
 MAX_TRACES = 64
 MAX_WIDTH = 8192
@@ -91,10 +91,13 @@ class HistoryPart:
 
     def window(self, head: dict[str, Any], width: int) -> bytes:
         """A message of the samples, reduced to `width` pixels."""
-        times, values = self.watched.history.between(self.start, self.stop, self.columns)
-        return packed(head, reduced(times, values, (self.stop - self.start) / width, self.watched.period))
+        step, history = (self.stop - self.start) / width, self.watched.history
+        return packed(head, history.points(self.start, self.stop, self.columns, step, self.watched.period))
 
     def measured(self, head: dict[str, Any]) -> str:
+        """A message of what is measured over all samples; of a part of a recording that is too long, nothing."""
+        if not self.watched.history.is_short(self.start, self.stop):
+            return json.dumps(head | {"values": [None] * len(self.columns)})
         times, values = self.watched.history.between(self.start, self.stop, self.columns)
         states = ["one" in self.watched.entries[column] for column in self.columns]
         found = [
@@ -119,6 +122,7 @@ class Subscription:
         self._sent = float("-inf")
         """The time of the last point that was sent."""
         self._newest = float("-inf")
+        self._jumps = watched.jumps
         self._trigger = Trigger(watched, message["trigger"]) if message.get("trigger") else None
 
     @property
@@ -128,7 +132,9 @@ class Subscription:
 
     def next(self) -> bytes | None:
         """Points since the last one, which is sent again as it may have been half full; None: nothing is new."""
-        stop = self._watched.history.stop
+        stop = self._watched.now
+        if self._jumps != self._watched.jumps:
+            self._jumps, self._sent, self._newest = self._watched.jumps, float("-inf"), float("-inf")
         if stop <= self._newest:
             return None
         if self._trigger is not None:
@@ -136,10 +142,10 @@ class Subscription:
         self._newest = stop
         first = self._sent < stop - self.span
         start = stop - self.span if first else self._sent
-        times, values = self._watched.history.between(start, stop, self.columns)
-        if not len(times):
+        step, history = self.span / self.width, self._watched.history
+        points = history.points(start, stop, self.columns, step, self._watched.period)
+        if not len(points.times):
             return None
-        points = reduced(times, values, self.span / self.width, self._watched.period)
         self._sent = float(points.times[-1])
         return packed({"id": self.id, "from": -1.0 if first else float(points.times[0])}, points)
 
@@ -169,18 +175,18 @@ class Trigger:
         self.before = min(max(number(message, "before", 0.5), 0.0), 1.0)
         """Share of the span before the trigger."""
         self.single = bool(message.get("single"))
-        self._history = watched.history
-        self._searched = watched.history.stop
+        self._watched = watched
+        self._searched = watched.now
         self._moment: float | None = None
         self._armed = True
 
     def look(self, span: float) -> float | None:
         """When it fired; None while it has not."""
-        history = self._history
-        if self._moment is None and self._armed and history.stop > self._searched:
-            times, values = history.between(self._searched, history.stop, self.columns)
+        now = self._watched.now
+        if self._moment is None and self._armed and now > self._searched:
+            times, values = self._watched.history.between(self._searched, now, self.columns)
             self._moment = crossing(times, values[0], self.kind, self.level)
-            self._searched = history.stop
+        self._searched = min(self._searched, now) if self._moment is not None else now
         return self._moment
 
     def done(self, until: float) -> None:

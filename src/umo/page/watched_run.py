@@ -49,6 +49,8 @@ class Watched:
         self.is_elsewhere = "site" in reader.about
         """Whether it runs on another computer: this is its mirror."""
         self.run = f"{self.about['pid']}-{reader.about['started']}" if self.is_elsewhere else reader.path.name
+        self.jumps = 0
+        """How often the time went back, or on by itself: of a recording."""
         self.viewers = 0
         """Number of pages that show it."""
         self.entries: list[dict[str, Any]] = [*reader.layout.objects, *reader.layout.signals]
@@ -245,6 +247,11 @@ class Watched:
         if frame is None or not self.reader.about.get("realtime"):
             return None
         return round((int(frame["began"]) + int(frame["utc"])) * 1e-9 - float(frame["time"]), 3)
+
+    @property
+    def now(self) -> float:
+        """The newest time that pages are shown, s on the cycle's clock."""
+        return self.history.stop
 
     @property
     def ended(self) -> bool:

@@ -103,7 +103,7 @@ class Recording:
     @cached_property
     def complete(self) -> bool:
         """Whether it has all frames, entries and commands from its first frame on, up to the end of the run."""
-        exact = all(not block.entries_lost and not block.commands_lost for block in self._heads())
+        exact = all(not block.entries_lost and not block.commands_lost for block in self._all_heads)
         return self.is_whole and exact and not self.gaps and self.ended
 
     @cached_property
@@ -167,24 +167,52 @@ class Recording:
     @cached_property
     def events(self) -> list[NumberedEvent]:
         """The events of the run, in order."""
-        return [event for head in self._heads() for event in head.events]
+        return [event for head in self._all_heads for event in head.events]
 
     @cached_property
     def commands(self) -> list[TakenCommand]:
         """The commands that the machine has taken, in order."""
         return [command for block in self.blocks(full=False) for command in block.commands]
 
+    @property
+    def parts(self) -> list[Path]:
+        """Its files, in order."""
+        return [file.path for file in self._files]
+
+    @property
+    def commands_taken(self) -> int:
+        """Number of its commands: counted without reading them."""
+        return sum(head.commands for head in self._all_heads)
+
+    @cached_property
+    def block_starts(self) -> list[tuple[float, int]]:
+        """Of each block its time in s on the machine's clock, and how many frames it has."""
+        return [(head.time, head.count) for head in self._all_heads]
+
     @cached_property
     def gaps(self) -> list[LostFrames]:
         """The frames that are missing between the first and the last one."""
         gaps, expected = [], None
-        for head in self._heads():
+        for head in self._all_heads:
             if expected is not None and head.first > expected:
                 gaps.append(LostFrames(expected, head.first - expected))
             expected = head.first + head.count
         return gaps
 
+    @property
+    def chunks(self) -> int:
+        """Number of its chunks, for `chunk`."""
+        return len(self._chunks)
+
+    def chunk(self, number: int) -> list[Block]:
+        """The blocks of a chunk, by its number from 0; none if it is damaged."""
+        return [block_of(self.layout, exact, columns) for exact, columns in self._pairs(self._chunks[number])]
+
     # Inside --------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _all_heads(self) -> list[_Head]:
+        return list(self._heads())
 
     def _heads(self) -> Iterator[_Head]:
         """What each block says of itself, without its columns."""
@@ -237,12 +265,15 @@ class _Head:
     entries_lost: int
     commands_lost: int
     events: list[NumberedEvent]
+    commands: int
+    """How many there are."""
 
 
 def _head(about: Mapping[str, Any]) -> _Head:
     return _Head(
-        about["first"], about["count"], about["time"], about["entries_lost"], about["commands_lost"], events_of(about)
-    )
+        about["first"], about["count"], about["time"], about["entries_lost"], about["commands_lost"], events_of(about),
+        len(about["commands"]),
+    )  # fmt: skip
 
 
 def _described(file: McapReader) -> tuple[dict[str, str], Layout]:

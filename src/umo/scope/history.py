@@ -11,6 +11,7 @@ import numpy as np
 from umo.frames.reader import Frames
 from umo.objects import Quality
 from umo.objects.scaling import FloatArray
+from umo.scope.reduction import Points, reduced
 
 MAX_SECONDS = 300.0
 MAX_BYTES = 128 << 20
@@ -93,6 +94,14 @@ class History:
         if not parts:
             return KeptSamples(np.zeros(0), np.zeros((len(chosen), 0)))
         return KeptSamples(*(np.concatenate(each, axis=-1) for each in zip(*parts, strict=True)))
+
+    def points(self, start: float, stop: float, columns: Sequence[int], step: float, period: float) -> Points:
+        """The samples of `between`, reduced to one point per `step` s."""
+        return reduced(*self.between(start, stop, columns), step, period)
+
+    def is_short(self, start: float, stop: float) -> bool:
+        """Whether `between` takes no long time."""
+        return True
 
 
 def samples(frames: Frames) -> FloatArray:

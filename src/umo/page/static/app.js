@@ -8,6 +8,7 @@ import { FleetTable } from "./fleet_table.js";
 import { list, nameOf, offer, runAfter } from "./stations.js";
 import { clearing, faultsOf, forbidden, statusOf } from "./status.js";
 import { nextTab } from "./tabs.js";
+import { RecordingBar } from "./recording.js";
 
 /** @type {Record<string, () => Promise<Page.ViewModule>>} */
 const VIEWS = {
@@ -20,6 +21,7 @@ const byName = (selector) => /** @type {T} */ (document.querySelector(selector))
 
 const feed = new Feed();
 const client = new Client(feed);
+new RecordingBar(/** @type {HTMLElement} */ (document.querySelector("#recording")), feed);
 const main = byName("#view");
 const status = byName("#status");
 const notice = byName("#notice");

@@ -27,6 +27,7 @@ const FIXED_WIDTH = 150;  // CSS pixels of what is said of a range that was type
 const EDGE = 6;  // CSS pixels that names keep from the right
 const TIMES_HEIGHT = 20;  // CSS pixels of a line of times
 const DAY_HEIGHT = 14;  // CSS pixels of the day below it
+const SECOND_DASH = [5, 4];  // CSS pixels, of the traces of a recording that is laid over another one
 const FONT = "11px system-ui";
 
 export class Chart {
@@ -69,8 +70,8 @@ export class Chart {
       cursor: { drag: { x: true, y: false, setScale: false }, points: { show: false }, y: false },
       scales: { x: { time: false, range: () => this.range }, ...Object.fromEntries(this.axes.map((axis) => [axis.scale, { range: this._rangeOf(axis) }])) },
       axes: [this._times(), ...this._lanes()],
-      series: [{}, ...this.axes.flatMap((axis) => axis.traces.map(({ path, colour: number }) => ({
-        label: path, scale: axis.scale, stroke: colour(number), width: 1.25, points: { show: false }, dash: dashes(number), paths: this._paths(axis),
+      series: [{}, ...this.axes.flatMap((axis) => axis.traces.map(({ path, entry, colour: number }) => ({
+        label: path, scale: axis.scale, stroke: colour(number), width: 1.25, points: { show: false }, dash: entry.second ? SECOND_DASH : dashes(number), paths: this._paths(axis),
       })))],
       hooks: { draw: [() => this._over()], setSelect: [(/** @type {uPlot} */ plot) => this._selected(plot)] },
     }, [[], ...this.numbers.map(() => [])], this._element);

@@ -277,6 +277,9 @@ export class Feed {
    */
   command(message, onBegun = () => {}) { return this._ask({ ...message, type: "command" }, onBegun); }
 
+  /** Move the time of a recording. @param {{time?: number, playing: boolean, speed: number}} played */
+  play(played) { this._send({ type: "play", ...played }); }
+
   /** Answer a state with what this page holds: it proves that the page is there. @param {string[]} held */
   touch(held) { this._send({ type: "touch", number: this.state?.number ?? 0, held }); }
 

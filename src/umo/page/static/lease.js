@@ -62,6 +62,7 @@ export class LeaseBar {
 
 /** What keeps the controls from being used. @param {Feed} feed @param {Client} client */
 function why(feed, client) {
+  if (feed.description?.recording) return "This is a recording: what is shown was so at the time above.";
   if (!feed.server?.operate) return "This page is read-only. `umo view --operate` lets it operate.";
   if (!feed.state?.mode) return `${feed.station} takes no commands.`;
   return client.leased ? "" : "Give your name and take control, then everything below can be used. One has control at a time, and everybody sees who.";

@@ -72,7 +72,7 @@ export class View {
       this._table.classList.toggle(`with-${name}`, box.checked);
       address.set({ [name]: box.checked === byItself ? null : box.checked ? "1" : "0" });
       if (name === "write") this._offer(box.checked);
-      if (name === "extremes") this._anew.hidden = this._since.hidden = !box.checked;
+      if (name === "extremes") this._anew.hidden = this._since.hidden = !box.checked || Boolean(this.feed.description?.recording);
     };
     const byItself = this._width >= ROOMY[name];
     const box = el("input", { type: "checkbox", checked: byItself ? address.get(name) !== "0" : address.get(name) === "1", onchange: show });

@@ -17,7 +17,7 @@ export class Panel {
     this._eventsTitle = el("h2", { textContent: "Events", hidden: true });
     this._shown = "";
     this.element = el("aside", { tabIndex: 0, "aria-label": "Run, black box, events" }, el("h2", { textContent: "Run" }), this._facts,
-      el("h2", { textContent: "Last black box of this run" }), this._box, this._eventsTitle, this._events);
+      el("h2", { textContent: feed.description?.recording ? "Recording" : "Last black box of this run" }), this._box, this._eventsTitle, this._events);
   }
 
   refresh() {

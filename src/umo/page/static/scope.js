@@ -216,7 +216,9 @@ export class View {
 
   /** @param {string} path */
   _added(path) {
-    const found = this.feed.entry(path) ? [path] : this.feed.entries.map((entry) => entry.path).filter((known) => known.startsWith(`${path}.`));
+    const second = this.feed.description?.recording?.second;
+    const both = [path, ...(second ? [`${second}.${path}`] : [])].filter((known) => this.feed.entry(known));
+    const found = both.length ? both : this.feed.entries.map((entry) => entry.path).filter((known) => known.startsWith(`${path}.`));
     if (!found.length) this.bar.hint = `no object or signal ${path}`;
     else this._show([...this.paths, ...found].slice(0, MAX_TRACES));
   }
@@ -246,7 +248,8 @@ export class View {
 
 /** @param {import("./feed.js").Feed} feed */
 function firstTraces(feed) {
-  const numbers = feed.entries.filter((entry) => !isBinary(entry) && unitOf(entry)).slice(0, FIRST_TRACES.numbers);
-  const states = feed.entries.filter(isBinary).slice(0, FIRST_TRACES.states);
-  return [...numbers, ...states].map(({ path }) => path);
+  const second = feed.description?.recording?.second;
+  const numbers = feed.entries.filter((entry) => !isBinary(entry) && unitOf(entry)).slice(0, FIRST_TRACES.numbers / (second ? 2 : 1));
+  const states = feed.entries.filter(isBinary).slice(0, FIRST_TRACES.states / (second ? 2 : 1));
+  return [...numbers, ...states].flatMap(({ path }) => (second && feed.entry(`${second}.${path}`) ? [path, `${second}.${path}`] : [path]));
 }

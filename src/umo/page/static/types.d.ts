@@ -22,6 +22,8 @@ declare namespace Page {
     /** Kind, range and default of an object, in words. */
     declared?: string;
     synchronous?: boolean;
+    /** Of a recording that is laid over another one. */
+    second?: boolean;
     actuator?: boolean;
   }
 
@@ -97,6 +99,9 @@ declare namespace Page {
     /** Whether the machine has alarms. */
     alarms: boolean;
     twin: boolean;
+    /** Of a recording: its files; `second`: what stands before the paths of the other one; `replay`: the
+     *  beginning of the command that replays it, empty: it cannot be replayed. */
+    recording?: { files: { file: string; whole: boolean; lost: number }[]; second: string; replay: string };
     qualities: [string, string][];
   }
 
@@ -131,6 +136,8 @@ declare namespace Page {
     events?: Event[];
     misses?: [number, number][];
     full: boolean;
+    /** Of a recording: the time that is shown, s on the station's clock. */
+    recording?: { time: number; playing: boolean; speed: number };
     values: Record<number, number[]>;
   }
 

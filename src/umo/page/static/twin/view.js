@@ -53,6 +53,7 @@ export class TwinView {
     this.labelling.setAttribute("aria-pressed", "false");
     this.poor = Object.assign(document.createElement("span"), { className: "twin-poor", role: "status" });
     this.eye = new Eye(this.picture, () => this.draw());
+    this.player.element.hidden = Boolean(feed.description?.recording); // it has a time of its own
     this.element.append(this.#tools(), this.picture, this.player.element);
     this.theming = new MutationObserver(() => this.#theme());
     this.resizing = new ResizeObserver(() => this.#resize());
@@ -126,7 +127,7 @@ export class TwinView {
   /** @param {KeyboardEvent} event */
   #press(event) {
     if (event.ctrlKey || event.altKey || event.metaKey) return;
-    const taken = event.key === "l" ? (this.#label(), true) : this.eye.press(event) || this.player.press(event);
+    const taken = event.key === "l" ? (this.#label(), true) : this.eye.press(event) || (!this.player.element.hidden && this.player.press(event));
     if (taken) event.preventDefault();
   }
 

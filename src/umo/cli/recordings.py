@@ -1,0 +1,140 @@
+"""`umo info`, `umo export` and `umo plot`: what a recording is, and what is in it."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from umo.cycle.trace import MAX_ROWS
+from umo.errors import FramesError, OptionError
+from umo.presentation.run_facts import title
+
+from .console import err, out, say
+from .progress_line import OneLine
+from .record_beside import check_installed
+
+
+@dataclass(frozen=True)
+class WhatIsWanted:
+    """What of a recording is wanted."""
+
+    paths: Sequence[str] = ()
+    start: str | None = None
+    stop: str | None = None
+
+
+def info(file: Path, as_json: bool) -> int:
+    """Say what a recording is."""
+    check_installed()
+    from umo.recording import Recording
+    from umo.tables.recording_summary import facts_of, lines_of
+
+    with Recording(file) as recording:
+        facts = facts_of(recording)
+    if as_json:
+        out.print(json.dumps(facts, indent=2, default=str), soft_wrap=True)
+        return 0
+    lines = lines_of(facts)
+    width = max(len(name) for name, _ in lines)
+    for name, text in lines:
+        out.print(f"{name:{width}}  {text}", soft_wrap=True)
+    return 0
+
+
+def export(file: Path, target: Path, wanted: WhatIsWanted) -> int:
+    """Write a recording as Parquet, CSV or NumPy."""
+    check_installed()
+    from umo.recording import Recording
+    from umo.tables import recording_export
+
+    if target.suffix == ".parquet" and find_spec("pyarrow") is None:
+        raise OptionError('Parquet needs pyarrow: pip install "umo[analysis]"')
+    with Recording(file) as recording, OneLine(err) as line:
+        values = _values(recording, wanted)
+
+        def progress(moment: float) -> None:
+            line.show(moment, f"writing {target.name}", values.share(moment))
+
+        count = recording_export.export(values, target, progress)
+    out.print(f"{target}: {count:,} periods, {target.stat().st_size / 1e6:,.1f} MB", soft_wrap=True)
+    _tell_bare(values.bare)
+    return 0
+
+
+def plot(file: Path, wanted: WhatIsWanted, target: Path | None) -> int:
+    """Draw a recording as a run is drawn at its end."""
+    check_installed()
+    if find_spec("matplotlib") is None:
+        raise OptionError('a plot needs matplotlib: pip install "umo[plot]"')
+    from umo.recording import Recording
+    from umo.tables.recording_export import replacing
+
+    from .plot import save_plot
+
+    target = file.with_suffix(".png") if target is None else target
+    if target.suffix != ".png":
+        raise OptionError(f"{target.name}: a plot is a .png")
+    with Recording(file) as recording, OneLine(err) as line:
+        values = _values(recording, wanted)
+        drawn = _drawn(values, line)
+        if not len(drawn.rows):
+            raise FramesError(f"{file} has no values at these times")
+        about = recording.about
+        when = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(float(about.get("started", 0.0))))
+        heading = f"{title(about['station'], about.get('wiring'))}: {file.name}, recorded from {when} on"
+        with replacing(target) as new:
+            rest = save_plot(drawn, new, heading)
+    out.print(f"{target}{f'; the plot does not show {rest}' if rest else ''}", soft_wrap=True)
+    _tell_bare(values.bare)
+    return 0
+
+
+def _drawn(values: Any, line: OneLine) -> Any:
+    """At most `MAX_ROWS` rows of the recording, and its progress."""
+    import numpy as np
+
+    from .plot import Curve, Curves
+
+    total = sum(count for _, count in values.recording.block_starts)
+    stride, first = max(1, -(-total // MAX_ROWS)), 0
+    parts: list[Any] = []
+    notes: list[tuple[float, str]] = []
+    for frames, _ in values.parts():
+        kept = frames["missed"] > 0
+        kept[(-first) % stride :: stride] = True
+        chosen, first = frames[kept], first + len(frames)
+        for place in np.flatnonzero(np.append(True, frames["progress"][1:] != frames["progress"][:-1])):
+            text = frames["progress"][place].decode(errors="replace")
+            if not notes or notes[-1][1] != text:
+                notes.append((float(frames["time"][place]), text))
+        if len(chosen):
+            before = np.column_stack([chosen["time"], chosen["missed"], chosen["execution"] * 1e-3])
+            parts.append(np.hstack([before, values.of(chosen)]))
+        line.show(float(frames["time"][-1]), "reading", values.share(float(frames["time"][-1])))
+    curves = [Curve.of(about, 3 + i) for i, about in enumerate(values.entries)]
+    rows = np.concatenate(parts) if parts else np.zeros((0, 3 + len(curves)))
+    return Curves(rows, curves, notes, "umo export writes all")
+
+
+def _values(recording: Any, wanted: WhatIsWanted) -> Any:
+    from umo.tables.recorded_values import RecordedValues
+
+    return RecordedValues(recording, wanted.paths, _moment("--from", wanted.start), _moment("--to", wanted.stop))
+
+
+def _moment(name: str, text: str | None) -> float | None:
+    from .values import duration
+
+    if text is None or text.strip() in ("0", "0 s"):
+        return None
+    return duration(name, text)
+
+
+def _tell_bare(bare: int) -> None:
+    if bare:
+        say(f"{bare:,} periods are left out: the recording has only what replay needs of them")

@@ -1,0 +1,1 @@
+"""Tables of values over time: those of a fleet and of recordings, for Parquet, CSV, NumPy and xarray."""

@@ -1,0 +1,81 @@
+"""A recording as an xarray Dataset: a variable for each object and signal, with its unit, range and states."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from umo.errors import OptionError
+from umo.objects import Quality
+from umo.recording import Recording
+from umo.recording.recording_file import utc_of
+from umo.tables.recorded_values import RecordedValues
+
+if TYPE_CHECKING:
+    import xarray
+
+ATTRIBUTES = {"unit": "units", "minimum": "minimum", "maximum": "maximum", "kind": "kind", "wire": "wire"}
+"""What of a description becomes an attribute, under which name."""
+
+
+def load(
+    path: Path | str, only: Sequence[str] = (), start: float | None = None, stop: float | None = None
+) -> xarray.Dataset:
+    """See `umo.load`."""
+    try:
+        import xarray
+    except ImportError:
+        raise OptionError('umo.load needs xarray: pip install "umo[analysis]"') from None
+    with Recording(path) as recording:
+        values = RecordedValues(recording, only, start, stop)
+        frames = [part.frames for part in values.parts()]
+        rows = _joined([values.of(each) for each in frames], np.zeros((0, len(values.places))))
+        quality = _joined(
+            [each["quality"][:, values.objects] for each in frames], np.zeros((0, len(values.objects)), "u1")
+        )
+        utc = _joined([utc_of(values.layout, each) for each in frames], np.zeros(0, np.int64))
+        time = _joined([each["time"] for each in frames], np.zeros(0))
+        missed = _joined([each["missed"] for each in frames], np.zeros(0, np.int64))
+        variables = {
+            str(about["path"]): ("time", rows[:, i], attributes(about)) for i, about in enumerate(values.entries)
+        }
+        for column, place in enumerate(values.objects):
+            variables[f"{values.layout.objects[place]['path']}.quality"] = ("time", quality[:, column], QUALITY)
+        variables["missed"] = ("time", missed, {"long_name": "periods that were missed before this one"})
+        coordinates = {
+            "time": ("time", time, {"units": "s", "long_name": "time on the machine's clock"}),
+            "utc": ("time", utc.astype("datetime64[ns]"), {"long_name": "UTC"}),
+        }
+        return xarray.Dataset(variables, coordinates, _about(recording, values.bare))
+
+
+QUALITY = {
+    "flag_values": [int(each) for each in Quality],
+    "flag_meanings": " ".join(str(each).replace(" ", "_") for each in Quality),
+}
+"""Attributes of a variable with the quality of another."""
+
+
+def attributes(about: Mapping[str, Any]) -> dict[str, Any]:
+    """Units, range and states of an object or a signal, as CF has them where it can say it."""
+    found = {name: about[key] for key, name in ATTRIBUTES.items() if about.get(key) not in (None, "")}
+    states = {"0": about["zero"], "1": about["one"]} if "one" in about else about.get("states")
+    if states:
+        found |= {"flag_values": [int(number) for number in states], "flag_meanings": " ".join(
+            str(name).replace(" ", "_") for name in states.values()
+        )}  # fmt: skip
+    return found
+
+
+def _about(recording: Recording, bare: int) -> dict[str, Any]:
+    about = recording.about
+    told = {name: about[name] for name in ("station", "wiring", "period", "started") if about.get(name) is not None}
+    lost = sum(gap.count for gap in recording.gaps)
+    return told | {"periods_lost": lost, "periods_without_values": bare, "recording": str(recording.path)}
+
+
+def _joined(parts: Sequence[Any], empty: Any) -> Any:
+    return np.concatenate(parts) if parts else empty

@@ -1,0 +1,92 @@
+"""The values of a recording: which objects and signals, from when to when, one block after another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from umo.errors import RangeError
+from umo.frames.layout import Layout
+from umo.frames.reader import Frames
+from umo.objects.scaling import FloatArray
+from umo.recording import Block, Recording
+from umo.scope.history import samples
+from umo.wiring.patterns import chosen
+
+TellTime = Callable[[float], None]
+"""Told the time in s on the machine's clock up to which work is done."""
+
+
+class RecordedPart(NamedTuple):
+    """Consecutive frames of a block."""
+
+    frames: Frames
+    block: Block
+
+
+class RecordedValues:
+    """The chosen objects and signals of a recording. PathError for a path that names nothing, RangeError for times in
+    the wrong order."""
+
+    def __init__(
+        self,
+        recording: Recording,
+        only: Sequence[str] = (),
+        start: float | None = None,
+        stop: float | None = None,
+    ) -> None:
+        """`only`: paths or patterns, all without; `start`, `stop`: s on the machine's clock, `stop` excluded."""
+        if start is not None and stop is not None and not start < stop:
+            raise RangeError(f"the values from {start:g} s to {stop:g} s: the second time must be later")
+        self.recording = recording
+        self.layout: Layout = recording.layout
+        self.start, self.stop = start, stop
+        objects = len(self.layout.objects)
+        known = [*self.layout.objects, *self.layout.signals]
+        self.places = chosen([str(each["path"]) for each in known], only, recording.path.name)
+        """Those of the chosen in objects and signals together."""
+        self.entries: list[dict[str, Any]] = [known[place] for place in self.places]
+        self.objects = [place for place in self.places if place < objects]
+        """The places of the chosen objects."""
+        self.bare = 0
+        """Periods that were passed over, as the file has only what replay needs of them."""
+
+    @property
+    def paths(self) -> list[str]:
+        return [str(each["path"]) for each in self.entries]
+
+    def parts(self) -> Iterator[RecordedPart]:
+        """The frames that have values, in order."""
+        self.bare = 0
+        for block in self.recording.blocks(self.start, self.stop):
+            frames = block.frames
+            first = 0 if self.start is None else int(np.searchsorted(frames["time"], self.start))
+            end = len(frames) if self.stop is None else int(np.searchsorted(frames["time"], self.stop))
+            if first >= end:
+                continue
+            if block.is_full:
+                yield RecordedPart(frames[first:end], block)
+            else:
+                self.bare += end - first
+
+    def of(self, frames: Frames) -> FloatArray:
+        """A row for each frame, a column for each of the chosen. NaN: the value was BAD, or there is none."""
+        return samples(frames)[:, self.places]
+
+    def share(self, time: float) -> float:
+        """How much lies before a time, 0 to 1."""
+        first, last = span_of(self.recording)
+        first = first if self.start is None else max(first, self.start)
+        last = last if self.stop is None else min(last, self.stop)
+        return min(max((time - first) / max(last - first, 1e-9), 0.0), 1.0)
+
+
+def span_of(recording: Recording) -> tuple[float, float]:
+    """The times of the first and about the last period, s on the machine's clock; twice 0 without a period."""
+    starts = recording.block_starts
+    if not starts:
+        return 0.0, 0.0
+    time, count = starts[-1]
+    return starts[0][0], time + (count - 1) * float(recording.about.get("period") or 0.0)

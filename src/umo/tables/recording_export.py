@@ -1,0 +1,153 @@
+"""A recording as a file of another kind: Parquet, CSV or NumPy. It is there whole, or not at all."""
+
+from __future__ import annotations
+
+import csv
+import os
+import tempfile
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from umo.errors import FramesError, OptionError
+from umo.presentation.value_text import file_form
+from umo.recording.recording_file import utc_of
+from umo.tables.recorded_values import RecordedValues, TellTime
+from umo.text import reason_of
+
+SUFFIXES = (".parquet", ".csv", ".npz")
+BEFORE = ("time_s", "utc", "missed", "execution_us")
+"""Columns of a CSV file before those of objects and signals."""
+PIECE_ROWS = 4096
+"""Rows that are formatted at once."""
+
+
+def export(values: RecordedValues, path: Path, progress: TellTime) -> int:
+    """Write the values as the suffix says; how many periods. FramesError where it cannot be written; ImportError for
+    Parquet without pyarrow."""
+    if path.suffix not in SUFFIXES:
+        raise OptionError(f"{path.name}: the suffix says what is written: {', '.join(SUFFIXES)}")
+    if path.exists() and path.samefile(values.recording.path):
+        raise OptionError(f"{path} is the recording itself")
+    write = _write_csv if path.suffix == ".csv" else _write_npz if path.suffix == ".npz" else _write_parquet
+    with replacing(path) as file:
+        return write(values, file, progress)
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A new file beside a path, which takes its place once all is written. FramesError where it cannot be."""
+    try:
+        with _renamed(path) as file:
+            yield file
+    except OSError as error:
+        raise FramesError(f"{path} could not be written: {reason_of(error)}") from None
+
+
+@contextmanager
+def _renamed(path: Path) -> Iterator[Path]:
+    handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=path.suffix, dir=path.parent)
+    try:
+        os.close(handle)
+        yield Path(name)
+        mask = os.umask(0)
+        os.umask(mask)
+        os.chmod(name, 0o666 & ~mask)
+        os.replace(name, path)
+    except BaseException:
+        with suppress(OSError):
+            os.unlink(name)
+        raise
+
+
+def heading(about: dict[str, Any]) -> str:
+    """The heading of a column: `z.encoder[um]`, `gripper.valve[open=1]`."""
+    if "one" in about:
+        return f"{about['path']}[{about['one']}=1]"
+    return f"{about['path']}[{about.get('unit', '')}]"
+
+
+# CSV -------------------------------------------------------------------------------------------------------
+
+
+def _write_csv(values: RecordedValues, file: Path, progress: TellTime) -> int:
+    forms = ["{}", "{}", "{}", "{:.3f}", *(file_form(each) if "kind" in each else "{}" for each in values.entries)]
+    form, count = ",".join(forms) + "\r\n", 0
+    with file.open("w", newline="", encoding="utf-8", errors="backslashreplace") as stream:
+        csv.writer(stream).writerow([*BEFORE, *map(heading, values.entries)])
+        for frames, _ in values.parts():
+            for first in range(0, len(frames), PIECE_ROWS):
+                _write_rows(values, frames[first : first + PIECE_ROWS], form, stream)
+            count += len(frames)
+            progress(float(frames["time"][-1]))
+    return count
+
+
+def _write_rows(values: RecordedValues, frames: Any, form: str, stream: IO[str]) -> None:
+    moments = np.datetime_as_string(utc_of(values.layout, frames).astype("datetime64[ns]")).tolist()
+    times, missed = frames["time"].tolist(), frames["missed"].tolist()
+    took, rows = (frames["execution"] * 1e-3).tolist(), values.of(frames).tolist()
+    stream.writelines(
+        form.format(round(time, 9), f"{moment}Z", late, spent, *row)  # the clock counts ns
+        for time, moment, late, spent, row in zip(times, moments, missed, took, rows, strict=True)
+    )
+
+
+# NumPy -----------------------------------------------------------------------------------------------------
+
+
+def _write_npz(values: RecordedValues, file: Path, progress: TellTime) -> int:
+    """An array for each column, uncompressed as of `numpy.savez`. They are collected in files beside it, one value
+    after another, so that memory does not grow with the recording."""
+    arrays = [("time", "<f8"), ("utc", "<i8"), ("number", "<i8"), ("missed", "<i8")]
+    paths = [(path, "<f8") for path in values.paths]
+    qualities = [(f"{values.layout.objects[place]['path']}.quality", "|u1") for place in values.objects]
+    with tempfile.TemporaryDirectory(prefix=f".{file.name}.", dir=file.parent) as folder:
+        kinds = {"plain": arrays, "values": paths, "quality": qualities}
+        with ExitStack() as opened:
+            parts = {name: opened.enter_context(Path(folder, name).open("wb")) for name in kinds}
+            count = _collect(values, parts, progress)
+        with zipfile.ZipFile(file, "w") as archive:
+            for name, columns in kinds.items():
+                _write_arrays(archive, Path(folder, name), columns, count)
+    return count
+
+
+def _collect(values: RecordedValues, parts: Mapping[str, IO[bytes]], progress: TellTime) -> int:
+    count = 0
+    for frames, _ in values.parts():
+        plain = np.empty((len(frames), 4), "<i8")
+        plain[:, 0] = np.ascontiguousarray(frames["time"]).view("<i8")
+        plain[:, 1], plain[:, 2], plain[:, 3] = utc_of(values.layout, frames), frames["number"], frames["missed"]
+        parts["plain"].write(plain.tobytes())
+        parts["values"].write(values.of(frames).astype("<f8").tobytes())
+        parts["quality"].write(np.ascontiguousarray(frames["quality"][:, values.objects]).tobytes())
+        count += len(frames)
+        progress(float(frames["time"][-1]))
+    return count
+
+
+def _write_arrays(archive: zipfile.ZipFile, part: Path, columns: list[tuple[str, str]], count: int) -> None:
+    """Write each column of a file of rows as an array."""
+    if not columns:
+        return
+    kind = f"u{np.dtype(columns[0][1]).itemsize}"
+    shape = (count, len(columns))
+    rows: Any = np.memmap(part, kind, "r", shape=shape) if count else np.zeros(shape, kind)
+    for place, (name, wanted) in enumerate(columns):
+        column = np.ascontiguousarray(rows[:, place]).view("<M8[ns]" if name == "utc" else wanted)
+        with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
+            np.lib.format.write_array(stream, column, allow_pickle=False)
+
+
+# Parquet ---------------------------------------------------------------------------------------------------
+
+
+def _write_parquet(values: RecordedValues, file: Path, progress: TellTime) -> int:
+    from umo.tables.recording_parquet import write_parquet
+
+    return write_parquet(values, file, progress)

@@ -1,0 +1,84 @@
+"""A recording in Parquet: the rows of a fleet's history (`umo.tables.value_tables`), one for each value of each frame.
+
+The file is the table `values`; with it go the descriptions of what has a value, as JSON in the metadata `umo`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from umo.recording import Block
+from umo.recording.recording_file import utc_of
+from umo.tables.recorded_values import RecordedValues, TellTime
+from umo.tables.value_tables import VALUES, RunValues
+
+ROWS = 1 << 20
+"""Rows of a group of rows, about."""
+
+
+def write_parquet(values: RecordedValues, file: Path, progress: TellTime) -> int:
+    """Write the file; how many periods."""
+    about, count, waiting, size = values.layout.about, 0, [], 0
+    rows = RunValues(run_name(about), values.layout, _items(values))
+    told = {"station": about.get("station"), "wiring": about.get("wiring"), "started": about.get("started")}
+    told["objects"] = rows.objects().to_pylist()
+    beside = _Beside(len(values.layout.tunables))
+    with pq.ParquetWriter(
+        file, VALUES.with_metadata({"umo": json.dumps(told, default=str)}), compression="zstd"
+    ) as out:
+        for frames, block in values.parts():
+            numbers = frames["sequence"].astype(np.int64) // 2 - 1
+            utc = utc_of(values.layout, frames) // 1000
+            waiting.append(rows.table(frames, utc, numbers, beside.of(frames, block)))
+            size, count = size + len(waiting[-1]), count + len(frames)
+            if size >= ROWS:
+                _write(out, waiting)
+                size = 0
+            progress(float(frames["time"][-1]))
+        _write(out, waiting)
+    return count
+
+
+def _write(out: Any, waiting: list[pa.Table]) -> None:
+    if waiting:
+        out.write_table(pa.concat_tables(waiting, promote_options="none").unify_dictionaries())
+        waiting.clear()
+
+
+def run_name(about: dict[str, Any]) -> str:
+    """The run, as a short text that no other run has."""
+    return f"{about.get('pid', 0)}-{about.get('started_monotonic', 0)}"
+
+
+def _items(values: RecordedValues) -> Sequence[int] | None:
+    """The places of the chosen among all items, objects and signals first; None: all, with states, tunable numbers and
+    the run itself."""
+    every = len(values.layout.objects) + len(values.layout.signals)
+    return None if len(values.places) == every else values.places
+
+
+class _Beside:
+    """What a run has beside its frames, as it was told last: tunable numbers, mode, missed periods."""
+
+    def __init__(self, tunables: int) -> None:
+        self._tunables = np.full(tunables, np.nan)
+        self._mode, self._missed = -1.0, 0
+
+    def of(self, frames: Any, block: Block) -> Any:
+        live = block.live
+        if len(told := live.get("tunables") or ()) == len(self._tunables):
+            self._tunables = np.array(told, np.float64)
+        if (mode := live.get("mode")) is not None:
+            self._mode = float(mode)
+        beside = np.empty((len(frames), len(self._tunables) + 2))
+        beside[:, :-2], beside[:, -2] = self._tunables, self._mode
+        beside[:, -1] = self._missed + np.cumsum(frames["missed"])
+        self._missed += int(frames["missed"].sum())
+        return beside

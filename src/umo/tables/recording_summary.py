@@ -1,0 +1,81 @@
+"""What a recording is, in words and as plain data (`umo info`)."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from umo.presentation.durations import duration
+from umo.recording import Recording
+from umo.tables.recorded_values import span_of
+
+NAMED = ("umo", "python", "numpy", "platform")
+
+
+def facts_of(recording: Recording) -> dict[str, Any]:
+    """As plain data. Times in s on the machine's clock, `started` in s since 1970, `size` in bytes."""
+    about, job = recording.about, recording.job
+    first, last = span_of(recording)
+    end = next((event for _, event in reversed(recording.events) if event.is_end), None)
+    return {
+        "file": str(recording.path),
+        "parts": len(recording.parts),
+        "size": sum(part.stat().st_size for part in recording.parts),
+        "station": about.get("station"),
+        "wiring": about.get("wiring"),
+        "options": dict(job.get("options", {}).get("given", {})),
+        "host": job.get("host"),
+        "versions": dict(job.get("versions", {})),
+        "realtime": bool(about.get("realtime")),
+        "started": about.get("started"),
+        "period": about.get("period"),
+        "first": first,
+        "last": last,
+        "periods": sum(count for _, count in recording.block_starts),
+        "lost": sum(gap.count for gap in recording.gaps),
+        "gaps": [[gap.first, gap.count] for gap in recording.gaps],
+        "objects": len(recording.layout.objects),
+        "signals": len(recording.layout.signals),
+        "events": len(recording.events),
+        "commands": recording.commands_taken,
+        "end": end and {"time": end.time, "text": end.text, "state": str(end.state)},
+        "whole": recording.is_whole,
+        "complete": recording.complete,
+        "replayable": recording.replayable_from is None,
+        "not_replayable": recording.replayable_from,
+    }
+
+
+def lines_of(facts: dict[str, Any]) -> list[tuple[str, str]]:
+    """Facts in words, each with its name."""
+    started = facts["started"]
+    when = "" if started is None else time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(float(started)))
+    kind = "in real time" if facts["realtime"] else "in virtual time"
+    options = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in facts["options"].items())
+    period = float(facts["period"] or 0.0)
+    each = f" of {duration(period)}" if period else ""
+    lost = "none" if not facts["lost"] else f"{facts['lost']:,} in {_count(len(facts['gaps']), 'gap')}"
+    end = facts["end"]
+    last = "not in it" if end is None else f"{end['text']} ({end['state']}, at {end['time']:g} s)"
+    versions = ", ".join(f"{name} {facts['versions'][name]}" for name in NAMED if name in facts["versions"])
+    size = f"{facts['size'] / 1e6:,.2f} MB" + (f" in {facts['parts']} files" if facts["parts"] > 1 else "")
+    found = [
+        ("station", f"{facts['station']}, wiring {facts['wiring']}, {kind}"),
+        ("options", options),
+        ("started", " on ".join(filter(None, [when, facts["host"]]))),
+        ("length", f"{duration(facts['last'] - facts['first'])}: {facts['first']:g} s to {facts['last']:g} s"),
+        ("periods", f"{facts['periods']:,}{each}"),
+        ("lost", lost),
+        ("values of", f"{_count(facts['objects'], 'object')}, {_count(facts['signals'], 'signal')}"),
+        ("events", f"{facts['events']:,}"),
+        ("commands", f"{facts['commands']:,}"),
+        ("end", last),
+        ("replay", "from period 0 on" if facts["replayable"] else f"not possible: {facts['not_replayable']}"),
+        ("file", f"{'whole' if facts['whole'] else 'cut or torn (umo record --repair)'}, {size}"),
+        ("made with", versions),
+    ]
+    return [(name, text) for name, text in found if text]
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"

@@ -1,0 +1,172 @@
+"""Recordings read: `umo.load`, `umo info`, `umo export`, `umo plot`. Each gives the numbers that the frames have."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import Result
+
+import umo as umo_package
+from tests.helpers.recorded import block_at_random, layout_of
+from umo.cycle.events import CommandState, Event
+from umo.errors import FramesError, OptionError, PathError, RangeError
+from umo.frames.reader import NumberedEvent
+from umo.recording import Recording
+from umo.recording.recording_file import RecordingFile
+from umo.scope.history import samples
+from umo.tables.recorded_values import RecordedValues
+from umo.tables.recording_export import export
+from umo.tables.recording_summary import facts_of, lines_of
+
+Umo = Callable[..., Result]
+PATHS = ["part0.object0", "part1.object1", "part0.object2", "part0.signal0", "part0.signal1"]
+
+
+@pytest.fixture
+def recorded(tmp_path: Path) -> Path:
+    """500 frames in 5 blocks, of which 7 are missing after the second; the last block has only what replay needs."""
+    layout, path = layout_of(job={"station": "press"}), tmp_path / "run.mcap"
+    file = RecordingFile(path, layout)
+    for number, first in enumerate((0, 100, 207, 307, 407)):
+        block = replace(block_at_random(layout, first, 100, number), events=[], commands_lost=0, entries_lost=0)
+        block.frames["quality"][::10, 0] = 4
+        if number == 4:
+            block = replace(block, is_full=False, events=[NumberedEvent(0, END)])
+        file.add([block])
+    file.close()
+    return path
+
+
+END = Event(0.506, "", "the application has ended", state=CommandState.DONE, asked="end")
+
+
+def numbers(path: Path, *only: str, **span: float) -> tuple[np.ndarray, np.ndarray]:
+    """The times and the values that the frames have."""
+    with Recording(path) as recording:
+        parts = [block.frames for block in recording.blocks() if block.is_full]
+        frames = np.concatenate(parts)
+        frames = frames[(frames["time"] >= span.get("start", 0)) & (frames["time"] < span.get("stop", 9))]
+        return frames["time"], samples(frames)[:, [PATHS.index(each) for each in only or PATHS]]
+
+
+def written(source: Path, target: Path, *only: str, **span: float) -> int:
+    with Recording(source) as recording:
+        return export(RecordedValues(recording, only, **span), target, lambda time: None)
+
+
+def test_csv_has_the_numbers_of_the_frames(recorded: Path, tmp_path: Path) -> None:
+    target = tmp_path / "run.csv"
+    assert written(recorded, target, "part0", start=0.05, stop=0.25) == 193
+    head, *rows = csv.reader(target.read_text().splitlines())
+    only = [path for path in PATHS if path.startswith("part0")]
+    assert head[4:] == ["part0.object0[mm]", "part0.object2[mm]", "part0.signal0[s]", "part0.signal1[s]"]
+    times, values = numbers(recorded, *only, start=0.05, stop=0.25)
+    assert [float(row[0]) for row in rows] == pytest.approx(times.tolist())
+    assert np.array_equal(np.array([row[4:] for row in rows], float), values, equal_nan=True)
+    assert all(row[1].startswith("2023-11-14T") and row[1].endswith("Z") for row in rows)
+
+
+def test_npz_has_the_numbers_of_the_frames(recorded: Path, tmp_path: Path) -> None:
+    assert written(recorded, tmp_path / "run.npz") == 400
+    found = np.load(tmp_path / "run.npz")
+    times, values = numbers(recorded)
+    assert np.array_equal(found["time"], times) and found["utc"].dtype == "datetime64[ns]"
+    assert np.array_equal(np.column_stack([found[path] for path in PATHS]), values, equal_nan=True)
+    assert set(found["part0.object0.quality"][::10]) == {4} and "part0.signal0.quality" not in found
+
+
+def test_parquet_has_the_schema_of_a_fleet_and_the_numbers_of_the_frames(recorded: Path, tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    from umo.tables.value_tables import VALUES
+
+    assert written(recorded, tmp_path / "run.parquet") == 400
+    table = parquet.read_table(tmp_path / "run.parquet")
+    assert table.schema.equals(VALUES)
+    rows = [row for row in table.to_pylist() if row["path"] == "part1.object1"]
+    _, values = numbers(recorded, "part1.object1")
+    assert [row["value"] for row in rows] == values[:, 0].tolist()
+    assert [row["delta"] for row in rows] == [*range(200), *range(207, 407)]
+    assert {row["path"] for row in table.to_pylist()} >= {*PATHS, "run:missed"}
+
+
+def test_a_pattern_exports_only_what_it_names(recorded: Path, tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    written(recorded, tmp_path / "run.parquet", "part1")
+    assert set(parquet.read_table(tmp_path / "run.parquet")["path"].to_pylist()) == {"part1.object1"}
+
+
+def test_a_dataset_has_units_ranges_states_and_quality(recorded: Path) -> None:
+    pytest.importorskip("xarray")
+    found = umo_package.load(recorded)
+    times, values = numbers(recorded)
+    assert np.array_equal(found["time"], times) and found["utc"].dtype == "datetime64[ns]"
+    assert np.array_equal(np.column_stack([found[path] for path in PATHS]), values, equal_nan=True)
+    assert found["part1.object1"].attrs["units"] == "mm"
+    assert found["part0.object0.quality"].attrs["flag_meanings"].split()[4] == "BAD"
+    assert found.attrs["periods_lost"] == 7 and found.attrs["periods_without_values"] == 100
+    assert next(iter(umo_package.load(recorded, ["part1"], 0.1, 0.2).data_vars)) == "part1.object1"
+
+
+def test_without_xarray_load_says_what_to_install(recorded: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(OptionError, match=r'needs xarray: pip install "umo\[analysis\]"'):
+        umo_package.load(recorded)
+
+
+def test_mistakes_are_named_and_leave_no_file(recorded: Path, tmp_path: Path) -> None:
+    with pytest.raises(PathError, match="no object or signal 'part9'"):
+        written(recorded, tmp_path / "run.csv", "part9")
+    with pytest.raises(RangeError, match="later"):
+        written(recorded, tmp_path / "run.csv", start=2.0, stop=1.0)
+    with pytest.raises(OptionError, match=r"\.parquet, \.csv, \.npz"):
+        written(recorded, tmp_path / "run.xls")
+    with pytest.raises(FramesError, match=r"none/run\.csv could not be written: no such file"):
+        written(recorded, tmp_path / "none" / "run.csv")
+    assert [each.name for each in tmp_path.iterdir()] == ["run.mcap"]
+
+
+def test_a_work_that_is_interrupted_leaves_the_file_of_before(recorded: Path, tmp_path: Path) -> None:
+    def interrupt(time: float) -> None:
+        raise KeyboardInterrupt
+
+    for name in ("run.csv", "run.npz"):
+        (tmp_path / name).write_text("before")
+        with Recording(recorded) as recording, pytest.raises(KeyboardInterrupt):
+            export(RecordedValues(recording), tmp_path / name, interrupt)
+        assert (tmp_path / name).read_text() == "before"
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_the_facts_say_what_is_missing_and_whether_it_can_be_replayed(recorded: Path) -> None:
+    with Recording(recorded) as recording:
+        facts = facts_of(recording)
+    assert (facts["periods"], facts["lost"], facts["gaps"], facts["commands"]) == (500, 7, [[200, 7]], 10)
+    assert facts["whole"] and not facts["complete"] and facts["replayable"]
+    lines = dict(lines_of(facts))
+    assert lines["lost"] == "7 in 1 gap" and lines["replay"] == "from period 0 on"
+    assert lines["end"] == "the application has ended (done, at 0.506 s)"
+
+
+def test_umo_info_export_and_plot_tell_what_they_did(umo: Umo, recorded: Path) -> None:
+    pytest.importorskip("matplotlib")
+    assert json.loads(umo("info", str(recorded), "--json").stdout)["station"] == "press"
+    assert "500 of 1 ms" in umo("info", str(recorded)).stdout
+    result = umo("export", str(recorded), "run.csv", "--to", "0.1")
+    assert result.exit_code == 0 and "run.csv: 100 periods" in result.stdout
+    result = umo("plot", str(recorded), "part0", "--out", "part.png")
+    assert result.exit_code == 0 and Path("part.png").read_bytes().startswith(b"\x89PNG")
+    assert "100 periods are left out" in result.stderr
+
+
+def test_what_is_no_recording_is_told_in_one_line(umo: Umo, tmp_path: Path) -> None:
+    (tmp_path / "x.mcap").write_bytes(b"no recording")
+    for words in (("info", "x.mcap"), ("export", "x.mcap", "x.csv"), ("plot", "none.mcap")):
+        result = umo(*words)
+        assert result.exit_code == 2 and len(result.stderr.splitlines()) == 1
