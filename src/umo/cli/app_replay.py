@@ -42,7 +42,7 @@ def replay(
     at: Annotated[
         str | None,
         typer.Option(
-            metavar="TIME|PERIOD|first-difference",
+            metavar="TIME|PERIOD|first-difference|end",
             help="Stop there in a debugger, such as 12.3s, with the machine as it was.",
         ),
     ] = None,
