@@ -26,6 +26,7 @@ from bench import (
     live,
     native,
     open_page,
+    recording,
     report,
     scan,
     several_rates,
@@ -82,6 +83,10 @@ def main() -> int:
     if options.faces:
         report.stream(console, faces.TITLE, faces.takes(options.faces), partial(faces.measure, options.faces))
         return 0
+    if options.recording is not None:
+        pairs = options.recording
+        report.stream(console, recording.TITLE, recording.takes(pairs), partial(recording.measure, pairs))
+        return 0
     if options.fleet:
         measure = partial(fleet.measure, options.fleet, seed=options.seed)
         found = report.stream(console, fleet.TITLE, fleet.takes(options.fleet), measure)
@@ -136,6 +141,14 @@ def _options() -> argparse.Namespace:
         const=30,
         metavar="PAIRS",
         help="each face with a client of another project, and a loop of 1 ms with all of them; default: 30",
+    )
+    alone.add_argument(
+        "--recording",
+        type=int,
+        nargs="?",
+        const=30,
+        metavar="PAIRS",
+        help="the recorder beside stations, and a loop of 1 ms with it; default: 30",
     )
     alone.add_argument(
         "--fleet",

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from umo import UmoError, connect, drive
+from umo import connect, drive
 from umo.cycle.events import Event
 from umo.frames import Reader, published
 from umo.frames.layout import ENTRY, Layout
@@ -112,7 +112,7 @@ class Case:
         """Run it, to its end or its error."""
         machine = self.machine()
         connection = connect(machine, self.wiring(machine), **self.options)
-        with suppress(UmoError), connection as m, taped(connection) as tape:
+        with suppress(Exception), connection as m, taped(connection) as tape:
             self.loop(m)
         return tape
 
@@ -129,7 +129,7 @@ def recorded(station: str, wiring: str | None = None, **options: Any) -> MemoryT
     plan = Plan(Job(station, wiring=wiring, options=options))
     connection = connect(plan.machine, plan.wired)
     job = job_facts(plan)
-    with suppress(UmoError), connection as m, taped(connection, job) as tape:
+    with suppress(Exception), connection as m, taped(connection, job) as tape:
         drive(m, plan.application)
     return tape
 

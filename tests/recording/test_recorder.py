@@ -9,13 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.helpers.machines import bench, wired
+from helpers.machines import bench, wired
 from umo import connect, published
 from umo.frames import Reader, Ring
 from umo.objects import Compound
 from umo.recording import Recording
+from umo.recording.record_settings import RecordSettings
 from umo.recording.recorder import Recorder
-from umo.recording.recording_parts import RecordingParts, RecordSettings
+from umo.recording.recording_parts import RecordingParts
 from umo.testing import Scripted, periods
 
 
@@ -77,7 +78,7 @@ def test_a_recorder_that_begins_late_says_from_which_period(tmp_path: Path) -> N
             assert f"begins at period {recording.first} " in recording.replayable_from
 
 
-@pytest.mark.parametrize("limits", [RecordSettings(rotate_time=0.02), RecordSettings(rotate_time=0.02, keep=1)])
+@pytest.mark.parametrize("limits", [RecordSettings(rotate=0.02), RecordSettings(rotate=0.02, keep=1)])
 def test_a_rotated_recording_is_one_and_keeps_what_replay_needs(tmp_path: Path, limits: RecordSettings) -> None:
     with running() as (m, _, reader):
         parts = RecordingParts(tmp_path / "run.mcap", reader.layout, settings=limits)

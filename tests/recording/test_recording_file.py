@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.helpers.recorded import block_at_random, layout_of
+from helpers.recorded import block_at_random, layout_of
 from umo.errors import FramesError
 from umo.recording import Block, Gap, Recording
 from umo.recording.block import block_of, columns_message, exact_message
@@ -34,6 +34,19 @@ def test_a_block_comes_back_bit_by_bit(sizes: tuple[int, ...], wild: bool) -> No
     layout = layout_of(objects, signals)
     block = block_at_random(layout, first, count, seed, wild=wild)
     assert same(block_of(layout, exact_message(block), columns_message(block, layout)), block)
+
+
+@given(st.integers(0, 1 << 30), st.floats(1e-9, 1e9), st.floats(-1e6, 1e6))
+def test_values_that_follow_from_raws_come_back_bit_by_bit(seed: int, resolution: float, offset: float) -> None:
+    layout = layout_of(4)
+    for entry in layout.objects[:3]:
+        entry.update(resolution=resolution, zero_offset=offset)
+    block = block_at_random(layout, 0, 20, seed)
+    block.frames["values"][:, :2] = block.frames["raws"][:, :2] * resolution + offset
+    block.frames["values"][3, 1] = np.nan
+    message = columns_message(block, layout)
+    assert b'"following":[0]' in message
+    assert same(block_of(layout, exact_message(block), message), block)
 
 
 def test_what_replay_needs_comes_back_without_the_rest() -> None:

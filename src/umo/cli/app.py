@@ -74,6 +74,20 @@ def run(
             metavar="NUMBER", min=1, help="Remove the oldest runs of this station in runs/ but for so many with this."
         ),
     ] = None,
+    record: Annotated[
+        str | None,
+        typer.Option(
+            "--record",
+            metavar="\\[FILE.mcap]",
+            help="Record every period, bit by bit; default: recording.mcap in runs/... (see umo record).",
+        ),
+    ] = None,
+    last: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TIME", help="Flight recorder: record only the last '10 min'; saved if the run fails, or on demand."
+        ),
+    ] = None,
     fault: Faults = None,
     fault_seed: FaultSeed = None,
     acknowledge: Acknowledge = False,
@@ -112,8 +126,9 @@ def run(
     if no_record and (keep is not None or keep_runs is not None):
         raise OptionError("--keep and --keep-runs are for the record: leave out --no-record")
     room = None if keep is None else size("--keep", keep, least=10**6)
-    record = Record(not no_record, not no_plot, summary, room, keep_runs)
-    return run_station(job, record, full_traceback=full_traceback, serve=not no_faces)
+    file = None if record is None else Path(record)
+    left = Record(not no_record, not no_plot, summary, room, keep_runs, file, {} if last is None else {"last": last})
+    return run_station(job, left, full_traceback=full_traceback, serve=not no_faces)
 
 
 def _injected(faults: list[str] | None, seed: int | None) -> dict[str, Any]:
@@ -202,7 +217,15 @@ def latency(
     answer(period, seconds, load, json_file)
 
 
-from . import app_fleet, app_fleet_certificates, app_replay, app_running, app_service, app_wiring  # noqa: E402, F401
+from . import (  # noqa: E402
+    app_fleet,  # noqa: F401
+    app_fleet_certificates,  # noqa: F401
+    app_record,  # noqa: F401
+    app_replay,  # noqa: F401
+    app_running,  # noqa: F401
+    app_service,  # noqa: F401
+    app_wiring,  # noqa: F401
+)
 
 
 def _version(value: bool) -> None:

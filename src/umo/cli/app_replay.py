@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .shared import HelpPanel
+from .shared import HelpPanel, finite
 
 command = HelpPanel("Recordings")
 RecordingArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A recording (.mcap).")]
@@ -63,3 +63,29 @@ def replay(
     from .replay_run import replay_file
 
     return replay_file(file, station, settings or (), plot, at, condition)
+
+
+@command(
+    epilog="Examples: umo shrink run.mcap  |  umo shrink run.mcap -o short.mcap --seconds 600",
+    status="0 done; 2 the recording has no error to shrink to, or a mistake, told on stderr",
+)
+def shrink(
+    file: RecordingArgument,
+    station: Annotated[
+        str | None, typer.Argument(metavar="[STATION]", help="Another station than that of the recording.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE.mcap", help="Default: FILE.shrunk.mcap.")
+    ] = None,
+    seconds: Annotated[
+        float, typer.Option(min=1.0, callback=finite, help="The longest time that it takes, s.")
+    ] = 120.0,
+) -> int:
+    """Find the fewest periods of a recording that still give its error, and make a recording of them.
+
+    Periods are left out as inputs: open loop. That proves that the error follows from these inputs, not that a machine
+    would give them. `umo replay` of the result compares the error alone.
+    """
+    from .replay_shrink import shrink_file
+
+    return shrink_file(file, station, output, seconds)

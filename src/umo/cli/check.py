@@ -24,6 +24,7 @@ from umo.wiring.wired import Wired
 
 from .console import err, out
 from .faces_beside import faces_of, names_in
+from .record_beside import settings_in
 from .station_options import machine_of
 
 
@@ -65,6 +66,11 @@ def _check_wiring(machine: Compound, file: Path | None) -> int:
     except WiringError as error:
         reported(list(error.mistakes))
         return ExitStatus.MISTAKE
+    try:
+        recorded = wired.record is not None and bool(settings_in(wired.record))
+    except OptionError as error:
+        reported([Mistake(str(file), "record", str(error).removeprefix("record: "))])
+        return ExitStatus.MISTAKE
     tunable = sum(number.declared.tunable for number in numbers_of(machine).values())
     alarms = declared_alarms(machine)
     offered = [(len(actions_of(machine)), "action"), (tunable, "tunable number"), (len(alarms), "alarm")]
@@ -74,6 +80,7 @@ def _check_wiring(machine: Compound, file: Path | None) -> int:
         period,
         *(_count(number, what) for number, what in offered if number),
         *([f"served by {', '.join(faces)}"] if faces else []),
+        *(["recorded"] if recorded else []),
     ]
     out.print(f"ok: {file or 'everything simulated'}: {', '.join(found)}", soft_wrap=True)
     for line in _rates(wired):

@@ -20,6 +20,7 @@ from umo.process.outcome import Outcome
 from .console import say
 from .faces_beside import FacesBeside
 from .ps import readers
+from .record_beside import RecordBeside
 from .shared import handling
 
 POLL_TIMEOUT = 0.05
@@ -56,21 +57,27 @@ def _signal(about: Mapping[str, Any]) -> Signal:
 
 
 def follow(
-    job: Job, frame: RingFrame, observers: list[Callable[[Any], None]], faults: FaultLog, faces: FacesBeside
+    job: Job,
+    frame: RingFrame,
+    observers: list[Callable[[Any], None]],
+    faults: FaultLog,
+    faces: FacesBeside,
+    recorder: RecordBeside,
 ) -> tuple[Outcome, float]:
     """Start the job, show every frame to the observers until it ends: its outcome, and the s that it ran. `faults` gets
-    those of equipment. `faces` are served while it runs, and end after it."""
+    those of equipment. `faces` are served while it runs, and end after it; the recorder begins before it."""
 
     def stop(number: int, frame: object) -> None:
         faces.is_ending = True
         started.ask_to_stop(number)
 
-    with faces, Started(job, is_service=True) as started, handling(stop):
+    with faces, recorder, Started(job, is_service=True) as started, handling(stop):
         told, begun, lost = 0, None, 0
         while True:
             outcome = started.outcome
             if begun is None and started.frames is not None:
                 begun = time.perf_counter()
+                recorder.attach(started.frames)
                 frame.order(started.frames)
                 _name_other_runs(started)
                 for refusal in started.refusals:
@@ -85,6 +92,7 @@ def follow(
                 break
             if begun is not None:
                 faces.look(started.pid, job.path)
+            recorder.look()
             started.poll(POLL_TIMEOUT)
         elapsed = 0.0 if begun is None else time.perf_counter() - begun
     if outcome.driven and begun is None:  # there was no memory, or no folder, for the frames

@@ -5,9 +5,9 @@ from __future__ import annotations
 import shutil
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,8 @@ from .faces_beside import FacesBeside, faces_of, wiring_of
 from .follow import RingFrame, follow
 from .long_runs import RunningSummary, TraceParts, prune
 from .progress_line import RunProgressLine
+from .record_beside import SUFFIX, RecordBeside, RecordOrder, order_of
+from .record_virtual import RecordedVirtual
 from .run_folder import RUNS, NotRecorded, RunFolder, RunSummary, TraceFile, whole
 from .shared import handling, interrupt_once
 from .values import check_file
@@ -49,6 +51,11 @@ class Record:
     """Bytes of a trace of every period, whose oldest parts are removed; None: none is written."""
     keep_runs: int | None = None
     """Number of runs of the station that are kept, with this one; None: all."""
+    recording: Path | None = None
+    """File for a recording of every period; an empty path: `recording.mcap` in the run's folder. None: none, unless the
+    wiring asks for one."""
+    recording_settings: Mapping[str, Any] = field(default_factory=dict)
+    """What the command line changes of the settings of a recording."""
 
 
 def run_station(job: Job, record: Record = Record(), *, full_traceback: bool = False, serve: bool = True) -> int:
@@ -65,12 +72,13 @@ def run_station(job: Job, record: Record = Record(), *, full_traceback: bool = F
         folder = RunFolder.make(plan) if record.folder else None
     except NotRecorded as error:
         return _fail(Failed("NotRecorded", str(error), ExitStatus.NOT_RECORDED), full_traceback)
-    trace, parts = Trace(), None
+    trace, parts, order = Trace(), None, None
     if folder is not None:
         _make_room(plan, record)
         parts = None if record.keep is None else TraceParts(folder.path, record.keep)
     try:
-        result = _run(plan, trace, folder, parts, faces)
+        order = _recording(plan, record, folder)
+        result, recorded = _run(plan, trace, folder, parts, faces, order)
     except BaseException:  # Ctrl-C before the run, a job that cannot be handed to another process
         if folder is not None and not len(trace.rows):
             folder.discard()
@@ -96,6 +104,7 @@ def run_station(job: Job, record: Record = Record(), *, full_traceback: bool = F
                 complete &= parts.complete
             _leave_behind(folder, result, trace, title)
             complete &= folder.complete
+        complete &= recorded
     outcome = result.outcome
     ended_well = outcome.failure is None and not outcome.unreached
     return ExitStatus.NOT_RECORDED if ended_well and not complete else outcome.status
@@ -112,26 +121,32 @@ def _make_room(plan: Plan, record: Record) -> None:
 
 
 def _run(
-    plan: Plan, trace: Trace, folder: RunFolder | None, parts: TraceParts | None, faces: dict[str, Any]
-) -> RunSummary:
-    """The run itself, with what is told of it. Its error is in the result; the actuators are reset. `faces`: served in
-    real time only."""
+    plan: Plan,
+    trace: Trace,
+    folder: RunFolder | None,
+    parts: TraceParts | None,
+    faces: dict[str, Any],
+    order: RecordOrder | None,
+) -> tuple[RunSummary, bool]:
+    """The run itself, with what is told of it; whether it was recorded as asked. Its error is in the result; the
+    actuators are reset. `faces`: served in real time only."""
     result = RunSummary(Statistics(), injected=() if plan.wired.injection is None else plan.wired.injection.texts)
     with RunProgressLine(err) as shown:
         observers: list[Any] = [result.statistics, trace, shown, *([] if parts is None else [parts])]
         if not (plan.wired.realtime and LINUX):
-            _drive(plan, result, observers)
-            return result
+            with RecordedVirtual(order) as recorded:
+                _drive(plan, result, observers, recorded)
+            return result, recorded.complete
         if folder is not None:
             observers.append(TraceFile(trace, folder.path / "trace.csv"))
             observers.append(RunningSummary(result, folder.path / "summary.json"))
         frame = RingFrame(plan.machine)
-        beside = FacesBeside(wiring_of(plan), faces)
-        result.outcome, result.elapsed = follow(plan.job, frame, observers, result.equipment_faults, beside)
+        beside, recorder = FacesBeside(wiring_of(plan), faces), RecordBeside(order)
+        result.outcome, result.elapsed = follow(plan.job, frame, observers, result.equipment_faults, beside, recorder)
         result.progress = frame.progress
         if folder is not None:
             folder.complete = frame.whole
-    return result
+    return result, recorder.complete
 
 
 def _say_how_it_ended(outcome: Outcome, full_traceback: bool) -> None:
@@ -150,7 +165,18 @@ def _fail(failure: Failed, full_traceback: bool) -> int:
     return failure.status
 
 
-def _drive(plan: Plan, result: RunSummary, observers: list[Any]) -> None:
+def _recording(plan: Plan, record: Record, folder: RunFolder | None) -> RecordOrder | None:
+    """The recording that the command line or the wiring asks for; None: neither does. OptionError for a mistake."""
+    asked = record.recording is not None or bool(record.recording_settings)
+    if not asked and (plan.wired.record is None or not record.folder):
+        return None
+    given = None if record.recording in (None, Path()) else record.recording
+    name = f"{plan.name}-{time.strftime('%Y%m%d-%H%M%S')}{SUFFIX}"
+    default = Path(name) if folder is None else folder.path / f"recording{SUFFIX}"
+    return order_of(given, record.recording_settings, plan.wired.record, default)
+
+
+def _drive(plan: Plan, result: RunSummary, observers: list[Any], recorded: RecordedVirtual) -> None:
     """The run itself, in this process. Its error is stored in the result; the actuators are reset before it returns."""
     connection = connect(plan.machine, plan.wired, acknowledge=plan.job.acknowledge)
     connection.kept = kept_values.copy(plan, say)
@@ -167,7 +193,8 @@ def _drive(plan: Plan, result: RunSummary, observers: list[Any]) -> None:
                 connection.machine.observers.append(Stillness(say, lambda: connection.machine.sequences.places))
             begun = time.perf_counter()
             try:
-                outcome.result = plain(drive(machine, plan.application))
+                with recorded.published(connection, plan):
+                    outcome.result = plain(drive(machine, plan.application))
             finally:
                 result.elapsed = time.perf_counter() - begun
                 outcome.simulated = machine.now

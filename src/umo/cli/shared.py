@@ -33,7 +33,15 @@ Handler = Callable[[int, FrameType | None], object] | signal.Handlers
 
 
 class Subcommand(TyperCommand):
-    """Takes negative numbers as values: the parser would look for an option `-0`, and for `-h` in "-5 1/h"."""
+    """Takes negative numbers as values: the parser would look for an option `-0`, and for `-h` in "-5 1/h". The value
+    of --record may be left out: only FILE.mcap is one."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        args = [
+            "--record=" if word == "--record" and not after.endswith(".mcap") else word
+            for word, after in zip(args, [*args[1:], ""], strict=False)
+        ]
+        return list(super().parse_args(ctx, args))
 
     def make_parser(self, ctx: Any) -> Any:
         parser: Any = super().make_parser(ctx)

@@ -42,13 +42,14 @@ class Collector:
 
     def look(self) -> list[Block]:
         """What is new, as blocks; few frames each."""
-        self._copy_commands()
+        self.copy_commands()
         frames = self._reader.read()
         if not len(frames):
             return []
-        self._copy_commands()
+        self.copy_commands()
         breaks = np.flatnonzero(np.diff(frames["sequence"]) != 2) + 1
-        return [self._block(part) for part in np.split(frames, breaks)]
+        parts = [frames] if not len(breaks) else np.split(frames, breaks)
+        return [self._block(part) for part in parts]
 
     def rest(self) -> list[NumberedEvent]:
         """The events that were told after the last frame."""
@@ -82,8 +83,8 @@ class Collector:
 
     # Commands ------------------------------------------------------------------------------------------
 
-    def _copy_commands(self) -> None:
-        """Copy the new commands of the queue, taken or not, before clients write over them."""
+    def copy_commands(self) -> None:
+        """Copy the new commands of the queue, taken or not, before clients write over them. Takes microseconds."""
         if self._cells is None:
             return
         head = int(self._cells.head[0])
@@ -133,7 +134,7 @@ def joined(blocks: list[Block]) -> list[Block]:
 def _one(blocks: list[Block]) -> Block:
     if len(blocks) == 1:
         return blocks[0]
-    first, live = blocks[0], {}
+    first, live = blocks[0], dict[str, Any]()
     frames, at = np.zeros(sum(len(block.frames) for block in blocks), first.frames.dtype), 0
     for block in blocks:
         frames[at : at + len(block.frames)] = block.frames

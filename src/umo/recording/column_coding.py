@@ -6,7 +6,7 @@ does, the differences from row to row, folded to small positive numbers, their l
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,8 +17,8 @@ STEADY = frozenset({"number", "time", "began", "counted"})
 """Columns that grow evenly: of these the differences of the differences are kept."""
 
 
-def encoded(frames: npt.NDArray[Any], names: Iterable[str]) -> bytes:
-    """These columns of a structured array, one after the other."""
+def encoded(frames: npt.NDArray[Any] | Mapping[str, Any], names: Iterable[str]) -> bytes:
+    """These columns, one after the other."""
     return b"".join(_encoded(_words(frames[name]), 2 if name in STEADY else 1) for name in names)
 
 

@@ -40,8 +40,12 @@ def join(parts: Sequence[Path], path: Path) -> None:
     try:
         with _new(path, files[0]) as writer:
             for file in files:
-                for at in range(0, len(file.chunks), BATCH):
-                    writer.add_raw([file.raw(each) for each in file.chunks[at : at + BATCH]])
+                sound = file.chunks if file.is_whole else file.chunks[:-1]
+                for at in range(0, len(sound), BATCH):
+                    writer.add_raw([file.raw(each) for each in sound[at : at + BATCH]])
+                torn = list(_messages(file, file.chunks[len(sound) :], set(file.channels)))  # it may lack its indexes
+                if torn:
+                    writer.add(_by_channel(torn))
     finally:
         for file in files:
             file.close()

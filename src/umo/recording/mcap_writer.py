@@ -18,6 +18,8 @@ from umo.recording.mcap_records import Channel, ChunkIndex, Opcode, Schema
 LIBRARY = "umo"
 LEVEL = 3
 """Level of compression of zstd."""
+LARGE = 4 << 20
+"""Bytes of a chunk above which time counts more than size: its level is 1."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,7 @@ class McapWriter:
         self._schemas = b"".join(map(mcap_records.schema, schemas))
         self._channels = b"".join(map(mcap_records.channel, channels))
         self._sizes = len(schemas), len(channels), len(metadata)
-        self._compressor = zstandard.ZstdCompressor(level=level)
+        self._compressors = zstandard.ZstdCompressor(level=level), zstandard.ZstdCompressor(level=1)
         self._indexes: list[bytes] = []
         self._counts: dict[int, int] = {}
         self._span: tuple[int, int] | None = None
@@ -83,7 +85,7 @@ class McapWriter:
     def add(self, parts: Sequence[Messages]) -> None:
         """Add one chunk with these messages."""
         content = b"".join(bytes(part.data) for part in parts)
-        compressed = self._compressor.compress(content)
+        compressed = self._compressors[len(content) > LARGE].compress(content)
         first, last = min(part.first for part in parts), max(part.last for part in parts)
         head = mcap_records.chunk(first, last, len(content), zlib.crc32(content), compressed)
         indexes, places, at = bytearray(), {}, 0

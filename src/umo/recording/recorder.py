@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from typing import Protocol
 
@@ -16,9 +17,13 @@ from umo.recording.collecting import Collector, joined
 WRITE_PAUSE = 1.0
 """s between two writes."""
 MAX_PENDING = 16 << 20
-"""Bytes of frames that are collected at most before they are written."""
+"""Bytes of frames after which they are written in any case."""
+MAX_WAITING = 256 << 20
+"""Bytes of frames that are held while a disk is slow, at most; then frames are lost."""
 LONGEST_PAUSE, SHORTEST_PAUSE = 0.05, 0.002
-"""s between two looks."""
+"""s between two looks at the queue of commands."""
+LONGEST_COLLECTION = 0.25
+"""s between two looks at the frames."""
 SHARE_OF_RING = 0.2
 """Share of a ring that is filled between two looks, at most."""
 
@@ -33,8 +38,16 @@ class Target(Protocol):
 class Recorder:
     """Copies everything that a ring shows to a target."""
 
-    def __init__(self, reader: Reader, target: Target, clock: Callable[[], float] = time.monotonic) -> None:
-        self._reader, self._target, self._clock = reader, target, clock
+    def __init__(
+        self,
+        reader: Reader,
+        target: Target,
+        clock: Callable[[], float] = time.monotonic,
+        thread: ThreadPoolExecutor | None = None,
+    ) -> None:
+        """`thread`: one that writes, so that a slow disk loses no frames; None: it is written at once."""
+        self._reader, self._target, self._clock, self._thread = reader, target, clock, thread
+        self._writing: Future[None] | None = None
         self._collector = Collector(reader)
         self._pending: list[Block] = []
         self._next_write = clock() + WRITE_PAUSE
@@ -48,8 +61,11 @@ class Recorder:
         self.end: NumberedEvent | None = None
         """The last event of the run, once it was told."""
         period, slots = float(reader.about.get("period") or 0.001), reader.slots
-        self.pause = min(max(SHARE_OF_RING * slots * period, SHORTEST_PAUSE), LONGEST_PAUSE)
+        share = SHARE_OF_RING * slots * period
+        self.pause: float = min(max(share, SHORTEST_PAUSE), LONGEST_PAUSE)
         """s between two looks."""
+        self._collection = min(max(share, SHORTEST_PAUSE), LONGEST_COLLECTION)
+        self._next_collection = 0.0
 
     @property
     def has_ended(self) -> bool:
@@ -63,28 +79,48 @@ class Recorder:
 
     def look(self) -> None:
         """Take what is new; write it if it is time. OSError where it cannot be written."""
-        for block in self._collector.look():
-            self._note(block)
-            self._pending.append(block)
+        now = self._clock()
+        if self._thread is not None and now < self._next_collection:
+            self._collector.copy_commands()
+            return
+        self._next_collection = now + self._collection
+        self._collect()
         size = sum(block.frames.nbytes for block in self._pending)
-        if self._pending and (self._clock() >= self._next_write or size >= MAX_PENDING):
-            self._next_write = self._clock() + WRITE_PAUSE
+        if len(self._pending) > 1 and (now >= self._next_write or size >= MAX_PENDING) and self._is_free(size):
+            self._next_write = now + WRITE_PAUSE
             self._write(self._pending[:-1])  # events that are told after the last frame belong to it
             self._pending = self._pending[-1:]
 
+    def _is_free(self, size: int) -> bool:
+        """Whether the last write has ended; it is waited for if too much is held. OSError if it failed."""
+        if self._writing is not None and (self._writing.done() or size >= MAX_WAITING):
+            self._settle()
+        return self._writing is None
+
+    def _settle(self) -> None:
+        if self._writing is not None:
+            writing, self._writing = self._writing, None
+            writing.result()
+
+    def _collect(self) -> None:
+        for block in self._collector.look():
+            self._note(block)
+            self._pending.append(block)
+
     def finish(self) -> None:
         """Take and write the rest. OSError where it cannot be written."""
-        self.look()
+        self._collect()
+        self._settle()
         if self._pending:
             last = self._pending[-1]
             last = replace(last, events=[*last.events, *self._noted(self._collector.rest())])
             self._write([*self._pending[:-1], last])
             self._pending = []
+            self._settle()
 
     def _note(self, block: Block) -> None:
         if self.first is None:
             self.first = block.first
-        self.periods += len(block.frames)
         self.lost += block.lost
         self.entries_lost += block.entries_lost
         self.commands_lost += block.commands_lost
@@ -95,8 +131,16 @@ class Recorder:
         return events
 
     def _write(self, blocks: list[Block]) -> None:
-        if blocks:
-            self._target.add(joined(blocks))
+        if not blocks:
+            return
+        if self._thread is None:
+            self._add(blocks)
+        else:
+            self._writing = self._thread.submit(self._add, blocks)
+
+    def _add(self, blocks: list[Block]) -> None:
+        self._target.add(joined(blocks))
+        self.periods += sum(len(block.frames) for block in blocks)
 
     def close(self) -> None:
         self._collector.close()

@@ -27,8 +27,13 @@ ENCODING = "umo"
 class OtherChannels(Protocol):
     """Channels for other people's tools."""
 
-    schemas: Sequence[Schema]
-    channels: Sequence[Channel]
+    @property
+    def schemas(self) -> Sequence[Schema]:
+        """Their schemas."""
+
+    @property
+    def channels(self) -> Sequence[Channel]:
+        """The channels."""
 
     def messages(self, block: Block, times: Times) -> list[Messages]:
         """The messages of a block; `times`: UTC of its frames, ns since 1970."""

@@ -11,26 +11,13 @@ from pathlib import Path
 from umo.errors import UmoError, text_of
 from umo.frames.layout import Layout
 from umo.recording.block import Block
-from umo.recording.copying import join, thin
+from umo.recording.copying import thin
 from umo.recording.part_names import part_name
+from umo.recording.record_settings import DEFAULT, RecordSettings
 from umo.recording.recording_file import OtherChannels, RecordingFile
 
-ROTATE_TIME, ROTATE_SIZE = 3600.0, 1 << 30
-"""s and bytes of a file, after which the next one is begun."""
 PARTS_OF_LAST = 4
 """Number of files in which a flight recorder keeps its last minutes."""
-
-
-@dataclass(frozen=True)
-class RecordSettings:
-    """What is kept, in which files."""
-
-    last: float | None = None
-    """Flight recorder: the s before the end, or before a demand, that are kept in full; None: all."""
-    rotate_time: float = ROTATE_TIME
-    rotate_size: int = ROTATE_SIZE
-    keep: int | None = None
-    """Bytes of the files that are kept in full; older ones keep only what replay needs. None: all are."""
 
 
 @dataclass
@@ -50,12 +37,12 @@ class RecordingParts:
         path: Path,
         layout: Layout,
         others: OtherChannels | None = None,
-        settings: RecordSettings = RecordSettings(),
+        settings: RecordSettings = DEFAULT,
     ) -> None:
         self.path, self.failed = path, ""
         """`failed`: why an older part keeps more than it should."""
         self._layout, self._others, self._settings = layout, others, settings
-        self._rotate_time = settings.rotate_time if settings.last is None else settings.last / PARTS_OF_LAST
+        self._rotate_time = settings.rotate if settings.last is None else settings.last / PARTS_OF_LAST
         self._parts: list[_Part] = []
         self._file = RecordingFile(path, layout, others)
         self._worker = ThreadPoolExecutor(1, "umo record")
@@ -75,7 +62,7 @@ class RecordingParts:
     def add(self, blocks: Sequence[Block]) -> None:
         """Write blocks as one chunk."""
         settings = self._settings
-        if self._file.span and (self._file.span >= self._rotate_time or self._file.size >= settings.rotate_size):
+        if self._file.span and (self._file.span >= self._rotate_time or self._file.size >= settings.size):
             number = len(self._parts) + 2
             following = RecordingFile(part_name(self.path, number), self._layout, self._others, part=number)
             self._parts.append(_Part(self._file.path, self._file.size, self._time))
@@ -104,10 +91,6 @@ class RecordingParts:
             part.size = part.path.stat().st_size
         except (OSError, UmoError) as error:
             self.failed = f"{part.path} keeps everything: {text_of(error)}"
-
-    def save(self, path: Path) -> Future[None]:
-        """All that there is now as one file, written in a thread."""
-        return self._worker.submit(join, self.paths, path)
 
     def close(self) -> None:
         """No more blocks come. What threads do is finished first."""

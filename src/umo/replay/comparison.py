@@ -48,6 +48,8 @@ class Comparison:
         self._layout, self._result = layout, result
         self.on_difference: Callable[[], object] = lambda: None
         """Function that is called at the first difference."""
+        self.compares = True
+        """Whether it compares at all: else it only counts."""
         image = machine.image
         self._paths = [str(each["path"]) for each in layout.objects]
         slot_of = {item.path: slot for slot, item in enumerate(image.items)}
@@ -70,6 +72,8 @@ class Comparison:
         journal = self._journal
         result.periods += 1
         result.simulated = frame.time
+        if not self.compares:
+            return
         result.raws += len(self.outputs)
         raws = self.replayed_raws()
         same = (
@@ -93,7 +97,7 @@ class Comparison:
 
     def _tell_extra(self, frame: Frame) -> None:
         """A frame that was not recorded: the program updates once more in a period, unless the tape is over."""
-        if not self._player.over and self._result.difference is None:
+        if self.compares and not self._player.over and self._result.difference is None:
             number = max(self._player.shown - 1, 0)
             found = Difference(number, frame.time, "", "one update in this period", "another one")
             self._result.difference = found

@@ -57,6 +57,8 @@ class Replayed:
     """The error that ended the replayed run; None: there was none."""
     settings: dict[str, Any] = field(default_factory=dict)
     """The numbers that were set to other values (`umo replay --set`), by path."""
+    open_loop: bool = False
+    """Whether the recording was shrunk: its error alone was compared."""
     hashes: str = ""
     """A remark on the order of hashes, if it was not fixed."""
     elapsed: float = 0.0
@@ -73,6 +75,8 @@ class Replayed:
 
     def __str__(self) -> str:
         count = f"{self.periods:,} periods ({duration(round(self.simulated, 6))}), {self.raws:,} commanded raw integers"
+        if self.open_loop:
+            count = f"{self.periods:,} periods in open loop, of which only the error is compared"
         lines = [f"identical: {count}" if self.difference is None else f"different: {count}\n{self.difference}"]
         if self.settings:
             changed = ", ".join(f"{path} = {value}" for path, value in self.settings.items())

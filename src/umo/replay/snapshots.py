@@ -27,7 +27,7 @@ EVERY = 2000
 """Periods between two snapshots."""
 MOST = 15
 """Snapshots that are kept beside the first one, each of some MB: the last 30,000 periods that were visited."""
-Message = dict[str, Any]
+Orders = dict[str, Any]
 
 
 class Link:
@@ -50,7 +50,7 @@ class Link:
         with suppress(OSError):  # the other end has ended
             self._connection.sendall(json.dumps(message).encode() + b"\n")
 
-    def receive(self) -> Message | None:
+    def receive(self) -> Orders | None:
         """The next message; None: the other end has ended."""
         while b"\n" not in self._rest:
             try:
@@ -61,7 +61,7 @@ class Link:
                 return None
             self._rest += data
         line, _, self._rest = self._rest.partition(b"\n")
-        message: Message = json.loads(line)
+        message: Orders = json.loads(line)
         return message
 
     def close(self) -> None:
@@ -74,13 +74,13 @@ class Runner:
 
     def __init__(self, address: str) -> None:
         self._address = address
-        self.orders: Message = {}
+        self.orders: Orders = {}
         self.known: dict[int, float] = {}
         self._children: list[int] = []
         """The processes of the snapshots that it has forked, as far as they have not ended."""
         self._link = self._begin({})
 
-    def _begin(self, orders: Message) -> Link:
+    def _begin(self, orders: Orders) -> Link:
         self.orders, self.known = orders, dict(orders.get("known", ()))
         link = Link.to(self._address)
         link.send(kind="runner")
@@ -172,7 +172,7 @@ class SnapshotList:
         self._times: dict[int, float] = {}
         self._origin = START
         """The period of the snapshot from which the runner comes: it lives as long as this one."""
-        self._orders: Message = {}
+        self._orders: Orders = {}
         self._visited: list[int] = []
         """The periods of the snapshots, those that were made or used last at the end."""
 
@@ -257,7 +257,7 @@ class SnapshotList:
         self._snapshots.pop(period).close()
         del self._times[period]
 
-    def _go(self, orders: Message) -> None:
+    def _go(self, orders: Orders) -> None:
         """Let the last snapshot that is not after a period go on from it; the first one if there is none."""
         first = min(self._snapshots)
         self._origin = max((each for each in self._snapshots if each <= orders["period"]), default=first)

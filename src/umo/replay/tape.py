@@ -14,6 +14,8 @@ from umo.frames.layout import Layout
 
 MOVING = {Kind.READ, Kind.WRITE, Kind.RESET, Kind.INITIALIZE, Kind.ARRIVED, Kind.CONFIRMED}
 """Entries of the journal after which an object has another raw integer than before."""
+OPEN_LOOP = "open_loop"
+"""The fact about a recording of which periods were left out (`umo.replay.shrinking`): only its error is compared."""
 JournalEntry = tuple[int, int, int, int, int, float]
 """Slot, kind, error, raw, raw before, time."""
 
@@ -84,7 +86,19 @@ def events_of(tape: Tape) -> list[Any]:
 class Period:
     """One recorded period."""
 
-    __slots__ = ("_entries", "_place", "_rows", "missed", "number", "raws", "sampled", "taken", "time", "updated")
+    __slots__ = (
+        "_entries",
+        "_full",
+        "_place",
+        "_rows",
+        "missed",
+        "number",
+        "raws",
+        "sampled",
+        "taken",
+        "time",
+        "updated",
+    )
 
     def __init__(
         self,
@@ -92,11 +106,12 @@ class Period:
         raws: npt.NDArray[np.int64],
         entries: Any,
         place: tuple[npt.NDArray[Any], int],
+        full: bool,
     ) -> None:
         self.number, self.time, self.missed, self.taken, self.sampled, self.updated = row
         self.raws = raws
         """The raw integer of each object at the end of the period."""
-        self._rows, self._place = entries, place
+        self._rows, self._place, self._full = entries, place, full
         self._entries: list[JournalEntry] | None = None
 
     @property
@@ -115,7 +130,7 @@ class Period:
     def signals(self) -> list[float]:
         """The values of its signals; none where they were not recorded."""
         frames, number = self._place
-        signals: list[float] = frames["signals"][number].tolist() if "signals" in (frames.dtype.names or ()) else []
+        signals: list[float] = frames["signals"][number].tolist() if self._full else []
         return signals
 
     @property
@@ -167,8 +182,9 @@ class Periods:
         rows = zip(*(frames[name].tolist() for name in names), strict=True)
         raws = np.ascontiguousarray(frames["raws"])
         counts, lost = frames["entries"].tolist(), frames["entries_lost"].tolist()
+        full = getattr(block, "is_full", True)
         at = 0
         for number, row in enumerate(rows):
             own = entries[at : at + counts[number]]
             at += counts[number]
-            yield Period(row, raws[number], own, (frames, number)), lost[number]
+            yield Period(row, raws[number], own, (frames, number), full), lost[number]

@@ -127,7 +127,16 @@ class _Resolver:
         self._check_periods(period)
         parameters = self._parameters() if self.source.parameters else []
         wired = Wired(
-            drivers, wires, period, timer, parameters, watchdogs, self.hardware, rates=rates, faces=self.source.faces
+            drivers,
+            wires,
+            period,
+            timer,
+            parameters,
+            watchdogs,
+            self.hardware,
+            rates=rates,
+            faces=self.source.faces,
+            record=self.source.record,
         )
         self._check_time(wired)
         self._check_plants()

@@ -17,7 +17,7 @@ from umo.text import did_you_mean
 if TYPE_CHECKING:
     from umo.wiring.schema import Entry
 
-SECTIONS = ("drivers", "wire", "parameters", "process", "faults", "fault_seed", "faces")
+SECTIONS = ("drivers", "wire", "parameters", "process", "faults", "fault_seed", "faces", "record")
 MAX_SUGGESTIONS = 10
 """Wrong names for which the nearest one is looked up, at most: it takes 20 ms among a hundred, and a generated file may
 have a thousand wrong."""
@@ -36,6 +36,8 @@ class WiringSource:
     process: dict[str, Any] = field(default_factory=dict)
     faces: dict[str, Any] = field(default_factory=dict)
     """The faces of the station, as written (`umo.faces.face_settings` reads them)."""
+    record: dict[str, Any] | None = None
+    """What is recorded of its runs, as written (`umo.recording.record_settings` reads it); None: nothing is."""
     injected: list[Any] = field(default_factory=list)
     """Faults to inject (`umo.testing.faults`)."""
     seed: Any = 0
@@ -105,6 +107,7 @@ def _fill(source: WiringSource, data: Mapping[str, Any]) -> None:
     source.parameters = dict(_leaves(_table(source, data, "parameters")))
     source.process = dict(_table(source, data, "process"))
     source.faces = dict(_table(source, data, "faces"))
+    source.record = dict(_table(source, data, "record")) if "record" in data else None
     injected, source.seed = data.get("faults", []), data.get("fault_seed", 0)
     if isinstance(injected, list | tuple):
         source.injected = list(injected)

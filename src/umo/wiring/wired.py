@@ -253,6 +253,8 @@ class Wired:
     """The parts with rates of their own, the fastest first."""
     faces: Mapping[str, Any] = field(default_factory=dict)
     """The table of the station's faces, as written (`umo.faces.face_settings` reads it)."""
+    record: Mapping[str, Any] | None = None
+    """What is recorded of its runs, as written (`umo.recording.record_settings` reads it); None: nothing is."""
 
     @property
     def devices(self) -> list[str]:

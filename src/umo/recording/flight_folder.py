@@ -1,0 +1,105 @@
+"""Folders of flight recorders: the files of each while it runs, and who writes them.
+
+Whoever wants what one has makes one file of its files, as they are whole at any time: `save`. A folder whose recorder
+was killed is kept, among the last few.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from umo.errors import FramesError
+from umo.recording.copying import join
+from umo.recording.part_names import SUFFIX, part_name
+from umo.system import folders
+from umo.system.processes import identity
+
+MAX_LEFT = 3
+"""Number of folders of recorders that were killed, which are kept."""
+ABOUT, FILE = "recorder.json", f"flight{SUFFIX}"
+
+
+@dataclass(frozen=True)
+class FlightFolder:
+    """The folder of one flight recorder."""
+
+    path: Path
+    station: str
+    pid: int
+    """Of the control process that is recorded."""
+    recorder: tuple[int, str]
+    """Pid of the recorder, and what tells it from later processes of the same pid."""
+
+    @property
+    def file(self) -> Path:
+        """The first of its files."""
+        return self.path / FILE
+
+    @property
+    def parts(self) -> list[Path]:
+        parts, number = [], 1
+        while (part := part_name(self.file, number)).exists():
+            parts.append(part)
+            number += 1
+        return parts
+
+    @property
+    def is_written(self) -> bool:
+        """Whether its recorder still lives."""
+        pid, process = self.recorder
+        return identity(pid) == process
+
+    def save(self, path: Path) -> None:
+        """All that it has as one file. OSError, FramesError."""
+        if not (parts := self.parts):
+            raise FramesError(f"the flight recorder of {self.station} has nothing yet")
+        join(parts, path)
+
+    def remove(self) -> None:
+        shutil.rmtree(self.path, ignore_errors=True)
+
+
+def place() -> Path:
+    """The folder around them; FramesError if there can be none."""
+    try:
+        return folders.checked(folders.checked(folders.own(folders.lasting(), 0o755) / "flights"))
+    except OSError as error:
+        raise FramesError(f"no folder for flight recorders: {error}") from None
+
+
+def new(station: str, pid: int, recorder: int) -> FlightFolder:
+    """A new one. Those that killed recorders have left are removed, but the last few. OSError, FramesError."""
+    for left in [each for each in all_folders() if not each.is_written][:-MAX_LEFT]:
+        left.remove()
+    name = "".join(letter if letter.isalnum() else "_" for letter in station)[:40]
+    path = place() / f"{name}-{pid}-{time.monotonic_ns():x}"
+    path.mkdir(mode=0o700)
+    made = FlightFolder(path, station, pid, (recorder, identity(recorder)))
+    (path / ABOUT).write_text(json.dumps([station, pid, list(made.recorder)]))
+    return made
+
+
+def all_folders() -> list[FlightFolder]:
+    """All, the oldest first."""
+    found = []
+    for file in place().glob(f"*/{ABOUT}"):
+        try:
+            station, pid, (recorder, process) = json.loads(file.read_text())
+            found.append((file.stat().st_mtime, FlightFolder(file.parent, str(station), int(pid), (recorder, process))))
+        except (OSError, ValueError, TypeError):  # it is being made or removed
+            continue
+    return [folder for _, folder in sorted(found, key=lambda each: each[0])]
+
+
+def find(name: str) -> FlightFolder:
+    """The newest flight recorder of a station, by name or pid; FramesError if there is none."""
+    known = all_folders()
+    fitting = [each for each in known if name in (each.station, str(each.pid))]
+    if not fitting:
+        names = ", ".join(dict.fromkeys(each.station for each in known)) or "none"
+        raise FramesError(f"no flight recorder of {name!r} (umo run --last 10min); there are those of: {names}")
+    return max(fitting, key=lambda each: (each.is_written, known.index(each)))

@@ -1,0 +1,221 @@
+"""The type of the message `machine`: nested like the tree of the machine, states as enums. Parts that are
+alike have one type. Every message has the same bytes but for its numbers: numpy fills a second of them at once."""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from google.protobuf import descriptor_pb2 as pb
+
+from umo.frames.layout import Layout
+from umo.presentation.value_text import span
+
+PACKAGE, ROOT = "umo", "Machine"
+MAX_ENUM = 126
+"""Greatest number of a state that takes one byte; a value with larger ones is a plain number."""
+UNKNOWN = 127
+"""The state of what was never read."""
+FIXED64, VARINT, BYTES = 1, 0, 2
+"""Wire types of protobuf."""
+
+
+@dataclass
+class Leaf:
+    """A number of the machine: a column of a frame, and its place there."""
+
+    column: str
+    place: int
+    states: Mapping[int, str] = field(default_factory=dict)
+    """Names by number; empty: a plain number."""
+    about: str = ""
+    """Unit and range."""
+    at: int = 0
+    """Offset in a message."""
+
+
+@dataclass
+class _Part:
+    names: dict[str, Leaf | _Part] = field(default_factory=dict)
+
+
+def leaves_of(layout: Layout) -> list[tuple[str, Leaf]]:
+    """The numbers of a machine by path, in the order of a frame's columns."""
+    found = [(str(each["path"]), _object(place, each)) for place, each in enumerate(layout.objects)]
+    found += [(str(each["path"]), _signal(place, each)) for place, each in enumerate(layout.signals)]
+    for column, entries in (("equipment", layout.equipment), ("axes", layout.axes)):
+        for place, each in enumerate(entries):
+            states = dict(enumerate(map(str, each["states"])))
+            found.append((f"{each['path']}.{column}_state", _leaf(column, place, states, "")))
+    return found
+
+
+def _object(place: int, entry: Mapping[str, Any]) -> Leaf:
+    if "one" in entry:
+        return _leaf("values", place, {0: str(entry["zero"]), 1: str(entry["one"])}, "")
+    bounds = span(entry["minimum"], entry["maximum"]) if "minimum" in entry else ""
+    return _leaf("values", place, {}, ", ".join(filter(None, [str(entry.get("unit", "")), bounds])))
+
+
+def _signal(place: int, entry: Mapping[str, Any]) -> Leaf:
+    states = {int(number): str(name) for number, name in entry.get("states", {}).items()}
+    return _leaf("signals", place, states, str(entry.get("unit", "")))
+
+
+def _leaf(column: str, place: int, states: Mapping[int, str], about: str) -> Leaf:
+    small = all(0 <= number <= MAX_ENUM for number in states)
+    return Leaf(column, place, states if small else {}, about)
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Numbers of one kind at even distances in a frame, and in a message: numpy copies them at once."""
+
+    column: str
+    places: slice
+    states: Mapping[int, str]
+    count: int
+    at: int
+    """Offset of the first in a message."""
+    step: int
+    """Bytes from one to the next."""
+
+
+def _runs(leaves: Sequence[tuple[str, Leaf]]) -> list[Run]:
+    alike: dict[tuple[object, ...], list[Leaf]] = {}
+    for path, leaf in leaves:
+        key = leaf.column, re.sub(r"\d+", "*", path), tuple(leaf.states.items())
+        alike.setdefault(key, []).append(leaf)
+    return [_run(part) for each in alike.values() for part in _even(each)]
+
+
+def _even(leaves: Sequence[Leaf]) -> Iterator[list[Leaf]]:
+    """The leaves in parts in which they lie at even distances."""
+    part: list[Leaf] = []
+    for leaf in leaves:
+        far = len(part) > 1 and (leaf.place - part[-1].place, leaf.at - part[-1].at) != (
+            part[1].place - part[0].place,
+            part[1].at - part[0].at,
+        )
+        if far or (len(part) == 1 and leaf.place <= part[0].place):
+            yield part
+            part = []
+        part.append(leaf)
+    yield part
+
+
+def _run(part: Sequence[Leaf]) -> Run:
+    first, last = part[0], part[-1]
+    step, bytes_ = (part[1].place - first.place, part[1].at - first.at) if len(part) > 1 else (1, 1)
+    return Run(first.column, slice(first.place, last.place + 1, step), first.states, len(part), first.at, bytes_)
+
+
+class MessageTree:
+    """The descriptor of the message, its bytes with all numbers 0, and where each number stands in it."""
+
+    def __init__(self, leaves: Sequence[tuple[str, Leaf]]) -> None:
+        self._file = pb.FileDescriptorProto(name="machine.proto", package=PACKAGE, syntax="proto3")
+        self._types: dict[str, str] = {}
+        root = _Part()
+        for path, leaf in leaves:
+            _insert(root, path.split("."), leaf)
+        self._declare(root, ROOT)
+        self.template = self._fill(root, 0)
+        self.runs = _runs(leaves)
+
+    @property
+    def descriptor(self) -> bytes:
+        """The set of files that MCAP wants as a schema."""
+        return bytes(pb.FileDescriptorSet(file=[self._file]).SerializeToString())
+
+    def _declare(self, part: _Part, name: str) -> str:
+        """The name of the type of a part; of parts that are alike the first one's."""
+        message = pb.DescriptorProto()
+        for number, (field_name, each) in enumerate(part.names.items(), 1):
+            message.field.append(self._field(name, number, field_name, each))
+        key = message.SerializeToString().hex()
+        if key not in self._types:
+            self._types[key] = name if name == ROOT else _free(name, self._types.values())
+            message.name = self._types[key]
+            self._file.message_type.append(message)
+        return self._types[key]
+
+    def _field(self, parent: str, number: int, name: str, each: Leaf | _Part) -> Any:
+        made = pb.FieldDescriptorProto(name=name, number=number, label=1)
+        if isinstance(each, _Part):
+            made.type, made.type_name = 11, f".{PACKAGE}.{self._declare(each, _type_name(name, parent))}"
+        elif each.states:
+            made.type, made.type_name = 14, f".{PACKAGE}.{self._enum(name, each.states)}"
+        else:
+            made.type = 1
+        return made
+
+    def _enum(self, name: str, states: Mapping[int, str]) -> str:
+        """The name of a message that has this enum: names of states are free in it."""
+        names: dict[int, str] = {}
+        for number, text in states.items():
+            names[number] = _free(_name(text), names.values())
+        names.setdefault(0, _free("NONE", names.values()))
+        names[UNKNOWN] = _free("UNKNOWN", names.values())
+        values = [pb.EnumValueDescriptorProto(name=names[number], number=number) for number in sorted(names)]
+        enum = pb.EnumDescriptorProto(name="State", value=values)
+        key = "enum " + enum.SerializeToString().hex()
+        if key not in self._types:
+            self._types[key] = _free(_type_name(name, "") + "States", self._types.values())
+            self._file.message_type.append(pb.DescriptorProto(name=self._types[key], enum_type=[enum]))
+        return f"{self._types[key]}.State"
+
+    def _fill(self, part: _Part, at: int) -> bytes:
+        """The bytes of a part, which begin at this offset; notes where its numbers stand."""
+        data = bytearray()
+        for number, each in enumerate(part.names.values(), 1):
+            if isinstance(each, _Part):
+                size = len(self._fill(each, 0))
+                data += _varint(number << 3 | BYTES) + _varint(size)
+                data += self._fill(each, at + len(data))
+            else:
+                data += _varint(number << 3 | (VARINT if each.states else FIXED64))
+                each.at = at + len(data)
+                data += bytes(1 if each.states else 8)
+        return bytes(data)
+
+
+def _insert(part: _Part, names: Sequence[str], leaf: Leaf) -> None:
+    for name in names[:-1]:
+        child = part.names.setdefault(_name(name), _Part())
+        if isinstance(child, Leaf):  # a number below a number
+            child = part.names.setdefault(_free(f"{_name(name)}_parts", ()), _Part())
+        assert isinstance(child, _Part)
+        part = child
+    part.names[_free(_name(names[-1]), part.names)] = leaf
+
+
+def _name(text: str) -> str:
+    """A name that protobuf takes."""
+    name = re.sub(r"\W", "_", text, flags=re.ASCII) or "_"
+    return f"_{name}" if name[0].isdigit() else name
+
+
+def _type_name(name: str, parent: str) -> str:
+    """The name of the type of a field; of a number in a list after that of the list."""
+    text = name.title().replace("_", "")
+    return text if text[:1].isalpha() and text.isascii() else f"{parent}Each"
+
+
+def _free(name: str, taken: Any) -> str:
+    known, number, free = set(taken), 1, name
+    while free in known:
+        number += 1
+        free = f"{name}_{number}"
+    return free
+
+
+def _varint(number: int) -> bytes:
+    data = bytearray()
+    while number > 127:
+        data.append(number & 127 | 128)
+        number >>= 7
+    return bytes(data) + struct.pack("B", number)

@@ -1,0 +1,195 @@
+"""Shrinking a recording: the fewest of its periods that still give the same error.
+
+The periods that are left out are left out as inputs too: what remains is open loop. It proves that the error follows
+from these inputs, not that a machine would give them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from umo.cycle.events import Event
+from umo.errors import text_of
+from umo.frames.layout import Layout
+from umo.replay.program import Program
+from umo.replay.replaying import Replay
+from umo.replay.tape import OPEN_LOOP, NotReplayable, Tape, TapeCommand, events_of
+from umo.text import place_of
+
+PeriodNumbers = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class ShrunkCommand:
+    """A command of a client, with its new number."""
+
+    number: int
+    period: int
+    data: bytes
+
+
+@dataclass
+class ShrunkBlock:
+    """All periods that are left."""
+
+    frames: Any
+    entries: Any
+    commands: list[ShrunkCommand] = field(default_factory=list)
+    lost: int = 0
+    entries_lost: int = 0
+    commands_lost: int = 0
+
+
+@dataclass
+class ShrunkTape:
+    """A recording of which only some periods are left; its time goes on without gaps."""
+
+    layout: Layout
+    job: Mapping[str, Any]
+    events: list[Event]
+    block: ShrunkBlock
+
+    def blocks(self) -> Iterator[ShrunkBlock]:
+        return iter([self.block])
+
+
+class WholeRecording:
+    """A whole recording in memory, from which periods are chosen."""
+
+    def __init__(self, tape: Tape) -> None:
+        """NotReplayable if parts of it are lost."""
+        blocks = list(tape.blocks())
+        if any(block.lost or block.entries_lost or block.commands_lost for block in blocks):
+            raise NotReplayable("parts of the recording are lost: it cannot be shrunk")
+        about = tape.layout.about | {OPEN_LOOP: True}
+        self.layout, self.job = dataclasses.replace(tape.layout, about=about), tape.job
+        self._frames = np.concatenate([block.frames for block in blocks])
+        self._entries = np.concatenate([block.entries for block in blocks])
+        self._ends = np.cumsum(self._frames["entries"])
+        self._commands = {command.number: command for block in blocks for command in block.commands}
+        self._events = events_of(tape)
+
+    @property
+    def count(self) -> int:
+        """Number of periods."""
+        return len(self._frames)
+
+    def chosen(self, places: PeriodNumbers) -> ShrunkTape:
+        """The recording with these periods only, in order."""
+        frames = self._frames[places]
+        ticks = np.maximum(frames["missed"], 1)
+        times = frames["time"].tolist()
+        frames["number"] = np.cumsum(ticks)
+        if period := float(self.layout.about.get("period") or 0.0):
+            frames["time"] = frames["number"] * period
+        new_times = dict(zip(times, frames["time"].tolist(), strict=True))
+        frames["sequence"] = 2 * np.arange(len(frames)) + 2
+        commands, numbers = self._renumber(frames, places)
+        counts = frames["entries"].tolist()
+        ends = self._ends[places].tolist()
+        parts = [self._entries[end - count : end] for end, count in zip(ends, counts, strict=True) if count]
+        entries = np.concatenate([self._entries[:0], *parts])
+        frames["journal"] = np.cumsum(frames["entries"]) - frames["entries"]
+        events = [
+            event._replace(time=new_times.get(event.time, event.time), command=numbers.get(event.command, 0))
+            for event in self._events
+            if event.is_end or (event.time in new_times and (not event.command or event.command in numbers))
+        ]
+        return ShrunkTape(self.layout, self.job, events, ShrunkBlock(frames, entries, commands))
+
+    def _renumber(self, frames: Any, places: PeriodNumbers) -> tuple[list[ShrunkCommand], dict[int, int]]:
+        """The commands of these periods; the new number of each old one."""
+        taken = self._frames["taken"]
+        commands: list[ShrunkCommand] = []
+        numbers: dict[int, int] = {}
+        if not self._commands and not taken[-1:].any():
+            return commands, numbers
+        before = np.concatenate([[0], taken[:-1]])[places].tolist()
+        for place, (first, last) in enumerate(zip(before, taken[places].tolist(), strict=True)):
+            for old in range(first + 1, last + 1):
+                number = numbers[old] = len(numbers) + 1
+                command: TapeCommand | None = self._commands.get(old)
+                commands.append(ShrunkCommand(number, place, b"" if command is None else command.data))
+            frames["taken"][place] = len(numbers)
+        return commands, numbers
+
+
+@dataclass(frozen=True)
+class ReplayedError:
+    """What a run ended by: the class of its error, and the line of the user's code."""
+
+    kind: str
+    place: str
+    text: str
+
+    @classmethod
+    def of(cls, error: BaseException) -> ReplayedError:
+        return cls(type(error).__name__, place_of(error) or "", text_of(error))
+
+    def is_same(self, other: ReplayedError | None) -> bool:
+        """The same error at the same line; numbers in its text may differ."""
+        return other is not None and (self.kind, self.place) == (other.kind, other.place)
+
+
+class Shrinking:
+    """The search for the fewest periods. `go_on` is called before each replay; it ends when that is false."""
+
+    def __init__(
+        self, tape: Tape, station: str | None = None, program: Callable[[Tape], Program] | None = None
+    ) -> None:
+        """NotReplayable if the recording has no error, or does not give it in open loop."""
+        self.source = WholeRecording(tape)
+        self._program = program or (lambda each: Program.of(each, station))
+        self.replays = 0
+        self.places: PeriodNumbers = np.arange(self.source.count)
+        """The periods that are left."""
+        ending = self._ending(self.places)
+        if ending is None:
+            raise NotReplayable("the replay of this recording ends without an error: there is nothing to shrink to")
+        self.ending = ending
+
+    def run(self, go_on: Callable[[], bool] = lambda: True) -> ShrunkTape:
+        """Leave out periods as long as the error stays."""
+        size = max(len(self.places) // 2, 1)
+        while go_on():
+            before = len(self.places)
+            self._pass(size, go_on)
+            if size == 1 and len(self.places) == before:
+                break
+            size = max(size // 2, 1) if len(self.places) == before else max(min(size, len(self.places) // 2), 1)
+        return self.source.chosen(self.places)
+
+    def _pass(self, size: int, go_on: Callable[[], bool]) -> None:
+        """Try to leave out each piece of this many periods, the last ones first: they end with the error."""
+        at = len(self.places)
+        while at > 0 and go_on():
+            start = max(at - size, 0)
+            rest = np.concatenate([self.places[:start], self.places[at:]])
+            if len(rest) and self.ending.is_same(self._ending(rest)):
+                self.places = rest
+            at = start
+
+    def _ending(self, places: PeriodNumbers) -> ReplayedError | None:
+        """The error of a replay with these periods only."""
+        self.replays += 1
+        tape = self.source.chosen(places)
+        result = Replay(tape, self._program(tape)).run()
+        return None if result.error is None else ReplayedError.of(result.error)
+
+
+def periods_left(places: Sequence[int]) -> str:
+    """The periods in words: `3 to 17, 40`."""
+    runs: list[list[int]] = []
+    for place in places:
+        if runs and place == runs[-1][1] + 1:
+            runs[-1][1] = place
+        else:
+            runs.append([place, place])
+    shown = [f"{first}" if first == last else f"{first} to {last}" for first, last in runs[:8]]
+    return ", ".join(shown) + (f" and {len(runs) - 8} more pieces" if len(runs) > 8 else "")

@@ -1,0 +1,188 @@
+"""`umo run --record`, `umo record`: files, settings, and that the run goes on whatever happens to its recorder."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import Result
+
+from helpers.waiting import until
+from umo.cli.record_beside import RecordBeside, RecordOrder
+from umo.process import Started
+from umo.process.job import Job
+from umo.recording import Recording, flight_folder
+from umo.recording.record_settings import settings_of
+
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux")
+Umo = Callable[..., Result]
+RUN = ("run", "conveyor", "--until", "0.2", "--no-record")
+
+
+@pytest.fixture(autouse=True)
+def own_folders(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("UMO_FRAMES", str(tmp_path / "frames"))
+    monkeypatch.setenv("UMO_STATE", str(tmp_path / "state"))
+
+
+def test_a_run_in_virtual_time_is_recorded_whole(umo: Umo) -> None:
+    result = umo(*RUN, "--record", "run.mcap")
+    assert result.exit_code == 124 and "recorded: run.mcap (100 periods, " in result.stderr
+    with Recording("run.mcap") as recording:
+        assert recording.complete and recording.replayable_from is None
+        assert len(recording.frames()) == 100 and recording.job["station"] == "conveyor"
+        assert recording.job["until"] == 0.2 and "[wire" in recording.job["wiring"]["text"]
+
+
+def test_a_run_that_fails_is_recorded_to_its_end(umo: Umo) -> None:
+    result = umo("run", "ztheta", "--no-record", "--record", "run.mcap", "--fault", "z.encoder disconnect at 1 s")
+    assert result.exit_code == 1
+    with Recording("run.mcap") as recording:
+        assert recording.ended and recording.complete and "z.encoder" in recording.events[-1].event.text
+
+
+def test_without_a_file_the_recording_is_in_the_folder_of_the_run(umo: Umo) -> None:
+    result = umo(*RUN[:-1], "--record", "--no-plot")
+    (file,) = Path("runs").glob("conveyor-*/recording.mcap")
+    assert f"recorded: {file} " in result.stderr.replace("\n", "")
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--record", "is.mcap"), "--record is.mcap: there is such a file already; a recording never overwrites one"),
+        (("--record", "no/x.mcap"), "--record no/x.mcap: there is no folder no"),
+        (("--last", "fast"), "record: last: 'fast' is not a duration"),
+        (("--last", "1 ms"), "record: last: '1 ms' is less than 1 s"),
+    ],
+)
+def test_a_mistake_is_told_before_anything_runs(umo: Umo, tmp_path: Path, words: tuple[str, ...], told: str) -> None:
+    (tmp_path / "is.mcap").write_text("")
+    result = umo(*RUN, *words)
+    assert result.exit_code == 2 and told in result.stderr and len(result.stderr.splitlines()) == 1
+
+
+def test_a_flight_recorder_keeps_nothing_of_a_run_that_ends_well(umo: Umo) -> None:
+    result = umo(*RUN, "--last", "1 min")
+    assert result.exit_code == 124 and not list(Path().glob("*.mcap")) and not flight_folder.all_folders()
+
+
+def test_a_flight_recorder_saves_a_run_that_fails(umo: Umo) -> None:
+    fault = "z.encoder disconnect at 8 s"
+    result = umo("run", "ztheta", "--no-record", "--record", "x.mcap", "--last", "2 s", "--fault", fault)
+    assert result.exit_code == 1 and "the run has failed; recorded: x.mcap" in result.stderr
+    with Recording("x.mcap") as recording:
+        full = [block.is_full for block in recording.blocks()]
+        times = [float(block.frames["time"][0]) for block in recording.blocks() if block.is_full]
+        assert recording.replayable_from is None and not recording.gaps and recording.ended
+        assert not full[0] and full[-1] and min(times) > 3.0
+    assert not flight_folder.all_folders()
+
+
+def test_the_wiring_asks_for_a_recording(umo: Umo, tank: Path) -> None:
+    wiring = tank / "wiring" / "simulated.toml"
+    wiring.write_text(wiring.read_text() + '\n[record]\nrotate = "10 min"\n')
+    assert "recorded" in umo("check", "tank").stdout
+    assert "recorded: runs/" in umo("run", "tank", "--until", "0.5", "--no-plot").stderr.replace("\n", "")
+    assert "recorded" not in umo("run", "tank", "--until", "0.5", "--no-record").stderr
+    wiring.write_text(wiring.read_text() + "rotte = 3\n")
+    result = umo("check", "tank")
+    assert result.exit_code == 2 and "record: there is no 'rotte' (did you mean 'rotate'?)" in result.stderr
+    assert umo("run", "tank", "--until", "0.5").exit_code == 2
+
+
+def test_a_full_disk_ends_the_record_in_words_and_not_the_run(umo: Umo, monkeypatch: pytest.MonkeyPatch) -> None:
+    write, room = os.pwrite, 60_000
+
+    def pwrite(file: int, data: memoryview, at: int) -> int:
+        if at >= room:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(file, data[: room - at], at)
+
+    monkeypatch.setattr(os, "pwrite", pwrite)
+    monkeypatch.setattr("umo.recording.recorder.WRITE_PAUSE", 0.0)
+    result = umo("run", "conveyor", "--until", "20", "--no-record", "--record", "run.mcap")
+    told = result.stderr.replace("\n", " ")
+    assert "the record ends here, the machine runs on: run.mcap: " in told and "No space left on device" in told
+    assert "done" in told and result.exit_code == 4
+    with Recording("run.mcap") as recording:
+        assert recording.is_whole and not recording.ended
+        assert f"recorded: run.mcap ({len(recording.frames())} periods" in told and len(recording.frames()) > 100
+
+
+def test_garbage_is_told_in_one_line(umo: Umo, tmp_path: Path) -> None:
+    (tmp_path / "x.mcap").write_bytes(b"\x89MCAP0\r\n" + bytes(50))
+    for words in (("--repair", "x.mcap"), ("--repair", "none.mcap"), ("--save", "none"), (), ("a", "b", "c")):
+        result = umo("record", *words)
+        assert result.exit_code in (1, 2) and len(result.stderr.splitlines()) == 1, result.stderr
+
+
+@pytest.mark.parametrize(
+    "table",
+    [{"last": True}, {"size": "3"}, {"keep": 7}, {"size": "1 kB"}, {"rate": 0}, {"rate": "x"}, {"rotate": "0 s"}],
+)
+def test_settings_that_cannot_be_are_refused(table: dict[str, object]) -> None:
+    from umo.errors import OptionError
+
+    with pytest.raises(OptionError, match="record: "):
+        settings_of(table)
+
+
+# In real time -------------------------------------------------------------------------------------------
+
+
+def conveyor() -> Job:
+    return Job(station="conveyor", options={"realtime": True})
+
+
+@pytest.mark.slow
+def test_a_run_in_real_time_is_recorded_from_period_0_to_its_end(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "run.mcap"
+    with RecordBeside(RecordOrder(file, settings_of({}).plain)) as beside, Started(conveyor()) as started:
+        until(lambda: (started.poll(), started.frames)[1])
+        assert started.frames is not None
+        beside.attach(started.frames)
+        until(lambda: started.frames is not None and started.frames.head > 300)
+        started.ask_to_stop(signal.SIGTERM)
+        started.wait()
+    assert beside.complete and f"recorded: {file}" in capfd.readouterr().err.replace("\n", "")
+    with Recording(file) as recording:
+        assert recording.complete and recording.replayable_from is None
+        assert recording.events[-1].event.is_end and recording.job["hash_seed"] is None
+
+
+@pytest.mark.slow
+def test_a_recorder_that_is_killed_is_told_and_the_run_goes_on(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "run.mcap"
+    with RecordBeside(RecordOrder(file, settings_of({}).plain)) as beside, Started(conveyor()) as started:
+        until(lambda: (started.poll(), started.frames)[1])
+        assert started.frames is not None and beside._process is not None
+        beside.attach(started.frames)
+        until(lambda: file.exists() and file.stat().st_size > 60_000)
+        os.kill(beside._process.pid, signal.SIGKILL)
+        until(lambda: (beside.look(), beside._process is None)[1])
+        head = started.frames.head
+        until(lambda: started.frames is not None and started.frames.head > head)
+        assert "the recorder has ended (signal 9); the machine runs on" in capfd.readouterr().err.replace("\n", " ")
+    assert not beside.complete and started.outcome is not None and started.outcome.failure is None
+    with Recording(file) as recording:
+        assert len(recording.frames()) > 100 and recording.replayable_from is None
+
+
+def test_a_recorder_that_cannot_start_keeps_no_run_from_starting(capfd: pytest.CaptureFixture[str]) -> None:
+    with RecordBeside(RecordOrder(Path("x.mcap"), {}), ["/bin/false"]) as beside:
+        until(lambda: (beside.look(), beside._process is None)[1])
+    with RecordBeside(RecordOrder(Path("x.mcap"), {}), ["/nowhere"]) as never:
+        pass
+    told = capfd.readouterr().err.replace("\n", " ")
+    assert "the recorder has ended (status 1)" in told and "the recorder cannot be started" in told
+    assert not beside.complete and not never.complete

@@ -1,0 +1,148 @@
+"""Other people's readers find what was recorded, number by number."""
+
+import hashlib
+import json
+import os
+import re
+import shutil
+import subprocess
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from mcap.reader import make_reader
+
+from helpers import npm
+from helpers.recorded import block_at_random, layout_of
+from umo.frames import Layout
+from umo.recording.protobuf_channels import ProtobufChannels
+from umo.recording.recording_file import RecordingFile
+
+PARTS = Layout(
+    (
+        {"path": "z.motor", "unit": "V", "minimum": -10.0, "maximum": 10.0},
+        {"path": "z.limit", "one": "OPEN", "zero": "CLOSED"},
+        {"path": "zones.0.heat", "unit": "W"},
+        {"path": "zones.1.heat", "unit": "W"},
+        {"path": "timer", "unit": "ms"},
+    ),
+    ("sample",),
+    layout_of().about,
+    (
+        {"path": "z.servo.error", "unit": "um"},
+        {"path": "z.mode.state", "unit": "", "states": {"3": "idle", "7": "run-1"}},
+    ),
+    equipment=({"path": "z", "states": ["clear", "fault"]},),
+    axes=({"path": "z", "states": ["disabled", "standstill"]},),
+    alarms=({"path": "hot", "states": ["normal"]},),
+)
+
+
+def decoded(schema: Any, data: bytes) -> Any:
+    pool = descriptor_pool.DescriptorPool()
+    for file in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
+        pool.Add(file)
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name)).FromString(data)
+
+
+def test_the_machine_is_nested_like_its_tree_with_states_as_enums(tmp_path: Path) -> None:
+    block = block_at_random(PARTS, 0, 50, 1)
+    frames = block.frames
+    frames["values"][:, 1] = np.arange(50) % 2
+    frames["values"][7, 1] = np.nan
+    frames["signals"][:, 1], frames["equipment"], frames["axes"] = 7.0, 1, 1
+    file = RecordingFile(tmp_path / "run.mcap", PARTS, ProtobufChannels(PARTS))
+    file.add([block])
+    file.close()
+    with open(tmp_path / "run.mcap", "rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        found = [(schema, channel, message) for schema, channel, message in reader.iter_messages(["machine"])]
+    assert len(found) == 50 and found[0][1].metadata["z.motor"] == "V, -10 to 10"
+    for row, (schema, _, message) in zip(frames, found, strict=True):
+        machine = decoded(schema, message.data)
+        values = [machine.z.motor, machine.zones._0.heat, machine.zones._1.heat, machine.timer]
+        assert np.array_equal(values, row["values"][[0, 2, 3, 4]])
+        assert machine.z.servo.error == row["signals"][0] and message.log_time == row["began"] + row["utc"]
+    limits = [decoded(schema, message.data).z.limit for schema, _, message in found]
+    assert limits[:8] == [0, 1, 0, 1, 0, 1, 0, 127]
+    last = str(decoded(found[9][0], found[9][2].data))
+    assert "limit: OPEN" in last and "state: run_1" in last and "fault" in last and "standstill" in last
+    assert "UNKNOWN" in str(decoded(found[7][0], found[7][2].data))
+    file_type = descriptor_pb2.FileDescriptorSet.FromString(found[0][0].data).file[0]
+    heated = [each.name for each in file_type.message_type if [field.name for field in each.field] == ["heat"]]
+    assert len(heated) == 1  # zones that are alike have one type
+
+
+def test_other_tools_get_as_many_messages_as_asked_and_each_change_of_a_state(tmp_path: Path) -> None:
+    block = block_at_random(PARTS, 0, 1000, 1)
+    block.frames["values"][:, 1] = np.arange(1000) >= 505
+    block.frames["signals"][:, 1], block.frames["equipment"], block.frames["axes"] = 7.0, 0, 0
+    file = RecordingFile(tmp_path / "run.mcap", PARTS, ProtobufChannels(PARTS, rate=100))
+    file.add([block])
+    file.close()
+    with open(tmp_path / "run.mcap", "rb") as stream:
+        told = [message.sequence for _, _, message in make_reader(stream).iter_messages(["machine"])]
+    assert told == sorted([*range(0, 1000, 10), 505])
+
+
+def test_events_commands_and_progress_have_channels(tmp_path: Path) -> None:
+    block = block_at_random(PARTS, 0, 5, 1)
+    block.frames["progress"], block.frames["done"], block.frames["total"] = b"part", [1, 1, 2, 2, 2], 9
+    file = RecordingFile(tmp_path / "run.mcap", PARTS, ProtobufChannels(PARTS))
+    file.add([block])
+    file.close()
+    with open(tmp_path / "run.mcap", "rb") as stream:
+        told: dict[str, list[Any]] = {}
+        for schema, channel, message in make_reader(stream).iter_messages():
+            if schema is not None and channel.topic != "machine":
+                told.setdefault(channel.topic, []).append(decoded(schema, message.data))
+    assert [each.done for each in told["progress"]] == [1, 2]
+    assert told["events"][0].text == "Größe" and told["events"][0].state == "done"
+    assert [each.text for each in told["commands"]] == ['{"do": "lease"}', "{}"]
+
+
+# Readers of other projects ------------------------------------------------------------------------------
+
+CORE = Path(__file__).parent / "mcap_core"
+
+
+def sample(path: Path) -> tuple[Counter[str], str]:
+    """A recording of three seconds: the number of messages of each topic, and a hash of those of `machine`."""
+    file = RecordingFile(path, PARTS, ProtobufChannels(PARTS))
+    for number in range(3):
+        file.add([block_at_random(PARTS, 100 * number, 100, number)])
+    file.close()
+    counts: Counter[str] = Counter()
+    digest = hashlib.sha256()
+    with open(path, "rb") as stream:
+        for _, channel, message in make_reader(stream, validate_crcs=True).iter_messages():
+            counts[channel.topic] += 1
+            if channel.topic == "machine":
+                digest.update(message.data)
+    assert counts["machine"] == 300
+    return counts, digest.hexdigest()
+
+
+@pytest.mark.full
+def test_the_reader_of_foxglove_finds_the_same_messages(tmp_path: Path) -> None:
+    counts, digest = sample(tmp_path / "run.mcap")
+    modules = npm.modules(CORE)
+    command = ["node", str(CORE / "read.cjs"), str(modules), str(tmp_path / "run.mcap")]
+    found = json.loads(subprocess.run(command, capture_output=True, check=True, timeout=60).stdout)
+    assert found == {"counts": counts, "hash": digest}
+
+
+@pytest.mark.full
+def test_rerun_converts_it_message_by_message(tmp_path: Path) -> None:
+    rerun = os.environ.get("UMO_RERUN") or shutil.which("rerun")
+    if rerun is None:
+        pytest.skip("the test with Rerun needs its command: pip install rerun-sdk, or UMO_RERUN with its path")
+    counts, _ = sample(tmp_path / "run.mcap")
+    out = tmp_path / "run.rrd"
+    subprocess.run([rerun, "mcap", "convert", tmp_path / "run.mcap", "-o", out], check=True, capture_output=True)
+    shown = subprocess.run([rerun, "rrd", "print", out], check=True, capture_output=True, text=True).stdout
+    rows = re.findall(r"with (\d+) rows .* - /machine - data columns: \[umo\.Machine:message\]", shown)
+    assert sum(map(int, rows)) == counts["machine"]

@@ -1,0 +1,190 @@
+"""Files that were cut, torn, or met a full disk: ours opens them, and makes them whole for others."""
+
+from __future__ import annotations
+
+import errno
+import os
+import random
+import signal
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from helpers.recorded import block_at_random, layout_of
+from helpers.tiers import first
+from umo.errors import FramesError
+from umo.recording import Recording
+from umo.recording.copying import repair
+from umo.recording.mcap_reader import McapReader
+from umo.recording.protobuf_channels import ProtobufChannels
+from umo.recording.recording_file import RecordingFile
+
+LAYOUT = layout_of(2, 1)
+
+
+def written(path: Path, blocks: int = 4) -> list[int]:
+    """A small file; its size after each block."""
+    file = RecordingFile(path, LAYOUT, ProtobufChannels(LAYOUT))
+    sizes = []
+    for number in range(blocks):
+        file.add([block_at_random(LAYOUT, 3 * number, 3, number)])
+        sizes.append(file.size)
+    file.close()
+    return sizes
+
+
+def others_read(path: Path) -> int:
+    """Periods that the reader of mcap.dev finds by the index."""
+    with open(path, "rb") as stream:
+        return sum(1 for _ in make_reader(stream, validate_crcs=True).iter_messages(["machine"]))
+
+
+def test_a_file_is_whole_after_each_write(tmp_path: Path) -> None:
+    file = RecordingFile(tmp_path / "run.mcap", LAYOUT, ProtobufChannels(LAYOUT))
+    assert others_read(tmp_path / "run.mcap") == 0
+    for number in range(5):
+        file.add([block_at_random(LAYOUT, 3 * number, 3, number)])
+        assert others_read(tmp_path / "run.mcap") == 3 * number + 3
+        with Recording(tmp_path / "run.mcap") as recording:
+            assert recording.is_whole and len(recording.frames()) == 3 * number + 3
+    file.close()
+
+
+@pytest.mark.parametrize("part", first(1, range(40)))
+def test_a_file_that_was_cut_anywhere_is_read_as_far_as_it_goes(tmp_path: Path, part: int) -> None:
+    whole, cut = tmp_path / "run.mcap", tmp_path / "cut.mcap"
+    written(whole)
+    content, file = whole.read_bytes(), McapReader(whole)
+    ends = [at + len(file.raw(at)) for at in file.chunks]
+    bare = [at + 9 + len(file.head(at).data) + 44 for at in file.chunks]  # the end of each chunk itself
+    for at in range(part, len(content), 40):
+        cut.write_bytes(content[:at])
+        try:
+            with Recording(cut) as recording:
+                count = len(recording.frames())
+                assert not recording.is_whole
+        except FramesError as error:
+            assert "\n" not in str(error) and at < file.chunks[0]
+            continue
+        assert 3 * sum(end <= at for end in ends) <= count <= 3 * sum(start <= at for start in bare)
+        repair(cut)
+        assert others_read(cut) == count
+        with Recording(cut) as recording:
+            assert recording.is_whole and len(recording.frames()) == count
+
+
+@pytest.mark.parametrize("seed", first(3, range(200)))
+def test_a_chunk_that_was_torn_costs_what_follows_it(tmp_path: Path, seed: int) -> None:
+    """A write that reached the disk in part: the new chunk is garbage, the old end may still stand."""
+    path, luck = tmp_path / "run.mcap", random.Random(seed)
+    sizes = written(path, 3)
+    before = McapReader(path)
+    last = before.chunks[-1]
+    content = bytearray(path.read_bytes())
+    at = luck.randrange(last + 60, sizes[-1] - 40)
+    content[at : at + luck.randrange(1, 200)] = b""
+    path.write_bytes(content)
+    with Recording(path) as recording:
+        assert len(recording.frames()) in (6, 9)
+    repair(path)
+    assert others_read(path) in (6, 9)
+
+
+def test_a_whole_file_is_not_repaired(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    written(path)
+    content = path.read_bytes()
+    assert repair(path) == (4, 0) and path.read_bytes() == content
+
+
+# A full disk --------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def room(patch: pytest.MonkeyPatch, size: int) -> Iterator[None]:
+    """A disk on which files can have so many bytes at most, in the block."""
+    write = os.pwrite
+
+    def pwrite(file: int, data: memoryview, at: int) -> int:
+        if at >= size:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(file, data[: size - at], at)
+
+    with patch.context() as patched:
+        patched.setattr(os, "pwrite", pwrite)
+        yield
+
+
+@pytest.mark.parametrize("part", first(1, range(20)))
+def test_a_full_disk_leaves_the_file_whole_at_each_stage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part: int
+) -> None:
+    sizes = written(tmp_path / "like.mcap", 2)
+    start = (tmp_path / "like.mcap").stat().st_size - sizes[-1]
+    for size in range(start + part, sizes[-1] + 1, 97):
+        path = tmp_path / f"{size}.mcap"
+        done = -1
+        with room(monkeypatch, size):
+            try:
+                file = RecordingFile(path, LAYOUT, ProtobufChannels(LAYOUT))
+            except OSError:
+                assert not path.exists()
+                continue
+            try:
+                for done in range(2):
+                    file.add([block_at_random(LAYOUT, 3 * done, 3, done)])
+                done = 2
+            except OSError as error:
+                assert error.errno == errno.ENOSPC
+            file.close()
+        assert others_read(path) == 3 * max(done, 0)
+        with Recording(path) as recording:
+            assert recording.is_whole and len(recording.frames()) == 3 * max(done, 0)
+        path.unlink()
+
+
+# Kills --------------------------------------------------------------------------------------------------
+
+
+def write_without_pause(path: Path) -> None:
+    """In a child, until it is killed: a write after the other, so that most kills fall into one."""
+    file = RecordingFile(path, LAYOUT, ProtobufChannels(LAYOUT))
+    number = 0
+    while True:
+        file.add([block_at_random(LAYOUT, 50 * number, 50, number % 7)])
+        number += 1
+
+
+def killed(path: Path, after: int) -> None:
+    """A file of a process that was killed when it had about so many bytes."""
+    child = os.fork()
+    if child == 0:
+        try:
+            write_without_pause(path)
+        finally:
+            os._exit(1)
+    while not path.exists() or path.stat().st_size < after:
+        assert os.waitpid(child, os.WNOHANG) == (0, 0)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+
+
+@pytest.mark.parametrize("kills", first(1, [4, 196]))
+def test_a_recorder_that_is_killed_leaves_a_file_that_opens(tmp_path: Path, kills: int) -> None:
+    shares: Counter[bool] = Counter()
+    for number in range(kills):
+        path = tmp_path / "run.mcap"
+        path.unlink(missing_ok=True)
+        killed(path, 20_000 + 7_919 * (number % 23))
+        with Recording(path) as recording:
+            shares[recording.is_whole] += 1
+            frames = recording.frames()
+        assert frames["number"].tolist() == list(range(1, len(frames) + 1)) and len(frames) > 50
+        repair(path)
+        assert others_read(path) == len(frames)
+    assert shares[True] >= 0.8 * kills or kills < 10  # those that were killed within a write are the rest
+    print(f"{shares[True]} of {kills} files were whole")

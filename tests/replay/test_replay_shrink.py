@@ -1,0 +1,104 @@
+"""`umo shrink`: fewer periods, the same error, said to be open loop."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import Result
+
+from helpers.machines import Bench, bench, wired
+from helpers.tapes import Case, MemoryTape, Taken, recorded, save
+from umo import drive
+from umo.replay.shrinking import Shrinking, periods_left
+from umo.replay.tape import NotReplayable
+from umo.testing import Scripted
+
+Umo = Callable[..., Result]
+
+
+class Fragile(Bench):
+    """Fails when the encoder was above 50 in three periods, and below 5 afterwards."""
+
+    def setup(self) -> None:
+        self.high = 0
+
+    def control(self) -> None:
+        value = self.encoder.read()
+        self.high += value > 50.0
+        if self.high >= 3 and value < 5.0:
+            raise RuntimeError(f"broken at {self.now:g} s")
+
+
+READINGS = [(n * 37) % 180 + 20 for n in range(300)] + [3]
+
+
+def fragile() -> Case:
+    return Case(lambda: bench(Fragile), lambda m: wired(m, Scripted({"encoder": READINGS})), drive)
+
+
+def shrinking(tape: Any, case: Case) -> Shrinking:
+    return Shrinking(tape, program=lambda each: case.program())
+
+
+def test_only_the_periods_that_matter_are_left() -> None:
+    case = fragile()
+    tape = case.record()
+    assert len(tape.frames) == 300
+    found = shrinking(tape, case)
+    short = found.run()
+    assert len(short.block.frames) == len(found.places) == 4
+    assert short.block.frames["number"].tolist() == [1, 2, 3, 4]
+    assert "broken at 0.3" in found.ending.text
+
+
+def test_a_recording_without_an_error_has_nothing_to_shrink_to() -> None:
+    case = Case(lambda: bench(), lambda m: wired(m, Scripted()), lambda m: [step(m) for _ in range(20)])
+    with pytest.raises(NotReplayable, match="ends without an error"):
+        shrinking(case.record(), case)
+
+
+def step(m: Any) -> None:
+    m.timer.read()
+    m.sample()
+    m.control()
+    m.update()
+
+
+def test_commands_stay_with_their_periods_and_are_counted_anew() -> None:
+    tape = fragile().record()
+    (block,) = tape.recorded
+    block.frames["taken"][100:] = 2
+    block.frames["taken"][200:] = 3
+    block.commands = [Taken(n, 0, json.dumps({"do": str(n)}).encode()) for n in (1, 2, 3)]
+    source = shrinking(tape, fragile()).source
+    short = source.chosen([5, 200, 299])  # type: ignore[arg-type]
+    assert [(each.number, each.data) for each in short.block.commands] == [(1, b'{"do": "3"}')]
+    assert short.block.frames["taken"].tolist() == [0, 1, 1]
+    assert len(source.chosen([100, 200]).block.commands) == 3  # type: ignore[arg-type]
+
+
+def test_the_periods_in_words() -> None:
+    assert periods_left([3, 4, 5, 9, 11, 12]) == "3 to 5, 9, 11 to 12"
+    assert periods_left(range(0, 40, 2)) == "0, 2, 4, 6, 8, 10, 12, 14 and 12 more pieces"
+
+
+def failing_conveyor() -> MemoryTape:
+    tape = recorded("conveyor", fault=["sorter.entry wrong length at 2.2 s"], patience=1.0)
+    assert tape.events[-1].is_end
+    return tape
+
+
+def test_a_shrunk_recording_gives_the_same_error_and_says_that_it_is_open_loop(umo: Umo, tmp_path: Path) -> None:
+    file = save(failing_conveyor(), tmp_path / "run.mcap")
+    result = umo("shrink", str(file), "--seconds", "1")
+    assert result.exit_code == 0, result.output
+    assert "in open loop they give the same error" in result.stdout
+    short = tmp_path / "run.shrunk.mcap"
+    assert short.stat().st_size < file.stat().st_size
+    again = umo("replay", str(short))
+    assert again.exit_code == 0 and "in open loop, of which only the error is compared" in again.stdout, again.output
+    assert umo("shrink", str(file)).exit_code == 2
