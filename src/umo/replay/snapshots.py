@@ -15,11 +15,12 @@ import signal
 import socket
 import struct
 import sys
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, NoReturn
 
-from umo.system.realtime import die_with_parent
+from umo.system.realtime import adopt_orphans, die_with_parent
 
 START = -1
 """The period of the snapshot before the first one."""
@@ -27,6 +28,8 @@ EVERY = 2000
 """Periods between two snapshots."""
 MOST = 15
 """Snapshots that are kept beside the first one, each of some MB: the last 30,000 periods that were visited."""
+PATIENCE = 2.0
+"""Time in s for the processes to end."""
 Orders = dict[str, Any]
 
 
@@ -180,27 +183,30 @@ class SnapshotList:
         """Let `begin` replay in processes of their own, until one of them ends; the exit status. It returns an exit
         status, and may be left by `Runner.go` and `Runner.end` instead."""
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the runner
+        adopt_orphans(True)
+        try:
+            self._fork_first(begin, before)
+            return self._serve()
+        finally:
+            for link in self._snapshots.values():
+                link.close()
+            self._listener.close()
+            _await_all()
+            adopt_orphans(False)
+            signal.signal(signal.SIGINT, before)
+
+    def _fork_first(self, begin: Callable[[Runner], int], handler: Any) -> None:
         parent = os.getpid()
-        first = os.fork()
-        if first == 0:
+        if os.fork() == 0:
             self._listener.close()
             die_with_parent(parent, signal.SIGKILL)
-            signal.signal(signal.SIGINT, before)
+            signal.signal(signal.SIGINT, handler)
             runner = Runner(self._address)
             status = 1
             try:
                 status = begin(runner)
             finally:
                 runner.end(status)
-        try:
-            return self._serve()
-        finally:
-            signal.signal(signal.SIGINT, before)
-            for link in self._snapshots.values():
-                link.close()
-            self._listener.close()
-            with suppress(ChildProcessError):
-                os.waitpid(first, 0)
 
     def _serve(self) -> int:
         runner: Link | None = None
@@ -209,6 +215,7 @@ class SnapshotList:
             readable, _, _ = select.select(
                 [each for each in (self._listener, runner, asked) if each is not None], [], []
             )
+            _reap()
             came = self._accept_all()
             if came is not None:
                 runner, self._orders = came, {}
@@ -265,6 +272,22 @@ class SnapshotList:
         self._visited.remove(self._origin)
         self._visited.append(self._origin)
         self._snapshots[self._origin].send(**orders, known=list(self._times.items()))
+
+
+def _reap() -> bool:
+    """Let go of the processes that have ended; whether there are others."""
+    with suppress(ChildProcessError):
+        while os.waitpid(-1, os.WNOHANG)[0]:
+            pass
+        return True
+    return False
+
+
+def _await_all() -> None:
+    """Wait until all have ended. What control code has started in the background may go on."""
+    until = time.monotonic() + PATIENCE
+    while _reap() and time.monotonic() < until:
+        time.sleep(0.002)
 
 
 def _lost() -> int:
