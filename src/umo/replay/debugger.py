@@ -24,6 +24,7 @@ from umo.replay.debugger_prompt import ReplayPdb, stand_in
 from umo.replay.replaying import Replay
 from umo.replay.snapshots import EVERY, MOST, START, Runner
 from umo.replay.stops import BreakCondition, Found, Stop
+from umo.user_code import Raised
 
 
 class DebuggedReplay:
@@ -197,7 +198,7 @@ class DebuggedReplay:
         if known or not (self.has_stopped or self._stop.end) or os.environ.get("PYTHONBREAKPOINT"):
             return
         self.arrive()
-        print(f"the replay ends with {type(error).__name__}: {text_of(error)}")
+        print(f"the replay ends with {Raised(type(error), text_of(error))}")
         self._prompt.reset()
         self._prompt.interaction(None, error.__traceback__)
 
