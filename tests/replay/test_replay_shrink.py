@@ -57,7 +57,7 @@ def test_only_the_periods_that_matter_are_left() -> None:
 
 
 def test_of_a_difference_the_periods_before_it_are_still_the_recorded_ones() -> None:
-    """`Latch` remembers the highest reading; the other program forgets what is above 150."""
+    """`Latch` remembers the highest reading; the other program forgets what is above 60."""
     case, other = latch(Latch), latch(Forgetful)
     tape = case.record()
     found = Shrinking(tape, program=lambda each: other.program())
@@ -76,7 +76,7 @@ class Latch(Bench):
 
     def control(self) -> None:
         self.highest = max(self.highest, self.kept(self.encoder.read()))
-        self.motor.write(self.highest / 40.0)
+        self.motor.write(self.highest / 20.0)
 
     def kept(self, value: float) -> float:
         return value
@@ -84,7 +84,7 @@ class Latch(Bench):
 
 class Forgetful(Latch):
     def kept(self, value: float) -> float:
-        return min(value, 150.0)
+        return min(value, 60.0)
 
 
 def latch(kind: type[Latch]) -> Case:
