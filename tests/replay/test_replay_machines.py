@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import signal
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -423,6 +424,21 @@ def test_random_numbers_of_the_machine_are_repeated_and_their_seed_is_recorded()
     assert not each.replay(tape).identical
 
 
+def test_ctrl_c_ends_a_replay_and_is_no_difference() -> None:
+    tape, each = doubled().record(), doubled()
+
+    def loop(m: Any) -> None:
+        for number in range(50):
+            if not m.cycle.running:
+                break
+            if number == 20:
+                signal.raise_signal(signal.SIGINT)
+            periods(m)
+
+    with pytest.raises(KeyboardInterrupt):
+        each.replay(tape, loop)
+
+
 def test_lost_frames_and_lost_entries_end_the_replay_in_words() -> None:
     tape, each = doubled().record(), doubled()
     (block,) = tape.recorded
@@ -439,6 +455,17 @@ def test_a_machine_with_other_objects_is_refused_in_one_line() -> None:
     tape = doubled().record()
     with pytest.raises(NotReplayable, match="the machine of today has no object encoder"):
         Case(lambda: Lone(timer=timer()), lambda m: wired(m, Scripted()), drive).replay(tape)
+
+
+def test_a_driver_off_the_cycle_is_refused_in_one_line() -> None:
+    def wiring(m: Any) -> Any:
+        made = wired(m, Scripted())
+        made["drivers"]["box"] = {"type": "simulated", "off_cycle": True, "period": "5 ms"}
+        return made
+
+    each = Case(bench, wiring, lambda m: periods(m, 20))
+    with pytest.raises(NotReplayable, match="driver box is off the cycle"):
+        each.replay(each.record())
 
 
 class Lone(Compound):

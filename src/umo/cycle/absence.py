@@ -44,6 +44,10 @@ class Drivers(Protocol):
     @property
     def drivers(self) -> Mapping[str, Driver[Any]]: ...
 
+    @property
+    def now(self) -> Callable[[], float]:
+        """The clock in s by which a call has taken too long."""
+
     def exchange(self, driver: Driver[Any], callee: Any) -> None:
         """Let calls of this driver go to `callee` from now on."""
 
@@ -208,7 +212,9 @@ class Absences:
         return True
 
     def _trial(self, absence: Absence) -> Tried:
-        return Tried(absence.driver, lambda: self._back(absence), lambda ns: self.tried(absence.name, ns))
+        return Tried(
+            absence.driver, lambda: self._back(absence), lambda ns: self.tried(absence.name, ns), self._transfer.now
+        )
 
     def _initialize_again(self, absence: Absence) -> str:
         """Initialise every object of the driver and arm its watchdog; why that failed, or ""."""

@@ -28,27 +28,38 @@ class Away:
 
 class Tried:
     """Stands in the place of a driver that was found: the first call that succeeds is told, and the ns that each call
-    for one object takes. Those of blocks are measured with the period's transfers."""
+    for one object takes. Those of blocks are measured with the period's transfers. `now` is the clock in s by which a
+    call has taken too long."""
 
-    def __init__(self, driver: Driver[Any], succeeded: Callable[[], object], took: Callable[[int], object]) -> None:
+    def __init__(
+        self,
+        driver: Driver[Any],
+        succeeded: Callable[[], object],
+        took: Callable[[int], object],
+        now: Callable[[], float],
+    ) -> None:
         for segment in ("read", "write", "initialize", "reset", "finalize"):
-            setattr(self, segment, _watched(driver, getattr(driver, segment), succeeded, took))
+            setattr(self, segment, _watched(driver, getattr(driver, segment), succeeded, took, now))
         for segment in ("read_many", "write_many"):
-            setattr(self, segment, _watched(driver, getattr(driver, segment), succeeded, lambda ns: None))
+            setattr(self, segment, _watched(driver, getattr(driver, segment), succeeded, lambda ns: None, now))
 
 
 def _watched(
-    driver: Driver[Any], call: Callable[..., Any], succeeded: Callable[[], object], took: Callable[[int], object]
+    driver: Driver[Any],
+    call: Callable[..., Any],
+    succeeded: Callable[[], object],
+    took: Callable[[int], object],
+    now: Callable[[], float],
 ) -> Callable[..., Any]:
     def tried(*arguments: Any) -> Any:
-        began = monotonic_ns()
+        began, then = monotonic_ns(), now()
         try:
             result = call(*arguments)
         except ChannelsFailed:
             succeeded()  # the device answers
             raise
         except (Exception, SystemExit) as error:
-            if (monotonic_ns() - began) * 1e-9 >= driver.timeout and not isinstance(error, TimeoutError):
+            if now() - then >= driver.timeout and not isinstance(error, TimeoutError):
                 raise DeviceTimeout(text_of(error)) from None
             raise
         finally:

@@ -84,6 +84,8 @@ class Transfer:
         """The journal of transfers of single objects; None if it is not used."""
         self.on_call: Callable[[], object] = lambda: None
         """Function that is called before each call that is not part of a period: a sign of life."""
+        self.now: Callable[[], float] = monotonic
+        """The clock in s by which a call has taken too long."""
         self.tick: Callable[[Channel], int]
         """The read of the timer."""
         self.defaults = [wire.default for wire in wires]
@@ -300,12 +302,14 @@ class Transfer:
         """One of the paper's segments; what failed."""
         self.on_call()
         wire = self.wires[slot]
-        began = monotonic()
+        began = self.now()
         try:
             getattr(self._callees[slot], segment)(wire.channel, *default)
         except BaseException as error:  # whatever a driver raises, the others are still to be brought to their defaults
-            self._mark(wire.driver, error, True, monotonic() - began)
-            self.note(slot, Kind.FAILED_RESET, ErrorKind.of(error), default[0] if default else None)
+            took = self.now() - began
+            self._mark(wire.driver, error, True, took)
+            kind = ErrorKind.TIMEOUT if took >= wire.driver.timeout else ErrorKind.of(error)
+            self.note(slot, Kind.FAILED_RESET, kind, default[0] if default else None)
             return self.failure(slot, cause_of_failure(error))
         self._late.pop(id(wire.driver), None)
         if segment in _JOURNAL_KINDS:
@@ -322,7 +326,7 @@ class Transfer:
             return
         timed_out = isinstance(error, TimeoutError) or took >= driver.timeout
         if timed_out:
-            self._late[id(driver)] = monotonic()
+            self._late[id(driver)] = self.now()
         if write and id(driver) in self._real:
             self.unsure = True
         if self.absences is not None and (timed_out or whole):
@@ -354,7 +358,7 @@ class Transfer:
         return Failure(wire.item.path, wire.channel.text, cause, self._names[id(wire.driver)])
 
     def _is_late(self, driver: Driver[Any]) -> bool:
-        return monotonic() - self._late.get(id(driver), -inf) < LATE_TIME + 2 * driver.timeout
+        return self.now() - self._late.get(id(driver), -inf) < LATE_TIME + 2 * driver.timeout
 
     def _moved(self, slot: int, raw: int, kind: Kind) -> None:
         if self.journal is not None:

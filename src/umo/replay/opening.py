@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from umo.errors import FramesError
 from umo.replay.tape import NotReplayable
 
 if TYPE_CHECKING:
@@ -23,8 +24,6 @@ def opened(path: Path | str) -> Iterator[Recording]:
         from umo.recording import Recording
     except ImportError as error:
         raise NotReplayable(f'{path}: {error.name} is not installed (pip install "umo[record]")') from None
-    from umo.errors import FramesError
-
     try:
         recording = Recording(path)
     except FramesError as error:

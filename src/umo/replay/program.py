@@ -16,7 +16,9 @@ from umo.errors import OptionError, UmoError, WiringError, text_of
 from umo.objects import Compound
 from umo.objects.numbers import numbers_of
 from umo.process.job import Job, Plan
+from umo.process.station import find
 from umo.replay.tape import NotReplayable, Tape
+from umo.system.packages import MARK, package_of
 from umo.text import did_you_mean
 from umo.wiring import Wired
 from umo.wiring.run_options import WIRING_OPTIONS
@@ -41,7 +43,7 @@ class Program:
         recorded = tape.job
         given = dict(recorded.get("options", {}).get("given", {}))
         job = Job(
-            station=station or recorded.get("place") or recorded.get("station"),
+            station=station or _station_of(recorded),
             wiring=_wiring_of(recorded, station),
             options={name: value for name, value in given.items() if name not in WIRING_OPTIONS},
             manual=bool(recorded.get("manual", False)),
@@ -75,6 +77,12 @@ class Program:
         self.wired = dataclasses.replace(self.wired, parameters=parameters)
 
 
+def _station_of(job: Mapping[str, Any]) -> str | None:
+    """The folder of the recorded station, or its name where there is no such folder any more."""
+    place, name = job.get("place"), job.get("station")
+    return str(place) if place and (Path(place) / MARK).is_file() else name
+
+
 def _wiring_of(job: Mapping[str, Any], station: str | None) -> str | dict[str, Any] | None:
     """The wiring of the recording: its file where that has the recorded text still, else this text."""
     wiring = job.get("wiring") or {}
@@ -88,7 +96,7 @@ def _wiring_of(job: Mapping[str, Any], station: str | None) -> str | dict[str, A
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise NotReplayable(f"the wiring of the recording cannot be read: {error}") from None
-    folder = Path(station or job.get("place") or ".")
+    folder = Path(station or _station_of(job) or ".")
     for driver in table.get("drivers", {}).values():
         if isinstance(driver, dict) and str(driver.get("type", "")).startswith("."):
             driver["type"] = _absolute(folder, driver["type"])
@@ -97,9 +105,6 @@ def _wiring_of(job: Mapping[str, Any], station: str | None) -> str | dict[str, A
 
 def _absolute(folder: Path, kind: str) -> str:
     """A class in a module of the station."""
-    from umo.process.station import find
-    from umo.system.packages import package_of
-
     return package_of(find(folder).path) + kind
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -103,6 +104,8 @@ class Replay:
         except BaseException as error:  # SystemExit too: of control code; what leaving raises is in no recording
             if not self.connection.started:
                 raise NotReplayable(f"the machine cannot be connected: {text_of(error)}") from error
+        if self.connection.stop.signal == signal.SIGINT:  # Ctrl-C, which asks a connected machine to stop
+            raise KeyboardInterrupt
         result.elapsed = time.perf_counter() - begun
         result.inexact = self.player.ended
         self._compare_ends()
@@ -124,6 +127,7 @@ class Replay:
         image, player, result = machine.image, self.player, self.result
         phases = Phases(image, self.connection.wired.drivers, machine.parts)
         watch_blocks(image.transfer, player)
+        image.transfer.now = lambda: machine.clock.now  # a replay on a busy computer takes no longer than its run
         count_as_hardware(image.transfer, self.program.wired, self.connection.wired.drivers)
         image.transfer.bind(image.inputs, image.outputs)
         journal = image.transfer.journal = player.journal = Journal(CAPACITY + len(image.items))
