@@ -89,7 +89,9 @@ class Forgetful(Latch):
 
 def latch(kind: type[Latch]) -> Case:
     return Case(
-        lambda: bench(kind), lambda m: wired(m, Scripted({"encoder": READINGS})), lambda m: [step(m) for _ in range(300)]
+        lambda: bench(kind),
+        lambda m: wired(m, Scripted({"encoder": READINGS})),
+        lambda m: [step(m) for _ in range(300)],
     )
 
 
