@@ -86,6 +86,11 @@ def place_among(frames: Iterable[tuple[str, int, str]]) -> str:
     return f"{shown_path(file)}:{line}" + ("" if function == "<module>" else f" in {function}")
 
 
+def is_users(file: str) -> bool:
+    """Whether a file of code is neither umo's, nor Python's own, nor of an installed package."""
+    return not _is_own(file) and not _is_installed(file)
+
+
 def _is_own(file: str) -> bool:
     if file.startswith(UMO):
         return not file.startswith(STATIONS)

@@ -13,8 +13,9 @@ from typer.testing import Result
 from helpers.machines import Bench, bench, wired
 from helpers.tapes import Case, MemoryTape, Taken, recorded, save
 from umo import drive
-from umo.replay.shrinking import Shrinking, periods_left
-from umo.replay.tape import NotReplayable
+from umo.replay.replaying import replay
+from umo.replay.shrinking import ReplayedDifference, Shrinking, periods_left
+from umo.replay.tape import OPEN_LOOP, NotReplayable
 from umo.testing import Scripted
 
 Umo = Callable[..., Result]
@@ -55,9 +56,48 @@ def test_only_the_periods_that_matter_are_left() -> None:
     assert "broken at 0.3" in found.ending.text
 
 
+def test_of_a_difference_the_periods_before_it_are_still_the_recorded_ones() -> None:
+    """`Latch` remembers the highest reading; the other program forgets what is above 60."""
+    case, other = latch(Latch), latch(Forgetful)
+    tape = case.record()
+    found = Shrinking(tape, program=lambda each: other.program())
+    assert isinstance(found.ending, ReplayedDifference) and found.ending.path == "motor"
+    short = found.run()
+    assert len(short.block.frames) == len(found.places) <= 3
+    assert OPEN_LOOP not in short.layout.about
+    again = replay(short, other.program())
+    assert again.difference is not None and ReplayedDifference.of(again.difference) == found.ending
+    assert replay(short, case.program()).identical
+
+
+class Latch(Bench):
+    def setup(self) -> None:
+        self.highest = 0.0
+
+    def control(self) -> None:
+        self.highest = max(self.highest, self.kept(self.encoder.read()))
+        self.motor.write(self.highest / 20.0)
+
+    def kept(self, value: float) -> float:
+        return value
+
+
+class Forgetful(Latch):
+    def kept(self, value: float) -> float:
+        return min(value, 60.0)
+
+
+def latch(kind: type[Latch]) -> Case:
+    return Case(
+        lambda: bench(kind),
+        lambda m: wired(m, Scripted({"encoder": READINGS})),
+        lambda m: [step(m) for _ in range(300)],
+    )
+
+
 def test_a_recording_without_an_error_has_nothing_to_shrink_to() -> None:
     case = Case(lambda: bench(), lambda m: wired(m, Scripted()), lambda m: [step(m) for _ in range(20)])
-    with pytest.raises(NotReplayable, match="ends without an error"):
+    with pytest.raises(NotReplayable, match="is identical and ends without"):
         shrinking(case.record(), case)
 
 

@@ -42,7 +42,7 @@ def replay(
     at: Annotated[
         str | None,
         typer.Option(
-            metavar="TIME|PERIOD|first-difference",
+            metavar="TIME|PERIOD|first-difference|end",
             help="Stop there in a debugger, such as 12.3s, with the machine as it was.",
         ),
     ] = None,
@@ -66,8 +66,9 @@ def replay(
 
 
 @command(
-    epilog="Examples: umo shrink run.mcap  |  umo shrink run.mcap -o short.mcap --seconds 600",
-    status="0 done; 2 the recording has no error to shrink to, or a mistake, told on stderr",
+    epilog="Examples: umo shrink run.mcap  |  umo shrink run.mcap -o tests/test_crash.py --seconds 600  |  "
+    "umo shrink run.mcap --closed",
+    status="0 done; 2 the recording has no error or difference to shrink to, or a mistake, told on stderr",
 )
 def shrink(
     file: RecordingArgument,
@@ -75,17 +76,29 @@ def shrink(
         str | None, typer.Argument(metavar="[STATION]", help="Another station than that of the recording.")
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FILE.mcap", help="Default: FILE.shrunk.mcap.")
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE.mcap|FILE.py",
+            help="A recording, or a test for pytest with a recording beside it; default: FILE.shrunk.mcap.",
+        ),
     ] = None,
     seconds: Annotated[
         float, typer.Option(min=1.0, callback=finite, help="The longest time that it takes, s.")
     ] = 120.0,
+    closed: Annotated[
+        bool,
+        typer.Option(
+            "--closed", help="Leave out faults, options and commands instead, and run the station with its plant."
+        ),
+    ] = False,
 ) -> int:
-    """Find the fewest periods of a recording that still give its error, and make a recording of them.
+    """Find the fewest periods of a recording that still give its error, or the same first difference.
 
     Periods are left out as inputs: open loop. That proves that the error follows from these inputs, not that a machine
     would give them. `umo replay` of the result compares the error alone.
     """
     from .replay_shrink import shrink_file
 
-    return shrink_file(file, station, output, seconds)
+    return shrink_file(file, station, output, seconds, closed)

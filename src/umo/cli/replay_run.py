@@ -112,13 +112,17 @@ def _debug(
         line = OneLine(err)
         debugged = DebuggedReplay(replay, runner, stop, condition, ReplayProgress(line, tape))
         debugged.clear = line.__exit__
-        replay.observers.append(debugged)
         result = replay.run()
         debugged.clear()
-        if not debugged.has_stopped:
-            failed = f" (it could not be evaluated: {condition.failed})" if condition and condition.failed else ""
-            say(f"it did not come there{failed}")
         print(result, flush=True)
+        if debugged.has_stopped:
+            return result.status
+        if condition is not None:
+            failed = f" (at last it could not be evaluated: {condition.failed})" if condition.failed else ""
+            say(f"--break {condition.text!r} never became true{failed}")
+        if stop is not None and not stop.difference:
+            say(f"--at: the replay did not come there, it has {result.periods:,} periods", "red")
+            return ExitStatus.MISTAKE
         return result.status
 
     return SnapshotList().run(begin)

@@ -1,61 +1,165 @@
-"""`umo shrink`: the fewest periods of a recording that still give its error."""
+"""`umo shrink`: the fewest periods of a recording that still give its error or difference, as a recording or a test."""
 
 from __future__ import annotations
 
 import logging
 import os
+import re
+import shlex
 import time
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
+from pprint import pformat
+from typing import Any
 
 from umo.exit_status import ExitStatus
+from umo.replay.closed_loop import ClosedShrinking, Trial, recorded_trial
 from umo.replay.opening import opened, other_hash_seed
-from umo.replay.shrinking import Shrinking, ShrunkTape, periods_left
-from umo.replay.tape import NotReplayable
+from umo.replay.shrinking import ReplayedError, Shrinking, ShrunkTape, periods_left
+from umo.replay.tape import NotReplayable, Tape
 
 from .console import err, out, say
 from .progress_line import OneLine
 from .replay_run import begin_again
 
+RECORDING, TEST = ".mcap", ".py"
 
-def shrink_file(file: Path, station: str | None, output: Path | None, seconds: float) -> int:
-    """Shrink it; the exit status."""
-    target = output or file.with_suffix(".shrunk.mcap")
-    if target.exists():
-        say(f"{target} exists already; give another file with -o", "red")
+
+def shrink_file(file: Path, station: str | None, output: Path | None, seconds: float, closed: bool) -> int:
+    """Shrink it; the exit status. `output`: a recording, or a test. `closed`: in closed loop with the plant."""
+    target = output or (None if closed else file.with_suffix(".shrunk.mcap"))
+    if (mistake := _mistake(target, closed)) is not None:
+        say(mistake, "red")
         return ExitStatus.MISTAKE
     logging.getLogger("umo").setLevel(logging.CRITICAL)  # hundreds of replays that fail
     try:
         with opened(file) as tape:
             if (seed := other_hash_seed(tape.layout.about)) is not None:
                 begin_again(seed)
-            return _shrink(Shrinking(tape, station), target, seconds)
+            if closed:
+                return _shrink_closed(tape, file, station, target, seconds)
+            assert target is not None
+            return _shrink(Shrinking(tape, station), file, target, seconds)
     except NotReplayable as error:
         say(str(error), "red")
         return ExitStatus.MISTAKE
 
 
-def _shrink(shrinking: Shrinking, target: Path, seconds: float) -> int:
-    until, begun = time.monotonic() + seconds, shrinking.source.count
+def _mistake(target: Path | None, closed: bool) -> str | None:
+    if target is None:
+        return None
+    if target.suffix not in ((TEST,) if closed else (TEST, RECORDING)):
+        return f"{target}: write a test (.py)" + ("" if closed else " or a recording (.mcap)")
+    for each in {target, target if closed else target.with_suffix(RECORDING)}:
+        if each.exists():
+            return f"{each} exists already; give another file with -o"
+    return None
+
+
+def _searched(search: Callable[[Callable[[], bool]], Any], left: Callable[[], str], seconds: float) -> str:
+    """Search with a line of progress; why it ended early, in brackets, or ""."""
+    begun = time.monotonic()
     with OneLine(err) as line:
 
         def go_on() -> bool:
-            text = f"{len(shrinking.places):,} periods left"
-            line.show(time.monotonic() - until + seconds, text if err.is_terminal else "", None)
-            return time.monotonic() < until
+            passed = time.monotonic() - begun
+            line.show(passed, f"{left()} left" if err.is_terminal else "", min(passed / seconds, 1.0))
+            return passed < seconds
 
-        tape, ended = None, ""
         try:
-            tape = shrinking.run(go_on)
+            search(go_on)
         except KeyboardInterrupt:
-            ended = " (ended by Ctrl-C)"
-        ended = ended or (f" (ended after {seconds:g} s)" if time.monotonic() >= until else "")
-    tape = tape or shrinking.source.chosen(shrinking.places)
-    _save(tape, target)
-    left = f"{begun:,} periods, {len(shrinking.places):,} left{ended}: {periods_left(shrinking.places.tolist())}"
-    out.print(f"{left}\nin open loop they give the same error: {shrinking.ending.text}", markup=False, soft_wrap=True)
-    out.print(f"{shrinking.replays} replays; the recording of these: {target}", markup=False, soft_wrap=True)
+            return " (ended by Ctrl-C)"
+    return f" (ended after {seconds:g} s)" if time.monotonic() - begun >= seconds else ""
+
+
+def _shrink(shrinking: Shrinking, file: Path, target: Path, seconds: float) -> int:
+    begun = shrinking.source.count
+    ended = _searched(shrinking.run, lambda: f"{len(shrinking.places):,} periods", seconds)
+    count, is_error = len(shrinking.places), isinstance(shrinking.ending, ReplayedError)
+    _save(shrinking.source.chosen(shrinking.places), target.with_suffix(RECORDING))
+    what = "error" if is_error else "first difference"
+    if target.suffix == TEST:
+        facts = f"{count:,} of {begun:,} periods of {file.name}, in open loop: the {what} follows from these inputs."
+        function = "assert_no_error" if is_error else "assert_replays"
+        target.write_text(_TEST.format(what=what, facts=facts, text=_comment(shrinking.ending.text), function=function))
+    left = f"{begun:,} periods, {count:,} left{ended}: {periods_left(shrinking.places.tolist())}"
+    out.print(f"{left}\nin open loop they give the same {what}: {shrinking.ending.text}", markup=False, soft_wrap=True)
+    out.print(f"{shrinking.replays} replays; written: {target}", markup=False, soft_wrap=True)
     return ExitStatus.DONE
+
+
+def _shrink_closed(tape: Tape, file: Path, station: str | None, target: Path | None, seconds: float) -> int:
+    shrinking = ClosedShrinking(recorded_trial(tape, station))
+    begun = shrinking.trial
+    ended = _searched(shrinking.run, lambda: _counts(shrinking.trial), seconds)
+    trial = shrinking.trial
+    out.print(f"{_counts(begun)}; left{ended}: {_counts(trial)}", markup=False, soft_wrap=True)
+    out.print(f"in closed loop with its plant the station gives the same error: {shrinking.ending.text}", markup=False,
+              soft_wrap=True)  # fmt: skip
+    out.print(_command(trial, tape.job), markup=False, soft_wrap=True, highlight=False)
+    for number, content in trial.commands:
+        out.print(f"  at tick {number}: {dict(content)}", markup=False, soft_wrap=True, highlight=False)
+    if target is not None:
+        text = _comment(shrinking.ending.text)
+        target.write_text(_CLOSED_TEST.format(file=file.name, text=text, trial=_shown(trial)))
+        out.print(f"{shrinking.trials} runs; written: {target}", markup=False, soft_wrap=True)
+    return ExitStatus.DONE
+
+
+def _counts(trial: Trial) -> str:
+    return f"{len(trial.faults)} faults, {len(trial.options)} options, {len(trial.commands)} commands"
+
+
+def _command(trial: Trial, job: Any) -> str:
+    """The run as a command; without commands of clients."""
+    words = ["umo", "run", str(job.get("station") or trial.station)]
+    words += [word for each in trial.faults for word in ("--fault", each)]
+    if trial.faults and trial.fixed.get("fault_seed"):
+        words += ["--fault-seed", str(trial.fixed["fault_seed"])]
+    words += [word for name, value in trial.options.items() for word in (f"--{name.replace('_', '-')}", str(value))]
+    return shlex.join(words)
+
+
+def _comment(text: str) -> str:
+    """One line that ends no text of Python."""
+    return re.sub(r"[\s\"\\\\]+", " ", text)[:300].strip()
+
+
+def _shown(trial: Trial) -> str:
+    """A trial as an expression of Python."""
+    rows = (f"        {name}={pformat(value, width=100)}," for name, value in vars(trial).items())
+    return "Trial(\n" + "\n".join(rows) + "\n    )"
+
+
+_TEST = '''"""{facts}
+
+Made by umo shrink. The {what}: {text}
+It fails as long as the control code gives it.
+"""
+
+from pathlib import Path
+
+from umo.testing import {function}
+
+
+def test_the_inputs_of_the_recording() -> None:
+    {function}(Path(__file__).with_suffix(".mcap"))
+'''
+_CLOSED_TEST = '''"""The fewest faults, options and commands of {file}, in closed loop with the plant of the station.
+
+Made by umo shrink. The error: {text}
+It fails as long as the control code gives it.
+"""
+
+from umo.replay.closed_loop import Trial
+
+
+def test_the_run_ends_without_the_error() -> None:
+    trial = {trial}
+    assert trial.ending() is None
+'''
 
 
 def _save(tape: ShrunkTape, target: Path) -> None:

@@ -12,7 +12,7 @@ import math
 import sys
 from collections.abc import Callable, Coroutine, Generator
 from functools import partial
-from types import CodeType, CoroutineType, coroutine
+from types import CodeType, CoroutineType, FrameType, coroutine
 from typing import Any, TypeVar
 
 from umo.cycle.clock import Clock
@@ -259,16 +259,20 @@ class Task:
             raise with_notes(TypeError(f"{text}{in_brackets(self._place)}"), cancel_all([self]))
 
     @property
-    def _place(self) -> str:
-        """The place at which it waits, in code that is not Python's own."""
-        frames: list[tuple[str, int, str]] = []
+    def frames(self) -> list[FrameType]:
+        """The frames in which it waits, the outermost first."""
+        frames: list[FrameType] = []
         inner: Any = self._sequence
         while isinstance(inner, CoroutineType):
             if inner.cr_frame is not None:
-                code = inner.cr_frame.f_code
-                frames.append((code.co_filename, inner.cr_frame.f_lineno, code.co_name))
+                frames.append(inner.cr_frame)
             inner = inner.cr_await
-        return place_among(frames)
+        return frames
+
+    @property
+    def _place(self) -> str:
+        """The place at which it waits, in code that is not Python's own."""
+        return place_among((each.f_code.co_filename, each.f_lineno, each.f_code.co_name) for each in self.frames)
 
     def cancel(self) -> None:
         """Raise Cancelled inside the sequence. It may clean up but must not continue. A sequence that cancels
@@ -406,6 +410,11 @@ class Sequences:
     def places(self) -> list[str]:
         """The place at which each waits, in the user's code."""
         return [task._place for task in self._tasks]
+
+    @property
+    def frames(self) -> list[list[FrameType]]:
+        """The frames in which each waits, the outermost first."""
+        return [task.frames for task in self._tasks]
 
     def start(self, sequence: Sequence, part: Any = None) -> Task:
         task = Task(sequence, part, self._contain, self._end)

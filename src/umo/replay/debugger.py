@@ -1,28 +1,30 @@
-"""The debugger of a replay: it stops at the end of a period with the machine as it was, and goes back and forth."""
+"""The debugger of a replay: it stops in the control code of a period, with the machine as it was, and goes back and
+forth.
+
+A period stops after its `sample`: sensors are those of the period, and the control code is about to act. The prompt
+opens in the first line of the user's code that follows, in a sequence where one is waiting.
+"""
 
 from __future__ import annotations
 
 import os
-import pdb
 import signal
 import sys
 import traceback
 from collections.abc import Callable
-from types import FrameType, FunctionType
+from functools import partial
+from types import CodeType, FrameType
 from typing import Any
 
 from umo.cycle.frame import Frame
-from umo.errors import UmoError
-from umo.objects import Compound
-from umo.objects.paths import children
+from umo.drivers.contract import WaitEnded
+from umo.errors import OptionError, text_of
+from umo.exit_status import ExitStatus
+from umo.replay.debugger_prompt import ReplayPdb, stand_in
 from umo.replay.replaying import Replay
-from umo.replay.snapshots import EVERY, Runner
-from umo.replay.stops import BreakCondition, Stop
-
-HELP = """\
-back N        N periods back          to TIME|PERIOD|first-difference   there, back or forth
-step [N]      N periods on (1)        continue                          on to the next --break, or the end
-where         where the sequences stand; the rest is pdb's: p m.z.encoder.read(), b FILE:LINE, n, s (a line), q"""
+from umo.replay.snapshots import EVERY, MOST, START, Runner
+from umo.replay.stops import BreakCondition, Found, Stop
+from umo.user_code import Raised
 
 
 class DebuggedReplay:
@@ -40,75 +42,183 @@ class DebuggedReplay:
         self._stop, self._condition, self._look = at or Stop(), condition, look
         self.clear: Callable[[], object] = lambda: None
         """Function that clears the line of the progress."""
-        self._interrupted = False
         self.has_stopped = False
         """Whether it has stopped at all."""
+        self._found: Found | None = None
+        """The first difference, where it is known."""
+        self._interrupted = self._in_prompt = False
+        self._looked = self._said = START
+        """The period in which it was looked whether to stop; the one that was told."""
+        self._prompt = ReplayPdb(self)
         replay.on_connected = self._begin
+        replay.observers.append(self)
 
     def _begin(self) -> None:
-        """The machine is connected: Ctrl-C stops the replay in the debugger, not the machine."""
+        """The machine is connected, and no period has begun. Ctrl-C is for the debugger from now on."""
         signal.signal(signal.SIGINT, self._interrupt)
+        program = self.replay.program
+        root: dict[str, Any] = vars(program.machine)
+        root["_sample"] = partial(self._sample, root["_sample"])
+        program.drive = partial(self._drive, program.drive)
+        self._snapshot(START, 0.0)
 
-    def _interrupt(self, number: int, frame: FrameType | None) -> None:
-        self._interrupted = True
+    # In each period ------------------------------------------------------------------------------------
 
-    def __call__(self, frame: Frame) -> None:
+    def _sample(self, sample: Callable[[], bool]) -> bool:
         try:
-            self._watch(frame)
-        except BaseException:  # an observer that fails would be left out
-            traceback.print_exc()
-            self.runner.end(1)
+            return sample()
+        finally:
+            self._guarded(self._sampled)
 
-    def _watch(self, frame: Frame) -> None:
-        period = self.replay.player.shown
-        if period % EVERY == 0 and period not in self.runner.known:
-            sys.stdout.flush()
-            self.runner.snapshot(period)
-            self._take_orders()
-        self._look(frame)
-        if self._is_to_stop(period, frame.time):
-            self._pause(period, frame.time)
-
-    def _take_orders(self) -> None:
-        """In a process that goes on from a snapshot: where to."""
-        orders = self.runner.orders
-        if orders:
-            self.has_stopped = True
-            self._stop = Stop(**orders["stop"])
-            self.runner.orders = {}
-            signal.signal(signal.SIGINT, self._interrupt)
+    def _sampled(self) -> None:
+        """The sensors of the period are read: look whether to stop. A program may sample more than once in it."""
+        player = self.replay.player
+        period = player.period
+        if period is None or player.shown == self._looked:
+            return
+        self._looked = player.shown
+        if not self._is_to_stop(player.shown, period.time):
+            return
+        if os.environ.get("PYTHONBREAKPOINT"):
+            self.arrive()
+            with self.replay.paused():
+                stand_in(self.replay.program.machine, player.shown, period.time, self, breakpoint)
+        else:
+            self._prompt.seek(self.replay.connection.machine)
 
     def _is_to_stop(self, period: int, time: float) -> bool:
-        differs = self.replay.result.difference is not None
-        at_the_end = self.has_stopped and (self.replay.player.next is None or differs)
-        found = at_the_end or self._interrupted or self._stop.is_at(period, time, differs)
+        last = self.replay.player.next is None
+        found = (self.has_stopped and last) or self._interrupted or self._stop.is_at(period, time, last)
         if self._condition is not None:
             with self.replay.paused():
                 became = self._condition.becomes_true(self.replay.program.machine, period, time)
             found |= became and self._stop == Stop()  # not on the way to another place
         return found
 
-    def _pause(self, period: int, time: float) -> None:
+    def __call__(self, frame: Frame) -> None:
+        self._guarded(partial(self._shown, frame))
+
+    def _shown(self, frame: Frame) -> None:
+        """The period is over."""
+        self._sampled()  # where the program did not sample the whole machine
+        period, difference = self.replay.player.shown, self.replay.result.difference
+        if self._prompt.seeking:  # there was no line of the user's code
+            self._stand("no code of yours ran in this period: this is its end")
+        if difference is not None and self._found is None:
+            self._found = Found(period, str(difference))
+            if self.has_stopped or self._stop.difference:
+                self._travel(Stop(period=period))
+        elif difference is not None and self._found and self._found.period == period and not self.replay.player.lenient:
+            self._stand("the replay ends with this difference: this is the end of its period")
+        self._look(frame)
+        if period % EVERY == EVERY - 1 and not self._is_far(period):
+            self._snapshot(period, frame.time)
+
+    def _is_far(self, period: int) -> bool:
+        """Whether a snapshot of this period would be dropped before the replay stops."""
+        return self._stop.period is not None and self._stop.period - period > EVERY * (MOST + 1)
+
+    def _snapshot(self, period: int, time: float) -> None:
+        """Fork a snapshot, and in a process that goes on from here take its orders."""
+        if period in self.runner.known:
+            return
+        sys.stdout.flush()
+        self.runner.snapshot(period, time)
+        orders, self.runner.orders = self.runner.orders, {}
+        if not orders:
+            return
+        sys.settrace(None)
+        signal.signal(signal.SIGINT, self._interrupt)
+        self.has_stopped, self._stop = True, Stop(**orders["stop"])
+        self._found = None if orders["found"] is None else Found(*orders["found"])
+        self._said, self._interrupted, self._in_prompt = START, False, False
+        self._prompt = ReplayPdb(self)
+        self._prompt.restore(orders["prompt"])
+
+    def _guarded(self, work: Callable[[], object]) -> None:
+        """An observer that fails would be left out, and control code must not see it."""
+        try:
+            work()
+        except OptionError as error:
+            self._give_up(str(error), ExitStatus.MISTAKE)
+        except BaseException:
+            self._give_up(traceback.format_exc().rstrip(), ExitStatus.FAILED)
+
+    def _give_up(self, text: str, status: ExitStatus) -> None:
+        self.clear()
+        print(text, file=sys.stderr, flush=True)
+        self.runner.end(status)
+
+    # Stopping ------------------------------------------------------------------------------------------
+
+    def arrive(self) -> None:
+        """The prompt opens."""
         self._stop, self._interrupted, self.has_stopped = Stop(), False, True
         self.clear()
-        self._say(period, time)
-        if os.environ.get("PYTHONBREAKPOINT"):
-            with self.replay.paused():
-                _stopped(self.replay.program.machine, period, time, self, breakpoint)
-        else:
-            _stopped(self.replay.program.machine, period, time, self, ReplayPdb(self).begin)
+        self._say()
 
-    def _say(self, period: int, time: float) -> None:
-        print(f"period {period:,}, {time:g} s")
-        if self.replay.result.difference is not None:
-            print(self.replay.result.difference)
-        elif self.replay.player.next is None:
+    def _say(self) -> None:
+        """Tell the period, once."""
+        player = self.replay.player
+        if player.period is None or player.shown == self._said:
+            return
+        self._said = player.shown
+        print(f"period {player.shown:,}, {player.period.time:g} s")
+        if self._found is not None and self._found.period == player.shown:
+            print(self._found.text)
+        if player.next is None:
             print("the recording ends here")
         self.say_places()
 
     def say_places(self) -> None:
         for place in filter(None, self.replay.connection.machine.sequences.places):
             print(f"  a sequence stands at {place}")
+
+    def _stand(self, why: str) -> None:
+        """Stop at the end of a period, in no code of the user's."""
+        period = self.replay.player.period
+        self.arrive()
+        print(why)
+        time = 0.0 if period is None else period.time
+        stand_in(self.replay.program.machine, self.replay.player.shown, time, self, self._prompt.begin)
+
+    def _drive(self, drive: Callable[[Any], Any], machine: Any) -> Any:
+        """The program, with a last stop in the place of the error that ends it."""
+        try:
+            return drive(machine)
+        except WaitEnded:
+            raise
+        except BaseException as error:
+            self._guarded(partial(self._failed, error))
+            raise
+
+    def _failed(self, error: BaseException) -> None:
+        sys.settrace(None)
+        known = self.replay.result.difference is not None  # its own error follows from this one
+        if known or not (self.has_stopped or self._stop.end) or os.environ.get("PYTHONBREAKPOINT"):
+            return
+        self.arrive()
+        print(f"the replay ends with {Raised(type(error), text_of(error))}")
+        self._prompt.reset()
+        self._prompt.interaction(None, error.__traceback__)
+
+    def _interrupt(self, number: int, frame: FrameType | None) -> None:
+        """Ctrl-C: the prompt begins a new line; a replay stops in its next period, and with a second one wherever it
+        is, as control code may never return."""
+        if self._in_prompt:
+            raise KeyboardInterrupt
+        if self._interrupted and not self._prompt.seeking:
+            self._prompt.seek(self.replay.connection.machine, frame)
+        self._interrupted = True
+
+    @property
+    def around(self) -> CodeType:
+        """The code that calls the program."""
+        return type(self)._drive.__code__
+
+    def in_prompt(self, yes: bool) -> None:
+        """Whether the prompt waits for a line."""
+        self._in_prompt = yes
 
     # Where to ------------------------------------------------------------------------------------------
 
@@ -117,122 +227,31 @@ class DebuggedReplay:
         self.to(str(max(self.replay.player.shown - count, 0)))
 
     def step(self, count: int = 1) -> None:
-        """So many periods on."""
-        self._stop = Stop(period=self.replay.player.shown + count)
+        """So many periods on. OptionError at the end of the recording."""
+        if self.replay.player.next is None:
+            raise OptionError("the recording ends here")
+        self._stop = Stop(period=self.replay.player.shown + max(count, 1))
 
     def to(self, place: str) -> None:
-        """To a time, a period or the first difference."""
-        stop, player, frame = Stop.parse(place), self.replay.player, self.replay.connection.machine.frame
-        if stop.is_at(player.shown, frame.time, False) or self.replay.result.difference is not None:
-            first = stop.period if stop.period is not None else self._period_before(stop)
-            sys.stdout.flush()
-            self.runner.go(period=first, stop=vars(stop))
+        """To a time, a period, the first difference or the end. OptionError for any other text."""
+        stop, player = Stop.parse(place), self.replay.player
+        if stop.difference and self._found is not None:
+            stop = Stop(period=self._found.period)
+        time = 0.0 if player.period is None else player.period.time
+        behind = player.period is None or stop.is_at(player.shown, time, player.next is None)
+        if behind or stop.nearest(self.runner.known) > player.shown:
+            self._travel(stop)
         self._stop = stop
 
-    def _period_before(self, stop: Stop) -> int:
-        """A period that is not after this time; 0 for what has no time."""
-        if stop.time is None:
-            return 0
-        frame, player = self.replay.connection.machine.frame, self.replay.player
-        period = self.replay.connection.machine.period or 1.0
-        behind = (frame.time - stop.time) / period
-        return max(int(player.shown - behind) - 1, 0) if frame.number == player.shown + 1 else 0
+    def _travel(self, stop: Stop) -> None:
+        """Go on from the nearest snapshot; this process ends."""
+        sys.stdout.flush()
+        found = None if self._found is None else list(self._found)
+        self.runner.go(
+            period=stop.nearest(self.runner.known), stop=vars(stop), found=found, prompt=self._prompt.saved()
+        )
 
     def quit(self) -> None:
+        self.clear()
         sys.stdout.flush()
-        self.runner.end(0)
-
-
-def _place(m: Compound, period: int, time: float, replay: DebuggedReplay, begin: Callable[[], object]) -> None:
-    """The place at which a replay stops: `m` is the machine, `replay` has `back`, `step` and `to`."""
-    begin()
-    return
-
-
-SKIPPED = ["umo.replay.*", "umo.cycle.*", "umo.user_code", "umo.objects.*", "contextlib"]
-"""Modules through which a debugger goes without a stop, on its way to the user's code."""
-_stopped = FunctionType(
-    _place.__code__, {"__name__": "replay", "__builtins__": __builtins__}
-)  # in a module that is not passed over
-
-
-class ReplayPdb(pdb.Pdb):
-    """pdb, with commands that go through the periods of a replay."""
-
-    def __init__(self, debugged: DebuggedReplay) -> None:
-        stdin = None if sys.stdin.isatty() else _Lines()
-        super().__init__(stdin=stdin, stdout=sys.stdout, skip=SKIPPED, nosigint=True)  # type: ignore[arg-type]
-        self._debugged = debugged
-        self.prompt = "(replay) "
-
-    def begin(self) -> None:
-        """Stop in who calls."""
-        self.set_trace(sys._getframe().f_back)
-
-    def setup(self, f: FrameType | None, tb: Any) -> None:
-        super().setup(f, tb)
-        if f is not None and f.f_code is _place.__code__:  # the parts of the machine have their names here
-            self.curframe_locals: dict[str, Any] = {**children(f.f_locals["m"]), **self.curframe_locals}
-
-    def interaction(self, *place: Any) -> None:
-        """What is looked at in the prompt is no part of the replay."""
-        with self._debugged.replay.paused():
-            super().interaction(*place)
-
-    def print_stack_entry(self, frame_lineno: Any, prompt_prefix: str = "\n-> ") -> None:
-        if frame_lineno[0].f_code is not _place.__code__:
-            super().print_stack_entry(frame_lineno, prompt_prefix)
-
-    def _go(self, move: Callable[[], None]) -> bool | None:
-        try:
-            move()
-        except (UmoError, ValueError) as error:
-            self.error(str(error))
-            return None
-        self.set_continue()
-        return True
-
-    def do_back(self, arg: str) -> bool | None:
-        """back [N]: N periods back."""
-        return self._go(lambda: self._debugged.back(int(arg or 1)))
-
-    def do_step(self, arg: str) -> bool | None:
-        """step [N]: N periods on."""
-        return self._go(lambda: self._debugged.step(int(arg or 1)))
-
-    def do_to(self, arg: str) -> bool | None:
-        """to TIME|PERIOD|first-difference."""
-        return self._go(lambda: self._debugged.to(arg))
-
-    def do_s(self, arg: str) -> Any:
-        """s: a line on, into functions."""
-        return super().do_step(arg)
-
-    def do_where(self, arg: str) -> None:
-        """where: the places of the sequences."""
-        self._debugged.say_places()
-
-    def do_help(self, arg: str) -> bool | None:
-        if arg:
-            return super().do_help(arg)
-        self.message(HELP)
-        return None
-
-    do_h = do_help
-
-    def do_quit(self, arg: str) -> bool | None:
-        """quit: end the replay."""
-        self._debugged.quit()
-        return True
-
-    do_q = do_exit = do_EOF = do_quit
-
-
-class _Lines:
-    """Lines of stdin, without reading ahead: another process may go on with the rest."""
-
-    def readline(self) -> str:
-        line = b""
-        while not line.endswith(b"\n") and (byte := os.read(0, 1)):
-            line += byte
-        return line.decode(errors="replace")
+        self.runner.end(ExitStatus.DONE)

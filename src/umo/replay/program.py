@@ -44,7 +44,7 @@ class Program:
         given = dict(recorded.get("options", {}).get("given", {}))
         job = Job(
             station=station or _station_of(recorded),
-            wiring=_wiring_of(recorded, station),
+            wiring=wiring_of(recorded, station),
             options={name: value for name, value in given.items() if name not in WIRING_OPTIONS},
             manual=bool(recorded.get("manual", False)),
         )
@@ -83,7 +83,7 @@ def _station_of(job: Mapping[str, Any]) -> str | None:
     return str(place) if place and (Path(place) / MARK).is_file() else name
 
 
-def _wiring_of(job: Mapping[str, Any], station: str | None) -> str | dict[str, Any] | None:
+def wiring_of(job: Mapping[str, Any], station: str | None) -> str | dict[str, Any] | None:
     """The wiring of the recording: its file where that has the recorded text still, else this text."""
     wiring = job.get("wiring") or {}
     text, file = wiring.get("text"), wiring.get("file")

@@ -1,7 +1,8 @@
-"""Shrinking a recording: the fewest of its periods that still give the same error.
+"""Shrinking a recording: the fewest of its periods that still give the same error, or the same first difference.
 
 The periods that are left out are left out as inputs too: what remains is open loop. It proves that the error follows
-from these inputs, not that a machine would give them.
+from these inputs, not that a machine would give them. Of a difference the periods before it are still the recorded ones
+to the bit, so that both programs would have come there.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from umo.errors import text_of
 from umo.frames.layout import Layout
 from umo.replay.program import Program
 from umo.replay.replaying import Replay
+from umo.replay.result import Difference, Replayed
 from umo.replay.tape import OPEN_LOOP, NotReplayable, Tape, TapeCommand, events_of
 from umo.text import place_of
 
@@ -67,8 +69,9 @@ class WholeRecording:
         blocks = list(tape.blocks())
         if any(block.lost or block.entries_lost or block.commands_lost for block in blocks):
             raise NotReplayable("parts of the recording are lost: it cannot be shrunk")
-        about = tape.layout.about | {OPEN_LOOP: True}
-        self.layout, self.job = dataclasses.replace(tape.layout, about=about), tape.job
+        self.layout, self.job = tape.layout, tape.job
+        self.compared = True
+        """Whether what the periods command is compared when the chosen ones are replayed, and not the error alone."""
         self._frames = np.concatenate([block.frames for block in blocks])
         self._entries = np.concatenate([block.entries for block in blocks])
         self._ends = np.cumsum(self._frames["entries"])
@@ -101,7 +104,9 @@ class WholeRecording:
             for event in self._events
             if event.is_end or (event.time in new_times and (not event.command or event.command in numbers))
         ]
-        return ShrunkTape(self.layout, self.job, events, ShrunkBlock(frames, entries, commands))
+        about = self.layout.about if self.compared else self.layout.about | {OPEN_LOOP: True}
+        layout = dataclasses.replace(self.layout, about=about)
+        return ShrunkTape(layout, self.job, events, ShrunkBlock(frames, entries, commands))
 
     def _renumber(self, frames: Any, places: PeriodNumbers) -> tuple[list[ShrunkCommand], dict[int, int]]:
         """The commands of these periods; the new number of each old one."""
@@ -137,25 +142,51 @@ class ReplayedError:
         return other is not None and (self.kind, self.place) == (other.kind, other.place)
 
 
+@dataclass(frozen=True)
+class ReplayedDifference:
+    """A first difference, by its object and both values."""
+
+    path: str
+    recorded: str
+    replayed: str
+
+    @classmethod
+    def of(cls, difference: Difference) -> ReplayedDifference:
+        return cls(difference.path, difference.recorded, difference.replayed)
+
+    @property
+    def text(self) -> str:
+        return f"{self.path}: recorded {self.recorded}, replayed {self.replayed}".removeprefix(": ")
+
+
 class Shrinking:
     """The search for the fewest periods. `go_on` is called before each replay; it ends when that is false."""
 
     def __init__(
         self, tape: Tape, station: str | None = None, program: Callable[[Tape], Program] | None = None
     ) -> None:
-        """NotReplayable if the recording has no error, or does not give it in open loop."""
+        """NotReplayable if its replay has neither a difference nor an error."""
         self.source = WholeRecording(tape)
         self._program = program or (lambda each: Program.of(each, station))
         self.replays = 0
         self.places: PeriodNumbers = np.arange(self.source.count)
         """The periods that are left."""
-        ending = self._ending(self.places)
-        if ending is None:
-            raise NotReplayable("the replay of this recording ends without an error: there is nothing to shrink to")
-        self.ending = ending
+        self.ending: ReplayedError | ReplayedDifference
+        """What they give."""
+        result = self._replayed(self.places)
+        difference = result.difference
+        if difference is not None and result.error is None and result.periods <= self.source.count:
+            self.places, self.ending = self.places[: difference.period + 1], ReplayedDifference.of(difference)
+        elif result.error is not None:
+            self.source.compared = False
+            self.ending = ReplayedError.of(result.error)
+        else:
+            raise NotReplayable(
+                "the replay of this recording is identical and ends without an error: nothing to shrink to"
+            )
 
     def run(self, go_on: Callable[[], bool] = lambda: True) -> ShrunkTape:
-        """Leave out periods as long as the error stays."""
+        """Leave out periods as long as the error or difference stays."""
         size = max(len(self.places) // 2, 1)
         while go_on():
             before = len(self.places)
@@ -171,16 +202,22 @@ class Shrinking:
         while at > 0 and go_on():
             start = max(at - size, 0)
             rest = np.concatenate([self.places[:start], self.places[at:]])
-            if len(rest) and self.ending.is_same(self._ending(rest)):
+            if len(rest) and self._is_same(rest):
                 self.places = rest
             at = start
 
-    def _ending(self, places: PeriodNumbers) -> ReplayedError | None:
-        """The error of a replay with these periods only."""
+    def _is_same(self, places: PeriodNumbers) -> bool:
+        result, ending = self._replayed(places), self.ending
+        if isinstance(ending, ReplayedError):
+            return result.error is not None and ending.is_same(ReplayedError.of(result.error))
+        found = result.difference
+        return found is not None and found.period == len(places) - 1 and ReplayedDifference.of(found) == ending
+
+    def _replayed(self, places: PeriodNumbers) -> Replayed:
+        """A replay with these periods only."""
         self.replays += 1
         tape = self.source.chosen(places)
-        result = Replay(tape, self._program(tape)).run()
-        return None if result.error is None else ReplayedError.of(result.error)
+        return Replay(tape, self._program(tape)).run()
 
 
 def periods_left(places: Sequence[int]) -> str:

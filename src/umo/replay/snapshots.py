@@ -13,16 +13,23 @@ import secrets
 import select
 import signal
 import socket
+import struct
+import sys
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, NoReturn
 
-from umo.system.realtime import die_with_parent
+from umo.system.realtime import adopt_orphans, die_with_parent
 
+START = -1
+"""The period of the snapshot before the first one."""
 EVERY = 2000
 """Periods between two snapshots."""
 MOST = 15
 """Snapshots that are kept beside the first one, each of some MB: the last 30,000 periods that were visited."""
+PATIENCE = 2.0
+"""Time in s for the processes to end."""
 Orders = dict[str, Any]
 
 
@@ -65,50 +72,67 @@ class Link:
 
 
 class Runner:
-    """The end of a replay's process: `orders` are what it is to do, `known` the periods that have snapshots."""
+    """The end of a replay's process: `orders` are what it is to do, `known` the times in s of the periods that have
+    snapshots."""
 
     def __init__(self, address: str) -> None:
         self._address = address
         self.orders: Orders = {}
-        self.known: set[int] = set()
+        self.known: dict[int, float] = {}
+        self._children: list[int] = []
+        """The processes of the snapshots that it has forked, as far as they have not ended."""
         self._link = self._begin({})
 
     def _begin(self, orders: Orders) -> Link:
-        self.orders, self.known = orders, set(orders.get("known", ()))
+        self.orders, self.known = orders, dict(orders.get("known", ()))
         link = Link.to(self._address)
         link.send(kind="runner")
         return link
 
-    def snapshot(self, period: int) -> None:
+    def snapshot(self, period: int, time: float) -> None:
         """Fork a snapshot of this moment, the end of a period. It returns in the runner, and again, with other orders,
-        in each process that goes on from here."""
+        in each process that goes on from here. There is none where the computer has no room for it."""
+        self._children = [each for each in self._children if not _has_ended(each)]
         ready, told = os.pipe()
-        self.known.add(period)
-        if os.fork() == 0:
+        try:
+            child = os.fork()
+        except OSError:
+            os.close(ready)
+            os.close(told)
+            return
+        if child == 0:
             os.close(ready)
             self._link.close()
-            self._wait(period, told)
+            self._wait(period, time, told)
             return
+        self._children.append(child)
         os.close(told)
-        os.read(ready, 1)
+        if os.read(ready, 1):
+            self.known[period] = time
         os.close(ready)
 
-    def _wait(self, period: int, told: int) -> None:
+    def _wait(self, period: int, time: float, told: int) -> None:
         """The life of a snapshot; it returns in the runners that begin here."""
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for the runners
+        self._children = []
         try:
             link = Link.to(self._address)
         except OSError:
             os._exit(0)
-        link.send(kind="snapshot", period=period)
+        link.send(kind="snapshot", period=period, time=time)
+        os.write(told, b"1")
         os.close(told)
         while True:
             orders = link.receive()
             if orders is None:
                 os._exit(0)
             parent = os.getpid()
-            if os.fork() == 0:
+            try:
+                child = os.fork()
+            except OSError:  # the list sees its end, and takes an earlier one
+                os._exit(0)
+            if child == 0:
                 die_with_parent(parent, signal.SIGKILL)
                 signal.signal(signal.SIGCHLD, signal.SIG_DFL)
                 link.close()
@@ -126,6 +150,19 @@ class Runner:
         os._exit(0)
 
 
+def _is_own(connection: socket.socket) -> bool:
+    """Whether a process of the same user is at the other end."""
+    _, user, _ = struct.unpack("3i", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+    return bool(user == os.getuid())
+
+
+def _has_ended(child: int) -> bool:
+    try:
+        return os.waitpid(child, os.WNOHANG)[0] == child
+    except ChildProcessError:
+        return True
+
+
 class SnapshotList:
     """The process that keeps the snapshots."""
 
@@ -135,6 +172,10 @@ class SnapshotList:
         self._listener.bind(self._address)
         self._listener.listen(64)
         self._snapshots: dict[int, Link] = {}
+        self._times: dict[int, float] = {}
+        self._origin = START
+        """The period of the snapshot from which the runner comes: it lives as long as this one."""
+        self._orders: Orders = {}
         self._visited: list[int] = []
         """The periods of the snapshots, those that were made or used last at the end."""
 
@@ -142,68 +183,113 @@ class SnapshotList:
         """Let `begin` replay in processes of their own, until one of them ends; the exit status. It returns an exit
         status, and may be left by `Runner.go` and `Runner.end` instead."""
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the runner
+        adopt_orphans(True)
+        try:
+            self._fork_first(begin, before)
+            return self._serve()
+        finally:
+            for link in self._snapshots.values():
+                link.close()
+            self._listener.close()
+            _await_all()
+            adopt_orphans(False)
+            signal.signal(signal.SIGINT, before)
+
+    def _fork_first(self, begin: Callable[[Runner], int], handler: Any) -> None:
         parent = os.getpid()
-        first = os.fork()
-        if first == 0:
+        if os.fork() == 0:
             self._listener.close()
             die_with_parent(parent, signal.SIGKILL)
-            signal.signal(signal.SIGINT, before)
+            signal.signal(signal.SIGINT, handler)
             runner = Runner(self._address)
             status = 1
             try:
                 status = begin(runner)
             finally:
                 runner.end(status)
-        try:
-            return self._serve()
-        finally:
-            signal.signal(signal.SIGINT, before)
-            for link in self._snapshots.values():
-                link.close()
-            self._listener.close()
-            with suppress(ChildProcessError):
-                os.waitpid(first, 0)
 
     def _serve(self) -> int:
         runner: Link | None = None
         while True:
-            watched: list[Any] = [self._listener, *([] if runner is None else [runner])]
-            readable, _, _ = select.select(watched, [], [])
-            runner = self._accept_all() or runner
-            if runner is None or runner not in readable:
-                continue
-            message = runner.receive()
-            if message is None or message["kind"] == "end":
-                return 1 if message is None else int(message["status"])
-            runner.close()
-            runner = None
-            self._go(message)
+            asked = self._snapshots.get(self._origin) if runner is None and self._orders else None
+            readable, _, _ = select.select(
+                [each for each in (self._listener, runner, asked) if each is not None], [], []
+            )
+            _reap()
+            came = self._accept_all()
+            if came is not None:
+                runner, self._orders = came, {}
+            elif asked in readable and asked is not None:  # it has ended instead
+                self._drop(self._origin)
+                if not self._snapshots:
+                    return _lost()
+                self._go(self._orders)
+            elif runner is not None and runner in readable:
+                message = runner.receive()
+                if message is None:
+                    return _lost()
+                if message["kind"] == "end":
+                    return int(message["status"])
+                runner.close()
+                runner = None
+                self._go(message)
 
     def _accept_all(self) -> Link | None:
         """Take in who has come; the runner that is among them."""
         runner = None
         while select.select([self._listener], [], [], 0)[0]:
-            link = Link(self._listener.accept()[0])
+            connection = self._listener.accept()[0]
+            if not _is_own(connection):
+                connection.close()
+                continue
+            link = Link(connection)
             message = link.receive()
             if message is None:
                 link.close()
             elif message["kind"] == "runner":
                 runner = link
             else:
-                self._keep(int(message["period"]), link)
+                self._keep(int(message["period"]), float(message["time"]), link)
         return runner
 
-    def _keep(self, period: int, link: Link) -> None:
-        self._snapshots[period] = link
+    def _keep(self, period: int, time: float, link: Link) -> None:
+        self._snapshots[period], self._times[period] = link, time
         self._visited.append(period)
         if len(self._visited) > MOST + 1:
-            oldest = next(each for each in self._visited if each != min(self._snapshots))
-            self._visited.remove(oldest)
-            self._snapshots.pop(oldest).close()
+            kept = (min(self._snapshots), self._origin)  # and the runner ends with its origin
+            self._drop(next(each for each in self._visited if each not in kept))
+
+    def _drop(self, period: int) -> None:
+        self._visited.remove(period)
+        self._snapshots.pop(period).close()
+        del self._times[period]
 
     def _go(self, orders: Orders) -> None:
-        """Let the last snapshot before a period go on to it."""
-        period = max(each for each in self._snapshots if each <= max(orders["period"], min(self._snapshots)))
-        self._visited.remove(period)
-        self._visited.append(period)
-        self._snapshots[period].send(**orders, known=list(self._snapshots))
+        """Let the last snapshot that is not after a period go on from it; the first one if there is none."""
+        first = min(self._snapshots)
+        self._origin = max((each for each in self._snapshots if each <= orders["period"]), default=first)
+        self._orders = orders
+        self._visited.remove(self._origin)
+        self._visited.append(self._origin)
+        self._snapshots[self._origin].send(**orders, known=list(self._times.items()))
+
+
+def _reap() -> bool:
+    """Let go of the processes that have ended; whether there are others."""
+    with suppress(ChildProcessError):
+        while os.waitpid(-1, os.WNOHANG)[0]:
+            pass
+        return True
+    return False
+
+
+def _await_all() -> None:
+    """Wait until all have ended. What control code has started in the background may go on."""
+    until = time.monotonic() + PATIENCE
+    while _reap() and time.monotonic() < until:
+        time.sleep(0.002)
+
+
+def _lost() -> int:
+    print("the process of the replay has been ended", file=sys.stderr)
+    return 1

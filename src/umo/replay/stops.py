@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
+import ast
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from umo.duration import seconds
-from umo.errors import DeclarationError, OptionError
+from umo.errors import DeclarationError, OptionError, text_of
 from umo.objects import Compound
+from umo.text import did_you_mean
 
-FIRST_DIFFERENCE = "first-difference"
+FIRST_DIFFERENCE, END = "first-difference", "end"
 ROUNDING = 1e-9
 """Time in s by which a period may come early: the machine's time is a sum of periods."""
-NAMES: Mapping[str, Any] = {"abs": abs, "min": min, "max": max, "any": any, "all": all, "math": math, "round": round}
+NAMES: Mapping[str, Any] = {
+    each.__name__: each for each in (abs, min, max, any, all, sum, len, round, bool, int, float, str)
+} | {"math": math}
+"""What an expression may use beside the machine."""
+READING = ("read", "read_in", "startswith", "endswith")
+"""Methods that an expression may call."""
+
+
+class Found(NamedTuple):
+    """The first difference of a replay."""
+
+    period: int
+    text: str
 
 
 @dataclass
@@ -27,72 +41,103 @@ class Stop:
     """Time in s."""
     difference: bool = False
     """Whether it stops at the first difference."""
+    end: bool = False
+    """Whether it stops in the last period."""
 
     @classmethod
     def parse(cls, text: str) -> Stop:
-        """`12.3s`, `500`, `first-difference`; OptionError for anything else."""
+        """`12.3s`, `500`, `first-difference`, `end`; OptionError for anything else."""
         word = text.strip()
-        if word == FIRST_DIFFERENCE:
-            return cls(difference=True)
+        if word in (FIRST_DIFFERENCE, END):
+            return cls(difference=word == FIRST_DIFFERENCE, end=word == END)
         if word.isdecimal():
             return cls(period=int(word))
         try:
             return cls(time=seconds(word))
         except DeclarationError:
-            forms = f"a time such as 12.3s, the number of a period, or {FIRST_DIFFERENCE}"
+            forms = f"a time such as 12.3s, the number of a period, {FIRST_DIFFERENCE} or {END}"
             raise OptionError(f"{text!r} is no place in a replay; write {forms}") from None
 
-    def is_at(self, period: int, time: float, differs: bool) -> bool:
+    def is_at(self, period: int, time: float, last: bool = False) -> bool:
+        """Whether a period is at this place or after it; `last`: it is the last one."""
         return (
             (self.period is not None and period >= self.period)
             or (self.time is not None and time >= self.time - ROUNDING)
-            or (self.difference and differs)
+            or (self.end and last)
         )
+
+    def nearest(self, snapshots: Mapping[int, float]) -> int:
+        """The last period that lies before this place; `snapshots`: their times, s. -2: there is none."""
+        before = (period for period, time in snapshots.items() if not self.is_at(period, time))
+        return max(before, default=-2)
 
 
 class BreakCondition:
-    """An expression over the machine, such as `z.servo.error > 50`: names are its parts, `m`, `period` and `time`."""
+    """An expression over the machine, such as `z.servo.error > 50`: names are its parts, `m`, `period` and `time`.
+
+    It reads, and changes nothing: functions that it calls are those of NAMES, `math`, and READING methods."""
 
     def __init__(self, text: str) -> None:
-        """OptionError if it is no expression."""
+        """OptionError if it is no such expression."""
         self.text = text
         try:
-            self._code = compile(text.strip(), "--break", "eval")
-        except (SyntaxError, ValueError) as error:
-            raise OptionError(f"--break {text!r} is no expression: {error}") from None
+            tree = ast.parse(text.strip(), "--break", "eval")
+            self._code = compile(tree, "--break", "eval")
+        except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+            why = error.msg if isinstance(error, SyntaxError) else text_of(error)
+            raise OptionError(f"--break {text!r} is no expression: {why}") from None
+        for node in ast.walk(tree):
+            if refused := _refused(node):
+                raise OptionError(f"--break {text!r}: {refused}")
+        names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)}
+        bound = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+        self._parts = names - bound - NAMES.keys() - {"m", "period", "time"}
         self._was = False
         """Whether it was true in the period before."""
+        self._tried = False
         self.failed = ""
         """Why it could not be evaluated the last time; "": it could."""
 
     def becomes_true(self, machine: Compound, period: int, time: float) -> bool:
-        """Whether it is true now, and was not in the period before."""
+        """Whether it is true now, and was not in the period before. OptionError if it names, the first time, what there
+        is not."""
+        tried, self._tried = self._tried, True
         try:
-            now = bool(eval(self._code, {"__builtins__": {}}, _Names(machine, period, time)))
-            self.failed = ""
-        except Exception as error:
-            now, self.failed = False, f"{type(error).__name__}: {error}"
+            parts = {name: getattr(machine, name) for name in self._parts}
+            names = {**NAMES, "m": machine, "period": period, "time": time, **parts, "__builtins__": {}}
+            now, self.failed = bool(eval(self._code, names)), ""
+        except (AttributeError, TypeError) as error:
+            now, self.failed = False, _mistake(error)
+            if not tried:
+                raise OptionError(f"--break {self.text!r}: {self.failed}") from None
+        except Exception as error:  # a division by zero, a sensor without a value: it is not true
+            now, self.failed = False, text_of(error)
         became, self._was = now and not self._was, now
         return became
 
 
-class _Names(Mapping[str, Any]):
-    """The names of an expression."""
+def _refused(node: ast.AST) -> str:
+    """Why a part of an expression is not evaluated; "": it is."""
+    if isinstance(node, ast.Lambda | ast.Await | ast.Yield | ast.YieldFrom | ast.NamedExpr):
+        return "only what reads is evaluated"
+    if isinstance(node, ast.Attribute) and node.attr.startswith("_"):
+        return f"{node.attr} is internal"
+    if isinstance(node, ast.Call):
+        function = node.func
+        if isinstance(function, ast.Name) and callable(NAMES.get(function.id)):
+            return ""
+        name = function.attr if isinstance(function, ast.Attribute) else ast.unparse(function)
+        of_math = isinstance(function, ast.Attribute) and ast.unparse(function.value) == "math"
+        if not of_math and (name not in READING or not isinstance(function, ast.Attribute)):
+            known = [*(each for each, what in NAMES.items() if callable(what)), *READING]
+            return f"{name}() is not called in a condition{did_you_mean(name, known)}"
+    return ""
 
-    def __init__(self, machine: Compound, period: int, time: float) -> None:
-        self._machine = machine
-        self._own = {"m": machine, "period": period, "time": time}
 
-    def __getitem__(self, name: str) -> Any:
-        if name in self._own:
-            return self._own[name]
-        try:
-            return NAMES[name] if name in NAMES else getattr(self._machine, name)
-        except AttributeError:
-            raise KeyError(name) from None
-
-    def __iter__(self) -> Iterator[str]:
-        return iter({**NAMES, **self._own})
-
-    def __len__(self) -> int:
-        return len(self._own) + len(NAMES)
+def _mistake(error: Exception) -> str:
+    """Such as `Servo has no eror (did you mean 'error'?)`."""
+    name, owner = getattr(error, "name", None), getattr(error, "obj", None)
+    if not isinstance(error, AttributeError) or name is None:
+        return text_of(error)
+    known = [each for each in dir(owner) if not each.startswith("_")]
+    return f"{type(owner).__name__} has no {name}{did_you_mean(name, known)}"

@@ -31,6 +31,7 @@ LARGE_LIBRARIES = ("_multiarray_umath", "libstdc++")
 BUSY_WAIT = 200e-6
 """s, for waking up and cache warming (docs/decisions/0018)."""
 PR_SET_PDEATHSIG = 1
+PR_SET_CHILD_SUBREAPER = 36
 PR_SET_TIMERSLACK = 29
 CAP_IPC_LOCK = 14
 LIMITS = "/etc/security/limits.d/umo.conf, then a new login"
@@ -113,6 +114,11 @@ def die_with_parent(parent: int, number: int) -> None:
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, number, 0, 0, 0)
     if os.getppid() != parent:
         os.kill(os.getpid(), number)
+
+
+def adopt_orphans(yes: bool) -> None:
+    """Whether the processes that descend from this one become its children when their parents end (prctl(2))."""
+    ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, int(yes), 0, 0, 0)
 
 
 def drop_realtime(niceness: int = 10) -> None:

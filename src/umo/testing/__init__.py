@@ -21,8 +21,8 @@ In a wiring given as a dict, a driver object may replace its table, or be the `t
 
 from umo.testing.own_station import station
 from umo.testing.periods import periods, put
-from umo.testing.replays import assert_replays
+from umo.testing.replays import assert_no_error, assert_replays
 from umo.testing.scripted import Call, Scripted
 from umo.testing.virtual import VirtualTimer
 
-__all__ = ["Call", "Scripted", "VirtualTimer", "assert_replays", "periods", "put", "station"]
+__all__ = ["Call", "Scripted", "VirtualTimer", "assert_no_error", "assert_replays", "periods", "put", "station"]

@@ -6,6 +6,10 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from umo.replay.result import Replayed
 
 
 def assert_replays(file: Path | str, station: Path | str | None = None) -> None:
@@ -18,6 +22,19 @@ def assert_replays(file: Path | str, station: Path | str | None = None) -> None:
     recording cannot be replayed. A recording whose order of hashes was fixed to another one than this process has is
     replayed in a process of its own.
     """
+    result = _replayed(file, station, "assert_replays")
+    assert result is None or result.identical, str(result)
+
+
+def assert_no_error(file: Path | str, station: Path | str | None = None) -> None:
+    """Replay a recording of which `umo shrink` has left periods out: AssertionError as long as the control code of
+    today ends with an error on these inputs. Else as `assert_replays`."""
+    result = _replayed(file, station, "assert_no_error")
+    assert result is None or result.error is None, str(result.error)
+
+
+def _replayed(file: Path | str, station: Path | str | None, check: str) -> Replayed | None:
+    """The replay. None: it was made, and checked, in a process of its own."""
     from umo.replay.opening import HASH_SEED, opened, other_hash_seed
     from umo.replay.program import Program
     from umo.replay.replaying import replay
@@ -26,13 +43,13 @@ def assert_replays(file: Path | str, station: Path | str | None = None) -> None:
     with opened(file) as tape:
         seed = other_hash_seed(tape.layout.about)
         if seed is None:
-            program = Program.of(tape, None if station is None else str(station))
-            result = replay(tape, program)
-            assert result.identical, str(result)
-            return
-    command = [sys.executable, "-m", "umo_command", "replay", str(file), *([] if station is None else [str(station)])]
+            return replay(tape, Program.of(tape, None if station is None else str(station)))
+    words = [str(file), *([] if station is None else [str(station)])]
+    command = [sys.executable, "-c", f"import sys; from umo.testing import {check} as check; check(*sys.argv[1:])"]
     environ = os.environ | {HASH_SEED: seed, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    done = subprocess.run(command, capture_output=True, text=True, env=environ, check=False)
-    if done.returncode == 2:
-        raise NotReplayable(done.stderr.strip())
-    assert done.returncode == 0, done.stdout + done.stderr
+    done = subprocess.run([*command, *words], capture_output=True, text=True, env=environ, check=False)
+    *_, end = ["", *done.stderr.strip().splitlines()]
+    if "NotReplayable: " in end:
+        raise NotReplayable(end.partition("NotReplayable: ")[2])
+    assert done.returncode == 0, done.stderr.partition("AssertionError: ")[2] or done.stdout + done.stderr
+    return None
