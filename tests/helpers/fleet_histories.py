@@ -102,7 +102,7 @@ class Recording:
         self._folder = RecordFolder(self.root, self.said.append)
         self._recorder = FleetRecorder(await self._source(), self._folder, say=self.said.append)
         self._stop = stop = threading.Event()
-        self._thread = threading.Thread(target=self._recorder.run, args=(stop.is_set,))
+        self._thread = threading.Thread(target=self._recorder.run, args=(stop.is_set,), daemon=True)
         self._thread.start()
 
     async def _source(self) -> RecordSource:

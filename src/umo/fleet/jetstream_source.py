@@ -83,7 +83,9 @@ class JetStreamSource:
 
     def begin(self, put: Put, has_room: Callable[[], bool]) -> None:
         self._put, self._has_room = put, has_room
-        self._thread = threading.Thread(target=lambda: asyncio.run(self._run()), name="umo fleet jetstream")
+        self._thread = threading.Thread(
+            target=lambda: asyncio.run(self._run()), name="umo fleet jetstream", daemon=True
+        )
         self._thread.start()
 
     def end(self) -> None:
