@@ -700,7 +700,8 @@ def test_an_unknown_section():
     wiring = simulated(bench()) | {"wires": {}}
     assert one_fault(bench(), wiring) == (
         "wires",
-        "unknown section (did you mean 'wire'?); known: drivers, wire, parameters, process, faults, fault_seed, faces",
+        "unknown section (did you mean 'wire'?); known: drivers, wire, parameters, process, faults, fault_seed, faces, "
+        "record",
     )
 
 
