@@ -51,7 +51,7 @@ def lines_of(facts: dict[str, Any]) -> list[tuple[str, str]]:
     started = facts["started"]
     when = "" if started is None else time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(float(started)))
     kind = "in real time" if facts["realtime"] else "in virtual time"
-    options = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in facts["options"].items())
+    options = " ".join(_option(name, value) for name, value in facts["options"].items())
     period = float(facts["period"] or 0.0)
     each = f" of {duration(period)}" if period else ""
     lost = "none" if not facts["lost"] else f"{facts['lost']:,} in {_count(len(facts['gaps']), 'gap')}"
@@ -75,6 +75,11 @@ def lines_of(facts: dict[str, Any]) -> list[tuple[str, str]]:
         ("made with", versions),
     ]
     return [(name, text) for name, text in found if text]
+
+
+def _option(name: str, value: Any) -> str:
+    flag = f"--{name.replace('_', '-')}"
+    return flag if value is True else f"{flag} {value}"
 
 
 def _count(number: int, noun: str) -> str:

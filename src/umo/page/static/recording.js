@@ -89,8 +89,9 @@ export class RecordingBar {
     if (key === this._events || !width) return;
     this._events = key;
     const length = Math.max(stop - start, 1e-9);
-    const inside = marksOf(events, misses).filter(({ time }) => time >= start - 1 && time <= stop + 1);
-    this._marks.replaceChildren(...clustersOf(inside, length / width / 3).map((cluster) => {
+    const pixel = length / width / 3;
+    const clusters = [...clustersOf(marksOf([], misses), pixel / 3), ...clustersOf(marksOf(events, []), pixel)];  // events stand over misses
+    this._marks.replaceChildren(...clusters.map((cluster) => {
       const share = Math.min(Math.max((cluster.time - start) / length, 0), 1);
       const told = linesOf(cluster).join("\n");
       const mark = el("button", { className: "recording-mark", "data-kind": cluster.kind, title: told, "aria-label": told, tabIndex: -1, onclick: () => this.seek(cluster.time) });
