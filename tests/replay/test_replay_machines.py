@@ -347,6 +347,7 @@ def test_a_program_that_ends_earlier_or_fails_differs_and_one_that_goes_on_ends_
     tape, each = doubled().record(), doubled()
     early = each.replay(tape, lambda m: periods(m, 20))
     assert early.difference is not None and early.difference.replayed == "the program has ended"
+    assert early.difference.period == 20
 
     def failing(m: Any) -> None:
         periods(m, 20)

@@ -179,7 +179,8 @@ class Replay:
             elif self.player.next is not None:
                 result.difference = self._end_difference("it went on", text)
         elif self.player.next is not None and not self.player.ended:
-            result.difference = self._end_difference("it went on", "the program has ended")
+            period, moment = self.player.shown, self.player.next.time  # the first one that is missing
+            result.difference = Difference(period, moment, "", "it went on", "the program has ended")
 
     def _compare_errors(self, end: Any) -> None:
         """Of a recording that was shrunk: the same error is all that can be expected."""
