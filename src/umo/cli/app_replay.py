@@ -66,7 +66,7 @@ def replay(
 
 
 @command(
-    epilog="Examples: umo shrink run.mcap  |  umo shrink run.mcap -o tests/test_crash.py --seconds 600  |  "
+    epilog="Examples: umo shrink run.mcap  |  umo shrink run.mcap -o test_crash.py --seconds 600  |  "
     "umo shrink run.mcap --closed",
     status="0 done; 2 the recording has no error or difference to shrink to, or a mistake, told on stderr",
 )

@@ -14,10 +14,12 @@ from pprint import pformat
 from typing import Any
 
 from umo.exit_status import ExitStatus
+from umo.process.station import shipped
 from umo.replay.closed_loop import ClosedShrinking, Trial, recorded_trial
 from umo.replay.opening import opened, other_hash_seed
 from umo.replay.shrinking import ReplayedError, Shrinking, ShrunkTape, periods_left
 from umo.replay.tape import NotReplayable, Tape
+from umo.text import shown_path
 
 from .console import err, out, say
 from .progress_line import OneLine
@@ -114,7 +116,9 @@ def _counts(trial: Trial) -> str:
 
 def _command(trial: Trial, job: Any) -> str:
     """The run as a command; without commands of clients."""
-    words = ["umo", "run", str(job.get("station") or trial.station)]
+    name = str(job.get("station"))
+    is_shipped = shipped().get(name) == Path(trial.station)
+    words = ["umo", "run", name if is_shipped else shown_path(trial.station)]
     words += [word for each in trial.faults for word in ("--fault", each)]
     if trial.faults and trial.fixed.get("fault_seed"):
         words += ["--fault-seed", str(trial.fixed["fault_seed"])]

@@ -23,7 +23,7 @@ from umo.exit_status import ExitStatus
 from umo.replay.debugger_prompt import ReplayPdb, stand_in
 from umo.replay.replaying import Replay
 from umo.replay.snapshots import EVERY, MOST, START, Runner
-from umo.replay.stops import BreakCondition, Found, Stop
+from umo.replay.stops import BreakCondition, FirstDifference, Stop
 from umo.user_code import Raised
 
 
@@ -44,7 +44,7 @@ class DebuggedReplay:
         """Function that clears the line of the progress."""
         self.has_stopped = False
         """Whether it has stopped at all."""
-        self._found: Found | None = None
+        self._found: FirstDifference | None = None
         """The first difference, where it is known."""
         self._interrupted = self._in_prompt = False
         self._looked = self._said = START
@@ -105,7 +105,7 @@ class DebuggedReplay:
         if self._prompt.seeking:  # there was no line of the user's code
             self._stand("no code of yours ran in this period: this is its end")
         if difference is not None and self._found is None:
-            self._found = Found(period, str(difference))
+            self._found = FirstDifference(period, str(difference))
             if self.has_stopped or self._stop.difference:
                 self._travel(Stop(period=period))
         elif difference is not None and self._found and self._found.period == period and not self.replay.player.lenient:
@@ -130,7 +130,7 @@ class DebuggedReplay:
         sys.settrace(None)
         signal.signal(signal.SIGINT, self._interrupt)
         self.has_stopped, self._stop = True, Stop(**orders["stop"])
-        self._found = None if orders["found"] is None else Found(*orders["found"])
+        self._found = None if orders["found"] is None else FirstDifference(*orders["found"])
         self._said, self._interrupted, self._in_prompt = START, False, False
         self._prompt = ReplayPdb(self)
         self._prompt.restore(orders["prompt"])

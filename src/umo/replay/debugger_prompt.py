@@ -8,17 +8,15 @@ import os
 import pdb
 import sys
 from collections.abc import Callable
-from types import FrameType
-from typing import TYPE_CHECKING, Any, cast
+from types import CodeType, FrameType
+from typing import Any, Protocol, cast
 
 from umo.cycle.machine import ConnectedMachine
 from umo.errors import OptionError
 from umo.objects import Compound
 from umo.objects.paths import children
+from umo.replay.replaying import Replay
 from umo.text import is_users
-
-if TYPE_CHECKING:
-    from umo.replay.debugger import DebuggedReplay
 
 HELP = """\
 back [N]      N periods back (1)      to TIME|PERIOD|first-difference|end   there, back or forth
@@ -29,7 +27,38 @@ MAX_HISTORY = 500
 """Lines of the history that go along to another period."""
 
 
-def stand_in(m: Compound, period: int, time: float, replay: DebuggedReplay, begin: Callable[[], object]) -> None:
+class Debugged(Protocol):
+    """The replay that the prompt is for (`umo.replay.debugger.DebuggedReplay`)."""
+
+    replay: Replay
+
+    @property
+    def around(self) -> CodeType:
+        """The code that calls the program."""
+
+    def arrive(self) -> None:
+        """The prompt opens."""
+
+    def in_prompt(self, yes: bool) -> None:
+        """Whether the prompt waits for a line."""
+
+    def say_places(self) -> None:
+        """Tell where the sequences stand."""
+
+    def back(self, count: int) -> None:
+        """So many periods back."""
+
+    def step(self, count: int) -> None:
+        """So many periods on."""
+
+    def to(self, place: str) -> None:
+        """To a place in words."""
+
+    def quit(self) -> None:
+        """End the replay."""
+
+
+def stand_in(m: Compound, period: int, time: float, replay: Debugged, begin: Callable[[], object]) -> None:
     """The place at which a replay stops in no code of the user's: `m` is the machine, `replay` has `back`, `step` and
     `to`."""
     begin()
@@ -38,7 +67,7 @@ def stand_in(m: Compound, period: int, time: float, replay: DebuggedReplay, begi
 class ReplayPdb(pdb.Pdb):
     """The prompt. It stops in the user's code alone."""
 
-    def __init__(self, debugged: DebuggedReplay) -> None:
+    def __init__(self, debugged: Debugged) -> None:
         stdin = None if sys.stdin.isatty() else _Lines()
         super().__init__(stdin=stdin, stdout=None if stdin is None else sys.stdout, nosigint=True)  # type: ignore[arg-type]
         self._debugged = debugged

@@ -24,7 +24,7 @@ READING = ("read", "read_in", "startswith", "endswith")
 """Methods that an expression may call."""
 
 
-class Found(NamedTuple):
+class FirstDifference(NamedTuple):
     """The first difference of a replay."""
 
     period: int
