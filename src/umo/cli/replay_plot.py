@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from umo.presentation.value_text import shown_unit
-from umo.replay.what_if import Curves
+from umo.replay.what_if import RawCurves
 
 MAX_PANELS = 8
 """Actuators that are drawn at most."""
@@ -15,7 +15,7 @@ WIDTH, HEIGHT = 16.0, 2.2
 """Inches of the picture, and of each panel."""
 
 
-def save_what_if(curves: Curves, path: Path, settings: Mapping[str, Any]) -> None:
+def save_what_if(curves: RawCurves, path: Path, settings: Mapping[str, Any]) -> None:
     """Draw the actuators that differ, recorded and replayed, and save it; ImportError without matplotlib."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -17,7 +17,7 @@ from umo.replay.program import Program
 from umo.replay.replaying import Replay
 from umo.replay.stops import BreakCondition, Stop
 from umo.replay.tape import NotReplayable, Tape, events_of
-from umo.replay.what_if import Curves
+from umo.replay.what_if import RawCurves
 
 from .console import err, out, say
 from .progress_line import OneLine
@@ -85,7 +85,7 @@ class ReplayProgress:
 
 def _replay(tape: Tape, file: Path, station: str | None, settings: Mapping[str, object], plot: Path | None) -> int:
     replay = Replay(tape, Program.of(tape, station), settings)
-    curves = Curves(replay)
+    curves = RawCurves(replay)
     with OneLine(err) as line:
         replay.observers.append(ReplayProgress(line, tape))
         if settings:
@@ -128,7 +128,7 @@ def _debug(
     return SnapshotList().run(begin)
 
 
-def _draw(curves: Curves, path: Path, settings: Mapping[str, Any]) -> None:
+def _draw(curves: RawCurves, path: Path, settings: Mapping[str, Any]) -> None:
     from .replay_plot import save_what_if
 
     try:

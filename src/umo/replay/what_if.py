@@ -25,7 +25,7 @@ class TwoCurves:
     replayed: npt.NDArray[np.float64]
 
 
-class Curves:
+class RawCurves:
     """An observer of a replay: the raw integers of the actuators, recorded and replayed."""
 
     def __init__(self, replay: Replay) -> None:
