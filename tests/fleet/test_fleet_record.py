@@ -356,7 +356,7 @@ def test_what_is_damaged_costs_no_other_message_and_does_not_end_the_recorder(
     monkeypatch.setattr(run_feed, "AGAIN", 0.0)
     known = KnownRun()
     with closing(opened(FleetNetwork(listen=[f"tcp/127.0.0.1:{free_port()}"]), "peer")) as session:
-        recorder = FleetRecorder(session, folder, say=nothing)
+        recorder = FleetRecorder(FleetSource(session), folder, say=nothing)
         recorder._incoming.put("delta", PLANT, known.delta(0))
         recorder._incoming.put("declaration", PLANT, known.declaration(0))
         events = known.events(0, 1, 2)
@@ -380,9 +380,10 @@ def test_stations_that_do_not_answer_do_not_keep_others_from_being_asked(
     monkeypatch.setattr(run_feed, "AGAIN", 0.0)
     known = KnownRun()
     with closing(opened(FleetNetwork(listen=[f"tcp/127.0.0.1:{free_port()}"]), "peer")) as session:
-        recorder = FleetRecorder(session, folder, say=nothing)
+        source = FleetSource(session)
+        recorder = FleetRecorder(source, folder, say=nothing)
         queries = HangingQueries()
-        monkeypatch.setattr(recorder, "_queries", queries)
+        monkeypatch.setattr(source, "_queries", queries)
         keys = [StationKey("cell7", f"s{number}") for number in range(5)]
         for key in keys:
             recorder._incoming.put("delta", key, known.delta(3))
