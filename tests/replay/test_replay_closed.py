@@ -64,7 +64,7 @@ def oven(tmp_path: Path) -> Path:
     return station
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_the_fewest_options_and_commands_are_left(oven: Path) -> None:
     options = {"other": 2, "level": 9, "size": 4.0}
     shrinking = ClosedShrinking(Trial(str(oven), options=options, commands=COMMANDS))

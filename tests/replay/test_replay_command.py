@@ -105,7 +105,7 @@ async def main(m):
 """
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_the_order_of_hashes_is_that_of_the_recording(tmp_path: Path) -> None:
     """In another process, also for pytest."""
     environ = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, [Path(__file__).parents[1], *sys.path]))}

@@ -163,7 +163,7 @@ def case(seed: int, share: float, count: int = 300, **process: Any) -> Case:
     return Case(restless, wiring, loop(count))
 
 
-@settings(max_examples=6)
+@settings(max_examples=3)
 @given(st.integers(0, 10_000), st.sampled_from([0.0, 0.01, 0.1, 0.4]), st.booleans())
 def test_a_replay_repeats_a_machine_whose_devices_fail_at_random(seed: int, share: float, later: bool) -> None:
     check_failing(seed, share, later)
