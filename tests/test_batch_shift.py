@@ -96,7 +96,11 @@ def faults(until: float) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("batches", "seconds"), [(8, 1800), pytest.param(115, SHIFT, marks=pytest.mark.full, id="eight hours")]
+    ("batches", "seconds"),
+    [
+        pytest.param(8, 1800, marks=pytest.mark.full, id="half an hour"),
+        pytest.param(115, SHIFT, marks=pytest.mark.full, id="eight hours"),
+    ],
 )
 def test_a_shift_with_lost_answers_and_absences_loses_no_batch_and_tells_every_event(
     batches: int, seconds: float, tmp_path: Path

@@ -19,7 +19,10 @@ from umo.replay.tape import NotReplayable
 from umo.text import shown_path
 
 Umo = Callable[..., Result]
-pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="each trial is a fork")
+pytestmark = [
+    pytest.mark.full,
+    pytest.mark.skipif(not sys.platform.startswith("linux"), reason="each trial is a fork"),
+]
 OBJECTS = """
 from typing import Annotated
 from umo import Compound, DigitalActuator, DigitalSensor, Number

@@ -277,6 +277,7 @@ def check_operated(seed: int) -> set[str]:
     return {event.text for event in tape.events}
 
 
+@pytest.mark.full
 def test_a_replay_repeats_what_clients_did_and_what_ended_without_a_sign_of_life() -> None:
     told = check_operated(4) | check_operated(9)
     assert DEAD_MAN_REASON in told and any(text.endswith(LEASE_ENDED) for text in told)
