@@ -1,10 +1,10 @@
-# make demo | test | test-page | test-faces | test-beside | test-all | lint | bench | docs | wheel | kernel | test-kernel; each but kernel makes .venv first.
+# make demo | test | test-page | test-faces | | test-all | lint | bench | docs | wheel | kernel | test-kernel; each but kernel makes .venv first.
 # PYTHON=python3.12 make test picks another Python.
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/installed
 
-.PHONY: demo test test-page test-faces test-beside test-all lint bench docs wheel kernel test-kernel clean
+.PHONY: demo test test-page test-faces test-all lint bench docs wheel kernel test-kernel clean
 
 demo: $(STAMP)
 	$(BIN)/umo run ztheta
@@ -23,10 +23,6 @@ test-page: $(STAMP)
 # The faces, each with clients of other projects; make test runs one test of each.
 test-faces: $(STAMP)
 	$(PYTEST) tests/faces $(ARGS)
-
-# Both at once, which takes less time: tests of faces mostly wait, those of the page do not.
-test-beside: $(STAMP)
-	$(PYTEST) tests/page tests/faces $(ARGS)
 
 # Every test, also the grids, seeds, matrices and campaigns: before a release. make test-all ARGS="--shard 2/4" runs the
 # second of four parts.
