@@ -1,4 +1,4 @@
-# make demo | test | test-page | test-faces | | test-all | lint | bench | docs | wheel | kernel | test-kernel; each but kernel makes .venv first.
+# make demo | test | test-page | test-faces | test-all | lint | bench | docs | wheel | kernel | test-kernel; each but kernel makes .venv first.
 # PYTHON=python3.12 make test picks another Python.
 PYTHON ?= python3
 BIN := .venv/bin
