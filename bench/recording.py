@@ -10,22 +10,17 @@ import asyncio
 import os
 import signal
 import tempfile
-import time
 from collections.abc import AsyncIterator, Iterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
+from functools import partial
 from pathlib import Path
 
-import numpy as np
-
-from bench.against import Row
+from bench.beside import compared
 from bench.face_process import FaceProcess, running
-from bench.faces import LIMIT, PARTS, SHOWN
 from bench.live import folders
 from bench.open_page import expect_running
-from bench.realtime import take
 from bench.report import Doing, Target, upper
 from umo.cli.record_beside import RecordBeside, RecordOrder
-from umo.latency import Samples
 from umo.process.job import Job
 from umo.process.start import Started
 from umo.recording import Recording
@@ -36,7 +31,7 @@ from umo.recording.record_settings import settings_of
 TITLE = "A recording"
 BLOCK, SETTLING = 10.0, 1.0
 """Times in s of a measurement, and before it."""
-ROW_TAKES, PAIR_TAKES = 20.0, 26.0
+ROW_TAKES, PAIR_TAKES = 20.0, 28.0
 MINUTE = 60.0
 SHARES = {13: 1.5, 1000: 10.0, 10_000: 10.0}
 """Limits: % of a core."""
@@ -50,7 +45,8 @@ def measure(pairs: int, doing: Doing) -> Iterator[Target]:
         for count, period in ((13, "1 ms"), (1000, "1 ms"), (10_000, "10 ms")):
             doing(f"{count:,} objects")
             yield from runner.run(_cost(count, period, Path(folder) / f"{count}.mcap"))
-        yield from _loop(pairs, runner, Path(folder), doing)
+        if pairs:
+            yield from compared(partial(_beside, Path(folder)), "the recorder", pairs, runner, doing)
 
 
 def takes(pairs: int) -> float:
@@ -128,51 +124,10 @@ class _recorder:
 # The loop -----------------------------------------------------------------------------------------------------
 
 
-def _loop(pairs: int, runner: asyncio.Runner, folder: Path, doing: Doing) -> Iterator[Target]:
-    """So many blocks with the recorder and as many without, in turns; which is first changes."""
-    rows = {(name, share): Row(name) for name, share in SHOWN}
-    missed = [0, 0]
-    for number in range(pairs):
-        doing(f"the loop, pair {number + 1} of {pairs}")
-        found = runner.run(_pair(folder / f"pair{number}.mcap", beside_first=bool(number % 2)))
-        missed = [before + side.missed for before, side in zip(missed, found, strict=True)]
-        for (name, share), row in rows.items():
-            beside, without = (float(np.percentile(getattr(side, PARTS[name]), share)) for side in found)
-            row.pairs.append((beside, without))
-    if pairs:
-        yield Target(
-            "a loop of 1 ms with the recorder, and without", "-", f"missed {missed[0]:,} and {missed[1]:,}", ""
-        )
-    for (name, share), row in rows.items() if pairs else ():
-        here, there = (float(np.median(side)) for side in zip(*row.pairs, strict=True))
-        low, high = row.interval
-        shown = f"{np.median(row.ratios):.3f} ({low:.3f} to {high:.3f}); {here:.1f} and {there:.1f} us"
-        limited = PARTS[name] == "total"
-        verdict = "" if not limited else "missed" if low > LIMIT else "met" if high <= LIMIT else "not told apart"
-        yield Target(f"{name}, p{share}, to without", f"{LIMIT}" if limited else "-", shown, verdict)
-
-
-async def _pair(file: Path, *, beside_first: bool) -> tuple[Samples, Samples]:
-    """A block with the recorder and one without, of one run."""
-    beside, without = Samples(), Samples()
-    async with running(60, "1 ms") as started:
-        if not beside_first:
-            await _block(started, without)
-        with _recorder(file, started):
-            await _block(started, beside)
-        if beside_first:
-            await _block(started, without)
+@asynccontextmanager
+async def _beside(folder: Path, started: Started) -> AsyncIterator[None]:
+    """The recorder of a run; its file goes with it."""
+    file = folder / "loop.mcap"
+    with _recorder(file, started):
+        yield
     file.unlink()
-    return beside, without
-
-
-async def _block(started: Started, into: Samples) -> None:
-    await asyncio.sleep(SETTLING)
-    frames = started.frames
-    assert frames is not None
-    frames.read()
-    end = time.monotonic() + BLOCK
-    while time.monotonic() < end:
-        await asyncio.sleep(0.02)
-        expect_running(started)
-        take(frames, into)

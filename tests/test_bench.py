@@ -155,3 +155,13 @@ def test_a_face_whose_client_is_not_installed_is_named_and_left_out(monkeypatch)
     monkeypatch.setattr(faces, "running", lambda *given: AsyncExitStack())
     [row] = faces.measure(30, lambda what: None)
     assert (row.what, row.verdict) == ("prometheus", "left out: Debian's package prometheus")
+
+
+def test_the_command_has_all_that_it_names(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    from bench import __main__ as command  # it imports every bench
+
+    monkeypatch.setattr("sys.argv", ["bench", "--help"])
+    with pytest.raises(SystemExit) as ended:
+        command.main()
+    assert ended.value.code == 0
+    assert "--recording" in capsys.readouterr().out
