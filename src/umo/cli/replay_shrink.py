@@ -7,8 +7,8 @@ import os
 import re
 import shlex
 import time
-from collections.abc import Callable
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from pprint import pformat
 from typing import Any
@@ -34,9 +34,8 @@ def shrink_file(file: Path, station: str | None, output: Path | None, seconds: f
     if (mistake := _mistake(target, closed)) is not None:
         say(mistake, "red")
         return ExitStatus.MISTAKE
-    logging.getLogger("umo").setLevel(logging.CRITICAL)  # hundreds of replays that fail
     try:
-        with opened(file) as tape:
+        with _without_warnings(), opened(file) as tape:
             if (seed := other_hash_seed(tape.layout.about)) is not None:
                 begin_again(seed)
             if closed:
@@ -46,6 +45,18 @@ def shrink_file(file: Path, station: str | None, output: Path | None, seconds: f
     except NotReplayable as error:
         say(str(error), "red")
         return ExitStatus.MISTAKE
+
+
+@contextmanager
+def _without_warnings() -> Iterator[None]:
+    """Hundreds of replays fail, and say so."""
+    log = logging.getLogger("umo")
+    before = log.level
+    log.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        log.setLevel(before)
 
 
 def _mistake(target: Path | None, closed: bool) -> str | None:
