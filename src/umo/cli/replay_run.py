@@ -12,12 +12,13 @@ from typing import Any
 from umo.cycle import Frame
 from umo.errors import FramesError, OptionError, UmoError
 from umo.exit_status import ExitStatus
-from umo.replay.opening import HASH_SEED, opened, other_hash_seed
+from umo.replay.opening import opened, other_hash_seed
 from umo.replay.program import Program
 from umo.replay.replaying import Replay
 from umo.replay.stops import BreakCondition, Stop
 from umo.replay.tape import NotReplayable, Tape, events_of
 from umo.replay.what_if import RawCurves
+from umo.system.processes import HASH_SEED
 
 from .console import err, out, say
 from .progress_line import OneLine

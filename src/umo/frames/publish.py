@@ -24,6 +24,7 @@ from umo.frames.layout import Layout, describe_objects, describe_signals
 from umo.frames.memory import RunDescriptors
 from umo.frames.ring import Ring
 from umo.objects import MachineNumber
+from umo.system.processes import HASH_SEED
 from umo.text import in_brackets, place_of
 from umo.user_code import attempt
 
@@ -134,7 +135,7 @@ def _about(connection: connect[Any]) -> dict[str, Any]:
             "kept": dict(connection.kept),
             "alarms": dict(connection.alarm_states),
             "seed": connection.seed,
-            "hash_seed": os.environ.get("PYTHONHASHSEED", "random"),
+            "hash_seed": os.environ.get(HASH_SEED, "random"),
         },
     }
     if wired.rates:

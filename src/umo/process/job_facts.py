@@ -17,12 +17,11 @@ import numpy as np
 
 from umo.errors import text_of
 from umo.process.job import Plan
+from umo.system.processes import HASH_SEED
 from umo.wiring.json_values import as_plain
 
 KINDS = (".py", ".toml", ".xml", ".json")
 """Suffixes of the files of a station that decide what it does."""
-HASH_SEED = "PYTHONHASHSEED"
-"""Environment variable of the order of sets of text."""
 
 
 def job_facts(plan: Plan, kept: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any]:

@@ -30,14 +30,14 @@ from umo.process.outcome import Failed, Outcome
 from umo.remote.search import station_name
 from umo.system import notify
 from umo.system.device_record import INSPECT
-from umo.system.processes import ENDED, STOPPED, is_stopped, state
+from umo.system.processes import ENDED, HASH_SEED, STOPPED, is_stopped, state
 from umo.system.realtime import Refusal
 from umo.text import some
 
 LINUX = sys.platform.startswith("linux")
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment in which numpy starts no threads of its own: the loop's process holds one."""
-FIXED_HASHES = {"PYTHONHASHSEED": "0"}
+FIXED_HASHES = {HASH_SEED: "0"}
 """Environment in which sets of texts have the same order in each run, unless another one is given: a recording of the
 run can be replayed."""
 

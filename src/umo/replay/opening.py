@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING
 
 from umo.errors import FramesError
 from umo.replay.tape import NotReplayable
+from umo.system.processes import HASH_SEED
 
 if TYPE_CHECKING:
     from umo.recording import Recording
-
-HASH_SEED = "PYTHONHASHSEED"
 
 
 @contextmanager

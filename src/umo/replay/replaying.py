@@ -29,6 +29,7 @@ from umo.replay.program import Program
 from umo.replay.result import Difference, Replayed
 from umo.replay.tape import OPEN_LOOP, NotReplayable, Periods, Tape, events_of
 from umo.replay.tape_driver import count_as_hardware, taped, watch_blocks
+from umo.system.processes import HASH_SEED
 
 MAX_COMPARED = 100
 """Characters of an error's text that are compared."""
@@ -65,9 +66,8 @@ class Replay:
         self._open_loop = bool(self.layout.about.get(OPEN_LOOP))
         self.player.lenient = bool(settings) or self._open_loop
         self.result = Replayed(self.program.name, settings=dict(settings))
-        if initial.get("hash_seed", "random") != os.environ.get("PYTHONHASHSEED", "random") or (
-            initial.get("hash_seed", "random") == "random"
-        ):
+        seed = initial.get("hash_seed", "random")
+        if seed == "random" or seed != os.environ.get(HASH_SEED):
             self.result.hashes = RANDOM_HASHES
         self.connection = self._connection(initial)
         self.comparison: Comparison

@@ -15,6 +15,8 @@ from typing import NoReturn
 
 from umo.text import printable
 
+HASH_SEED = "PYTHONHASHSEED"
+"""Environment variable of the order of sets of texts, which a process takes at its start."""
 PR_SET_NAME = 15
 FLAGS, START, PROCESSOR, PRIORITY = 6, 19, 36, 37
 """Places in proc_pid_stat(5), counted from the state: flags, starttime, processor, rt_priority."""

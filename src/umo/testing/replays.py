@@ -35,10 +35,11 @@ def assert_no_error(file: Path | str, station: Path | str | None = None) -> None
 
 def _replayed(file: Path | str, station: Path | str | None, check: str) -> Replayed | None:
     """The replay. None: it was made, and checked, in a process of its own."""
-    from umo.replay.opening import HASH_SEED, opened, other_hash_seed
+    from umo.replay.opening import opened, other_hash_seed
     from umo.replay.program import Program
     from umo.replay.replaying import replay
     from umo.replay.tape import NotReplayable
+    from umo.system.processes import HASH_SEED
 
     with opened(file) as tape:
         seed = other_hash_seed(tape.layout.about)
