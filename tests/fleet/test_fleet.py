@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Awaitable, Callable
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -24,12 +23,6 @@ from umo.testing.faces import TriedMachine
 from umo.testing.faces.tried_machine import until
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux")
-
-
-@pytest.fixture(autouse=True)
-def folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("UMO_FRAMES", "UMO_STATE", "XDG_CONFIG_HOME"):
-        monkeypatch.setenv(name, str(tmp_path / name.lower()))
 
 
 def tried(work: Callable[[TriedMachine, Fleet], Awaitable[None]], **more: Any) -> None:

@@ -42,9 +42,7 @@ pytestmark = [
 
 
 @pytest.fixture(autouse=True)
-def folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("UMO_FRAMES", "UMO_STATE", "XDG_CONFIG_HOME"):
-        monkeypatch.setenv(name, str(tmp_path / name.lower()))
+def short_times(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fleet_record, "FLUSH", 0.1)
     monkeypatch.setattr(jetstream_publisher, "PAUSE", 0.02)
     monkeypatch.setattr(jetstream_publisher, "AGAIN", 0.1)
@@ -106,6 +104,14 @@ async def until_streamed(stream: JetStreamServer, count: int) -> None:
 
 async def recorded_up_to(history: Recording, number: int) -> None:
     await until_recorded(lambda: max(recorded_levels(history.root) if history.deltas() else [0]) > number)
+
+
+async def ends_whole(history: Recording, truth: Truth, number: int) -> None:
+    """Once this period is recorded, the recorder ends: the files have what the machine had."""
+    await recorded_up_to(history, number)
+    await history.end()
+    await truth.end()
+    check(history.root, truth)
 
 
 # What is recorded ------------------------------------------------------------------------------------------
@@ -177,10 +183,7 @@ def test_a_recorder_that_is_killed_again_and_again_reads_on(server: NatsServer, 
             await asyncio.sleep(0.5)
         number = machine.number
         await history.begin()
-        await recorded_up_to(history, number)
-        await history.end()
-        await truth.end()
-        check(history.root, truth)
+        await ends_whole(history, truth, number)
 
     tried(server, work)
 
@@ -201,11 +204,8 @@ def test_a_server_that_is_killed_loses_nothing_that_the_gateway_keeps(server: Na
             await server.begun()
             fleet.said.clear()
         number = machine.number
-        await recorded_up_to(history, number)
-        await history.end()
-        await truth.end()
+        await ends_whole(history, truth, number)
         assert "the JetStream is reached again" in history.said
-        check(history.root, truth)
 
     tried(server, work)
 
@@ -253,10 +253,7 @@ def test_a_gateway_that_is_killed_begins_again_with_what_the_ring_holds(server: 
             await asyncio.sleep(0.3)
             await fleet.begin()
         number = machine.number
-        await recorded_up_to(history, number)
-        await history.end()
-        await truth.end()
-        check(history.root, truth)
+        await ends_whole(history, truth, number)
 
     tried(server, work)
 
@@ -279,10 +276,7 @@ def test_a_message_that_comes_twice_is_in_the_stream_once_and_in_the_files_once(
         history = Recording(fleet, tmp_path / "history", fleet.stream)
         number = machine.number
         await history.begin()
-        await recorded_up_to(history, number)
-        await history.end()
-        await truth.end()
-        check(history.root, truth)
+        await ends_whole(history, truth, number)
 
     tried(server, work)
 
@@ -336,10 +330,7 @@ def test_a_full_disk_loses_nothing_that_the_stream_holds(
         assert history._recorder._place == taken  # it waits
         history._folder.write = write  # type: ignore[method-assign]
         number = machine.number
-        await recorded_up_to(history, number)
-        await history.end()
-        await truth.end()
-        check(history.root, truth)
+        await ends_whole(history, truth, number)
 
     tried(server, work)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -22,12 +21,6 @@ from umo.testing.faces import TriedMachine
 from umo.testing.faces.tried_machine import until
 
 linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux")
-
-
-@pytest.fixture(autouse=True)
-def folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("UMO_FRAMES", "UMO_STATE", "XDG_CONFIG_HOME"):
-        monkeypatch.setenv(name, str(tmp_path / name.lower()))
 
 
 class Silent:

@@ -29,9 +29,7 @@ pytestmark = [
 
 
 @pytest.fixture(autouse=True)
-def folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("UMO_FRAMES", "UMO_STATE", "XDG_CONFIG_HOME"):
-        monkeypatch.setenv(name, str(tmp_path / name.lower()))
+def short_times(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fleet_record, "FLUSH", 0.1)
 
 

@@ -37,9 +37,7 @@ TUNE = {"do": "tune", "path": "cell.gain", "value": 3.0}
 
 
 @pytest.fixture(autouse=True)
-def folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("UMO_FRAMES", "UMO_STATE", "XDG_CONFIG_HOME"):
-        monkeypatch.setenv(name, str(tmp_path / name.lower()))
+def roles(folders: None, tmp_path: Path) -> None:
     roles = tmp_path / "xdg_config_home" / "umo" / "roles.toml"
     roles.parent.mkdir(parents=True)
     roles.write_text('[users]\nann = "maintain"\neve = "maintain"\n')

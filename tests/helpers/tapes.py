@@ -28,34 +28,17 @@ from umo.replay.result import Replayed
 from umo.wiring import resolve
 
 
-@dataclass
-class Taken:
-    number: int
-    period: int
-    data: bytes
-
-
-@dataclass
-class MemoryBlock:
-    frames: Any
-    entries: Any
-    commands: list[Taken] = field(default_factory=list)
-    lost: int = 0
-    entries_lost: int = 0
-    commands_lost: int = 0
-
-
 class MemoryTape:
     """A recorded run in memory (`umo.replay.Tape`)."""
 
     def __init__(self, layout: Layout, job: Mapping[str, Any]) -> None:
         self.layout, self.job = layout, job
         self.events: list[Event] = []
-        self.recorded: list[MemoryBlock] = []
-        self.commands: list[Taken] = []
+        self.recorded: list[Block] = []
+        self.commands: list[TakenCommand] = []
         """The commands of the block that is being recorded."""
 
-    def blocks(self) -> Iterator[MemoryBlock]:
+    def blocks(self) -> Iterator[Block]:
         return iter(self.recorded)
 
     @property
@@ -76,7 +59,7 @@ def taped(connection: connect[Any], job: Mapping[str, Any] | None = None, size: 
         def flush() -> None:
             if frames:
                 entries = np.concatenate([np.empty(0, ENTRY), *journal])
-                tape.recorded.append(MemoryBlock(np.concatenate(frames), entries, list(tape.commands)))
+                tape.recorded.append(Block(np.concatenate(frames), entries, list(tape.commands)))
                 tape.commands.clear()
                 frames.clear()
                 journal.clear()
@@ -140,9 +123,7 @@ def save(tape: MemoryTape, path: Path) -> Path:
     events = [NumberedEvent(number, event) for number, event in enumerate(tape.events)]
     with closing(RecordingFile(path, tape.layout)) as file:
         for each in tape.recorded:
-            commands = [TakenCommand(command.number, command.period, command.data) for command in each.commands]
-            block = Block(each.frames, each.entries, commands, each.lost, each.entries_lost)
-            file.add([block if each is not tape.recorded[-1] else replace(block, events=events)])
+            file.add([each if each is not tape.recorded[-1] else replace(each, events=events)])
     return path
 
 
@@ -164,7 +145,21 @@ def listen(tape: MemoryTape, clients: Any) -> None:
         command = get()
         if command is not None:
             text = {key: value for key, value in vars(command).items() if key != "number"}
-            tape.commands.append(Taken(command.number, 0, json.dumps(text).encode()))
+            tape.commands.append(TakenCommand(command.number, 0, json.dumps(text).encode()))
         return command
 
     inbox.get = kept
+
+
+OVEN = """
+from umo import Compound, DigitalActuator, DigitalSensor
+class Oven(Compound):
+    heater: DigitalActuator
+    timer: DigitalSensor
+def machine():
+    return Oven(
+        heater=DigitalActuator("V", default=0.0, minimum=0.0, maximum=10.0, resolution=0.01),
+        timer=DigitalSensor("sampling_period", minimum=0, maximum=99_999, resolution=1, synchronous=False),
+    )
+"""
+"""The objects of a station with one actuator."""

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from typer.testing import Result
 
-from helpers.tapes import changed_conveyor, recorded, save
+from helpers.tapes import OVEN, changed_conveyor, recorded, save
 from umo.replay.tape import NotReplayable
 from umo.testing import assert_replays
 
@@ -124,19 +124,6 @@ def record_hashed(folder: str, file: str) -> None:
     station = Path(folder, "hashed")
     if not station.exists():
         station.mkdir()
-        (station / "objects.py").write_text(OBJECTS)
+        (station / "objects.py").write_text(OVEN)
         (station / "application.py").write_text(HASHED)
     save(recorded(str(station)), Path(file))
-
-
-OBJECTS = """
-from umo import Compound, DigitalActuator, DigitalSensor
-class Oven(Compound):
-    heater: DigitalActuator
-    timer: DigitalSensor
-def machine():
-    return Oven(
-        heater=DigitalActuator("V", default=0.0, minimum=0.0, maximum=10.0, resolution=0.01),
-        timer=DigitalSensor("sampling_period", minimum=0, maximum=99_999, resolution=1, synchronous=False),
-    )
-"""

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 import umo.stations
-from helpers.tapes import changed_conveyor, recorded, save
+from helpers.tapes import OVEN, changed_conveyor, recorded, save
 from helpers.waiting import until
 from umo.errors import OptionError
 from umo.replay.stops import BreakCondition, Stop
@@ -250,7 +250,7 @@ def test_breakpoints_go_along_when_one_goes_back(conveyor: Path) -> None:
 @pytest.mark.slow
 def test_at_the_end_it_stops_where_the_error_was_raised(tmp_path: Path) -> None:
     (tmp_path / "oven").mkdir()
-    (tmp_path / "oven" / "objects.py").write_text(OBJECTS)
+    (tmp_path / "oven" / "objects.py").write_text(OVEN)
     (tmp_path / "oven" / "application.py").write_text(FAILING)
     file = save(recorded(str(tmp_path / "oven")), tmp_path / "oven.mcap")
     before = sorted(tmp_path.iterdir())
@@ -262,17 +262,6 @@ def test_at_the_end_it_stops_where_the_error_was_raised(tmp_path: Path) -> None:
 
 
 CONVEYOR = Path(umo.stations.__file__).parent / "conveyor"
-OBJECTS = """
-from umo import Compound, DigitalActuator, DigitalSensor
-class Oven(Compound):
-    heater: DigitalActuator
-    timer: DigitalSensor
-def machine():
-    return Oven(
-        heater=DigitalActuator("V", default=0.0, minimum=0.0, maximum=10.0, resolution=0.01),
-        timer=DigitalSensor("sampling_period", minimum=0, maximum=99_999, resolution=1, synchronous=False),
-    )
-"""
 FAILING = """
 from umo.control import next_period
 async def main(m):

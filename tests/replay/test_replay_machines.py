@@ -7,6 +7,7 @@ import signal
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from random import Random
 from typing import Annotated, Any
 
@@ -16,7 +17,7 @@ from hypothesis import strategies as st
 
 from helpers.machines import Bench, actuator, bench, relay, sensor, switch, timer, wired
 from helpers.operator import Operator
-from helpers.tapes import Case, MemoryBlock, listen, taped
+from helpers.tapes import Case, listen, taped
 from umo import (
     BinaryActuator,
     BinarySensor,
@@ -33,6 +34,7 @@ from umo import (
 from umo.control import next_period
 from umo.cycle.client_commands import DEAD_MAN_REASON
 from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
+from umo.recording.block import Block
 from umo.replay.hands import LEASE_ENDED
 from umo.replay.program import Program
 from umo.replay.replaying import replay
@@ -293,7 +295,7 @@ def test_a_command_that_is_not_in_the_recording_is_missed() -> None:
     """A test of the test: without the commands the replay differs."""
     tape = record_operated(4)
     for block in tape.recorded:
-        block.commands = []
+        block.commands.clear()
     assert not client_case(4).replay(tape).identical
 
 
@@ -444,12 +446,12 @@ def test_ctrl_c_ends_a_replay_and_is_no_difference() -> None:
 def test_lost_frames_and_lost_entries_end_the_replay_in_words() -> None:
     tape, each = doubled().record(), doubled()
     (block,) = tape.recorded
-    first, second = (MemoryBlock(block.frames[part], block.entries[:0]) for part in (slice(20), slice(25, None)))
-    tape.recorded, second.lost = [first, second], 5
+    first, second = (Block(block.frames[part], block.entries[:0]) for part in (slice(20), slice(25, None)))
+    tape.recorded = [first, replace(second, lost=5)]
     result = each.replay(tape)
     assert result.identical and result.periods == 20
     assert "5 frames after 0.02 s were lost" in str(result)
-    second.lost, second.entries_lost = 0, 2
+    tape.recorded = [first, replace(second, entries_lost=2)]
     assert "2 entries of the journal after 0.02 s were lost" in str(each.replay(tape))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,9 @@ import pytest
 from typer.testing import Result
 
 from helpers.machines import Bench, bench, wired
-from helpers.tapes import Case, MemoryTape, Taken, recorded, save
+from helpers.tapes import Case, MemoryTape, recorded, save
 from umo import drive
+from umo.recording.block import TakenCommand
 from umo.replay.replaying import replay
 from umo.replay.shrinking import ReplayedDifference, Shrinking, periods_left
 from umo.replay.tape import OPEN_LOOP, NotReplayable
@@ -113,7 +115,7 @@ def test_commands_stay_with_their_periods_and_are_counted_anew() -> None:
     (block,) = tape.recorded
     block.frames["taken"][100:] = 2
     block.frames["taken"][200:] = 3
-    block.commands = [Taken(n, 0, json.dumps({"do": str(n)}).encode()) for n in (1, 2, 3)]
+    block.commands.extend(TakenCommand(n, 0, json.dumps({"do": str(n)}).encode()) for n in (1, 2, 3))
     source = shrinking(tape, fragile()).source
     short = source.chosen([5, 200, 299])  # type: ignore[arg-type]
     assert [(each.number, each.data) for each in short.block.commands] == [(1, b'{"do": "3"}')]
@@ -142,3 +144,8 @@ def test_a_shrunk_recording_gives_the_same_error_and_says_that_it_is_open_loop(u
     again = umo("replay", str(short))
     assert again.exit_code == 0 and "in open loop, of which only the error is compared" in again.stdout, again.output
     assert umo("shrink", str(file)).exit_code == 2
+
+
+def test_other_runs_of_this_process_are_warned_after_it(umo: Umo, tmp_path: Path) -> None:
+    assert umo("shrink", str(tmp_path / "none.mcap")).exit_code == 2
+    assert logging.getLogger("umo").isEnabledFor(logging.WARNING)
