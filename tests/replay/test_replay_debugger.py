@@ -289,6 +289,7 @@ def begun(file: Path, *words: str) -> Any:
 def test_at_a_terminal_ctrl_c_begins_a_new_line_and_the_history_goes_along(conveyor: Path) -> None:
     terminal = begun(conveyor, "--at", "2500")
     terminal.send("half a line")
+    terminal.expect_exact("half a line")  # it is read: Ctrl-C before that waits for the next key
     terminal.sendintr()
     terminal.expect_exact("(replay) ")
     terminal.sendline("p 40 + 2")
