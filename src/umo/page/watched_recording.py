@@ -28,7 +28,7 @@ from umo.tables.recording_summary import facts_of, lines_of
 MAX_TOLD = 1000
 """Events and missed periods that a page is told of, the last ones."""
 MAX_SPEED = 1000.0
-SAID = ("started", "length", "periods", "lost", "end", "replay", "file")
+SAID = ("started", "length", "periods", "lost", "black boxes", "end", "replay", "file")
 """What of a recording is said beside its values."""
 SECOND = "second"
 """What stands before the paths of the other recording."""
