@@ -134,7 +134,7 @@ class WatchedRecording(Watched):
         files = [{"file": each.path.name, "whole": each.is_whole, "lost": sum(gap.count for gap in each.gaps)}
                  for each in self._recordings]  # fmt: skip
         first = self._recordings[0]
-        replay = "" if first.replayable_from else f"umo replay {shlex.quote(str(first.path))}"
+        replay = "" if first.replayable_from else f"umo replay {shlex.quote(str(first.path.absolute()))}"
         return told | {"recording": {"files": files, "second": SECOND if self._second else "", "replay": replay}}
 
     def _heading(self) -> dict[str, Any]:
