@@ -81,7 +81,9 @@ def test_the_command_that_is_copied_replays_the_run_and_stops_where_the_slider_s
         slide(page, run, moment)
         shown = int(run._frame["sequence"]) // 2 - 1
         time = float(run._frame["time"])
-        eventually(lambda: page.evaluate("document.querySelector('output.recording-time').value").startswith(f"{moment:.3f} s"))
+        eventually(
+            lambda: page.evaluate("document.querySelector('output.recording-time').value").startswith(f"{moment:.3f} s")
+        )
         page.wait_for_timeout(200)
         page.get_by_role("button", name="Copy replay").click()
         page.get_by_text("Copied").wait_for()

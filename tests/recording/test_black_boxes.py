@@ -24,18 +24,18 @@ from umo.recording.recording_file import RecordingFile
 from umo.tables.recording_summary import facts_of, lines_of
 
 Umo = Callable[..., Result]
-LAYOUT = layout_of(job={"station": "press"})
+LAYOUT = replace(layout_of(job={"station": "press"}), phases=("timer", "control", "update box"))
 LATE = 1500
-"""The frame that tells of a missed period: the one before took 4 ms longer in `update`."""
+"""The frame that tells of a missed period: the one before took 4 ms in its control code."""
 
 
 def blocks_of(count: int, late: Sequence[int] = (LATE,), size: int = 1000) -> list[Block]:
     """Periods of 1 ms."""
     frames = block_at_random(LAYOUT, 0, count, 1).frames
     frames["counted"], frames["wake"], frames["phases"], frames["execution"] = np.arange(count), 1000, 20_000, 60_000
-    place = LAYOUT.phases.index("update")
+    place = LAYOUT.phases.index("control")
     for row in late:
-        frames["missed"][row], frames["phases"][row - 1, place] = 1, 4_000_000
+        frames["missed"][row], frames["phases"][row - 1, place], frames["execution"][row - 1] = 1, 4_000_000, 4_040_000
     return [
         replace(block_at_random(LAYOUT, first, 1, 1), frames=frames[first : first + size], events=[], commands=[])
         for first in range(0, count, size)
@@ -50,9 +50,9 @@ def found(blocks: Sequence[Block], end: str = "") -> list[BlackBox]:
 def test_a_missed_period_has_a_black_box_with_its_cause(size: int) -> None:
     (box,) = found(blocks_of(3000, size=size))
     assert box.reason == "a period was missed" and box.missed == 1
-    assert box.text.startswith("1 period missed before 1.5 s (period 1501): ") and "4" in box.text
-    assert box.first + box.count == box.time / 0.001 + 1 and box.count == min(KEPT_PERIODS, box.first + box.count)
-    assert LATE < box.first + box.count <= LATE + AFTERMATH / 0.001 + 1 and box.start == box.first * 0.001
+    assert box.text.startswith("1 period missed before 1.500 s (period 1501): control code took 4 ms")
+    assert box.first + box.periods == box.time / 0.001 + 1 and box.periods == min(KEPT_PERIODS, box.first + box.periods)
+    assert LATE < box.first + box.periods <= LATE + AFTERMATH / 0.001 + 1 and box.start == box.first * 0.001
 
 
 def test_there_is_one_in_ten_seconds() -> None:
@@ -70,7 +70,7 @@ def test_what_is_before_a_gap_explains_nothing() -> None:
 def test_a_failed_end_has_one_and_a_run_without_misses_none() -> None:
     assert not found(blocks_of(2500, ()))
     (box,) = found(blocks_of(2500, ()), "z.encoder: no signal")
-    assert (box.first, box.count, box.reason, box.text) == (1500, 1000, "z.encoder: no signal", "")
+    assert (box.first, box.periods, box.reason, box.text) == (1500, 1000, "z.encoder: no signal", "")
 
 
 def recorded(path: Path, end: str = "") -> Path:
@@ -102,7 +102,7 @@ def test_others_read_them_as_a_topic(run: Path) -> None:
     with run.open("rb") as stream:
         ((schema, _, message),) = list(make_reader(stream, validate_crcs=True).iter_messages(["black_boxes"]))
         box: Any = decoded(schema, message.data)
-    assert schema.name == "umo.BlackBox" and box.reason == "a period was missed" and "1.5 s" in box.text
+    assert schema.name == "umo.BlackBox" and box.reason == "a period was missed" and "1.500 s" in box.text
     assert message.log_time == 1_700_000_000_000_000_000 + round(box.time * 1e9)
 
 
@@ -117,10 +117,10 @@ def test_a_dataset_and_parquet_tell_of_them(run: Path, umo: Umo) -> None:
 
 def test_umo_why_explains_a_recording(run: Path, tmp_path: Path, umo: Umo) -> None:
     told = umo("why", "--file", str(run)).stdout
-    assert "press, at 1.55 s: a period was missed" in told and "1 period missed before 1.5 s" in told
-    assert "update, µs" in told
+    assert "press, at 1.55 s: a period was missed" in told and "1 period missed before 1.500 s" in told
+    assert "control, µs" in told
     thin(run)
-    assert "1 period missed before 1.5 s" in umo("why", "--file", str(run)).stdout
+    assert "1 period missed before 1.500 s" in umo("why", "--file", str(run)).stdout
     empty = tmp_path / "empty.mcap"
     RecordingFile(empty, LAYOUT).close()
     result = umo("why", "--file", str(empty))

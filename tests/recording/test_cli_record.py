@@ -126,7 +126,7 @@ def test_a_failed_run_has_a_black_box_in_its_recording(umo: Umo) -> None:
     umo("run", "ztheta", "--no-record", "--record", "run.mcap", "--fault", "z.encoder disconnect at 1 s")
     with Recording("run.mcap") as recording:
         (box,) = recording.black_boxes
-        assert "z.encoder" in box.reason and box.first + box.count == recording.frames()["sequence"][-1] // 2
+        assert "z.encoder" in box.reason and box.first + box.periods == recording.frames()["sequence"][-1] // 2
 
 
 def test_garbage_is_told_in_one_line(umo: Umo, tmp_path: Path) -> None:

@@ -163,7 +163,7 @@ def test_a_flight_recorder_of_days_begins_a_file_each_hour_as_its_end_grows_with
     for number in range(10):
         parts.add([block_at_random(layout, 1000 * number, 1000, number)])
     parts.close()
-    assert len(parts.paths) == 3
+    assert len(parts.paths) == 4
 
 
 def test_a_recorder_that_is_stopped_before_the_run_does_not_take_it_for_failed(tmp_path: Path) -> None:

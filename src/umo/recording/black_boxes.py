@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from umo.errors import text_of
 from umo.frames.layout import USAGE, Layout
 from umo.frames.reader import Frames
 from umo.latency.blackbox import KEPT_PERIODS, MISSED_PERIOD
@@ -75,7 +76,10 @@ class BlackBoxes:
         return replace(block, boxes=[self._box(window, MISSED_PERIOD)])
 
     def _box(self, window: _Window, reason: str) -> BlackBox:
-        lines = sentences(window.frames, self._layout, explain_all(window.frames, self._layout), MAX_LINES)
+        try:
+            lines = sentences(window.frames, self._layout, explain_all(window.frames, self._layout), MAX_LINES)
+        except Exception as error:  # the frames count for more
+            lines = [f"no cause was found: {text_of(error)}"]
         start, time = float(window.frames["time"][0]), float(window.frames["time"][-1])
         return BlackBox(window.first, len(window.frames), start, time, reason, self._missed, "\n".join(lines))
 

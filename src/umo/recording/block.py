@@ -48,7 +48,7 @@ class BlackBox(NamedTuple):
 
     first: int
     """Number of its first frame, from 0."""
-    count: int
+    periods: int
     """Number of its frames."""
     start: float
     time: float

@@ -34,7 +34,7 @@ SELDOM = {
     "Command": {"number": INTEGER, "period": INTEGER, "who": STRING, "text": STRING},
     "Progress": {"text": STRING, "done": INTEGER, "total": INTEGER},
     "BlackBox": {
-        "first": INTEGER, "count": INTEGER, "start": DOUBLE, "time": DOUBLE, "reason": STRING, "missed": INTEGER,
+        "first": INTEGER, "periods": INTEGER, "start": DOUBLE, "time": DOUBLE, "reason": STRING, "missed": INTEGER,
         "text": STRING,
     },
 }  # fmt: skip
