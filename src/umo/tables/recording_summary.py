@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from typing import Any
 
@@ -90,7 +91,9 @@ def _boxes(boxes: list[dict[str, Any]]) -> str:
 
 def _option(name: str, value: Any) -> str:
     flag = f"--{name.replace('_', '-')}"
-    return flag if value is True else f"{flag} {value}"
+    if isinstance(value, list):
+        return " ".join(_option(name, each) for each in value)
+    return flag if value is True else f"{flag} {shlex.quote(str(value))}"
 
 
 def _count(number: int, noun: str) -> str:
