@@ -16,9 +16,10 @@ import numpy as np
 import pytest
 
 from helpers.recorded import block_at_random, layout_of
-from helpers.tapes import recorded, save
+from umo.cli.run import Record, run_station
 from umo.frames import Layout
 from umo.page.watched_recording import WatchedRecording
+from umo.process.job import Job
 from umo.recording import Recording
 from umo.recording.record_settings import RecordSettings
 from umo.recording.recording_file import RecordingFile
@@ -29,7 +30,9 @@ from .conftest import Served, eventually, serving
 
 @pytest.fixture(scope="module")
 def conveyor(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return save(recorded("conveyor"), tmp_path_factory.mktemp("recordings") / "it's a run.mcap")
+    path = tmp_path_factory.mktemp("recordings") / "it's a run.mcap"
+    run_station(Job(station="conveyor"), Record(folder=False, recording=path))
+    return path
 
 
 @contextmanager
