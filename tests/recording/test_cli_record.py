@@ -22,6 +22,7 @@ from umo.cli.record_beside import RecordBeside, RecordOrder
 from umo.process import Started
 from umo.process.job import Job
 from umo.recording import Recording, flight_folder
+from umo.recording.flight_folder import FlightFolder
 from umo.recording.record_settings import settings_of
 from umo.testing import Scripted, periods
 
@@ -103,15 +104,20 @@ def test_the_wiring_asks_for_a_recording(umo: Umo, tank: Path) -> None:
     assert umo("run", "tank", "--until", "0.5").exit_code == 2
 
 
-def test_a_full_disk_ends_the_record_in_words_and_not_the_run(umo: Umo, monkeypatch: pytest.MonkeyPatch) -> None:
-    write, room = os.pwrite, 45_000
+def limit_files(patch: pytest.MonkeyPatch, room: int) -> None:
+    """A disk on which files can have so many bytes at most."""
+    write = os.pwrite
 
     def pwrite(file: int, data: memoryview, at: int) -> int:
         if at >= room:
             raise OSError(errno.ENOSPC, "No space left on device")
         return write(file, data[: room - at], at)
 
-    monkeypatch.setattr(os, "pwrite", pwrite)
+    patch.setattr(os, "pwrite", pwrite)
+
+
+def test_a_full_disk_ends_the_record_in_words_and_not_the_run(umo: Umo, monkeypatch: pytest.MonkeyPatch) -> None:
+    limit_files(monkeypatch, 45_000)
     monkeypatch.setattr("umo.recording.recorder.WRITE_PAUSE", 0.0)
     result = umo("run", "conveyor", "--until", "5", "--no-record", "--record", "run.mcap")
     told = result.stderr.replace("\n", " ")
@@ -120,6 +126,26 @@ def test_a_full_disk_ends_the_record_in_words_and_not_the_run(umo: Umo, monkeypa
     with Recording("run.mcap") as recording:
         assert recording.is_whole and not recording.ended
         assert f"recorded: run.mcap ({len(recording.frames())} periods" in told and len(recording.frames()) > 100
+
+
+@pytest.mark.parametrize("room", [20_000, 45_000])
+def test_what_a_flight_recorder_has_stays_when_its_disk_is_full(
+    umo: Umo, monkeypatch: pytest.MonkeyPatch, room: int
+) -> None:
+    with monkeypatch.context() as patch:
+        limit_files(patch, room)
+        patch.setattr("umo.recording.recorder.WRITE_PAUSE", 0.0)
+        words = ("--no-record", "--record", "x.mcap", "--last", "1 min")
+        told = umo("run", "conveyor", "--until", "5", *words).stderr.replace("\n", " ")
+    begun = "the record ends here, the machine runs on" in told
+    assert begun is ("nothing is recorded: x.mcap" not in told) is (room == 45_000)
+    assert begun is ("its files stay: umo record --save conveyor" in told)
+    assert len(flight_folder.all_folders()) == begun
+    if begun:
+        monkeypatch.setattr(FlightFolder, "is_written", False)
+        assert "its recorder has ended" in umo("record", "--save", "conveyor", "saved.mcap").stdout
+        with Recording("saved.mcap") as recording:
+            assert recording.is_whole and len(recording.frames()) > 100
 
 
 def test_a_failed_run_has_a_black_box_in_its_recording(umo: Umo) -> None:

@@ -81,7 +81,7 @@ def save_flight(station: str, file: Path | None) -> int:
         frames = sum(len(block.frames) for block in recording.blocks(full=False))
     out.print(f"saved: {order.file} ({frames} periods)", soft_wrap=True)
     if not folder.is_written:
-        out.print("its recorder was killed: these are the last seconds that it had written", soft_wrap=True)
+        out.print("its recorder has ended: this is what it had written", soft_wrap=True)
     return 0
 
 

@@ -39,7 +39,12 @@ class RecordingWork:
         if settings.last is not None:
             self._folder = flight_folder.new(str(reader.about["station"]), int(reader.about["pid"]), os.getpid())
         path = file if self._folder is None else self._folder.file
-        self._parts = RecordingParts(path, reader.layout, ProtobufChannels(reader.layout, settings.rate), settings)
+        try:
+            self._parts = RecordingParts(path, reader.layout, ProtobufChannels(reader.layout, settings.rate), settings)
+        except OSError:
+            if self._folder is not None:
+                self._folder.remove()
+            raise
         self._thread = ThreadPoolExecutor(1, "umo record") if threaded else None
         self._recorder = Recorder(reader, self._parts, thread=self._thread)
         self.is_over = False
@@ -118,7 +123,7 @@ class RecordingWork:
 
     def _land(self, folder: FlightFolder) -> None:
         """Save what the flight recorder has if the run has failed; remove its files."""
-        if self.failed:
+        if self.failed and self._recorder.periods:
             self._say(f"its files stay: umo record --save {folder.station}")
             return
         if not self._recorder.has_ended:
