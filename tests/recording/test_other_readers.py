@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from helpers import npm
 from helpers.recorded import block_at_random, decoded, layout_of
 from umo.frames import Layout
 from umo.recording import Recording
+from umo.recording.copying import repair
 from umo.recording.mcap_reader import McapReader
 from umo.recording.protobuf_channels import ProtobufChannels
 from umo.recording.recording_file import RecordingFile
@@ -166,3 +168,46 @@ def test_rerun_converts_it_message_by_message(tmp_path: Path) -> None:
     shown = subprocess.run([rerun, "rrd", "print", out], check=True, capture_output=True, text=True).stdout
     rows = re.findall(r"with (\d+) rows .* - /machine - data columns: \[umo\.Machine:message\]", shown)
     assert sum(map(int, rows)) == counts["machine"]
+
+
+def counted_by_core(path: Path) -> int | None:
+    """Messages of `machine` that the reader of Foxglove finds; None: it refuses the file."""
+    command = ["node", str(CORE / "read.cjs"), str(npm.modules(CORE)), str(path)]
+    done = subprocess.run(command, capture_output=True, timeout=60)
+    return None if done.returncode else int(json.loads(done.stdout)["counts"].get("machine", 0))
+
+
+def counted_by_rerun(path: Path) -> int | None:
+    """Messages of `machine` that Rerun converts; None: it refuses the file."""
+    rerun, out = os.environ.get("UMO_RERUN") or shutil.which("rerun"), path.with_suffix(".rrd")
+    if rerun is None:
+        pytest.skip("the test with Rerun needs its command: pip install rerun-sdk, or UMO_RERUN with its path")
+    out.unlink(missing_ok=True)
+    done = subprocess.run([rerun, "mcap", "convert", path, "-o", out], capture_output=True, text=True)
+    if done.returncode or not out.exists():
+        return None
+    shown = subprocess.run([rerun, "rrd", "print", out], check=True, capture_output=True, text=True).stdout
+    rows = re.findall(r"with (\d+) rows .* - /machine - data columns: \[umo\.Machine:message\]", shown)
+    return sum(map(int, rows))
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("counted", [counted_by_core, counted_by_rerun])
+def test_others_refuse_a_cut_file_or_read_no_more_than_umo_and_as_much_once_it_is_repaired(
+    tmp_path: Path, counted: Callable[[Path], int | None]
+) -> None:
+    sample(tmp_path / "run.mcap")
+    content, cut = (tmp_path / "run.mcap").read_bytes(), tmp_path / "cut.mcap"
+    first = McapReader(tmp_path / "run.mcap").chunks[0]
+    refused = 0
+    for at in np.linspace(first + 100, len(content) - 1, 16).astype(int).tolist():
+        cut.write_bytes(content[:at])
+        with Recording(cut) as recording:
+            periods = len(recording.frames())
+        found = counted(cut)
+        refused += found is None
+        assert found is None or found <= periods
+        repair(cut)
+        if periods:
+            assert counted(cut) == periods
+    print(f"{refused} of 16 cut files are refused")
