@@ -101,8 +101,7 @@ export class RecordingBar {
   }
 
   async _copy() {
-    const shown = Number((this._feed.state?.time ?? 0).toFixed(9));  // of the period that is shown, at or before the slider
-    const command = `${this._feed.description?.recording?.replay} --at ${shown}s`;
+    const command = `${this._feed.description?.recording?.replay} --at ${this._feed.state?.recording?.time ?? 0}s`;
     try {
       await navigator.clipboard.writeText(command);
       setText(this._replay, "Copied");
