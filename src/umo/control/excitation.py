@@ -10,7 +10,7 @@ MOST_KEPT = 256
 FEWEST_KEPT = 48
 SETTLED_SHARE = 0.02
 """Change over the last third of a step, as a share of its whole change, below which it has settled."""
-NOISE_FACTOR = 4.0
+NOISE_FACTOR = 10.0
 """Hysteresis of a relay in standard deviations of the noise."""
 
 

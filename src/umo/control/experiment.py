@@ -56,7 +56,8 @@ class LoopExperiments:
         numbers = {name: value if isfinite(value) else None for name, value in loop.gains.items()}
         ends = {"sensor": loop.sensor, "actuator": loop.actuator}
         paths = {name: "" if each is None else each.path for name, each in ends.items()}
-        return {"law": self._path, **paths, **numbers, "dt": self._dt or self._part.dt or self._part._machine.period}
+        dt = self._dt or self._part.dt or self._part._machine.period
+        return {"law": self._path, **paths, **numbers, "dt": dt, "axis": hasattr(type(self._part), "describe_axis")}
 
     @action(
         amplitude=lambda each: each.amplitudes,

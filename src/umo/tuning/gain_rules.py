@@ -29,7 +29,7 @@ LEAST: Mapping[str, tuple[float, float]] = {CAUTIOUS: (3.0, 55.0), BALANCED: (2.
 """The gain margin and the phase margin, degrees, that a set has at least."""
 RELAY_FACTORS: Mapping[str, tuple[float, float]] = {CAUTIOUS: (0.5, 1.5), BALANCED: (1.0, 1.0), QUICK: (1.3, 0.9)}
 """Factors of Tyreus' and Luyben's gain and integral time."""
-SHORTEST_DEAD_TIME = 0.02
+SHORTEST_DEAD_TIME = 0.01
 """A dead time counts as so large a share of the longest lag at least: what is not in the model is as large."""
 MOST_DOUBT = 2.0
 """Dead times by which the interval of the dead time counts, at most."""
@@ -52,13 +52,15 @@ class GainSet:
     margins: LoopMargins
 
 
-def gain_sets(model: ProcessModel, dt: float, dead_time_interval: float = 0.0) -> list[GainSet]:
+def gain_sets(
+    model: ProcessModel, dt: float, dead_time_interval: float = 0.0, derivative: bool = True
+) -> list[GainSet]:
     """The three sets for a loop that is closed each `dt` s, the cautious one first, for the longest dead time of its
-    interval. RangeError if one finds no margins."""
+    interval. `derivative`: whether they may have one. RangeError if one finds no margins."""
     model = replace(model, dead_time=model.dead_time + min(dead_time_interval, MOST_DOUBT * _shortest(model, dt)))
     sets = []
     for name, factor in SPEEDS.items():
-        rule, gains = _gains(model, dt, name, factor)
+        rule, gains = _gains(model, dt, name, factor, derivative)
         sets.append(with_margins(name, rule, gains, model, dt))
     return sets
 
@@ -73,9 +75,9 @@ def with_margins(name: str, rule: str, gains: Gains, model: ProcessModel, dt: fl
     raise RangeError(f"no {name} gains with a gain margin of {LEAST[name][0]:g} were found for this model")
 
 
-def _gains(model: ProcessModel, dt: float, name: str, factor: float) -> tuple[str, Gains]:
+def _gains(model: ProcessModel, dt: float, name: str, factor: float, derivative: bool) -> tuple[str, Gains]:
     dead_time = _shortest(model, dt)
-    second = _second_lag(model)
+    second = _second_lag(model) if derivative else 0.0
     if second > dead_time:
         return _simc_with_derivative(model, second, dead_time, factor, dt)
     slope, lag, dead_time = _reduced(model, dead_time)

@@ -3,6 +3,7 @@ regulators, Automatica 20, 1984)."""
 
 from __future__ import annotations
 
+from cmath import phase as phase_of
 from dataclasses import dataclass
 from math import degrees, pi
 
@@ -13,6 +14,8 @@ from umo.tuning.measured_response import MeasuredResponse
 
 FEWEST_CYCLES = 2
 """Whole cycles that are needed."""
+CRITICAL_PHASE = -140.0
+"""Degrees."""
 EVEN = 0.35
 """Share of a cycle that each half has at least: with less, the process was not at rest when it began."""
 
@@ -24,17 +27,22 @@ class RelayCycles:
     ultimate_period: float
     """s."""
     ultimate_gain: float
-    """Units of the output for one unit of the measurement."""
+    """Units of the output for one unit of the measurement, without its sign."""
     phase: float
     """Phase of the process at this period, degrees: -180 but for the hysteresis."""
     cycles: int
     uneven: bool
     """Whether its halves differ much: the output was not in the middle."""
 
+    @property
+    def is_critical(self) -> bool:
+        """Whether the phase is near -180 degrees, so that rules for the critical point hold."""
+        return self.phase < CRITICAL_PHASE
 
-def relay_cycles(response: MeasuredResponse) -> RelayCycles:
-    """From the fundamental waves of output and measurement over whole cycles, without the first. RangeError if there
-    are too few."""
+
+def relay_cycles(response: MeasuredResponse, rising: bool = True) -> RelayCycles:
+    """From the fundamental waves of output and measurement over whole cycles, without the first. `rising`: whether a
+    larger output makes the measurement rise. RangeError if there are too few cycles."""
     middle = (response.outputs.max() + response.outputs.min()) / 2
     high = response.outputs > middle
     rises = np.flatnonzero(high[1:] & ~high[:-1]) + 1
@@ -50,8 +58,8 @@ def relay_cycles(response: MeasuredResponse) -> RelayCycles:
     wave = np.exp(-2j * pi * cycles * np.arange(count) / count)
     output, measurement = wave @ response.outputs[span], wave @ response.measurements[span]
     share = float(high[span].mean())
-    ratio = measurement / output
-    phase = degrees(np.angle(ratio))
+    ratio = complex(measurement / output) * (1.0 if rising else -1.0)
+    phase = degrees(phase_of(ratio))
     return RelayCycles(
         ultimate_period=float(count * response.dt / cycles),
         ultimate_gain=1.0 / max(abs(ratio), 1e-300),
