@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from umo.errors import RangeError
 from umo.objects import Quality
+from umo.presentation.value_text import measure
 from umo.remote import RemoteStation
 from umo.tuning.law_facts import LawFacts
 from umo.tuning.measured_response import MeasuredResponse
@@ -16,6 +18,8 @@ from umo.tuning.models import Floats
 
 MOST_ROWS = 200_000
 """Samples that are kept: of more, every second one is dropped."""
+MOVES = 2
+"""Moves there and back."""
 BEFORE = 20
 """Steps of the law that are kept before the excitation."""
 
@@ -87,5 +91,31 @@ def experiment(
         station.let_go(path)
         samples.look()
         return samples.response(ended["from"] - BEFORE * facts.dt, ended["to"]), ended
+    finally:
+        samples.close()
+
+
+def moves(
+    station: RemoteStation, facts: LawFacts, distance: float, show: Callable[[], object] = lambda: None
+) -> MeasuredResponse:
+    """Move an axis by this distance and back, twice, under the lease. RangeError if it does not fit in the range of the
+    axis; the other errors are those of `move_to`."""
+    axis, samples = facts.law.rpartition(".")[0], CollectedSamples(station, facts)
+    start = float(station[facts.sensor].read())
+    about = next(each for each in station.reader.layout.objects if each["path"] == facts.sensor)
+    inside = [each for each in (start + distance, start - distance) if about["minimum"] <= each <= about["maximum"]]
+    if not inside:
+        at, by = measure(start, facts.units[0]), measure(distance, facts.units[0])
+        raise RangeError(f"{axis} stands at {at}: a move by {by} leaves its range")
+
+    def look() -> None:
+        samples.look()
+        show()
+
+    try:
+        for position in (inside[0], start) * MOVES:
+            station.ask("call", f"{axis}.move_to", arguments={"position": position}, while_running=look)
+        samples.look()
+        return samples.response()
     finally:
         samples.close()

@@ -11,6 +11,7 @@ import numpy as np
 
 from umo.errors import RangeError
 from umo.tuning.measured_response import MeasuredResponse
+from umo.tuning.models import Floats
 
 FEWEST_CYCLES = 2
 """Whole cycles that are needed."""
@@ -43,8 +44,7 @@ class RelayCycles:
 def relay_cycles(response: MeasuredResponse, rising: bool = True) -> RelayCycles:
     """From the fundamental waves of output and measurement over whole cycles, without the first. `rising`: whether a
     larger output makes the measurement rise. RangeError if there are too few cycles."""
-    middle = (response.outputs.max() + response.outputs.min()) / 2
-    high = response.outputs > middle
+    high = _high(response.outputs)
     rises = np.flatnonzero(high[1:] & ~high[:-1]) + 1
     rises = rises[1:] if len(rises) > FEWEST_CYCLES + 1 else rises
     cycles = len(rises) - 1
@@ -67,3 +67,12 @@ def relay_cycles(response: MeasuredResponse, rising: bool = True) -> RelayCycles
         cycles=int(cycles),
         uneven=min(share, 1.0 - share) < EVEN,
     )
+
+
+def _high(outputs: Floats) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Whether the relay is up. In between, as before it began, it is what it was last: down."""
+    low, top = float(outputs.min()), float(outputs.max())
+    known = np.abs(outputs - (low + top) / 2) > (top - low) / 4
+    last = np.maximum.accumulate(np.where(known, np.arange(len(outputs)), 0))
+    found: np.ndarray[tuple[int], np.dtype[np.bool_]] = known[last] & (outputs[last] > (low + top) / 2)
+    return found

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf
 
 from umo.errors import RangeError
+from umo.tuning.axis_tuning import AxisModel, axis_sets, identify_axis
 from umo.tuning.gain_rules import BALANCED, GainSet, gain_sets, tyreus_luyben
 from umo.tuning.identification import Identified, identify
 from umo.tuning.law_facts import LawFacts
 from umo.tuning.margins import LoopMargins, margins
 from umo.tuning.measured_response import MeasuredResponse
+from umo.tuning.models import ProcessModel
 from umo.tuning.predicted_step import PredictedStep, predicted_step
 from umo.tuning.relay_cycles import RelayCycles, relay_cycles
 
@@ -32,6 +33,15 @@ class TuningResult:
     relay: RelayCycles | None
     sets: list[GainSet]
     """The present gains first, if they make a loop at all; then cautious, balanced and quick."""
+    axis: AxisModel | None = None
+    """What moves the axis, if it is one; then the response is that of its velocity."""
+
+    @property
+    def model(self) -> ProcessModel | None:
+        """From the output of the law to its measurement; None: no model fits."""
+        if self.axis is not None:
+            return self.axis.position
+        return None if self.identified is None else self.identified.model
 
     def set_of(self, name: str) -> GainSet:
         """One of the sets; RangeError if there is none of this name."""
@@ -42,14 +52,13 @@ class TuningResult:
 
     def steps(self) -> dict[str, PredictedStep]:
         """The predicted step of the setpoint with each set, by its name; none without a model."""
-        if self.identified is None:
+        model, dt = self.model, self.facts.dt
+        if model is None:
             return {}
-        model, dt = self.identified.model, self.facts.dt
         crossover = self.set_of(BALANCED).margins.crossover
         duration = STEP_TIMES / crossover if crossover else 10.0 * (model.dead_time + max(model.lags, default=1.0))
         stable = (each for each in self.sets if each.margins.gain > 1.0 and each.margins.phase > 0.0)
-        limit = self.facts.ranges[1] if self.facts.ranges[1] < inf else inf
-        return {each.name: predicted_step(model, each.gains, dt, duration, limit=limit) for each in stable}
+        return {each.name: predicted_step(model, each.gains, dt, duration) for each in stable}
 
 
 def tuned(facts: LawFacts, response: MeasuredResponse, relay: bool = False, derivative: bool = False) -> TuningResult:
@@ -66,12 +75,22 @@ def tuned(facts: LawFacts, response: MeasuredResponse, relay: bool = False, deri
         return TuningResult(facts, response, None, cycles, _by_relay(cycles, facts))
     derivative = derivative or facts.present.derivative_time > 0.0
     sets = gain_sets(identified.model, facts.dt, identified.intervals["L"], derivative)
-    try:
-        now = margins(identified.model, facts.present, facts.dt)
-        sets.insert(0, GainSet(PRESENT, "", facts.present, now))
-    except RangeError:
-        pass  # the present gain is 0
-    return TuningResult(facts, response, identified, cycles, sets)
+    return TuningResult(facts, response, identified, cycles, [*_present(identified.model, facts), *sets])
+
+
+def tuned_axis(facts: LawFacts, response: MeasuredResponse) -> TuningResult:
+    """As `tuned`, of the servo of an axis from its moves."""
+    response.check_moved(facts.resolution, facts.actuator, facts.sensor)
+    axis = identify_axis(response, facts.present.gain)
+    sets = [*_present(axis.position, facts), *axis_sets(axis, facts.dt)]
+    return TuningResult(facts, axis.velocities, axis.identified, None, sets, axis)
+
+
+def _present(model: ProcessModel, facts: LawFacts) -> list[GainSet]:
+    """The present gains, if their sign is that of the process."""
+    if facts.present.gain * model.gain <= 0.0:
+        return []
+    return [GainSet(PRESENT, "", facts.present, margins(model, facts.present, facts.dt))]
 
 
 def _by_relay(cycles: RelayCycles, facts: LawFacts) -> list[GainSet]:
