@@ -14,8 +14,8 @@ command = HelpPanel("Running stations")
 
 @command(
     "tune-law",
-    epilog="Examples: umo tune-law furnace zones.3 --relay 10%  |  umo tune-law furnace zones.3 --step 10% --within 50  "
-    "|  umo tune-law furnace zones.3 --relay 10% --at '5 min' --peak 300  |  umo tune-law furnace zones.3 --from "
+    epilog="Examples: umo tune-law furnace zones.3 --relay 10%  |  umo tune-law furnace zones.3 --step 10% --within 50"
+    "  |  umo tune-law furnace zones.3 --relay 10% --at '5 min' --peak 300  |  umo tune-law furnace zones.3 --from "
     "trace.csv --start '2 min'  |  umo tune-law ztheta z --moves '20 mm'  |  umo tune-law ztheta z --from run.mcap",
     status="0 gains were found; 1 the experiment or the machine failed; 2 a mistake, or nothing can be learnt, told on "
     "stderr; 130 Ctrl-C: the old output is back, and the law in control",

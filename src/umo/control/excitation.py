@@ -38,7 +38,7 @@ class Baseline:
         return sqrt(self._squares / 2.0 / (self.count - 1)) if self.count > 1 else 0.0
 
 
-class Relay:
+class RelaySwitching:
     """Up and down around the old output, whenever the measurement leaves a band around the old measurement."""
 
     def __init__(self, base: Baseline, amplitude: float, rising: bool, hysteresis: float, cycles: int) -> None:

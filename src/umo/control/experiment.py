@@ -12,8 +12,8 @@ from collections.abc import Callable
 from math import inf, isfinite
 from typing import Any, Literal
 
-from umo.control.excitation import NOISE_FACTOR, Baseline, Relay, StepChange, room_for
-from umo.control.loops import Loop
+from umo.control.excitation import NOISE_FACTOR, Baseline, RelaySwitching, StepChange, room_for
+from umo.control.loops import ControlLoop
 from umo.cycle.sequences import next_period
 from umo.errors import Busy, CommandRefused, RangeError
 from umo.objects import Compound, Range, action
@@ -33,11 +33,11 @@ WITHIN_SHARE = 0.1
 class LoopExperiments:
     """The experiments on one loop of a machine."""
 
-    def __init__(self, part: Compound, path: str, loop: Loop) -> None:
+    def __init__(self, part: Compound, path: str, loop: ControlLoop) -> None:
         self._part, self._path, self._loop = part, path, loop
         self._base = Baseline()
-        self._excitation: Relay | StepChange | None = None
-        self._plan: Callable[[Baseline, float, float], Relay | StepChange] | None = None
+        self._excitation: RelaySwitching | StepChange | None = None
+        self._plan: Callable[[Baseline, float, float], RelaySwitching | StepChange] | None = None
         """Makes the excitation from the baseline, and the bounds of the output; None: no experiment."""
         self._ended = self._failed = ""
         self._idle = 0
@@ -178,7 +178,7 @@ class LoopExperiments:
 
     def _made(
         self, kind: str, amplitude: float, hysteresis: float, cycles: int, base: Baseline, low: float, high: float
-    ) -> Relay | StepChange:
+    ) -> RelaySwitching | StepChange:
         room = room_for(base, amplitude, low, high, kind == "relay")
         if abs(amplitude) > room:
             actuator = self._loop.actuator
@@ -190,7 +190,7 @@ class LoopExperiments:
         if kind == "step":
             return StepChange(base, amplitude)
         width = hysteresis or max(NOISE_FACTOR * base.noise, 2.0 * self._loop.resolution)
-        return Relay(base, amplitude, self._loop.gains["gain"] >= 0.0, width, cycles)
+        return RelaySwitching(base, amplitude, self._loop.gains["gain"] >= 0.0, width, cycles)
 
     # In each period ----------------------------------------------------------------------------------------
 

@@ -15,7 +15,7 @@ Next = Callable[[float, float, float, float, float], float | None]
 """From the law's output, the measurement, the period in s and the bounds: the output instead; None: the law's."""
 
 
-class Loop(Protocol):
+class ControlLoop(Protocol):
     """One loop, with its sensor and its actuator where the law knows them."""
 
     sensor: DigitalSensor | None
@@ -60,7 +60,7 @@ class _Loop:
     @property
     def resolution(self) -> float:
         sensor = self.sensor
-        return 0.0 if sensor is None or sensor.linearization is not None else sensor.resolution
+        return 0.0 if sensor is None or sensor.linearization is not None else abs(float(sensor.resolution))
 
     @property
     def is_taken(self) -> bool:
@@ -86,7 +86,7 @@ class LawLoop(_Loop):
 
     def take(self, next_: Next) -> None:
         law = self._law
-        of_law = law.step
+        of_law: Callable[..., float] = law.step
 
         def step(
             setpoint: float,

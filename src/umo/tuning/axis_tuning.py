@@ -14,11 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from umo.errors import RangeError
+from umo.objects.scaling import FloatArray
 from umo.tuning.gain_rules import GainSet, gain_sets
 from umo.tuning.identification import Identified, identify
 from umo.tuning.margins import Gains
 from umo.tuning.measured_response import MeasuredResponse
-from umo.tuning.models import FIRST_ORDER, LAGGED_INTEGRATOR, Floats, ProcessModel
+from umo.tuning.models import FIRST_ORDER, LAGGED_INTEGRATOR, ProcessModel
 
 SMOOTHED = 0.02
 """s over which position and output are smoothed for the regression."""
@@ -82,7 +83,7 @@ def axis_sets(axis: AxisModel, dt: float) -> list[GainSet]:
     return gain_sets(axis.position, dt, axis.identified.intervals["L"])
 
 
-def _smoothed(response: MeasuredResponse) -> tuple[Floats, Floats, Floats]:
+def _smoothed(response: MeasuredResponse) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Velocity, acceleration and output (Savitzky and Golay, Anal. Chem. 36, 1964)."""
     from scipy.signal import savgol_filter
 

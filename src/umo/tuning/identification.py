@@ -14,8 +14,9 @@ from math import log
 import numpy as np
 
 from umo.errors import RangeError
+from umo.objects.scaling import FloatArray
 from umo.tuning.measured_response import MeasuredResponse
-from umo.tuning.models import INTEGRATOR, LAGGED_INTEGRATOR, LAGS, Floats, ProcessModel
+from umo.tuning.models import INTEGRATOR, LAGGED_INTEGRATOR, LAGS, ProcessModel
 
 CONFIDENCE = 1.96
 """Standard deviations of an interval of 95 %."""
@@ -47,7 +48,7 @@ class Identified:
     """100 (1 - |error| / |measurement - mean|), per cent."""
     criterion: float
     """Akaike's information criterion, for independent residuals."""
-    predicted: Floats
+    predicted: FloatArray
     """The measurements as the model has them."""
 
 
@@ -103,14 +104,14 @@ def fit_model(kind: str, response: MeasuredResponse, sign: float = 0.0) -> Ident
 @dataclass(frozen=True)
 class _Solution:
     gain: float
-    predicted: Floats
-    columns: Floats
+    predicted: FloatArray
+    columns: FloatArray
     """What enters linearly, the response of gain 1 first."""
     cost: float
     """Sum of the squares of the errors, and of what was not at rest."""
 
 
-def _solve(kind: str, searched: Floats, response: MeasuredResponse) -> _Solution:
+def _solve(kind: str, searched: FloatArray, response: MeasuredResponse) -> _Solution:
     """`searched`: the dead time, then the logarithms of the lags."""
     dt, times = response.dt, response.times
     lags = tuple(sorted(np.exp(searched[1:]).tolist(), reverse=True))
@@ -131,18 +132,18 @@ def _solve(kind: str, searched: Floats, response: MeasuredResponse) -> _Solution
     return _Solution(float(solution[0]), middle + matrix @ solution, matrix, cost)
 
 
-def _residuals(kind: str, searched: Floats, response: MeasuredResponse) -> Floats:
+def _residuals(kind: str, searched: FloatArray, response: MeasuredResponse) -> FloatArray:
     return response.measurements - _solve(kind, searched, response).predicted
 
 
-def _bounds(kind: str, response: MeasuredResponse) -> tuple[Floats, Floats]:
+def _bounds(kind: str, response: MeasuredResponse) -> tuple[FloatArray, FloatArray]:
     lags = LAGS[kind]
     low = [0.0] + [log(0.2 * response.dt)] * lags
     high = [0.5 * response.duration] + [log(LONGEST_LAG * response.duration)] * lags
     return np.array(low), np.array(high)
 
 
-def _starts(kind: str, response: MeasuredResponse, sign: float) -> list[Floats]:
+def _starts(kind: str, response: MeasuredResponse, sign: float) -> list[FloatArray]:
     """The best points of a grid with a gain of this sign."""
     duration, dt = response.duration, response.dt
     dead_times = np.concatenate([[0.0], np.geomspace(dt, 0.4 * duration, GRID_DEAD_TIMES - 1)])
@@ -189,13 +190,13 @@ def _intervals(model: ProcessModel, solved: _Solution, response: MeasuredRespons
     return dict(zip(values, (CONFIDENCE * spread).tolist(), strict=False))
 
 
-def _slope(model: ProcessModel, letter: str, response: MeasuredResponse) -> Floats:
+def _slope(model: ProcessModel, letter: str, response: MeasuredResponse) -> FloatArray:
     values = model.describe()
     step = 1e-4 * max(abs(values[letter]), response.dt if letter != "K" else 1e-12)
     if letter == "K":
         return model.response(response.outputs, response.dt) / model.gain
 
-    def at(value: float) -> Floats:
+    def at(value: float) -> FloatArray:
         changed = {**values, letter: value}
         lags = tuple(changed[each] for each in values if each.startswith("T"))
         moved = ProcessModel(model.kind, model.gain, changed["L"], lags)
@@ -206,7 +207,7 @@ def _slope(model: ProcessModel, letter: str, response: MeasuredResponse) -> Floa
     return (at(above) - at(below)) / (above - below)
 
 
-def _independent_share(residuals: Floats) -> float:
+def _independent_share(residuals: FloatArray) -> float:
     """Share of residuals that count as independent, from the correlation of one with the next."""
     energy = float(residuals @ residuals)
     if not energy:

@@ -50,14 +50,18 @@ class LawFacts:
         """With units and ranges from the descriptions of the objects. PathError if sensor or actuator is none of
         them."""
         known = {str(each["path"]): each for each in objects}
-        found = []
+        found: list[Mapping[str, Any]] = []
         for what, path in (("sensor", self.sensor), ("actuator", self.actuator)):
             if not path:
                 raise PathError(f"{self.law} knows no {what}: name it with --{what}")
             if path not in known or "one" in known[path]:
                 raise PathError(f"no {what} {path!r} that has a number{did_you_mean(path, known)}")
             found.append(known[path])
-        units = tuple(str(each.get("unit", "")) for each in found)
-        ranges = tuple(float(each["maximum"]) - float(each["minimum"]) for each in found)
-        resolution = float(found[1].get("resolution") or 0.0)
-        return replace(self, units=units, ranges=ranges, resolution=resolution)
+        measured, output = found
+        units = str(measured.get("unit", "")), str(output.get("unit", ""))
+        ranges = _width(measured), _width(output)
+        return replace(self, units=units, ranges=ranges, resolution=abs(float(output.get("resolution") or 0.0)))
+
+
+def _width(about: Mapping[str, Any]) -> float:
+    return float(about["maximum"]) - float(about["minimum"])

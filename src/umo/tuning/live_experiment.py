@@ -10,11 +10,11 @@ import numpy as np
 
 from umo.errors import RangeError
 from umo.objects import Quality
+from umo.objects.scaling import FloatArray
 from umo.presentation.value_text import measure
 from umo.remote import RemoteStation
 from umo.tuning.law_facts import LawFacts
 from umo.tuning.measured_response import MeasuredResponse
-from umo.tuning.models import Floats
 
 MOST_ROWS = 200_000
 """Samples that are kept: of more, every second one is dropped."""
@@ -30,7 +30,7 @@ class CollectedSamples:
 
     station: RemoteStation
     facts: LawFacts
-    _parts: list[Floats] = field(default_factory=list)
+    _parts: list[FloatArray] = field(default_factory=list)
     _count: int = 0
     _stride: int = 1
 

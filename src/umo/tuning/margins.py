@@ -9,7 +9,8 @@ from math import inf, isinf, pi
 import numpy as np
 
 from umo.errors import RangeError
-from umo.tuning.models import Complex, Floats, ProcessModel
+from umo.objects.scaling import FloatArray
+from umo.tuning.models import Complex, ProcessModel
 
 POINTS = 20_000
 """Frequencies at which a loop is looked at."""
@@ -26,7 +27,7 @@ class Gains:
     derivative_time: float = 0.0
     filter_time: float = 0.0
 
-    def frequency_response(self, frequencies: Floats, dt: float) -> Complex:
+    def frequency_response(self, frequencies: FloatArray, dt: float) -> Complex:
         """Of the output to the error: that of `PID.step`, period for period."""
         back = np.exp(-1j * frequencies * dt)
         found = np.ones(len(frequencies), np.complex128)
@@ -73,8 +74,8 @@ def margins(model: ProcessModel, gains: Gains, dt: float) -> LoopMargins:
 
 
 def _crossings(
-    values: Floats, where: np.ndarray[tuple[int], np.dtype[np.bool_]] | None = None
-) -> tuple[Floats, Floats]:
+    values: FloatArray, where: np.ndarray[tuple[int], np.dtype[np.bool_]] | None = None
+) -> tuple[FloatArray, FloatArray]:
     """The places before a change of sign, and the share of the way from each to the next."""
     changes = np.signbit(values[1:]) != np.signbit(values[:-1])
     if where is not None:
@@ -83,6 +84,6 @@ def _crossings(
     return places, values[places] / (values[places] - values[places + 1])  # type: ignore[return-value]
 
 
-def _between(values: Floats, places: Floats, shares: Floats) -> Floats:
+def _between(values: FloatArray, places: FloatArray, shares: FloatArray) -> FloatArray:
     before = places.astype(np.int64)
     return values[before] + shares * (values[before + 1] - values[before])

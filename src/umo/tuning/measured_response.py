@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from umo.errors import RangeError
-from umo.tuning.models import Floats
+from umo.objects.scaling import FloatArray
 
 FEWEST = 20
 """Samples of a response at least."""
@@ -25,12 +25,12 @@ class MeasuredResponse:
 
     dt: float
     """s from one sample to the next."""
-    outputs: Floats
+    outputs: FloatArray
     """Of each sample the output that was held after it."""
-    measurements: Floats
+    measurements: FloatArray
 
     @classmethod
-    def of(cls, times: Floats, outputs: Floats, measurements: Floats) -> MeasuredResponse:
+    def of(cls, times: FloatArray, outputs: FloatArray, measurements: FloatArray) -> MeasuredResponse:
         """From rows in the order of time, s, which may be missing here and there. RangeError if they are too few, or if
         times do not rise."""
         known = np.isfinite(times) & np.isfinite(outputs) & np.isfinite(measurements)
@@ -48,9 +48,10 @@ class MeasuredResponse:
         return cls(dt, outputs, measurements)
 
     @property
-    def times(self) -> Floats:
+    def times(self) -> FloatArray:
         """s since the first sample."""
-        return np.arange(len(self.outputs)) * self.dt
+        found: FloatArray = np.arange(len(self.outputs), dtype=np.float64) * self.dt
+        return found
 
     @property
     def duration(self) -> float:

@@ -15,7 +15,8 @@ from math import exp, expm1, floor, inf, isinf
 import numpy as np
 import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
+from umo.objects.scaling import FloatArray
+
 Complex = npt.NDArray[np.complex128]
 FIRST_ORDER, SECOND_ORDER = "first order", "second order"
 INTEGRATOR, LAGGED_INTEGRATOR = "integrator", "lagged integrator"
@@ -61,13 +62,13 @@ class ProcessModel:
         share = self.gain / (long - short)
         return [(share * long, long), (-share * short, short)]
 
-    def response(self, outputs: Floats, dt: float) -> Floats:
+    def response(self, outputs: FloatArray, dt: float) -> FloatArray:
         """The change of the measurement under these outputs, one each `dt` s, from rest at the first of them."""
         changes = outputs - outputs[0]
         parts = [weight * sampled_response(changes, dt, lag, self.dead_time) for weight, lag in self.terms]
         return np.sum(parts, axis=0)  # type: ignore[no-any-return]
 
-    def frequency_response(self, frequencies: Floats, dt: float) -> Complex:
+    def frequency_response(self, frequencies: FloatArray, dt: float) -> Complex:
         """At frequencies in rad/s below pi/dt: of the measurement sampled each `dt` s to the output held in between."""
         back = np.exp(-1j * frequencies * dt)
         found = np.zeros(len(frequencies), np.complex128)
@@ -82,7 +83,7 @@ class ProcessModel:
         return {"K": self.gain, **dict(zip(letters, self.lags, strict=False)), "L": self.dead_time}
 
 
-def sampled_response(changes: Floats, dt: float, lag: float, dead_time: float) -> Floats:
+def sampled_response(changes: FloatArray, dt: float, lag: float, dead_time: float) -> FloatArray:
     """The response of a lag of gain 1 (infinite: an integrator) behind a dead time, from 0; outputs before the first
     are 0."""
     from scipy.signal import lfilter

@@ -8,8 +8,9 @@ from math import inf
 import numpy as np
 
 from umo.control import PID
+from umo.objects.scaling import FloatArray
 from umo.tuning.margins import Gains
-from umo.tuning.models import Floats, ProcessModel, sampled_response
+from umo.tuning.models import ProcessModel, sampled_response
 
 MOST_STEPS = 2000
 """Periods that are computed at most; longer ones are taken for a longer time."""
@@ -21,9 +22,9 @@ SETTLED = 0.05
 class PredictedStep:
     """The answer to a step of the setpoint from 0 to `size`."""
 
-    times: Floats
-    measurements: Floats
-    outputs: Floats
+    times: FloatArray
+    measurements: FloatArray
+    outputs: FloatArray
     size: float
 
     @property
@@ -55,4 +56,5 @@ def predicted_step(
     for now in range(count):
         measurements[now] = weights[now:0:-1] @ outputs[:now] if now else 0.0
         outputs[now] = law.step(size, float(measurements[now]), dt, low=-limit, high=limit)
-    return PredictedStep(np.arange(count) * dt, measurements, outputs, size)
+    times: FloatArray = np.arange(count, dtype=np.float64) * dt
+    return PredictedStep(times, measurements, outputs, size)

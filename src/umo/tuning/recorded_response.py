@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from umo.errors import OptionError, PathError
+from umo.objects.scaling import FloatArray
 from umo.text import did_you_mean
 from umo.tuning.measured_response import MeasuredResponse
-from umo.tuning.models import Floats
 
 TIME = "time_s"
 """Column of the time in a trace."""
@@ -31,7 +31,7 @@ def recorded_response(
     return MeasuredResponse.of(times[inside], outputs[inside], measurements[inside])
 
 
-def _of_trace(file: Path, sensor: str, actuator: str) -> tuple[Floats, Floats, Floats]:
+def _of_trace(file: Path, sensor: str, actuator: str) -> tuple[FloatArray, FloatArray, FloatArray]:
     try:
         with file.open(newline="", encoding="utf-8") as lines:
             heads = next(csv.reader(lines), [])
@@ -52,7 +52,7 @@ def _place(columns: dict[str, int], path: str, file: Path) -> int:
     return columns[path]
 
 
-def _of_recording(file: Path, sensor: str, actuator: str) -> tuple[Floats, Floats, Floats]:
+def _of_recording(file: Path, sensor: str, actuator: str) -> tuple[FloatArray, FloatArray, FloatArray]:
     try:
         from umo.recording import Recording
         from umo.tables.recorded_values import RecordedValues

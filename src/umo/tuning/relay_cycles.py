@@ -10,8 +10,8 @@ from math import degrees, pi
 import numpy as np
 
 from umo.errors import RangeError
+from umo.objects.scaling import FloatArray
 from umo.tuning.measured_response import MeasuredResponse
-from umo.tuning.models import Floats
 
 FEWEST_CYCLES = 2
 """Whole cycles that are needed."""
@@ -69,7 +69,7 @@ def relay_cycles(response: MeasuredResponse, rising: bool = True) -> RelayCycles
     )
 
 
-def _high(outputs: Floats) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _high(outputs: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     """Whether the relay is up. In between, as before it began, it is what it was last: down."""
     low, top = float(outputs.min()), float(outputs.max())
     known = np.abs(outputs - (low + top) / 2) > (top - low) / 4
