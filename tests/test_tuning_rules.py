@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from helpers.true_margins import true_margins
 from umo.control import PID
 from umo.errors import RangeError
 from umo.tuning.gain_rules import LEAST, gain_sets
@@ -20,7 +21,7 @@ from umo.tuning.predicted_step import predicted_step
 from umo.tuning.relay_cycles import relay_cycles
 
 pytest.importorskip("scipy")
-control = pytest.importorskip("control")
+pytest.importorskip("control")
 
 PLANTS = {
     "lag": ProcessModel("first order", 10.4, 0.9, (137.8,)),
@@ -30,26 +31,6 @@ PLANTS = {
     "lagged integrator": ProcessModel("lagged integrator", 5.0, 0.5, (3.0,)),
 }
 DT = 0.1
-
-
-def true_margins(model: ProcessModel, gains: Gains, dt: float = DT) -> tuple[float, float]:
-    """As python-control has them: the process sampled with a held output, behind whole periods of dead time."""
-    s = control.tf("s")
-    lags = [lag * s + 1 for lag in model.lags] + [s] * model.integrates
-    process = control.tf([model.gain], [1.0])
-    for each in lags:
-        process = process / each
-    sampled = control.tf(control.sample_system(process, dt, "zoh"))
-    z = control.tf([1.0, 0.0], [1.0], dt)
-    law = control.tf([gains.gain], [1.0], dt) * (1 + dt / gains.integral_time * z / (z - 1))
-    if gains.derivative_time:
-        share = dt / (gains.filter_time + dt)
-        law += gains.gain * gains.derivative_time * share / dt * (z - 1) / (z - (1 - share))
-    frequencies = np.geomspace(1e-5, np.pi / dt * 0.999, 4000)
-    delay = control.frd(np.exp(-1j * frequencies * round(model.dead_time / dt) * dt), frequencies, dt)
-    loop = control.frequency_response(sampled * law, frequencies) * delay
-    gain, phase, *_ = control.margin(loop.magnitude, np.degrees(loop.phase), frequencies)
-    return float(gain), float(phase)
 
 
 def step_response(model: ProcessModel, noise: float = 0.0, seed: int = 1, count: int = 1500) -> MeasuredResponse:
@@ -64,7 +45,7 @@ def step_response(model: ProcessModel, noise: float = 0.0, seed: int = 1, count:
 def test_margins_are_those_of_python_control(name: str) -> None:
     model = PLANTS[name]
     for each in gain_sets(model, DT):
-        gain, phase = true_margins(model, each.gains)
+        gain, phase = true_margins(model, each.gains, DT)
         assert each.margins.gain == pytest.approx(gain, rel=0.01)
         assert each.margins.phase == pytest.approx(phase, abs=0.5)
 
@@ -76,7 +57,7 @@ def test_balanced_gains_of_an_identified_model_have_their_margins_on_the_true_pr
     found = identify(response, sign=1.0)
     sets = {each.name: each for each in gain_sets(found.model, DT, found.intervals["L"])}
     assert list(sets) == list(LEAST)
-    gain, phase = true_margins(PLANTS[name], sets["balanced"].gains)
+    gain, phase = true_margins(PLANTS[name], sets["balanced"].gains, DT)
     assert gain >= 2.0
     assert phase >= 45.0
 
