@@ -51,9 +51,10 @@ def loop_at(root: Compound, place: str) -> FoundLoop:
     except PathError:
         raise PathError(f"no law {place!r}{did_you_mean(place, known)}") from None
     found = [each for each in known.values() if any(is_within(end, node) for end in (each.part, *each.ends))]
-    if len(found) != 1:
-        told = f"has several laws; name one: {some([each.path for each in found])}" if found else "has no law"
-        raise PathError(f"{place} {told}")
+    if not found:
+        raise PathError(f"{place} has no law")
+    if len(found) > 1:
+        raise PathError(f"{place} has several laws; name one: {some([each.path for each in found])}")
     return found[0]
 
 
