@@ -337,3 +337,52 @@ def test_measurements_that_are_not_finite_end_it() -> None:
                 each.m.level.step(0.0, nan, PERIOD)
         assert "the law does not act" in each.last(number).text
         assert "step" not in vars(each.m.level) or each.m.level.step(0.0, 0.0, PERIOD) == 0.0
+
+
+# Parts with rates of their own, and equipment --------------------------------------------------------------
+
+
+class Boiler(Compound, every="0.3 s", equipment=True):
+    heater: DigitalActuator
+    temperature: DigitalSensor
+
+    def setup(self) -> None:
+        self.servo = Servo(self.temperature, self.heater, gain=2.0, integral_time=10.0)
+        self.servo.integral = 30.0
+
+    def control(self) -> None:
+        self.servo.control(GOAL, dt=self.dt)
+
+
+class House(Compound):
+    boiler: Boiler
+    timer: DigitalSensor
+
+
+def test_a_part_with_a_rate_is_excited_at_its_rate_and_its_fault_ends_it() -> None:
+    timer = DigitalSensor("sampling_period", minimum=0, maximum=99_999, resolution=1, synchronous=False)
+    wires: dict[str, Any] = {f"boiler.{name}": {"driver": "simulated"} for name in ("heater", "temperature")}
+    wires["timer"] = {"driver": "simulated", "period": PERIOD}
+    with connect(House(boiler=Boiler(**parts()), timer=timer), {"wire": wires}) as m:
+        operator = Operator(m, Mode.MANUAL)
+        put(m.boiler.temperature, GOAL)
+        operator.run()
+        operator.do("lease")
+        operator.run(9)
+        assert json.loads(operator.call("boiler.law").text)["dt"] == pytest.approx(0.3)
+        number = operator.send("call", "boiler.experiment", arguments={"kind": "step", "amplitude": 10.0})
+        operator.run(3 * 20 - 3)
+        assert m.boiler.heater.read() == pytest.approx(30.0)
+        operator.run(12)
+        assert m.boiler.heater.read() == pytest.approx(40.0)
+        put(m.boiler.temperature, 500.0)
+        operator.run(6)
+        event = [each for each in operator.events if each.command == number][-1]
+        assert event.state is CommandState.CANCELLED
+        assert "OUT_OF_RANGE" in event.text or "boiler is in fault" in event.text
+        assert m.boiler.heater.read() == 0.0
+        put(m.boiler.temperature, GOAL)
+        operator.do("clear", "boiler")
+        operator.run(12)
+        assert m.boiler.heater.read() == pytest.approx(30.0)
+        assert "step" not in vars(m.boiler.servo)

@@ -129,10 +129,11 @@ def _live(station: RemoteStation, place: str, order: TuningOrder) -> TuningResul
     with hinting(station.reader), leased(station, order.over):
         facts = facts_of(station, place, order.sensor, order.actuator)
         with OneLine(err) as line:
-            began = time.monotonic()
+            began, before = time.monotonic(), station.progress
 
             def show() -> None:
-                line.show(time.monotonic() - began, station.progress.text, None)
+                progress = station.progress  # what was said before is none of it
+                line.show(time.monotonic() - began, "" if progress == before else progress.text, None)
 
             if order.moves is not None:
                 response = moves(station, facts, number("--moves", order.moves, facts.units[0]), show)
