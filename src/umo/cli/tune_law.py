@@ -20,6 +20,7 @@ from umo.remote import RemoteStation
 from umo.remote.search import find_elsewhere, meant_by, several_runs
 from umo.tuning.law_facts import LawFacts
 from umo.tuning.measured_response import MeasuredResponse
+from umo.tuning.plain_result import as_data, finite
 from umo.tuning.recorded_response import recorded_response
 from umo.tuning.tuning_result import TuningResult, tuned, tuned_axis
 
@@ -28,7 +29,7 @@ from .console import err, out, say
 from .progress_line import OneLine
 from .ps import readers
 from .station_options import parse
-from .tuning_told import as_data, tables_of, told_settings
+from .tuning_told import tables_of, told_settings
 from .values import duration, number
 
 
@@ -84,7 +85,7 @@ def tune_law(station: str, place: str, order: TuningOrder, options: Sequence[str
         result, known = _alone(station, place, order, options)
     told = told_settings(result, order.name, station, known)
     if order.as_json:
-        out.print_json(json.dumps(as_data(result, told)))
+        out.print_json(json.dumps(as_data(result) | {"chosen": {"name": told.name, **finite(told.values)}}))
     else:
         for table in tables_of(result):
             out.print(table)

@@ -48,7 +48,7 @@ def _output(axis: Any, result: TuningResult) -> None:
 
 def _steps(axis: Any, result: TuningResult) -> None:
     """Each predicted step of the setpoint by 1."""
-    for name, step in result.steps().items():
+    for name, step in result.steps.items():
         style = {"color": "0.5", "linestyle": "--"} if name == PRESENT else {}
         axis.plot(step.times, step.measurements, linewidth=1.2, label=name, **style)
     axis.axhline(1.0, color="0.8", linewidth=0.8)

@@ -5,20 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from math import inf, isfinite, isnan
-from typing import Any
 
 from rich.table import Table
 
 from umo.presentation.digits import number_text, setting_text
 from umo.presentation.value_text import shown_unit
 from umo.tuning.gain_rules import GainSet
+from umo.tuning.plain_result import rounded, settings_of
 from umo.tuning.tuning_result import TuningResult
 
 from .console import plain_table
 from .kept import toml_line
 
-DIGITS = 3
-"""Significant digits of a gain: it is not known better."""
 LEAST_DEAD_TIME = 1e-3
 """Periods below which a dead time is told as 0."""
 SETTINGS = ("gain", "integral_time", "derivative_time", "filter_time")
@@ -34,17 +32,12 @@ class ToldSettings:
     lines: list[str] = field(default_factory=list)
 
 
-def rounded(value: float) -> float:
-    """To significant digits."""
-    return float(f"{value:.{DIGITS}g}")
-
-
 def told_settings(
     result: TuningResult, name: str, station: str, tunable: Mapping[str, tuple[float, float]]
 ) -> ToldSettings:
     """`tunable`: the tunable numbers, with their ranges. RangeError if there is no set of this name."""
     chosen = result.set_of(name)
-    told = ToldSettings(name, _values(result, chosen))
+    told = ToldSettings(name, settings_of(result, chosen))
     base = result.facts.base
     paths = {each: f"{base}.{each}" for each in told.values}
     inside = {each: path for each, path in paths.items() if path in tunable and isfinite(told.values[each])}
@@ -66,22 +59,6 @@ def told_settings(
 
 def _code(value: float) -> str:
     return "inf" if value == inf else setting_text(value)
-
-
-def _values(result: TuningResult, chosen: GainSet) -> dict[str, float]:
-    """What the set changes; of an axis with its feed-forward."""
-    present = asdict(result.facts.present)
-    found = {name: rounded(value) for name, value in asdict(chosen.gains).items()}
-    found = {name: value for name, value in found.items() if value or present[name]}
-    if result.axis is not None:
-        axis = result.axis
-        more = {
-            "feed_forward": axis.feed_forward_with(chosen.gains),
-            "inertia": axis.inertia,
-            "friction": axis.friction,
-        }
-        found |= {name: rounded(value) for name, value in more.items()}
-    return found
 
 
 def tables_of(result: TuningResult) -> Iterator[Table]:
@@ -132,7 +109,7 @@ def _sets_table(result: TuningResult) -> Table:
     ]
     for head in [*heads, "rule"]:
         table.add_column(head)
-    steps = result.steps()
+    steps = result.steps
     for each in result.sets:
         step = steps.get(each.name)
         gains = asdict(each.gains)
@@ -153,43 +130,3 @@ def _margin_texts(each: GainSet) -> tuple[str, str]:
 
 def _time(seconds: float) -> str:
     return f"{seconds:.3g} s" if isfinite(seconds) else "later"
-
-
-def as_data(result: TuningResult, told: ToldSettings) -> dict[str, Any]:
-    """As plain data; what is not finite is null."""
-    found: dict[str, Any] = {"law": result.facts.law, "sensor": result.facts.sensor, "actuator": result.facts.actuator}
-    if result.identified is not None:
-        model = result.identified.model
-        parameters = {
-            letter: {"value": value, "interval": result.identified.intervals[letter]}
-            for letter, value in model.describe().items()
-        }
-        found["model"] = {"kind": model.kind, "fit": result.identified.fit, "parameters": parameters}
-    if result.relay is not None:
-        found["relay"] = asdict(result.relay)
-    if result.axis is not None:
-        axis = result.axis
-        found["axis"] = {name: getattr(axis, name) for name in ("feed_forward", "inertia", "friction", "offset")}
-    steps = result.steps()
-    found["sets"] = [
-        {
-            "name": each.name,
-            "rule": each.rule,
-            **asdict(each.gains),
-            "gain_margin": each.margins.gain,
-            "phase_margin": each.margins.phase,
-            "overshoot": steps[each.name].overshoot if each.name in steps else None,
-            "settling_time": steps[each.name].settling_time if each.name in steps else None,
-        }
-        for each in result.sets
-    ]
-    found["chosen"] = {"name": told.name, **told.values}
-    return _finite(found)  # type: ignore[no-any-return]
-
-
-def _finite(data: Any) -> Any:
-    if isinstance(data, dict):
-        return {name: _finite(value) for name, value in data.items()}
-    if isinstance(data, list):
-        return [_finite(value) for value in data]
-    return None if isinstance(data, float) and not isfinite(data) else data

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from umo.errors import RangeError
+from umo.errors import RangeError, UmoError
 from umo.objects import Quality
 from umo.objects.scaling import FloatArray
 from umo.presentation.value_text import measure
 from umo.remote import RemoteStation
+from umo.remote.remote_objects import release_action
 from umo.tuning.law_facts import LawFacts
 from umo.tuning.measured_response import MeasuredResponse
 
@@ -88,7 +90,8 @@ def experiment(
 
         with station.holding(path):
             ended = station.ask("call", path, arguments=dict(arguments), while_running=look)
-        station.let_go(path)
+        with suppress(UmoError):  # it has ended by itself
+            release_action(station, path)
         samples.look()
         return samples.response(ended["from"] - BEFORE * facts.dt, ended["to"]), ended
     finally:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from umo.errors import RangeError
 from umo.tuning.axis_tuning import AxisModel, axis_sets, identify_axis
@@ -50,6 +51,7 @@ class TuningResult:
             raise RangeError(f"there is no set {name!r}: {', '.join(found)}")
         return found[name]
 
+    @cached_property
     def steps(self) -> dict[str, PredictedStep]:
         """The predicted step of the setpoint with each set, by its name; none without a model."""
         model, dt = self.model, self.facts.dt
