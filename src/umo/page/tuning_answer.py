@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from umo.errors import UmoError
+from umo.errors import UmoError, text_of
 from umo.page.subscriptions import BadRequest, HistoryPart
 from umo.page.watched_run import Watched
 
@@ -45,8 +45,8 @@ class TuningQuestion:
             return json.dumps(head | self._found())
         except ImportError:
             text = 'tuning needs scipy: pip install "umo[tune]"'
-        except UmoError as error:
-            text = str(error)
+        except Exception as error:  # of numbers that a page has given: the others are shown
+            text = str(error) if isinstance(error, UmoError) else f"no gains were found: {text_of(error)}"
         return json.dumps({"type": "error", "id": head.get("id"), "text": text})
 
     def _found(self) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from math import inf
+from math import inf, isfinite
 from typing import Any
 
 from umo.errors import PathError
@@ -35,10 +35,14 @@ class LawFacts:
 
     @classmethod
     def of(cls, told: Mapping[str, Any], sensor: str = "", actuator: str = "") -> LawFacts:
-        """From what the action `law` tells; `sensor` and `actuator` count before that."""
+        """From what the action `law` tells; `sensor` and `actuator` count before that. ValueError, TypeError or
+        KeyError if it is not that."""
         present = Gains(**{name: inf if told[name] is None else float(told[name]) for name in SETTINGS})
         ends = sensor or str(told["sensor"]), actuator or str(told["actuator"])
-        return cls(str(told["law"]), *ends, present, float(told["dt"]), bool(told["axis"]))
+        dt = float(told["dt"])
+        if not (0.0 < dt < inf and isfinite(present.gain)):
+            raise ValueError(f"no law has a period of {dt:g} s and a gain of {present.gain:g}")
+        return cls(str(told["law"]), *ends, present, dt, bool(told["axis"]))
 
     @property
     def base(self) -> str:

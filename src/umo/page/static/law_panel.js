@@ -5,7 +5,6 @@ import { allow, el, setText } from "./dom.js";
 import { numberText, readable } from "./presentation.js";
 
 /**
- * @typedef {import("./feed.js").Feed} Feed
  * @typedef {import("./client.js").Client} Client
  * @typedef {{base: string, name: string, tunables: Page.Tunable[]}} Law  `base`: its path.
  */
@@ -183,8 +182,7 @@ export class LawPanel {
     this._say("done", given.length ? `the ${set.name} gains are in effect until the run ends` : "none of these numbers is tunable");
   }
 
-  /** @param {Feed} _feed */
-  refresh(_feed) {
+  refresh() {
     const barrier = this._client.barrier(false);
     allow(this._begin, barrier || (this._running ? "An experiment is under way" : ""));
     allow(this._cancel, this._running ? "" : "No experiment is under way");
