@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import signal
@@ -11,11 +12,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
 import umo
-from helpers import lagging
+from helpers import lagging, patient
 from helpers.true_margins import true_margins
 from helpers.waiting import until
 from umo.cli.app import app
@@ -101,20 +103,37 @@ def test_a_trace_gives_the_gains_without_an_experiment(tank: Path, tmp_path: Pat
     assert "valve did not move" in still.output
 
 
+def following_error(folder: Path) -> float:
+    """Of the z axis after homing, root of the mean square, um."""
+    (trace,) = folder.glob("runs/*/trace.csv")
+    with trace.open() as lines:
+        rows = [row for row in csv.DictReader(lines) if float(row["time_s"]) > 6.0 and row["z.setpoint[um]"] != "nan"]
+    return float(np.sqrt(np.mean([float(row["z.error[um]"]) ** 2 for row in rows])))
+
+
 def test_an_axis_is_tuned_from_its_moves_with_feed_forward_and_friction(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("mujoco")
-    monkeypatch.chdir(tmp_path)
+    before, after = tmp_path / "before", tmp_path / "after"
+    before.mkdir(), after.mkdir()
+    monkeypatch.chdir(before)
     assert invoke("run", "ztheta", "--parts", "1", "--no-plot").exit_code == 0
-    (trace,) = tmp_path.glob("runs/*/trace.csv")
+    (trace,) = before.glob("runs/*/trace.csv")
     data = found("ztheta", "z", "--from", trace, "--start", "6")
     axis = data["axis"]
     assert axis["feed_forward"] == pytest.approx(3.1416e-5, rel=0.02)  # as docs/ztheta.md measured it
     assert axis["inertia"] == pytest.approx(2.25e-7, rel=0.15)
     assert axis["friction"] == pytest.approx(0.0955, rel=0.2)
-    assert {"feed_forward", "inertia", "friction", "derivative_time"} <= set(data["chosen"])
     assert data["sets"][2]["gain_margin"] >= 2.0
+    printed = invoke("tune-law", "ztheta", "z", "--from", trace, "--start", "6").stdout
+    parameters = printed[printed.index("[parameters]") :]
+    assert '"z.feed_forward" = ' in parameters
+    wiring = patient.patient("ztheta", after)
+    wiring.write_text(f"{wiring.read_text()}\n{parameters}")
+    monkeypatch.chdir(after)
+    assert invoke("run", "ztheta", "-w", wiring, "--parts", "1", "--no-plot").exit_code == 0
+    assert following_error(after) < 0.5 * following_error(before)
 
 
 @pytest.mark.parametrize(

@@ -32,6 +32,9 @@ from .station_options import parse
 from .tuning_told import tables_of, told_settings
 from .values import duration, number
 
+LOW_FIT = 90.0
+"""Fit in per cent below which it is said."""
+
 
 @dataclass(frozen=True)
 class TuningOrder:
@@ -83,6 +86,9 @@ def tune_law(station: str, place: str, order: TuningOrder, options: Sequence[str
             known = {each["path"]: (each["minimum"], each["maximum"]) for each in remote.reader.layout.tunables}
     else:
         result, known = _alone(station, place, order, options)
+    if result.identified is not None and result.identified.fit < LOW_FIT:
+        better = "--moves" if result.facts.axis and result.axis is None else "a larger amplitude"
+        say(f"the model describes only {result.identified.fit:.0f} % of the response; {better} may do better")
     told = told_settings(result, order.name, station, known)
     if order.as_json:
         out.print_json(json.dumps(as_data(result) | {"chosen": {"name": told.name, **finite(told.values)}}))

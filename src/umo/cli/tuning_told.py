@@ -39,6 +39,12 @@ def told_settings(
     chosen = result.set_of(name)
     told = ToldSettings(name, settings_of(result, chosen))
     base = result.facts.base
+    if result.axis is not None:
+        axis = base.rpartition(".")[0]
+        fields = [toml_line(f"{axis}.{each}".lstrip("."), setting_text(value)) for each, value in told.values.items()]
+        heading = f"To try and to keep the {name} set, in the wiring; the feed-forward belongs to these gains:"
+        told.lines += [heading, "  [parameters]", *(f"  {line}" for line in fields)]
+        return told
     paths = {each: f"{base}.{each}" for each in told.values}
     inside = {each: path for each, path in paths.items() if path in tunable and isfinite(told.values[each])}
     lines = told.lines

@@ -39,6 +39,7 @@ class CollectedSamples:
     def __post_init__(self) -> None:
         reader = self.station.reader
         self._reader = reader.again()
+        self._reader.read()  # what was before is none of it
         self._places = [reader.index(self.facts.actuator), reader.index(self.facts.sensor)]
 
     def look(self) -> None:
