@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from math import inf, isfinite, sqrt
 
 MOST_KEPT = 256
@@ -14,16 +13,14 @@ NOISE_FACTOR = 10.0
 """Hysteresis of a relay in standard deviations of the noise."""
 
 
-@dataclass
 class Baseline:
-    """The loop before the experiment: means of output and measurement, and the noise."""
+    """The loop before the experiment: means of output and measurement, and the noise. The law has refused what is not
+    finite."""
 
-    count: int = 0
-    output: float = 0.0
-    measurement: float = 0.0
-    time: float = 0.0
-    _last: float = 0.0
-    _squares: float = 0.0
+    def __init__(self) -> None:
+        self.count = 0
+        self.output = self.measurement = self.time = 0.0
+        self._last = self._squares = 0.0
 
     def add(self, output: float, measurement: float, dt: float) -> None:
         if self.count:
@@ -62,17 +59,16 @@ class RelaySwitching:
         return f"relay: cycle {min(self._rises + 1, self._cycles)} of {self._cycles}"
 
 
-@dataclass
 class StepChange:
     """The old output and a step on it, until the measurement has settled."""
 
-    base: Baseline
-    amplitude: float
-    _times: list[float] = field(default_factory=list)
-    _kept: list[float] = field(default_factory=list)
-    _time: float = 0.0
-    _pause: float = 0.0
-    """s from one measurement that is kept to the next."""
+    def __init__(self, base: Baseline, amplitude: float) -> None:
+        self.base, self.amplitude = base, amplitude
+        self._times: list[float] = []
+        self._kept: list[float] = []
+        self._time = 0.0
+        self._pause = 0.0
+        """s from one measurement that is kept to the next."""
 
     @property
     def low(self) -> float:
