@@ -25,6 +25,7 @@ from umo import (
     DigitalActuator,
     DigitalSensor,
     Number,
+    Quality,
     Range,
     UmoError,
     action,
@@ -398,6 +399,29 @@ def test_a_program_that_updates_twice_in_a_period_is_repeated() -> None:
     tape = Case(each.machine, each.wiring, loop).record()
     result = each.replay(tape, loop)
     assert result.identical and result.periods == len(tape.frames) == 57, str(result)
+
+
+@pytest.mark.parametrize("failed", [1, 2])
+@pytest.mark.parametrize("error", [OSError("dead"), ChannelsFailed({"encoder": "cut"})], ids=["whole", "channel"])
+def test_of_two_transfers_of_a_block_in_a_period_the_one_fails_that_has_failed(failed: int, error: Exception) -> None:
+    """A block that succeeds has no entries: those of the second one must not be taken for those of the first."""
+    box = Scripted({"encoder": [n % 200 for n in range(400)]})
+
+    def loop(m: Any) -> None:
+        for number in range(20):
+            m.timer.read()
+            for again in (1, 2):
+                box.broken = error if number == 10 and again == failed else None
+                with suppress(DriverError):
+                    m.sample()
+                good = m.encoder.quality is Quality.GOOD
+                m.motor.write(m.encoder.read() / 20.0 if good else -float(again))
+            m.update()
+
+    each = Case(lambda: bench(encoder=sensor(on_error="mark")), lambda machine: wired(machine, box), loop)
+    tape = each.record()
+    result = each.replay(tape)
+    assert result.identical and result.periods == 20, str(result)
 
 
 def test_wall_clock_random_numbers_and_the_order_of_hashes_are_noticed() -> None:

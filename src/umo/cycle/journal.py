@@ -40,6 +40,8 @@ class Kind(IntEnum):
     LOOKED = 11
     """A driver that is away was looked for; the slot is the first of its objects. `raw` 1: its device answers, 0: it
     does not, -1: not known yet."""
+    AGAIN = 12
+    """A block is transferred once more in this period; the slot is its first one. What follows says what it moved."""
 
 
 class ErrorKind(IntEnum):

@@ -35,6 +35,7 @@ WORDS = {
     Kind.INTERLOCKED: "interlocked",
     Kind.INITIALIZE: "initialised",
     Kind.LOOKED: "looked for",
+    Kind.AGAIN: "transferred once more",
 }
 
 
