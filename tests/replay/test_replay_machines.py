@@ -414,6 +414,7 @@ def test_of_two_transfers_of_a_block_in_a_period_the_one_fails_that_has_failed(f
                 box.broken = error if number == 10 and again == failed else None
                 with suppress(DriverError):
                     m.sample()
+                box.broken = None
                 good = m.encoder.quality is Quality.GOOD
                 m.motor.write(m.encoder.read() / 20.0 if good else -float(again))
             m.update()
