@@ -486,17 +486,6 @@ def test_a_machine_with_other_objects_is_refused_in_one_line() -> None:
         Case(lambda: Lone(timer=timer()), lambda m: wired(m, Scripted()), drive).replay(tape)
 
 
-def test_a_driver_off_the_cycle_is_refused_in_one_line() -> None:
-    def wiring(m: Any) -> Any:
-        made = wired(m, Scripted())
-        made["drivers"]["box"] = {"type": "simulated", "off_cycle": True, "period": "5 ms"}
-        return made
-
-    each = Case(bench, wiring, lambda m: periods(m, 20))
-    with pytest.raises(NotReplayable, match="driver box is off the cycle"):
-        each.replay(each.record())
-
-
 class Lone(Compound):
     timer: DigitalSensor
 
