@@ -7,19 +7,23 @@ import re
 import shutil
 import subprocess
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from google.protobuf import descriptor_pb2
 from mcap.reader import make_reader
 
 from helpers import npm
-from helpers.recorded import block_at_random, layout_of
+from helpers.recorded import block_at_random, decoded, layout_of
 from umo.frames import Layout
+from umo.recording import Recording
+from umo.recording.mcap_reader import McapReader
 from umo.recording.protobuf_channels import ProtobufChannels
 from umo.recording.recording_file import RecordingFile
+from umo.tables.dataset import attributes
 
 PARTS = Layout(
     (
@@ -39,13 +43,6 @@ PARTS = Layout(
     axes=({"path": "z", "states": ["disabled", "standstill"]},),
     alarms=({"path": "hot", "states": ["normal"]},),
 )
-
-
-def decoded(schema: Any, data: bytes) -> Any:
-    pool = descriptor_pool.DescriptorPool()
-    for file in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
-        pool.Add(file)
-    return message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name)).FromString(data)
 
 
 def test_the_machine_is_nested_like_its_tree_with_states_as_enums(tmp_path: Path) -> None:
@@ -102,6 +99,29 @@ def test_events_commands_and_progress_have_channels(tmp_path: Path) -> None:
     assert [each.done for each in told["progress"]] == [1, 2]
     assert told["events"][0].text == "Größe" and told["events"][0].state == "done"
     assert [each.text for each in told["commands"]] == ['{"do": "lease"}', "{}"]
+
+
+def test_units_of_ten_thousand_numbers_are_there_and_are_not_written_again_each_second(
+    tmp_path: Path,
+) -> None:
+    objects = ({"path": f"zones.{i}.heat", "unit": "W", "minimum": 0.0, "maximum": i + 1.0} for i in range(10_000))
+    many = replace(PARTS, objects=tuple(objects))
+    file = RecordingFile(tmp_path / "run.mcap", many, ProtobufChannels(many))
+    file.add([block_at_random(many, 0, 2, 1)])
+    file.add([block_at_random(many, 2, 2, 1)])
+    file.close()
+    with open(tmp_path / "run.mcap", "rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        units = next(record.metadata for record in reader.iter_metadata() if record.name == "units")
+        summary = reader.get_summary()
+    assert len(units) == 10_001 and units["zones.9999.heat"] == "W, 0 to 10000" and units["z.servo.error"] == "um"
+    assert summary is not None
+    told = next(channel.metadata for channel in summary.channels.values() if channel.topic == "machine")
+    assert told == {"units": "in the metadata record units"}
+    content = (tmp_path / "run.mcap").read_bytes()
+    assert content.count(b"W, 0 to 10000") == 1 and content.find(b"W, 0 to 10000") < McapReader(file.path).chunks[0]
+    with Recording(tmp_path / "run.mcap") as recording:
+        assert [attributes(each)["units"] for each in recording.layout.objects] == ["W"] * 10_000
 
 
 # Readers of other projects ------------------------------------------------------------------------------

@@ -52,6 +52,14 @@ class RecordingWork:
         """s to the next look."""
         return self._recorder.pause
 
+    @property
+    def progress(self) -> str:
+        """What there is so far, in words."""
+        words = [f"{self._recorder.periods:,} periods", f"{self._parts.size / 1e6:.1f} MB"]
+        if self._recorder.lost:
+            words.append(f"{self._recorder.lost:,} periods lost")
+        return ", ".join(words)
+
     def look(self) -> None:
         """Take and write what is new. It is over when the run is, or the disk is full."""
         if self.is_over:
@@ -110,7 +118,12 @@ class RecordingWork:
 
     def _land(self, folder: FlightFolder) -> None:
         """Save what the flight recorder has if the run has failed; remove its files."""
-        if self._recorder.failed and self._recorder.periods:
+        if self.failed:
+            self._say(f"its files stay: umo record --save {folder.station}")
+            return
+        if not self._recorder.has_ended:
+            self._say("the flight recorder has ended before the run, and leaves nothing")
+        elif self._recorder.failed and self._recorder.periods:
             try:
                 folder.save(self._file)
             except (OSError, UmoError) as error:
