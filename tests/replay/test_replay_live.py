@@ -151,7 +151,8 @@ class Oven(Compound):
             self.heater.reset()
 def machine():
     def sensor(**changes):
-        return DigitalSensor("degC", minimum=0, maximum=100, resolution=0.01, on_error="hold", max_age="60 s", **changes)
+        return DigitalSensor("degC", minimum=0, maximum=100, resolution=0.01, on_error="hold", max_age="60 s",
+                             **changes)
     def actuator():
         return DigitalActuator("V", default=0, minimum=0, maximum=10, resolution=0.001, limits="clamp",
                                on_error="retry", max_age="60 s")

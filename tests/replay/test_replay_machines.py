@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from helpers.flaky import Flaky, loop
 from helpers.machines import Bench, actuator, bench, relay, sensor, switch, timer, wired
 from helpers.operator import Operator
 from helpers.tapes import Case, listen, taped
@@ -34,7 +35,7 @@ from umo import (
 )
 from umo.control import next_period
 from umo.cycle.client_commands import DEAD_MAN_REASON
-from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
+from umo.errors import ChannelsFailed, DriverError
 from umo.recording.block import Block
 from umo.replay.hands import LEASE_ENDED
 from umo.replay.program import Program
@@ -43,29 +44,6 @@ from umo.replay.tape import NotReplayable
 from umo.states import OnOff, PassFail
 from umo.testing import Scripted, VirtualTimer, periods
 from umo.wiring import resolve
-
-
-class Flaky(Scripted):
-    """A circuit whose readings are random, and whose calls fail at random."""
-
-    def __init__(self, seed: int, share: float = 0.1) -> None:
-        super().__init__()
-        self.random, self.share, self.quiet = Random(seed), share, True
-
-    def _call(self, segment: str, channels: Any = (), raws: Any = ()) -> Any:
-        random = self.random
-        if not self.quiet and random.random() < self.share:
-            failed = random.sample([channel.text for channel in channels], min(len(channels), 1))
-            raise random.choice(
-                [DriverError("dead"), DeviceTimeout("slow"), ChannelsFailed(dict.fromkeys(failed, "cut")), OSError()]
-            )
-        return super()._call(segment, channels, raws)
-
-    def _reading(self, channel: Any, replaced: Any) -> Any:
-        return self.random.randrange(2 if channel.text.endswith(("limit", "door")) else 250)
-
-    def look(self) -> bool | None:
-        return self.random.choice([True, False, None])
 
 
 class Unit(Compound, equipment=True):
@@ -137,15 +115,6 @@ def restless() -> Restless:
         unit=unit(Unit),
         slow=unit(SlowUnit),
     )
-
-
-def loop(count: int) -> Any:
-    def run(m: Any) -> None:
-        for _ in range(count):
-            with suppress(DriverError):  # the next period follows
-                periods(m)
-
-    return run
 
 
 def case(seed: int, share: float, count: int = 300, **process: Any) -> Case:

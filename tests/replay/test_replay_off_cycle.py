@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from helpers.flaky import Flaky, loop
 from helpers.machines import actuator, bench, relay, sensor, switch, timer, wired
 from helpers.tapes import Case
-from replay.test_replay_machines import Flaky, loop
 from umo import (
     BinaryActuator,
     BinarySensor,

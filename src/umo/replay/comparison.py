@@ -127,10 +127,7 @@ class Comparison:
         return entries
 
     def _same_entries(self, period: Period) -> bool:
-        if (
-            self._order is None
-            and self._journal.entries == period.journal
-        ):
+        if self._order is None and self._journal.entries == period.journal:
             return True
         return _in_order(self._entries()) == _in_order(period.entries)
 

@@ -152,7 +152,7 @@ class Period:
 def first_sample(initial: Mapping[str, Any], raws: Sequence[int]) -> Period:
     """The first sample, which was made while connecting, in the form of a period."""
     entries = np.frombuffer(bytes.fromhex(initial.get("entries", "")), ENTRY)
-    return Period((0, 0.0, 0, 0, NEVER, NEVER), np.array(raws, np.int64), entries, (None, 0), False)
+    return Period((0, 0.0, 0, 0, NEVER, NEVER), np.array(raws, np.int64), entries, (np.empty(0), 0), False)
 
 
 class Periods:
