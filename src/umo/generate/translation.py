@@ -15,7 +15,7 @@ FIRST_FAULT = 32
 
 
 @dataclass(frozen=True)
-class Target:
+class ControllerTarget:
     """What C is made for."""
 
     name: str
@@ -65,7 +65,7 @@ class Untranslatable(NamedTuple):
         return f"{self.file}:{self.line}: {self.source}: {self.reason}{near}"
 
 
-class Entry(NamedTuple):
+class CFunction(NamedTuple):
     """How a translated function is called: it returns its fault; its result goes where the last argument points."""
 
     name: str
@@ -87,7 +87,7 @@ class Translation:
     """The functions."""
     init: str = "static void init_objects(umo_machine *m)\n{\n    (void)m;\n}\n"
     """The function that fills the structs with the live values."""
-    entry: Mapping[Any, Entry] = field(default_factory=dict)
+    entry: Mapping[Any, CFunction] = field(default_factory=dict)
     """How each function is called."""
     faults: list[Fault] = field(default_factory=list)
     layout: list[Field] = field(default_factory=list)
