@@ -26,7 +26,7 @@ class ControllerTarget:
     """The width of whole numbers."""
 
 
-class Fault(NamedTuple):
+class CodeFault(NamedTuple):
     """A fault of translated code: what Python raises there."""
 
     number: int
@@ -38,7 +38,7 @@ class Fault(NamedTuple):
     line: int
 
 
-class Field(NamedTuple):
+class StructField(NamedTuple):
     """A field of a struct that stands for an attribute of a live object."""
 
     path: str
@@ -89,8 +89,8 @@ class Translation:
     """The function that fills the structs with the live values."""
     entry: Mapping[Any, CFunction] = field(default_factory=dict)
     """How each function is called."""
-    faults: list[Fault] = field(default_factory=list)
-    layout: list[Field] = field(default_factory=list)
+    faults: list[CodeFault] = field(default_factory=list)
+    layout: list[StructField] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     """What is to be said of the C, such as a function that differs in its last bit."""
     problems: list[Untranslatable] = field(default_factory=list)

@@ -8,9 +8,15 @@
 #ifndef UMO_H
 #define UMO_H
 
+#include <float.h>
 #include <math.h>
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
+
+#if defined(__FAST_MATH__) || (FLT_EVAL_METHOD != 0 && !defined(UMO_FLOAT))
+#error "each operation must be rounded to a double"
+#endif
 
 #ifdef UMO_FLOAT
 typedef float umo_real;

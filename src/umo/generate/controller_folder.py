@@ -1,0 +1,107 @@
+"""The folder of a generated controller: machine.h and machine.c, the runtime, and what a board needs around them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from umo.errors import DeclarationError
+from umo.generate.c_text import comment
+from umo.generate.controller_model import ControllerModel, NotGenerated, inexact_as_floats
+from umo.generate.machine_source import header_of, source_of
+from umo.generate.translation import FIRST_FAULT, CodeFault, ControllerTarget, Translation, Untranslatable
+
+HERE = Path(__file__).parent
+RUNTIME, BOARDS = HERE / "runtime", HERE / "boards"
+TARGETS: Mapping[str, ControllerTarget] = {
+    "host": ControllerTarget("host", "double", exact_libm=True),
+    "cortex-m": ControllerTarget("cortex-m", "double"),
+    "avr": ControllerTarget("avr", "float"),
+    "arduino": ControllerTarget("arduino", "float"),
+}
+"""The targets by name, with the numbers that they have of their own."""
+RUNTIME_FAULTS = (
+    ("UMO_UNREAD", "DriverError", "could not be read"),
+    ("UMO_UNWRITTEN", "DriverError", "could not be written"),
+    ("UMO_BAD_TICKS", "DriverError", "the ticks of the timer are outside its range"),
+    ("UMO_OUTSIDE", "RangeError", "the value is outside the range of the actuator"),
+    ("UMO_NOT_FINITE", "RangeError", "the value is not finite"),
+    ("UMO_BAD_INPUT", "BadInput", "the quality of the sensor is not accepted"),
+    ("UMO_NEVER_READ", "BadInput", "the sensor was never read"),
+    ("UMO_INTERLOCKED", "Interlocked", "an interlock forbids the write"),
+    ("UMO_NO_STATE", "StateError", "no state of the actuator"),
+    ("UMO_NO_HOST", "TaskFailed", "only the host can do it, and there is none"),
+)
+"""The faults of the runtime from 1 on, as in umo.h: their names, classes and texts."""
+
+
+class NotTranslated(DeclarationError):
+    """A machine has no controller: `reasons` are all that is in the way."""
+
+    def __init__(self, machine: str, reasons: list[str]) -> None:
+        super().__init__("\n".join([f"{machine} cannot be generated:", *reasons]))
+        self.reasons = reasons
+
+
+def check(model: ControllerModel, translation: Translation) -> None:
+    """NotTranslated with everything that is in the way."""
+    problems: list[NotGenerated | Untranslatable] = [*model.problems, *translation.problems]
+    if problems:
+        raise NotTranslated(model.name, list(dict.fromkeys(map(str, problems))))
+
+
+def faults_of(translation: Translation) -> list[CodeFault]:
+    """Every fault by its number: those of the runtime, then those of translated code."""
+    own = [CodeFault(number, kind, text, "", 0) for number, (_, kind, text) in enumerate(RUNTIME_FAULTS, 1)]
+    return [*own, *translation.faults]
+
+
+def files_of(model: ControllerModel, translation: Translation, target: ControllerTarget) -> dict[str, str]:
+    """The files by name, as text. NotTranslated where something is in the way."""
+    check(model, translation)
+    files = {file.name: file.read_text("utf-8") for file in sorted(RUNTIME.iterdir()) if file.suffix in (".h", ".c")}
+    if target.name != "host":
+        del files["host_access.c"]
+    files["machine.h"] = header_of(model, translation, target)
+    files["machine.c"] = source_of(model, translation, target)
+    files["machine_faults.h"] = _faults_header(translation)
+    files["faults.json"] = json.dumps([each._asdict() for each in faults_of(translation)], indent=1) + "\n"
+    for folder in (BOARDS / "common", BOARDS / target.name):
+        files |= {file.name: file.read_text("utf-8") for file in sorted(folder.iterdir())}
+    files["README.md"] = _readme(files.pop("README.md.in", ""), model, translation, target)
+    if target.name == "arduino":
+        files[f"{model.name.lower()}.ino"] = files.pop("sketch.ino")
+    return files
+
+
+def write_folder(files: Mapping[str, str], folder: Path) -> list[str]:
+    """Write the files. What was filled in, io_*.c and the build file, stays as it is where it is there already; the
+    names of these are returned."""
+    folder.mkdir(parents=True, exist_ok=True)
+    kept = [name for name in files if _is_users(name) and (folder / name).exists()]
+    for name, text in files.items():
+        if name not in kept:
+            (folder / name).write_text(text, "utf-8")
+    return kept
+
+
+def _is_users(name: str) -> bool:
+    return name.startswith("io_") or name == "Makefile"
+
+
+def _faults_header(translation: Translation) -> str:
+    lines = [f"#define MACHINE_FAULTS {len(translation.faults)} /* from {FIRST_FAULT} on; below: umo.h */"]
+    for each in translation.faults:
+        lines.append(f"/* {each.number}: {each.kind}: {comment(each.text)} ({comment(each.file)}:{each.line}) */")
+    body = "\n".join(lines)
+    return f"/* machine_faults.h: what the faults of machine_step mean. */\n#ifndef MACHINE_FAULTS\n{body}\n#endif\n"
+
+
+def _readme(text: str, model: ControllerModel, translation: Translation, target: ControllerTarget) -> str:
+    notes = [*model.notes, *translation.notes]
+    if target.real == "float" and (inexact := inexact_as_floats(model.objects)):
+        notes.append(f"floats of 32 bits do not tell all raw integers apart of: {', '.join(inexact)}")
+    told = "".join(f"- {note}\n" for note in notes) or "- Nothing.\n"
+    numbers = {"double": "doubles: equal to the bit with Python", "float": "floats: within one raw step of Python"}
+    return text.replace("@NAME@", model.name).replace("@NUMBERS@", numbers[target.real]).replace("@NOTES@", told)
