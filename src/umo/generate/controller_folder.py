@@ -21,6 +21,11 @@ TARGETS: Mapping[str, ControllerTarget] = {
     "arduino": ControllerTarget("arduino", "float"),
 }
 """The targets by name, with the numbers that they have of their own."""
+TARGET_HEADER = {
+    "double": "/* umo_target.h: numbers are doubles. */\n",
+    "float": "/* umo_target.h: numbers are floats of 32 bits. */\n#define UMO_FLOAT\n",
+}
+"""The file umo_target.h."""
 RUNTIME_FAULTS = (
     ("UMO_UNREAD", "DriverError", "could not be read"),
     ("UMO_UNWRITTEN", "DriverError", "could not be written"),
@@ -65,20 +70,20 @@ def files_of(model: ControllerModel, translation: Translation, target: Controlle
         del files["host_access.c"]
     files["machine.h"] = header_of(model, translation, target)
     files["machine.c"] = source_of(model, translation, target)
+    files["umo_target.h"] = TARGET_HEADER[target.real]
     files["machine_faults.h"] = _faults_header(translation)
     files["faults.json"] = json.dumps([each._asdict() for each in faults_of(translation)], indent=1) + "\n"
-    for folder in (BOARDS / "common", BOARDS / target.name):
-        files |= {file.name: file.read_text("utf-8") for file in sorted(folder.iterdir())}
+    for name in ("common", target.name, *(["lines"] if target.name != "arduino" else [])):
+        files |= {file.name: file.read_text("utf-8") for file in sorted((BOARDS / name).iterdir())}
     files["README.md"] = _readme(files.pop("README.md.in", ""), model, translation, target)
-    if target.name == "arduino":
-        files[f"{model.name.lower()}.ino"] = files.pop("sketch.ino")
     return files
 
 
 def write_folder(files: Mapping[str, str], folder: Path) -> list[str]:
-    """Write the files. What was filled in, io_*.c and the build file, stays as it is where it is there already; the
-    names of these are returned."""
+    """Write the files. What a user fills in, io_board.c and the build file, stays as it is where it is there already;
+    the names of these are returned. A sketch has the name of its folder."""
     folder.mkdir(parents=True, exist_ok=True)
+    files = {f"{folder.resolve().name}.ino" if name == "sketch.ino" else name: text for name, text in files.items()}
     kept = [name for name in files if _is_users(name) and (folder / name).exists()]
     for name, text in files.items():
         if name not in kept:
@@ -87,7 +92,7 @@ def write_folder(files: Mapping[str, str], folder: Path) -> list[str]:
 
 
 def _is_users(name: str) -> bool:
-    return name.startswith("io_") or name == "Makefile"
+    return name.startswith("io_board.") or name == "Makefile"
 
 
 def _faults_header(translation: Translation) -> str:

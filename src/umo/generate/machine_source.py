@@ -19,7 +19,7 @@ HEADER = """\
 #ifndef MACHINE_H
 #define MACHINE_H
 
-{define}#include "umo.h"
+#include "umo.h"
 
 #define MACHINE_NAME "{name}"
 #define MACHINE_PERIOD {period} /* s */
@@ -126,7 +126,6 @@ def header_of(model: ControllerModel, translation: Translation, target: Controll
         name=model.name,
         target=target.name,
         real=target.real,
-        define="" if target.real == "double" else "#define UMO_FLOAT\n",
         period=real(model.period, target),
         inputs=model.inputs,
         outputs=len(model.outputs),

@@ -6,9 +6,12 @@ does not translate is a `Untranslatable`, with its place and the nearest thing t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import inspect
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
+
+from umo.objects import Compound
 
 FIRST_FAULT = 32
 """The first number of a fault of translated code; those below are the runtime's (umo.h)."""
@@ -94,3 +97,14 @@ class Translation:
     notes: list[str] = field(default_factory=list)
     """What is to be said of the C, such as a function that differs in its last bit."""
     problems: list[Untranslatable] = field(default_factory=list)
+
+
+def translate(machine: Compound, functions: Sequence[Callable[..., Any]], target: ControllerTarget) -> Translation:
+    """The functions of a machine in C. Not written yet: each is told as one that does not translate."""
+    return Translation(problems=[_refused(each) for each in functions])
+
+
+def _refused(function: Callable[..., Any]) -> Untranslatable:
+    code = inspect.unwrap(getattr(function, "__func__", function)).__code__
+    reason = "control code is not translated to C yet"
+    return Untranslatable(code.co_filename, code.co_firstlineno, function.__qualname__, reason, "")

@@ -14,6 +14,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "umo_target.h" /* whether UMO_FLOAT is defined */
+
 #if defined(__FAST_MATH__) || (FLT_EVAL_METHOD != 0 && !defined(UMO_FLOAT))
 #error "each operation must be rounded to a double"
 #endif
