@@ -12,10 +12,6 @@ from umo.generate.translation import ControllerTarget
 
 PER_LINE = 8
 """Numbers of a table in a line."""
-KEYWORDS = frozenset(
-    "auto break case char const continue default do double else enum extern float for goto if inline int long register "
-    "restrict return short signed sizeof static struct switch typedef union unsigned void volatile while main".split()
-)
 
 
 def real(number: float, target: ControllerTarget) -> str:
@@ -44,9 +40,8 @@ def truth(value: object) -> str:
 
 
 def identifier(path: str) -> str:
-    """A name in C for a path: `zones_3_heater`."""
-    name = re.sub(r"\W", "_", path, flags=re.ASCII) or "machine"
-    return f"_{name}" if name[0].isdigit() else f"{name}_" if name in KEYWORDS else name
+    """The end of a name in C for a path: `zones_3_heater`."""
+    return re.sub(r"\W", "_", path, flags=re.ASCII)
 
 
 def identifiers(paths: Iterable[str]) -> list[str]:

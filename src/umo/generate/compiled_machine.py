@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 from collections.abc import Sequence
-from ctypes import CDLL, POINTER, c_double, c_int, c_int16, c_int32, c_size_t, c_uint8, c_void_p, create_string_buffer
+from ctypes import CDLL, c_double, c_int, c_int16, c_int32, c_size_t, c_uint8, c_void_p, create_string_buffer
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ def compiler() -> str | None:
 
 
 def compiled(folder: Path, *flags: str) -> Path:
-    """The shared library of a generated folder. DeclarationError with what the compiler says, or where there is none."""
+    """The shared library of a generated folder. DeclarationError with what the compiler says, or if there is none."""
     cc = compiler()
     if cc is None:
         raise DeclarationError("there is no C compiler: none of cc, gcc, clang was found")

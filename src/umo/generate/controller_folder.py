@@ -97,8 +97,10 @@ def _is_users(name: str) -> bool:
 
 def _faults_header(translation: Translation) -> str:
     lines = [f"#define MACHINE_FAULTS {len(translation.faults)} /* from {FIRST_FAULT} on; below: umo.h */"]
-    for each in translation.faults:
-        lines.append(f"/* {each.number}: {each.kind}: {comment(each.text)} ({comment(each.file)}:{each.line}) */")
+    lines += (
+        f"/* {each.number}: {each.kind}: {comment(each.text)} ({comment(each.file)}:{each.line}) */"
+        for each in translation.faults
+    )
     body = "\n".join(lines)
     return f"/* machine_faults.h: what the faults of machine_step mean. */\n#ifndef MACHINE_FAULTS\n{body}\n#endif\n"
 

@@ -144,8 +144,7 @@ def laid_out(root: Compound, wiring: Path | str | Mapping[str, Any] | None = Non
     undo: list[Callable[[], object]] = []
     machine: ConnectedMachine | None = None
     try:
-        for wire in wired.wires:
-            undo.append(wire.apply().apply)
+        undo.extend(wire.apply().apply for wire in wired.wires)
         apply_parameters(root, wired.parameters, undo.append)
         clock = Clock(0.0 if wired.period is None else wired.period)
         image = image_of(wired, clock, len(equipment_in(root)), len(axes_in(root)))
@@ -249,7 +248,9 @@ def _problems(machine: ConnectedMachine, wired: Wired, objects: list[ControllerO
     if wired.period is None:
         yield NotGenerated("", "it has no timer", "declare a DigitalSensor `timer` and wire it with a period")
     if wired.process.outputs != AT_ONCE:
-        yield NotGenerated("", f'its outputs are sent "{wired.process.outputs}"', f'leave out `outputs`, or "{AT_ONCE}"')
+        yield NotGenerated(
+            "", f'its outputs are sent "{wired.process.outputs}"', f'leave out `outputs`, or "{AT_ONCE}"'
+        )
     for rate in wired.rates:
         yield NotGenerated(rate.part._path, "it has a rate of its own", "leave out `every`: one rate a controller")
     for each in machine.equipment.all:

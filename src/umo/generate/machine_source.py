@@ -147,7 +147,9 @@ def _names(prefix: str, objects: Sequence[ControllerObject]) -> str:
     for number, (one, name) in enumerate(zip(objects, identifiers(each.path for each in objects), strict=True)):
         resolution, zero_offset = one.scale
         scale = one.units if one.binary else f"raw * {resolution:g} + {zero_offset:g} {one.units}"
-        lines.append(f"    {prefix}_{name} = {number}, /* {comment(one.path)}: {comment(scale)}; {comment(one.channel)} */\n")
+        lines.append(
+            f"    {prefix}_{name} = {number}, /* {comment(one.path)}: {comment(scale)}; {comment(one.channel)} */\n"
+        )
     return "".join(lines) or f"    {prefix}_NONE\n"
 
 
@@ -168,10 +170,8 @@ def source_of(model: ControllerModel, translation: Translation, target: Controll
 
 
 def _laws(model: ControllerModel, translation: Translation) -> str:
-    lines = []
-    for law in model.laws:
-        lines.append(f"    fault = {translation.entry[law].call()};\n    if (fault)\n        return fault;\n")
-    return "".join(lines)
+    calls = (translation.entry[law].call() for law in model.laws)
+    return "".join(f"    fault = {call};\n    if (fault)\n        return fault;\n" for call in calls)
 
 
 def _tables(model: ControllerModel, target: ControllerTarget) -> Iterator[str]:
