@@ -70,7 +70,7 @@ class CompiledMachine:
 
     def sent(self, failed: Sequence[bool] = ()) -> int:
         """What is in `raws_out` was sent; `failed`: what was not accepted."""
-        self._failed_out[: self._outputs] = [bool(each) for each in failed] or [0] * self._outputs
+        self._failed_out[: self._outputs] = [int(each) for each in failed] or [0] * self._outputs
         return int(self._library.machine_sent(self._machine, self._failed_out))
 
     def stop(self) -> list[int]:
@@ -111,5 +111,5 @@ class CompiledMachine:
         return int(self._library.host_fault_object(self._machine))
 
     def _give(self, raws: Sequence[int], failed: Sequence[Any]) -> None:
-        self._in[: self._inputs] = raws
-        self._failed_in[: self._inputs] = [bool(each) for each in failed] or [0] * self._inputs
+        self._in[: self._inputs] = list(raws)
+        self._failed_in[: self._inputs] = [int(each) for each in failed] or [0] * self._inputs

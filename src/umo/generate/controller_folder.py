@@ -11,6 +11,7 @@ from umo.generate.c_text import comment
 from umo.generate.controller_model import ControllerModel, NotGenerated, inexact_as_floats
 from umo.generate.machine_source import header_of, source_of
 from umo.generate.translation import FIRST_FAULT, CodeFault, ControllerTarget, Translation, Untranslatable
+from umo.system.folders import written
 
 HERE = Path(__file__).parent
 RUNTIME, BOARDS = HERE / "runtime", HERE / "boards"
@@ -81,13 +82,14 @@ def files_of(model: ControllerModel, translation: Translation, target: Controlle
 
 def write_folder(files: Mapping[str, str], folder: Path) -> list[str]:
     """Write the files. What a user fills in, io_board.c and the build file, stays as it is where it is there already;
-    the names of these are returned. A sketch has the name of its folder."""
+    the names of these are returned. A sketch has the name of its folder. OSError where a file cannot be written."""
     folder.mkdir(parents=True, exist_ok=True)
     files = {f"{folder.resolve().name}.ino" if name == "sketch.ino" else name: text for name, text in files.items()}
     kept = [name for name in files if _is_users(name) and (folder / name).exists()]
     for name, text in files.items():
         if name not in kept:
-            (folder / name).write_text(text, "utf-8")
+            with written(folder / name, 0o644) as file:
+                file.write(text.encode())
     return kept
 
 
