@@ -44,8 +44,7 @@ def test_ten_thousand_random_periods_are_equal_to_the_bit(library: Path, seed: i
     with laid_out(machine, wiring_of(machine, box, VirtualTimer(missed), "door", "lamp")) as model:
         following = random_inputs(model, random)
     inputs = [one.path for one in model.objects[: model.inputs]]
-    raws, _ = following()
-    none = [False] * len(inputs)
+    raws, none = [0] * len(inputs), [False] * len(inputs)
     set_inputs(box, inputs, raws, none)
     with running as m:
         model = model_of(running.machine, running.wired)

@@ -71,7 +71,7 @@ class Everything(Compound):
         self.motor.write(plain * 0.1 - 4.0)
         if plain > 20.0:
             self.heater.write(self.smooth.read() * 1.2)
-        self.ramp.write(plain * 0.25 - 12.0)
+        self.ramp.write(plain * 0.24 - 12.0)
         self.valve_position.write(self.table.read())
         self.fragile.write(self.counter.read() * 0.01)
         self.lamp.write(OnOff.ON if value_of(self.encoder, Quality.UNREFERENCED) > 3.0 else OnOff.OFF)
@@ -91,7 +91,7 @@ static umo_fault control(umo_machine *m)
         if ((fault = umo_digital_write(IN(heater), value * (umo_real)1.2, &taken)))
             return fault;
     }
-    if ((fault = umo_digital_write(IN(ramp), plain * (umo_real)0.25 - 12, &taken)))
+    if ((fault = umo_digital_write(IN(ramp), plain * (umo_real)0.24 - 12, &taken)))
         return fault;
     (void)umo_digital_read(IN(table), &value);
     if ((fault = umo_digital_write(IN(valve_position), value, &taken)))
@@ -142,23 +142,28 @@ def _actuator(**changes: Any) -> DigitalActuator:
     return DigitalActuator("V", **given)
 
 
-def everything() -> Everything:
+def everything(beyond: float = 0.0) -> Everything:
+    """`beyond`: time in ms by which the ages that are allowed are longer than whole periods."""
+
+    def age(periods: int) -> str:
+        return f"{periods + beyond} ms"
+
     relay: Any = {"one": OnOff.ON, "default": OnOff.OFF}
     return Everything(
         timer=timer(),
         plain=_sensor(),
-        held=_sensor(on_error="hold", max_age="3 ms"),
+        held=_sensor(on_error="hold", max_age=age(3)),
         marked=_sensor(on_error="mark", invalid_raws=(77, 5)),
-        held_then_marked=_sensor(on_error="mark", max_age="2 ms"),
+        held_then_marked=_sensor(on_error="mark", max_age=age(2)),
         smooth=_sensor(filter="5 ms", on_error="mark"),
         moving=_sensor(velocity="4 ms", on_error="mark"),
         counter=_sensor(maximum=1e5, minimum=-1e5, rollover=12, velocity=0.0, on_error="mark"),
-        encoder=_sensor(incremental=True, on_error="hold", max_age="1 s"),
+        encoder=_sensor(incremental=True, on_error="hold", max_age=age(1000)),
         bent=_sensor(linearization=Polynomial([0.5, 0.9, 0.001], domain=(-10.0, 110.0)), on_error="mark"),
         table=_sensor(
             maximum=9.0, resolution=0.02, on_error="mark", linearization=LookupTable([0, 1, 2, 5], [0.0, 2.0, 3.0, 9.0])
         ),
-        door=BinarySensor(PassFail, one=PassFail.FAIL, on_error="hold", max_age="1 ms"),
+        door=BinarySensor(PassFail, one=PassFail.FAIL, on_error="hold", max_age=age(1)),
         bouncing=BinarySensor(PassFail, one=PassFail.PASS, debounce="3 ms", on_error="mark"),
         motor=_actuator(),
         heater=_actuator(minimum=0.0, maximum=100.0, limits="clamp", expires="4 ms"),
@@ -166,7 +171,7 @@ def everything() -> Everything:
         valve_position=_actuator(
             default=2.5, minimum=2.0, maximum=8.0, limits="clamp", linearization=LookupTable([0, 3, 9], [1.0, 4.0, 9.0])
         ),
-        fragile=_actuator(minimum=-1e3, maximum=1e3, on_error="retry", max_age="3 ms", slew_rate=9000.0),
+        fragile=_actuator(minimum=-1e3, maximum=1e3, on_error="retry", max_age=age(3), slew_rate=9000.0),
         lamp=BinaryActuator(OnOff, **relay),
         pump=BinaryActuator(OnOff, **relay, synchronous=False),
     )

@@ -1,4 +1,4 @@
-/* lines_avr.c: the serial port of an ATmega328P at 38400 baud. Cycles are those of timer 1, to 8 cycles. */
+/* lines_avr.c: the serial port of an ATmega328P at BAUD. Cycles are those of timer 1, to 8 cycles. */
 #include <avr/io.h>
 #include <avr/sleep.h>
 
@@ -7,6 +7,9 @@
 #ifndef F_CPU
 #define F_CPU 16000000UL
 #endif
+#ifndef BAUD
+#define BAUD 38400UL
+#endif
 
 static int ungot = -1;
 static uint16_t spent;
@@ -14,7 +17,7 @@ static bool running;
 
 void line_begin(void)
 {
-    UBRR0 = (uint16_t)(F_CPU / 8 / 38400 - 1);
+    UBRR0 = (uint16_t)(F_CPU / 8 / BAUD - 1);
     UCSR0A = 1 << U2X0;
     UCSR0B = 1 << RXEN0 | 1 << TXEN0;
     TCCR1B = 1 << CS11;
