@@ -100,6 +100,7 @@ MISSED = st.dictionaries(st.integers(1, 800), st.integers(2, 120), max_size=8)
 @settings(max_examples=40)
 @given(missed=MISSED, target=st.sampled_from([10.5, 12.0, 30.0, 60.0]))
 @example(missed={33: 109, 174: 120, 84: 28, 209: 108}, target=12.0)
+@example(missed={71: 28, 218: 80, 252: 85, 423: 106, 483: 31}, target=30.0)  # it moves on beyond the window at the end
 def test_a_servo_keeps_its_limits_whatever_is_missed(missed: dict[int, int], target: float) -> None:
     slide = Late(missed)
     setpoints = run(servo(**LIMITS | GAINS), slide, lambda m: m.x.move_to(target))

@@ -7,10 +7,12 @@ from itertools import pairwise
 from math import inf, nan
 
 import pytest
-from hypothesis import given
+import ruckig
+from hypothesis import given, reject
 from hypothesis import strategies as st
 
 from umo.control import Profile
+from umo.control.profile import MOST_SEGMENTS, Setpoint
 from umo.errors import DeclarationError, RangeError
 
 
@@ -206,3 +208,37 @@ def test_a_motion_over_just_the_distance_in_which_the_largest_acceleration_is_re
         while not profile.done:
             profile.step(0.001)
         assert profile.setpoint.position == pytest.approx(target)
+
+
+@given(
+    start=st.tuples(st.floats(-1.0, 1.0), st.floats(-2.0, 2.0), st.floats(-2.0, 2.0)),
+    target=st.floats(-1.0, 1.0),
+    cruises=st.booleans(),
+    shares=st.lists(st.floats(0.0, 1.2), min_size=5, max_size=5),
+)
+def test_the_segments_give_the_motion_that_the_planner_has_found(
+    start: tuple[float, float, float], target: float, cruises: bool, shares: list[float]
+) -> None:
+    """Also from beyond the limits of velocity and acceleration."""
+    profile = Profile(velocity=1.0, acceleration=1.0, jerk=8.0)
+    profile.setpoint = Setpoint(*start)
+    plan = ruckig.InputParameter(1)
+    plan.current_position, plan.current_velocity, plan.current_acceleration = ([each] for each in start)
+    plan.max_velocity, plan.max_acceleration, plan.max_jerk = [1.0], [1.0], [8.0]
+    if cruises:
+        plan.control_interface, plan.target_velocity = ruckig.ControlInterface.Velocity, [target]
+    else:
+        plan.target_position = [target]
+    trajectory = ruckig.Trajectory(1)
+    try:
+        (profile.at if cruises else profile.to)(target)
+        assert ruckig.Ruckig(1).calculate(plan, trajectory) in (ruckig.Result.Working, ruckig.Result.Finished)
+    except (RangeError, ruckig.RuckigError):  # one in some thousands is planned with a little less acceleration
+        reject()
+    assert profile.duration == pytest.approx(trajectory.duration, abs=1e-9)
+    before = 0.0
+    for time in sorted(share * trajectory.duration for share in shares):
+        found, expected = profile.step(time - before), [each[0] for each in trajectory.at_time(time)]
+        assert found[:2] == pytest.approx(expected[:2], abs=1e-9)
+        before = time
+    assert len(profile.segments) == MOST_SEGMENTS

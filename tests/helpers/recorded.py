@@ -1,8 +1,11 @@
-"""Frames at random, as blocks of a recording."""
+"""Frames at random, as blocks of a recording; messages of protobuf."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 from umo.cycle.events import CommandState, Event
 from umo.frames import Layout
@@ -45,3 +48,11 @@ def block_at_random(layout: Layout, first: int, count: int, seed: int, *, wild: 
     commands = [TakenCommand(3, first, b'{"do": "lease"}'), TakenCommand(4, first, b"")]
     event = NumberedEvent(2, Event(0.5, "z", "Größe", "ann", 3, CommandState.DONE, "set"))
     return Block(frames, entries, commands, 0, 1, 0, [event], {"mode": 0, "holder": "ann"})
+
+
+def decoded(schema: Any, data: bytes) -> Any:
+    """A message as its schema in the file says."""
+    pool = descriptor_pool.DescriptorPool()
+    for file in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
+        pool.Add(file)
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name)).FromString(data)

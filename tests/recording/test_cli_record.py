@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 from typer.testing import Result
 
+from helpers.machines import bench, wired
 from helpers.waiting import until
+from umo import connect, published
+from umo.cli.progress_line import OneLine
 from umo.cli.record_beside import RecordBeside, RecordOrder
 from umo.process import Started
 from umo.process.job import Job
 from umo.recording import Recording, flight_folder
+from umo.recording.flight_folder import FlightFolder
 from umo.recording.record_settings import settings_of
+from umo.testing import Scripted, periods
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux")
 Umo = Callable[..., Result]
@@ -97,15 +104,20 @@ def test_the_wiring_asks_for_a_recording(umo: Umo, tank: Path) -> None:
     assert umo("run", "tank", "--until", "0.5").exit_code == 2
 
 
-def test_a_full_disk_ends_the_record_in_words_and_not_the_run(umo: Umo, monkeypatch: pytest.MonkeyPatch) -> None:
-    write, room = os.pwrite, 45_000
+def limit_files(patch: pytest.MonkeyPatch, room: int) -> None:
+    """A disk on which files can have so many bytes at most."""
+    write = os.pwrite
 
     def pwrite(file: int, data: memoryview, at: int) -> int:
         if at >= room:
             raise OSError(errno.ENOSPC, "No space left on device")
         return write(file, data[: room - at], at)
 
-    monkeypatch.setattr(os, "pwrite", pwrite)
+    patch.setattr(os, "pwrite", pwrite)
+
+
+def test_a_full_disk_ends_the_record_in_words_and_not_the_run(umo: Umo, monkeypatch: pytest.MonkeyPatch) -> None:
+    limit_files(monkeypatch, 45_000)
     monkeypatch.setattr("umo.recording.recorder.WRITE_PAUSE", 0.0)
     result = umo("run", "conveyor", "--until", "5", "--no-record", "--record", "run.mcap")
     told = result.stderr.replace("\n", " ")
@@ -114,6 +126,33 @@ def test_a_full_disk_ends_the_record_in_words_and_not_the_run(umo: Umo, monkeypa
     with Recording("run.mcap") as recording:
         assert recording.is_whole and not recording.ended
         assert f"recorded: run.mcap ({len(recording.frames())} periods" in told and len(recording.frames()) > 100
+
+
+@pytest.mark.parametrize("room", [20_000, 45_000])
+def test_what_a_flight_recorder_has_stays_when_its_disk_is_full(
+    umo: Umo, monkeypatch: pytest.MonkeyPatch, room: int
+) -> None:
+    with monkeypatch.context() as patch:
+        limit_files(patch, room)
+        patch.setattr("umo.recording.recorder.WRITE_PAUSE", 0.0)
+        words = ("--no-record", "--record", "x.mcap", "--last", "1 min")
+        told = umo("run", "conveyor", "--until", "5", *words).stderr.replace("\n", " ")
+    begun = "the record ends here, the machine runs on" in told
+    assert begun is ("nothing is recorded: x.mcap" not in told) is (room == 45_000)
+    assert begun is ("its files stay: umo record --save conveyor" in told)
+    assert len(flight_folder.all_folders()) == begun
+    if begun:
+        monkeypatch.setattr(FlightFolder, "is_written", False)
+        assert "its recorder has ended" in umo("record", "--save", "conveyor", "saved.mcap").stdout
+        with Recording("saved.mcap") as recording:
+            assert recording.is_whole and len(recording.frames()) > 100
+
+
+def test_a_failed_run_has_a_black_box_in_its_recording(umo: Umo) -> None:
+    umo("run", "ztheta", "--no-record", "--record", "run.mcap", "--fault", "z.encoder disconnect at 1 s")
+    with Recording("run.mcap") as recording:
+        (box,) = recording.black_boxes
+        assert "z.encoder" in box.reason and box.first + box.periods == recording.frames()["sequence"][-1] // 2
 
 
 def test_garbage_is_told_in_one_line(umo: Umo, tmp_path: Path) -> None:
@@ -132,6 +171,68 @@ def test_settings_that_cannot_be_are_refused(table: dict[str, object]) -> None:
 
     with pytest.raises(OptionError, match="record: "):
         settings_of(table)
+
+
+# A station that runs already -----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def bench_runs() -> Iterator[Callable[[], None]]:
+    """A station of this process; the function runs a period more."""
+    m = bench()
+    connection = connect(m, wired(m, Scripted()))
+    with connection, published(connection, "press", "rig", job={"station": "press"}):
+        periods(m, 20)
+        yield lambda: periods(m, 1)
+
+
+class CtrlC:
+    """Comes after some pauses of the recorder."""
+
+    def __init__(self, patch: pytest.MonkeyPatch, at_pause: Callable[[], None], pauses: int = 5) -> None:
+        self._left, self._at_pause = pauses, at_pause
+        patch.setattr("umo.cli.record._stop_on_signals", lambda: self)
+        patch.setattr("umo.cli.record.step_back", lambda: None)
+
+    def is_set(self) -> bool:
+        return self._left <= 0
+
+    def wait(self, seconds: float) -> None:
+        self._left -= 1
+        self._at_pause()
+
+
+def test_recording_a_running_station_says_what_it_does_and_how_to_end_it(
+    umo: Umo, bench_runs: Callable[[], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    CtrlC(monkeypatch, bench_runs)
+    result = umo("record", "press", "run.mcap")
+    assert result.exit_code == 0, result.stderr
+    assert "records press (rig) (running for 0 s) in run.mcap; Ctrl-C ends the record" in result.stdout
+    assert "recorded: run.mcap (25 periods" in result.stderr.replace("\n", " ")
+
+
+def test_a_flight_recorder_beside_a_running_station_leaves_nothing_when_it_is_stopped(
+    umo: Umo, bench_runs: Callable[[], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    CtrlC(monkeypatch, bench_runs)
+    result = umo("record", "press", "run.mcap", "--last", "1 min")
+    told = result.stdout.replace("\n", " ")
+    assert "keeps the last 60 s of press (rig)" in told and "umo record --save press" in told
+    assert "has ended before the run, and leaves nothing" in result.stderr.replace("\n", " ")
+    assert result.exit_code == 0 and not list(Path().glob("*.mcap")) and not flight_folder.all_folders()
+
+
+def test_what_a_recorder_has_done_so_far_is_in_words(
+    umo: Umo, bench_runs: Callable[[], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[str] = []
+    monkeypatch.setattr("umo.cli.record.err", Console(file=io.StringIO(), force_terminal=True))
+    monkeypatch.setattr(OneLine, "show", lambda self, seconds, text, share: shown.append(text))
+    monkeypatch.setattr("umo.recording.recorder.WRITE_PAUSE", 0.0)
+    CtrlC(monkeypatch, bench_runs, 50)
+    assert umo("record", "press", "run.mcap").exit_code == 0
+    assert shown[0].startswith("0 periods, 0.0 MB") and "periods, 0." in shown[-1] and len(shown) == 50
 
 
 # In real time -------------------------------------------------------------------------------------------

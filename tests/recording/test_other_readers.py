@@ -7,19 +7,25 @@ import re
 import shutil
 import subprocess
 from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from google.protobuf import descriptor_pb2
 from mcap.reader import make_reader
 
 from helpers import npm
-from helpers.recorded import block_at_random, layout_of
+from helpers.recorded import block_at_random, decoded, layout_of
 from umo.frames import Layout
+from umo.recording import Recording
+from umo.recording.copying import repair
+from umo.recording.mcap_reader import McapReader
 from umo.recording.protobuf_channels import ProtobufChannels
 from umo.recording.recording_file import RecordingFile
+from umo.tables.dataset import attributes
 
 PARTS = Layout(
     (
@@ -39,13 +45,6 @@ PARTS = Layout(
     axes=({"path": "z", "states": ["disabled", "standstill"]},),
     alarms=({"path": "hot", "states": ["normal"]},),
 )
-
-
-def decoded(schema: Any, data: bytes) -> Any:
-    pool = descriptor_pool.DescriptorPool()
-    for file in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
-        pool.Add(file)
-    return message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name)).FromString(data)
 
 
 def test_the_machine_is_nested_like_its_tree_with_states_as_enums(tmp_path: Path) -> None:
@@ -104,6 +103,29 @@ def test_events_commands_and_progress_have_channels(tmp_path: Path) -> None:
     assert [each.text for each in told["commands"]] == ['{"do": "lease"}', "{}"]
 
 
+def test_units_of_ten_thousand_numbers_are_there_and_are_not_written_again_each_second(
+    tmp_path: Path,
+) -> None:
+    objects = ({"path": f"zones.{i}.heat", "unit": "W", "minimum": 0.0, "maximum": i + 1.0} for i in range(10_000))
+    many = replace(PARTS, objects=tuple(objects))
+    file = RecordingFile(tmp_path / "run.mcap", many, ProtobufChannels(many))
+    file.add([block_at_random(many, 0, 2, 1)])
+    file.add([block_at_random(many, 2, 2, 1)])
+    file.close()
+    with open(tmp_path / "run.mcap", "rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        units = next(record.metadata for record in reader.iter_metadata() if record.name == "units")
+        summary = reader.get_summary()
+    assert len(units) == 10_001 and units["zones.9999.heat"] == "W, 0 to 10000" and units["z.servo.error"] == "um"
+    assert summary is not None
+    told = next(channel.metadata for channel in summary.channels.values() if channel.topic == "machine")
+    assert told == {"units": "in the metadata record units"}
+    content = (tmp_path / "run.mcap").read_bytes()
+    assert content.count(b"W, 0 to 10000") == 1 and content.find(b"W, 0 to 10000") < McapReader(file.path).chunks[0]
+    with Recording(tmp_path / "run.mcap") as recording:
+        assert [attributes(each)["units"] for each in recording.layout.objects] == ["W"] * 10_000
+
+
 # Readers of other projects ------------------------------------------------------------------------------
 
 CORE = Path(__file__).parent / "mcap_core"
@@ -146,3 +168,46 @@ def test_rerun_converts_it_message_by_message(tmp_path: Path) -> None:
     shown = subprocess.run([rerun, "rrd", "print", out], check=True, capture_output=True, text=True).stdout
     rows = re.findall(r"with (\d+) rows .* - /machine - data columns: \[umo\.Machine:message\]", shown)
     assert sum(map(int, rows)) == counts["machine"]
+
+
+def counted_by_core(path: Path) -> int | None:
+    """Messages of `machine` that the reader of Foxglove finds; None: it refuses the file."""
+    command = ["node", str(CORE / "read.cjs"), str(npm.modules(CORE)), str(path)]
+    done = subprocess.run(command, capture_output=True, timeout=60)
+    return None if done.returncode else int(json.loads(done.stdout)["counts"].get("machine", 0))
+
+
+def counted_by_rerun(path: Path) -> int | None:
+    """Messages of `machine` that Rerun converts; None: it refuses the file."""
+    rerun, out = os.environ.get("UMO_RERUN") or shutil.which("rerun"), path.with_suffix(".rrd")
+    if rerun is None:
+        pytest.skip("the test with Rerun needs its command: pip install rerun-sdk, or UMO_RERUN with its path")
+    out.unlink(missing_ok=True)
+    done = subprocess.run([rerun, "mcap", "convert", path, "-o", out], capture_output=True, text=True)
+    if done.returncode or not out.exists():
+        return None
+    shown = subprocess.run([rerun, "rrd", "print", out], check=True, capture_output=True, text=True).stdout
+    rows = re.findall(r"with (\d+) rows .* - /machine - data columns: \[umo\.Machine:message\]", shown)
+    return sum(map(int, rows))
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("counted", [counted_by_core, counted_by_rerun])
+def test_others_refuse_a_cut_file_or_read_no_more_than_umo_and_as_much_once_it_is_repaired(
+    tmp_path: Path, counted: Callable[[Path], int | None]
+) -> None:
+    sample(tmp_path / "run.mcap")
+    content, cut = (tmp_path / "run.mcap").read_bytes(), tmp_path / "cut.mcap"
+    first = McapReader(tmp_path / "run.mcap").chunks[0]
+    refused = 0
+    for at in np.linspace(first + 100, len(content) - 1, 16).astype(int).tolist():
+        cut.write_bytes(content[:at])
+        with Recording(cut) as recording:
+            periods = len(recording.frames())
+        found = counted(cut)
+        refused += found is None
+        assert found is None or found <= periods
+        repair(cut)
+        if periods:
+            assert counted(cut) == periods
+    print(f"{refused} of 16 cut files are refused")

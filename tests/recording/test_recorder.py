@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from helpers.machines import bench, wired
+from helpers.recorded import block_at_random, layout_of
 from umo import connect, published
 from umo.cycle.client_control import ClientControl
 from umo.frames import Reader, Ring
@@ -154,3 +155,24 @@ def test_a_rotated_recording_is_one_and_keeps_what_replay_needs(tmp_path: Path, 
             full = [block.is_full for block in recording.blocks()]
             assert full[-1] and all(full) is (limits.keep is None)
             assert (frames["raws"] == reader.last(300)["raws"]).all()
+
+
+def test_a_flight_recorder_of_days_begins_a_file_each_hour_as_its_end_grows_with_each_second(tmp_path: Path) -> None:
+    layout = layout_of()
+    parts = RecordingParts(tmp_path / "run.mcap", layout, settings=RecordSettings(last=10 * 86400.0, rotate=2.0))
+    for number in range(10):
+        parts.add([block_at_random(layout, 1000 * number, 1000, number)])
+    parts.close()
+    assert len(parts.paths) == 4
+
+
+def test_a_recorder_that_is_stopped_before_the_run_does_not_take_it_for_failed(tmp_path: Path) -> None:
+    with running() as (m, _, reader):
+        parts = RecordingParts(tmp_path / "run.mcap", reader.layout)
+        recorder = Recorder(reader, parts)
+        periods(m, 10)
+        recorder.finish()
+        parts.close()
+        assert not recorder.failed
+    with Recording(tmp_path / "run.mcap") as recording:
+        assert not recording.black_boxes and not recording.ended

@@ -1,5 +1,6 @@
 """The file: blocks come back bit by bit, and it is whole after each write."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from helpers.recorded import block_at_random, layout_of
 from umo.errors import FramesError
 from umo.recording import Block, LostFrames, Recording
 from umo.recording.block import block_of, columns_message, exact_message
+from umo.recording.copying import join, thin
 from umo.recording.recording_file import RecordingFile
 
 
@@ -102,3 +104,16 @@ def test_another_file_is_an_error_in_one_line(tmp_path: Path) -> None:
         assert "\n" not in str(error.value)
     with pytest.raises(FramesError, match="No such file"):
         Recording(tmp_path / "none.mcap")
+
+
+def test_nobody_else_reads_a_file_which_has_commands_with_their_keys(tmp_path: Path) -> None:
+    mask = os.umask(0)
+    try:
+        file = RecordingFile(tmp_path / "run.mcap", layout_of())
+        file.add([block_at_random(layout_of(), 0, 3, 1)])
+        file.close()
+        join([tmp_path / "run.mcap"], tmp_path / "joined.mcap")
+        thin(tmp_path / "run.mcap")
+    finally:
+        os.umask(mask)
+    assert {each.stat().st_mode & 0o777 for each in tmp_path.iterdir()} == {0o600}

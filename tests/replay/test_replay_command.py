@@ -12,6 +12,7 @@ import pytest
 from typer.testing import Result
 
 from helpers.tapes import OVEN, changed_conveyor, recorded, save
+from umo.recording import Recording
 from umo.replay.tape import NotReplayable
 from umo.testing import assert_replays
 
@@ -71,6 +72,16 @@ def test_a_mistake_is_told_in_a_line(umo: Umo, conveyor: Path, given: list[str],
     assert told in result.stderr and len(result.stderr.splitlines()) <= 2, result.stderr
 
 
+@pytest.mark.parametrize("given", [["--at", "1 s"], ["--break", "period > 5"]])
+def test_the_debugger_is_refused_in_a_line_where_there_are_no_forks(
+    umo: Umo, conveyor: Path, given: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("umo.replay.snapshots.POSSIBLE", False)
+    result = umo("replay", str(conveyor), *given)
+    assert result.exit_code == 2 and len(result.stderr.splitlines()) == 1, result.stderr
+    assert "need Linux" in result.stderr
+
+
 @pytest.mark.parametrize("content", [b"", b"nothing", b"\x89MCAP0\r\n", os.urandom(3000)])
 def test_a_file_that_is_no_recording_is_told_in_a_line(umo: Umo, tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "some.mcap"
@@ -120,10 +131,35 @@ def test_the_order_of_hashes_is_that_of_the_recording(tmp_path: Path) -> None:
         assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.full
+@pytest.mark.parametrize("outside", [None, "3"])
+def test_a_recorded_run_in_virtual_time_has_a_fixed_order_of_hashes(outside: str | None, tmp_path: Path) -> None:
+    """That of a run in real time, unless another one is set; it is replayed whatever the caller has."""
+    station, file = hashed_station(tmp_path), tmp_path / "run.mcap"
+    environ = {name: value for name, value in os.environ.items() if name != "PYTHONHASHSEED"}
+    umo = [sys.executable, "-m", "umo_command"]
+    command = [*umo, "run", str(station), "--no-plot", "--record", str(file)]
+    seed = {} if outside is None else {"PYTHONHASHSEED": outside}
+    done = subprocess.run(command, cwd=tmp_path, env=environ | seed, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    with Recording(file) as recording:
+        assert recording.about["initial"]["hash_seed"] == (outside or "0")
+    assert len(list(tmp_path.glob("runs/*"))) == 1
+    for other in ({}, {"PYTHONHASHSEED": "5"}):
+        replayed = [*umo, "replay", str(file)]
+        done = subprocess.run(replayed, cwd=tmp_path, env=environ | other, capture_output=True, text=True)
+        assert done.returncode == 0 and "identical" in done.stdout, done.stdout + done.stderr
+
+
 def record_hashed(folder: str, file: str) -> None:
-    station = Path(folder, "hashed")
+    save(recorded(str(hashed_station(Path(folder)))), Path(file))
+
+
+def hashed_station(folder: Path) -> Path:
+    """A station whose application depends on the order of hashes."""
+    station = folder / "hashed"
     if not station.exists():
         station.mkdir()
         (station / "objects.py").write_text(OVEN)
         (station / "application.py").write_text(HASHED)
-    save(recorded(str(station)), Path(file))
+    return station

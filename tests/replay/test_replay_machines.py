@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from helpers.flaky import Flaky, loop
 from helpers.machines import Bench, actuator, bench, relay, sensor, switch, timer, wired
 from helpers.operator import Operator
 from helpers.tapes import Case, listen, taped
@@ -25,6 +26,7 @@ from umo import (
     DigitalActuator,
     DigitalSensor,
     Number,
+    Quality,
     Range,
     UmoError,
     action,
@@ -33,7 +35,7 @@ from umo import (
 )
 from umo.control import next_period
 from umo.cycle.client_commands import DEAD_MAN_REASON
-from umo.errors import ChannelsFailed, DeviceTimeout, DriverError
+from umo.errors import ChannelsFailed, DriverError
 from umo.recording.block import Block
 from umo.replay.hands import LEASE_ENDED
 from umo.replay.program import Program
@@ -42,29 +44,6 @@ from umo.replay.tape import NotReplayable
 from umo.states import OnOff, PassFail
 from umo.testing import Scripted, VirtualTimer, periods
 from umo.wiring import resolve
-
-
-class Flaky(Scripted):
-    """A circuit whose readings are random, and whose calls fail at random."""
-
-    def __init__(self, seed: int, share: float = 0.1) -> None:
-        super().__init__()
-        self.random, self.share, self.quiet = Random(seed), share, True
-
-    def _call(self, segment: str, channels: Any = (), raws: Any = ()) -> Any:
-        random = self.random
-        if not self.quiet and random.random() < self.share:
-            failed = random.sample([channel.text for channel in channels], min(len(channels), 1))
-            raise random.choice(
-                [DriverError("dead"), DeviceTimeout("slow"), ChannelsFailed(dict.fromkeys(failed, "cut")), OSError()]
-            )
-        return super()._call(segment, channels, raws)
-
-    def _reading(self, channel: Any, replaced: Any) -> Any:
-        return self.random.randrange(2 if channel.text.endswith(("limit", "door")) else 250)
-
-    def look(self) -> bool | None:
-        return self.random.choice([True, False, None])
 
 
 class Unit(Compound, equipment=True):
@@ -136,15 +115,6 @@ def restless() -> Restless:
         unit=unit(Unit),
         slow=unit(SlowUnit),
     )
-
-
-def loop(count: int) -> Any:
-    def run(m: Any) -> None:
-        for _ in range(count):
-            with suppress(DriverError):  # the next period follows
-                periods(m)
-
-    return run
 
 
 def case(seed: int, share: float, count: int = 300, **process: Any) -> Case:
@@ -400,6 +370,30 @@ def test_a_program_that_updates_twice_in_a_period_is_repeated() -> None:
     assert result.identical and result.periods == len(tape.frames) == 57, str(result)
 
 
+@pytest.mark.parametrize("failed", [1, 2])
+@pytest.mark.parametrize("error", [OSError("dead"), ChannelsFailed({"encoder": "cut"})], ids=["whole", "channel"])
+def test_of_two_transfers_of_a_block_in_a_period_the_one_fails_that_has_failed(failed: int, error: Exception) -> None:
+    """A block that succeeds has no entries: those of the second one must not be taken for those of the first."""
+    box = Scripted({"encoder": [n % 200 for n in range(400)]})
+
+    def loop(m: Any) -> None:
+        for number in range(20):
+            m.timer.read()
+            for again in (1, 2):
+                box.broken = error if number == 10 and again == failed else None
+                with suppress(DriverError):
+                    m.sample()
+                box.broken = None
+                good = m.encoder.quality is Quality.GOOD
+                m.motor.write(m.encoder.read() / 20.0 if good else -float(again))
+            m.update()
+
+    each = Case(lambda: bench(encoder=sensor(on_error="mark")), lambda machine: wired(machine, box), loop)
+    tape = each.record()
+    result = each.replay(tape)
+    assert result.identical and result.periods == 20, str(result)
+
+
 def test_wall_clock_random_numbers_and_the_order_of_hashes_are_noticed() -> None:
     def loop(read: Callable[[], float]) -> Any:
         def run(m: Any) -> None:
@@ -459,17 +453,6 @@ def test_a_machine_with_other_objects_is_refused_in_one_line() -> None:
     tape = doubled().record()
     with pytest.raises(NotReplayable, match="the machine of today has no object encoder"):
         Case(lambda: Lone(timer=timer()), lambda m: wired(m, Scripted()), drive).replay(tape)
-
-
-def test_a_driver_off_the_cycle_is_refused_in_one_line() -> None:
-    def wiring(m: Any) -> Any:
-        made = wired(m, Scripted())
-        made["drivers"]["box"] = {"type": "simulated", "off_cycle": True, "period": "5 ms"}
-        return made
-
-    each = Case(bench, wiring, lambda m: periods(m, 20))
-    with pytest.raises(NotReplayable, match="driver box is off the cycle"):
-        each.replay(each.record())
 
 
 class Lone(Compound):

@@ -225,6 +225,7 @@ from . import (  # noqa: E402  (their commands)
     app_replay,  # noqa: F401
     app_running,  # noqa: F401
     app_service,  # noqa: F401
+    app_tuning,  # noqa: F401
     app_wiring,  # noqa: F401
 )
 

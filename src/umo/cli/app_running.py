@@ -347,7 +347,8 @@ def why(
     ] = None,
     now: Annotated[bool, typer.Option("--now", help="First write a black box of the running station.")] = False,
     file: Annotated[
-        Path | None, typer.Option(metavar="FILE.box", help="Read this black box instead of the newest one.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Read this black box, or those of a recording."),
     ] = None,
 ) -> None:
     """Show why periods were missed: the newest black box, the duration of each phase, and the cause.

@@ -11,10 +11,12 @@ from typing import Any
 
 from umo.errors import FramesError, OptionError, UmoError, text_of
 from umo.exit_status import ExitStatus
-from umo.presentation.durations import duration
+from umo.frames import Reader
+from umo.presentation.durations import duration, lasting
 
 from .background import step_back
-from .console import out, say
+from .console import err, out, say
+from .progress_line import OneLine
 from .record_beside import SUFFIX, check_installed, order_of
 
 
@@ -26,15 +28,43 @@ def record_station(station: str, file: Path | None, changes: Mapping[str, Any]) 
 
     from .record_work import RecordingWork, record_to_the_end
 
+    stop = _stop_on_signals()
+    with find_running(station, say) as reader:
+        step_back()
+        settings = RecordSettings(**order.settings)
+        work, began = RecordingWork(reader, order.file, settings, say), time.monotonic()
+        out.print(_opening(reader, order.file, settings.last), soft_wrap=True)
+        with OneLine(err) as line:
+
+            def pause(seconds: float) -> None:
+                if err.is_terminal:
+                    line.show(time.monotonic() - began, work.progress, None)
+                stop.wait(seconds)
+
+            record_to_the_end(work, stop.is_set, pause)
+    return ExitStatus.NOT_RECORDED if work.failed else 0
+
+
+def _stop_on_signals() -> threading.Event:
+    """Set by Ctrl-C and SIGTERM."""
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    with find_running(station, say) as reader:
-        step_back()
-        work = RecordingWork(reader, order.file, RecordSettings(**order.settings), say)
-        out.print(f"records {reader.about['station']}; Ctrl-C ends the record, the machine runs on", soft_wrap=True)
-        record_to_the_end(work, stop.is_set, stop.wait)
-    return ExitStatus.NOT_RECORDED if work.failed else 0
+    return stop
+
+
+def _opening(reader: Reader, file: Path, last: float | None) -> str:
+    """What is recorded, and how to end it."""
+    frame = reader.latest()
+    name, since = reader.title, 0.0 if frame is None else float(frame["time"])
+    state = f"{reader.state} for {lasting(since)}"
+    if last is None:
+        return f"records {name} ({state}) in {file}; Ctrl-C ends the record, the machine runs on"
+    station = reader.about["station"]
+    return (
+        f"keeps the last {duration(last)} of {name} ({state}): umo record --save {station} saves them, a failed end "
+        "too; Ctrl-C ends the flight recorder, the machine runs on"
+    )
 
 
 def save_flight(station: str, file: Path | None) -> int:
@@ -51,7 +81,7 @@ def save_flight(station: str, file: Path | None) -> int:
         frames = sum(len(block.frames) for block in recording.blocks(full=False))
     out.print(f"saved: {order.file} ({frames} periods)", soft_wrap=True)
     if not folder.is_written:
-        out.print("its recorder was killed: these are the last seconds that it had written", soft_wrap=True)
+        out.print("its recorder has ended: this is what it had written", soft_wrap=True)
     return 0
 
 

@@ -39,7 +39,12 @@ class RecordingWork:
         if settings.last is not None:
             self._folder = flight_folder.new(str(reader.about["station"]), int(reader.about["pid"]), os.getpid())
         path = file if self._folder is None else self._folder.file
-        self._parts = RecordingParts(path, reader.layout, ProtobufChannels(reader.layout, settings.rate), settings)
+        try:
+            self._parts = RecordingParts(path, reader.layout, ProtobufChannels(reader.layout, settings.rate), settings)
+        except OSError:
+            if self._folder is not None:
+                self._folder.remove()
+            raise
         self._thread = ThreadPoolExecutor(1, "umo record") if threaded else None
         self._recorder = Recorder(reader, self._parts, thread=self._thread)
         self.is_over = False
@@ -51,6 +56,14 @@ class RecordingWork:
     def pause(self) -> float:
         """s to the next look."""
         return self._recorder.pause
+
+    @property
+    def progress(self) -> str:
+        """What there is so far, in words."""
+        words = [f"{self._recorder.periods:,} periods", f"{self._parts.size / 1e6:.1f} MB"]
+        if self._recorder.lost:
+            words.append(f"{self._recorder.lost:,} periods lost")
+        return ", ".join(words)
 
     def look(self) -> None:
         """Take and write what is new. It is over when the run is, or the disk is full."""
@@ -110,7 +123,12 @@ class RecordingWork:
 
     def _land(self, folder: FlightFolder) -> None:
         """Save what the flight recorder has if the run has failed; remove its files."""
-        if self._recorder.failed and self._recorder.periods:
+        if self.failed and self._recorder.periods:
+            self._say(f"its files stay: umo record --save {folder.station}")
+            return
+        if not self._recorder.has_ended:
+            self._say("the flight recorder has ended before the run, and leaves nothing")
+        elif self._recorder.failed and self._recorder.periods:
             try:
                 folder.save(self._file)
             except (OSError, UmoError) as error:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,10 +16,10 @@ from umo.replay.replaying import Replay
 from umo.replay.stops import BreakCondition, Stop
 from umo.replay.tape import NotReplayable, Tape, events_of
 from umo.replay.what_if import RawCurves
-from umo.system.processes import HASH_SEED
 
 from .console import err, out, say
 from .progress_line import OneLine
+from .shared import begin_again
 
 LOOK_PERIODS = 199
 """Periods between two looks at the progress."""
@@ -62,13 +60,6 @@ def setting(text: str) -> tuple[str, Any]:
         return path.strip(), value.strip()
 
 
-def begin_again(seed: str) -> None:
-    """Begin this command once more with the hash seed of the recording, which is read where a process starts. Does
-    nothing where `umo` is not a process of its own."""
-    if Path(sys.argv[0]).stem in ("umo", "umo_command") and sys.orig_argv[1:2] != ["-c"]:
-        os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], os.environ | {HASH_SEED: seed})
-
-
 class ReplayProgress:
     """An observer that shows how far a replay is."""
 
@@ -101,6 +92,10 @@ def _replay(tape: Tape, file: Path, station: str | None, settings: Mapping[str, 
 def _debug(
     tape: Tape, station: str | None, settings: Mapping[str, object], stop: Stop | None, condition: BreakCondition | None
 ) -> int:
+    from umo.replay import snapshots
+
+    if not snapshots.POSSIBLE:
+        raise NotReplayable("--at and --break need Linux: the debugger goes back by forks of its process")
     from umo.replay.debugger import DebuggedReplay
     from umo.replay.snapshots import Runner, SnapshotList
 

@@ -23,7 +23,7 @@ from umo.text import shown_path
 
 from .console import err, out, say
 from .progress_line import OneLine
-from .replay_run import begin_again
+from .shared import begin_again
 
 RECORDING, TEST = ".mcap", ".py"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import signal
 import time
@@ -19,7 +20,8 @@ from umo.exit_status import ExitStatus
 from umo.process import kept_values
 from umo.process.job import Job, Plan
 from umo.process.outcome import Failed, Outcome, plain, plain_reports
-from umo.process.start import LINUX
+from umo.process.start import FIXED_HASHES, LINUX
+from umo.system.processes import HASH_SEED
 
 from .console import err, out, say
 from .faces_beside import FacesBeside, faces_of, wiring_of
@@ -29,7 +31,7 @@ from .progress_line import RunProgressLine
 from .record_beside import SUFFIX, RecordBeside, RecordOrder, order_of
 from .record_virtual import RecordedVirtual
 from .run_folder import RUNS, NotRecorded, RunFolder, RunSummary, TraceFile, whole
-from .shared import handling, interrupt_once
+from .shared import begin_again, handling, interrupt_once
 from .values import check_file
 
 STILL_TIME = 600.0
@@ -65,6 +67,8 @@ def run_station(job: Job, record: Record = Record(), *, full_traceback: bool = F
     """
     check_file("--summary", record.summary)
     plan = Plan(job)
+    if _is_recorded(plan, record) and not _has_processes(plan) and HASH_SEED not in os.environ:
+        begin_again(FIXED_HASHES[HASH_SEED])  # as the processes of a run in real time: a replay repeats the run
     faces = faces_of(wiring_of(plan), plan.wired.faces) if serve else {}
     if job.options.get("realtime") and not plan.wired.paced and not job.manual:
         say("--realtime has no effect: the timer of this wiring is a real-time timer")
@@ -133,7 +137,7 @@ def _run(
     result = RunSummary(Statistics(), injected=() if plan.wired.injection is None else plan.wired.injection.texts)
     with RunProgressLine(err) as shown:
         observers: list[Any] = [result.statistics, trace, shown, *([] if parts is None else [parts])]
-        if not (plan.wired.realtime and LINUX):
+        if not _has_processes(plan):
             with RecordedVirtual(order) as recorded:
                 _drive(plan, result, observers, recorded)
             return result, recorded.complete
@@ -165,10 +169,19 @@ def _fail(failure: Failed, full_traceback: bool) -> int:
     return failure.status
 
 
+def _has_processes(plan: Plan) -> bool:
+    """Whether it runs in processes of its own."""
+    return plan.wired.realtime and LINUX
+
+
+def _is_recorded(plan: Plan, record: Record) -> bool:
+    asked = record.recording is not None or bool(record.recording_settings)
+    return asked or (plan.wired.record is not None and record.folder)
+
+
 def _recording(plan: Plan, record: Record, folder: RunFolder | None) -> RecordOrder | None:
     """The recording that the command line or the wiring asks for; None: neither does. OptionError for a mistake."""
-    asked = record.recording is not None or bool(record.recording_settings)
-    if not asked and (plan.wired.record is None or not record.folder):
+    if not _is_recorded(plan, record):
         return None
     given = None if record.recording in (None, Path()) else record.recording
     name = f"{plan.name}-{time.strftime('%Y%m%d-%H%M%S')}{SUFFIX}"

@@ -20,6 +20,7 @@ from typer.core import TyperCommand, TyperGroup
 from umo.cycle.stopping import SIGNALS, signal_name
 from umo.errors import UmoError, text_of
 from umo.exit_status import ExitStatus
+from umo.system.processes import HASH_SEED
 from umo.text import did_you_mean
 
 from .console import err
@@ -234,3 +235,10 @@ def interrupt_once(number: int, frame: FrameType | None) -> None:
     for each in SIGNALS:
         signal.signal(each, signal.SIG_IGN)
     raise KeyboardInterrupt(signal_name(number))
+
+
+def begin_again(seed: str) -> None:
+    """Begin this command once more with another hash seed, which is read where a process starts. Does nothing
+    where `umo` is not a process of its own."""
+    if Path(sys.argv[0]).stem in ("umo", "umo_command") and sys.orig_argv[1:2] != ["-c"]:
+        os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], os.environ | {HASH_SEED: seed})

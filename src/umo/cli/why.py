@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.table import Table
@@ -17,12 +17,16 @@ from umo.latency import blackbox
 from umo.latency.causes import AFTER, WAKE, counts, explain_all, sentences, split
 from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
-from umo.presentation.run_facts import clock_text
+from umo.presentation.run_facts import clock_text, title
 from umo.remote.search import frames_at, reading, station_name
-from umo.text import did_you_mean, printable
+from umo.text import Moment, did_you_mean, printable
 
 from .console import out
 from .ps import attach, how_to_clear
+from .record_beside import SUFFIX, check_installed
+
+if TYPE_CHECKING:
+    from umo.recording import Recording
 
 PERIODS_BEFORE = 2
 """Periods shown before the one that reports the miss."""
@@ -36,6 +40,9 @@ def why(station: str | None, now: bool, file: Path | None) -> int:
         file = _keep(station)
     elif file is None:
         file = _newest(station)
+    elif file.suffix == SUFFIX:
+        _report_recording(file)
+        return 0
     with frames_at(file) as reader, reading(file):
         _report(reader, file, now)
     return 0
@@ -91,7 +98,28 @@ def _report(reader: Reader, file: Path, now: bool) -> None:
     out.print(str(file), style="dim")
 
 
-def _parts(reader: Reader, frames: Any) -> tuple[list[str], Any]:
+def _report_recording(file: Path) -> None:
+    """The black boxes of a recording, and the periods around the last missed one."""
+    check_installed()
+    from umo.recording import Recording
+
+    with Recording(file) as recording:
+        boxes, about = recording.black_boxes, recording.about
+        if not boxes:
+            raise FramesError(f"{file} has no black box: no period was missed, and its run has not failed")
+        name = title(about["station"], about.get("wiring"))
+        for box in boxes[-MAX_VERDICTS:]:
+            out.print(f"{name}, {Moment.at(box.time)}: {printable(box.reason)}", soft_wrap=True)
+            for line in box.text.splitlines():
+                out.print(f"  {line}", style="bold", soft_wrap=True)
+        last = boxes[-1]
+        frames = recording.frames(last.start, np.nextafter(last.time, np.inf))
+        verdicts = explain_all(frames, recording.layout) if frames["phases"].any() else []
+        if verdicts:
+            out.print(_around(recording, frames, verdicts[-1].row))
+
+
+def _parts(reader: Reader | Recording, frames: Any) -> tuple[list[str], Any]:
     """The parts of each period's time, in ns."""
     parts = split(frames, reader.layout)
     return [PART_TITLES.get(name, name) for name in parts], np.array(list(parts.values()))
@@ -100,12 +128,12 @@ def _parts(reader: Reader, frames: Any) -> tuple[list[str], Any]:
 def _usual(reader: Reader, frames: Any) -> Table:
     names, times = _parts(reader, frames)
     table = Table("µs", *names, header_style="bold")
-    for title, q in (("median", 50), ("99 %", 99), ("longest", 100)):
-        table.add_row(title, *map(_microseconds, np.percentile(times, q, axis=1)))
+    for name, q in (("median", 50), ("99 %", 99), ("longest", 100)):
+        table.add_row(name, *map(_microseconds, np.percentile(times, q, axis=1)))
     return table
 
 
-def _around(reader: Reader, frames: Any, row: int) -> Table:
+def _around(reader: Reader | Recording, frames: Any, row: int) -> Table:
     """The periods before and after a miss, and what was counted from one to the next."""
     names, times = _parts(reader, frames)
     rows = [i for i in range(row - PERIODS_BEFORE, row + 2) if 1 <= i < len(frames)]

@@ -364,7 +364,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         """Come to rest: before and after homing."""
 
     def _arrived(self, position: float) -> bool:
-        return self.profile.done and abs(self.error) < self.window and not self._interrupted
+        return self.profile.done and abs(position - self.reading) < self.window and not self._interrupted
 
     def _correct(self, position: float, corrections: int) -> None:
         """The profile has ended, and the axis has not arrived in `settling_time`: for the first time, or again."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import inf, isfinite, nan
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from umo.control.checks import check_numbers
 from umo.errors import RangeError
 from umo.objects import Number
 from umo.objects.scaling import BoolArray, FloatArray
+
+if TYPE_CHECKING:
+    from umo.objects import Compound
 
 TIMES = ("derivative_time", "filter_time")
 
@@ -64,6 +68,19 @@ class PID:
     def numbers(self) -> Mapping[str, Number]:
         """The numbers beside its settings that are shown, and the units of the settings."""
         return {"setpoint": Number(shown=True), "error": Number(shown=True), **_times()}
+
+    def loops(self) -> Mapping[str, tuple[Any, ...]]:
+        """Its loops by the ends of their paths ("": the law itself), with their sensors and actuators, if it has
+        any."""
+        return {"": ()}
+
+    def experiments(self, part: Compound, path: str, loop: str) -> Any:
+        """The experiments on one of its loops, as an object with actions (`umo.control.experiment`)."""
+        from umo.control.experiment import LoopExperiments
+        from umo.control.loops import LawLoop
+
+        sensor, actuator = self.loops()[loop] or (None, None)
+        return LoopExperiments(part, path, LawLoop(self, sensor, actuator))
 
     def take_over(self, output: float, setpoint: float, measurement: float, feed_forward: float = 0.0) -> None:
         """Clear the state, and set the integral so that control goes on from this output without a step (bumpless
@@ -165,6 +182,18 @@ class VectorPID:
     def numbers(self) -> Mapping[str, Number]:
         """As `PID.numbers`."""
         return {"largest_error": Number(shown=True), **_times()}
+
+    def loops(self) -> Mapping[str, tuple[Any, ...]]:
+        """As `PID.loops`, one for each element that it has calculated."""
+        return {str(number): () for number in range(self.error.size)}
+
+    def experiments(self, part: Compound, path: str, loop: str) -> Any:
+        """As `PID.experiments`."""
+        from umo.control.experiment import LoopExperiments
+        from umo.control.loops import ElementLoop
+
+        sensor, actuator = self.loops()[loop] or (None, None)
+        return LoopExperiments(part, path, ElementLoop(self, sensor, actuator, int(loop)))
 
     @property
     def largest_error(self) -> float:

@@ -23,9 +23,33 @@ class Setpoint(NamedTuple):
     acceleration: float
 
 
+class Segment(NamedTuple):
+    """A part of a motion with constant jerk, from `start` (s since the motion began) to the start of the next one.
+    Position, velocity and acceleration are those at its start."""
+
+    start: float
+    position: float
+    velocity: float
+    acceleration: float
+    jerk: float
+
+
+MOST_SEGMENTS = 10
+"""Segments of a motion at most: two that bring what is beyond the limits within them, seven, and what follows."""
+_NONE = Segment(inf, 0.0, 0.0, 0.0, 0.0)
+"""In the place of a segment that a motion does not have."""
+
+
+def _padded(segments: list[Segment]) -> list[Segment]:
+    return [*segments, *[_NONE] * (MOST_SEGMENTS - len(segments))]
+
+
 @dataclass
 class Profile:
-    """A setpoint profile to a target position within these limits, advanced by one period per call."""
+    """A setpoint profile to a target position within these limits, advanced by one period per call.
+
+    A motion is planned by ruckig, and followed as segments of constant jerk, the last of which does not end: so a
+    controller without ruckig follows it by the same formula."""
 
     velocity: float
     """Largest speed, units per s."""
@@ -34,17 +58,15 @@ class Profile:
     jerk: float
     """Largest jerk, units per s cubed."""
     setpoint: Setpoint = field(default=Setpoint(0.0, 0.0, 0.0), init=False)
+    segments: list[Segment] = field(default_factory=lambda: _padded([Segment(0.0, *[0.0] * 4)]), init=False, repr=False)
+    """Of the motion under way; always `MOST_SEGMENTS`."""
+    origin: float = field(default=0.0, init=False, repr=False)
+    """What is added to their positions."""
+    elapsed: float = field(default=0.0, init=False)
+    """Time since the motion began, s."""
+    duration: float = field(default=0.0, init=False)
+    """Time in s after which the target, or the velocity, is reached."""
     _planner: Any = field(default_factory=lambda: _ruckig().Ruckig(1), init=False, repr=False)
-    _trajectory: Any = field(default_factory=lambda: _ruckig().Trajectory(1), init=False, repr=False)
-    _next: Any = field(default_factory=lambda: _ruckig().Trajectory(1), init=False, repr=False)
-    """Place in which the next one is calculated: ruckig leaves wrong numbers in one that it does not find."""
-    _elapsed: float = field(default=0.0, init=False)
-    _duration: float = field(default=0.0, init=False)
-    _origin: float = field(default=0.0, init=False)
-    _final: float = field(default=0.0, init=False)
-    _scale: float = field(default=1.0, init=False, repr=False)
-    """The factor of the lengths that ruckig is given. Its tolerances are absolute: with speeds of 1e5 it finds no
-    profile for one in ten motions that are planned anew on the way. A power of two changes no digit."""
 
     def __post_init__(self) -> None:
         self.check_settings()
@@ -58,7 +80,7 @@ class Profile:
         if not (isfinite(position) and isfinite(velocity)):
             raise RangeError(f"no profile from {position!r} at {velocity!r} per s: both must be finite")
         self.setpoint = Setpoint(position, velocity, 0.0)
-        self._duration = 0.0
+        self._begin([Segment(0.0, position, velocity, 0.0, 0.0)], 0.0)
 
     def shift(self, distance: float) -> None:
         """The origin of the positions has moved: the setpoint changes by this distance, the motion goes on. RangeError
@@ -67,7 +89,7 @@ class Profile:
             raise RangeError(f"a profile cannot be shifted by {distance!r}")
         position, velocity, acceleration = self.setpoint
         self.setpoint = Setpoint(position + distance, velocity, acceleration)
-        self._origin += distance
+        self.origin += distance
 
     def to(self, target: float, *, velocity: float = inf, duration: float = 0.0) -> float:
         """Plan a profile from the current setpoint to standstill at the target. Returns its duration in s.
@@ -114,67 +136,71 @@ class Profile:
     def _follow(self, plan: Any, scale: float, what: str) -> float:
         """Begin a plan; its duration in s. If there is no such profile, what is under way goes on."""
         limit = plan.max_acceleration[0]
+        trajectory = _ruckig().Trajectory(1)
         found = ""
         for share in ACCELERATION_SHARES:
             plan.max_acceleration = [limit * share]
-            found = self._calculate(plan)
+            found = self._calculate(plan, trajectory)
             if not found:
                 break
         else:
             raise RangeError(f"no profile {what} within the limits of {self!r}: {found}")
-        self._duration = float(self._next.duration)
-        self._trajectory, self._next = self._next, self._trajectory
-        self._elapsed, self._origin, self._scale = 0.0, 0.0, scale
-        self._final = plan.target_velocity[0] / scale
-        return self._duration
+        self._begin(_segments(trajectory, scale, plan.target_velocity[0]), float(trajectory.duration))
+        return self.duration
 
-    def _calculate(self, plan: Any) -> str:
-        """Calculate the next trajectory; why there is none, "" if there is one."""
+    def _calculate(self, plan: Any, trajectory: Any) -> str:
+        """Calculate a trajectory; why there is none, "" if there is one."""
         ruckig = _ruckig()
         try:
-            result = self._planner.calculate(plan, self._next)
+            result = self._planner.calculate(plan, trajectory)
         except (ruckig.RuckigError, ValueError) as error:  # ValueError: a result that its enum does not know
             return str(error).strip().partition(" input:")[0]
         return "" if result in (ruckig.Result.Working, ruckig.Result.Finished) else str(result.name)
 
+    def _begin(self, segments: list[Segment], duration: float) -> None:
+        self.segments, self.duration = _padded(segments), duration
+        self.elapsed = self.origin = 0.0
+
     @property
     def done(self) -> bool:
         """Whether the target, or the velocity, is reached."""
-        return self._elapsed >= self._duration
+        return self.elapsed >= self.duration
 
     @property
     def stops(self) -> bool:
         """Whether the setpoint stands, or comes to a standstill by itself."""
-        return not (self._final if self._duration else self.setpoint.velocity)
+        return not next(each for each in reversed(self.segments) if each.start < inf).velocity
 
     def step(self, dt: float) -> Setpoint:
         """Advance the profile by `dt` s and return the setpoint. After the end it stands at the target, or moves on at
         the velocity. `dt` must not be negative; RangeError if it is not finite."""
-        if self._duration:
-            elapsed = self._elapsed + dt
-            if not -inf < elapsed < self._duration:  # NaN as well, with which ruckig would read beyond its memory
-                return self._end(elapsed - self._duration)
-            self._elapsed = elapsed
-            scale = self._scale
-            (position,), (velocity,), (acceleration,) = self._trajectory.at_time(elapsed)
-            self.setpoint = Setpoint(position / scale + self._origin, velocity / scale, acceleration / scale)
-        elif moving := self.setpoint.velocity:
-            _check_time(dt)
-            self.setpoint = Setpoint(self.setpoint.position + moving * dt, moving, 0.0)
-        return self.setpoint
-
-    def _end(self, beyond: float) -> Setpoint:
-        """The setpoint at a time in s beyond the end of the trajectory."""
-        _check_time(beyond)
-        (position,), *_ = self._trajectory.at_time(self._duration)
-        self._duration = 0.0
-        self.setpoint = Setpoint(position / self._scale + self._origin + self._final * beyond, self._final, 0.0)
+        elapsed = self.elapsed + dt
+        if not isfinite(elapsed):
+            raise RangeError(f"no step of {dt!r} s: it must be finite")
+        self.elapsed = elapsed
+        at = self.segments[0]
+        for each in self.segments:
+            if elapsed < each.start:
+                break
+            at = each
+        start, p, v, a, j = at
+        t = elapsed - start
+        position = p + t * (v + t * (a / 2.0 + t * j / 6.0))
+        self.setpoint = Setpoint(position + self.origin, v + t * (a + t * j / 2.0), a + t * j)
         return self.setpoint
 
 
-def _check_time(time: float) -> None:
-    if not isfinite(time):
-        raise RangeError(f"no step of {time!r} s: it must be finite")
+def _segments(trajectory: Any, scale: float, final: float) -> list[Segment]:
+    """Those of a trajectory of ruckig with lengths times `scale`, which goes on at the velocity `final` afterwards."""
+    profile = trajectory.profiles[0][0]
+    found, start = [], 0.0
+    for part in (profile.brake, profile):
+        for time, jerk, *state in zip(part.t, part.j, part.p, part.v, part.a, strict=False):
+            if time > 0.0:
+                found.append(Segment(start, *(each / scale for each in (*state, jerk))))
+                start += time
+    (position,), *_ = trajectory.at_time(trajectory.duration)
+    return [*found, Segment(float(trajectory.duration), position / scale, final / scale, 0.0, 0.0)]
 
 
 def _ruckig() -> ModuleType:

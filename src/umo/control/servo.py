@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from math import copysign, inf
+from typing import Any
 
 import numpy as np
 
@@ -47,6 +48,9 @@ class Servo(PID):
     def numbers(self) -> Mapping[str, Number]:
         shown = Number(self.sensor.units, shown=True)
         return {**super().numbers, "setpoint": shown, "error": shown}
+
+    def loops(self) -> Mapping[str, tuple[Any, ...]]:
+        return {"": (self.sensor, self.actuator)}
 
     def control(
         self,
@@ -119,6 +123,9 @@ class VectorServo(VectorPID):
     def numbers(self) -> Mapping[str, Number]:
         units = {sensor.units for sensor in self.sensors}
         return {**super().numbers, "largest_error": Number(units.pop() if len(units) == 1 else "", shown=True)}
+
+    def loops(self) -> Mapping[str, tuple[Any, ...]]:
+        return {str(n): pair for n, pair in enumerate(zip(self.sensors, self.actuators, strict=True))}
 
     def control(
         self, setpoint: float | FloatArray, *, dt: float, accept: Accept = (), enabled: BoolArray | None = None

@@ -221,7 +221,7 @@ class ClientControl:
 
     def _call(self, command: ClientCommand) -> tuple[CommandState, str]:
         self.lease.check(command.key)
-        action = _known(self._machine.actions, command.path, "action")
+        action = self._machine.action_at(command.path) or _known(self._machine.actions, command.path, "action")
         if not action.harmless:
             self._need_manual(f"{action.path} can be called")
             if (fault := self._machine.fault_of(action.part)) is not None:

@@ -18,6 +18,7 @@ from umo.cycle.alarming import declared_alarms, engine_of
 from umo.cycle.clock import Clock, WallClock
 from umo.cycle.equipment import equipment_in
 from umo.cycle.image import Image
+from umo.cycle.journal import CAPACITY, Journal
 from umo.cycle.machine import ConnectedMachine, axes_in
 from umo.cycle.off_cycle import image_of
 from umo.cycle.rated_machine import machine_of
@@ -88,6 +89,10 @@ class connect(Generic[C]):
         """The states of the alarms at the end of the last run, by path; an alarm that is not named begins as normal."""
         self.not_restored: dict[str, str] = {}
         """The kept values that were not taken, by path: why, in words. Each of these numbers has its default."""
+        self.before_first_sample: Callable[[], object] = lambda: None
+        """Function that is called when every object is initialised."""
+        self.first_entries = b""
+        """The journal of the first sample (`umo.cycle.journal.ENTRY`)."""
         self.seed = 0
         """Seed of the machine's random numbers (`m.cycle.random`)."""
         self.device_claim: DeviceClaim | None = None
@@ -213,10 +218,21 @@ class connect(Generic[C]):
             for name, limit in self.wired.watchdogs.items():
                 transfer.watchdog(name, limit)
         self._contain_absences()
-        self.image.begin(self.machine.events)
-        self.machine.sample_all()
+        self._sample_first()
         self.machine.contain_failures(True)
         self.started = True
+
+    def _sample_first(self) -> None:
+        """Values begin to move. What failed or arrived in this is kept: a replay begins with it."""
+        transfer = self.image.transfer
+        journal = transfer.journal = Journal(CAPACITY + len(self.image.items))
+        self.before_first_sample()
+        try:
+            self.image.begin(self.machine.events)
+            self.machine.sample_all()
+        finally:
+            transfer.journal = None
+        self.first_entries = journal.entries
 
     def _contain_absences(self) -> None:
         """From now on no call waits for a device that does not answer."""

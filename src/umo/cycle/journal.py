@@ -36,10 +36,15 @@ class Kind(IntEnum):
     ARRIVED = 9
     """A worker process has brought a reading of its driver; `time` is that of the reading."""
     CONFIRMED = 10
-    """A worker process has brought what its device has accepted of an actuator; `time` is that of the transfer."""
+    """A worker process has brought what its device has accepted of an actuator; `time` is that of the transfer. With an
+    error: it has not accepted what it was ordered."""
     LOOKED = 11
     """A driver that is away was looked for; the slot is the first of its objects. `raw` 1: its device answers, 0: it
     does not, -1: not known yet."""
+    AGAIN = 12
+    """A block is transferred once more in this period; the slot is its first one. What follows says what it moved."""
+    RENEWED = 13
+    """A worker process has initialised its driver's objects again; the slot is the first of them."""
 
 
 class ErrorKind(IntEnum):
@@ -88,6 +93,11 @@ class Journal:
             return
         ENTRY.pack_into(self.buffer, self.count * ENTRY.size, slot, kind, error, raw, before, time)
         self.count += 1
+
+    @property
+    def entries(self) -> bytes:
+        """The entries of this period."""
+        return bytes(memoryview(self.buffer)[: self.count * ENTRY.size])
 
     def clear(self) -> None:
         """A new period begins."""

@@ -230,6 +230,15 @@ class ConnectedMachine:
         """The actions that may be called from outside, by path."""
         return actions_of(self.root)
 
+    def action_at(self, path: str) -> Action | None:
+        """An action by its path; one on a loop (`umo.cycle.client_experiments`) is among `actions` from then on.
+        PathError for one on no law."""
+        if path not in self.actions:
+            from umo.cycle.client_experiments import experiments_on
+
+            self.actions.update(experiments_on(self.root, path))
+        return self.actions.get(path)
+
     @cached_property
     def books(self) -> dict[str, Book]:
         """The laws from which clients choose what comes next, by path."""

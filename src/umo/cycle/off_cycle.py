@@ -19,7 +19,7 @@ from umo.cycle.clock import Clock
 from umo.cycle.columns import Block
 from umo.cycle.events import Event, Events
 from umo.cycle.image import Image
-from umo.cycle.journal import Kind
+from umo.cycle.journal import ErrorKind, Kind
 from umo.cycle.transfer import cause_of_failure
 from umo.drivers.contract import Direction
 from umo.drivers.off_cycle import NEVER, OffCycle
@@ -206,9 +206,8 @@ class OffCycleImage(Image):
     def _date(self, remote: Remote, stamps: IntArray, now: float) -> None:
         new = np.flatnonzero(stamps != remote.stamps)
         if new.size:
-            ages = (self._now_ns - stamps[new]) * 1e-9  # below 0: since the last tick
-            remote.times[new] = np.where(stamps[new] == NEVER, np.nan, now - ages)
-            remote.stamps, remote.last = stamps, now
+            remote.times[new] = remote.driver.times(new, stamps[new], now, self._now_ns)
+            remote.stamps, remote.last = stamps.copy(), now
 
     def _convert_arrivals(self, remote: Remote, block: Block, rows: IntArray, now: float) -> None:
         places = remote.driver.places(block.channels)
@@ -264,6 +263,7 @@ class OffCycleImage(Image):
 
     def _begin_generation(self, remote: Remote) -> None:
         """The outputs were initialised again, by the worker or by the one that has taken its place."""
+        self.transfer.note(next(iter(remote.place)), Kind.RENEWED)
         remote.awaited.clear()
         lost = [path for slot in remote.place if (path := self.stays_at_default(slot))]
         remote.driver.accept_generation(remote.rows)
@@ -308,9 +308,11 @@ class OffCycleImage(Image):
         rows: Any = remote.rows
         for slot, (number, since) in tuple(remote.awaited.items()):
             place, late = remote.place[slot], now - since
-            if rows[Row.ORDER, place] >= number:
+            if driver.carried_out(number, place, rows):
                 del remote.awaited[slot]
+                self._date(remote, rows[Row.STAMP], now)
                 if rows[Row.STAMP, place] == NEVER:
+                    self.transfer.note(slot, Kind.CONFIRMED, ErrorKind.OTHER)
                     self._fail_output(slot, driver.cause(place), self._failures)
                 else:
                     super()._accepted(slot)

@@ -93,8 +93,8 @@ class Phases:
         return UNKNOWN if ticker is None else ticker.woke - ticker.due
 
     def _watched(self, block: Block, transfer: BlockTransfer) -> BlockTransfer:
-        """A block's transfer, timed. The first one of a period notes its position in the journal, a repeated one each
-        object that it has moved."""
+        """A block's transfer, timed. The first one of a period notes its position in the journal, a repeated one
+        itself and each object that it has moved."""
         ns, whole, moved = self.ns, self._image.transfer, self._moved
         number, kind = self._places[block.start]
         reads = kind is Kind.READ
@@ -109,6 +109,8 @@ class Phases:
                         journal.sampled = journal.count
                 elif journal.updated == NEVER:
                     journal.updated = journal.count
+            elif journal is not None:
+                whole.note(block.start, Kind.AGAIN)
             failed: Collection[str] = ()
             began = monotonic_ns()
             try:

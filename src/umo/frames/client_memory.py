@@ -78,8 +78,9 @@ class ClientMemory:
             self.words[at], self.words[at + 1] = lease, now
 
     def signed(self, path: str, lease: int) -> float:
-        """The time at which the holder of this lease was last there for this path, s of CLOCK_MONOTONIC; 0: never."""
-        at = self._signs[path]
+        """The time at which the holder of this lease was last there for this path, s of CLOCK_MONOTONIC; 0: never. A
+        path that has no cell, as that of an experiment, has the one of the lease."""
+        at = self._signs.get(path, self._signs[LEASE])
         return self.words[at + 1] * 1e-9 if self.words[at] == lease else 0.0
 
     def close(self) -> None:

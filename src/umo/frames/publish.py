@@ -132,6 +132,7 @@ def _about(connection: connect[Any]) -> dict[str, Any]:
         "realtime": wired.realtime,
         "initial": {
             "raws": connection.image.columns.raws.tolist(),
+            "entries": connection.first_entries.hex(),
             "kept": dict(connection.kept),
             "alarms": dict(connection.alarm_states),
             "seed": connection.seed,

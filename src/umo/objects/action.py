@@ -177,6 +177,12 @@ def actions_of(root: Compound) -> dict[str, Action]:
     return {each.path: each for each in starmap(_action, marked)}
 
 
+def actions_on(part: Compound, path: str, owner: Any) -> dict[str, Action]:
+    """The actions of an object at this path that is no law itself, by their paths; `part` has it."""
+    found = (_action(part, path, owner, *each) for each in _marks(owner.__class__).items())
+    return {each.path: each for each in found}
+
+
 @cache
 def _marks(kind: Any) -> dict[str, _Mark]:
     """The arguments of the decorator, by the names of the methods, in the order in which they are declared: those of

@@ -2,10 +2,10 @@
 
 From the page, JSON: `watch` (name of a run; "": none; place: its folder, null: any), `live` (id, paths, span, width,
 trigger), `extremes` (id; anew: from now on), `stop` (id), `window` (id, paths, start, stop, width), `measure` (id,
-paths, start, stop), `command` (id, do, path, value, arguments, over, who), `touch` (number of the state that it
-answers, held), `play` (of a recording: time, playing, speed).
-To the page, JSON: `server`, `stations`, `fleet`, `description`, `state`, `extremes`, `measured`, `answer`, `error`;
-binary: points (`umo.page.subscriptions.packed`).
+paths, start, stop), `tune law` (id, facts, start, stop, relay), `command` (id, do, path, value, arguments, over, who),
+`touch` (number of the state that it answers, held), `play` (of a recording: time, playing, speed).
+To the page, JSON: `server`, `stations`, `fleet`, `description`, `state`, `extremes`, `measured`, `tuned`, `answer`,
+`error`; binary: points (`umo.page.subscriptions.packed`).
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from umo.page.extremes import ExtremesNews
 from umo.page.feed import Feed
 from umo.page.page_client import PageClient
 from umo.page.subscriptions import BadRequest, HistoryPart, Subscription, in_worker, number, pixels
+from umo.page.tuning_answer import TuningQuestion
 from umo.page.watched_run import Watched
 
 MAX_SUBSCRIPTIONS = 16
@@ -228,6 +229,8 @@ class Session:
         elif kind == "window":
             head = {"id": message.get("id"), "window": True}
             self._ask(partial(HistoryPart.of(watched, message).window, head, pixels(message)))
+        elif kind == "tune law":
+            self._ask(partial(TuningQuestion(watched, message).answer, {"type": "tuned", "id": message.get("id")}))
         elif kind == "measure":
             head = {"type": "measured", "id": message.get("id")}
             self._ask(partial(HistoryPart.of(watched, message).measured, head))

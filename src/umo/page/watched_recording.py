@@ -28,7 +28,7 @@ from umo.tables.recording_summary import facts_of, lines_of
 MAX_TOLD = 1000
 """Events and missed periods that a page is told of, the last ones."""
 MAX_SPEED = 1000.0
-SAID = ("started", "length", "periods", "lost", "end", "replay", "file")
+SAID = ("started", "length", "periods", "lost", "black boxes", "end", "replay", "file")
 """What of a recording is said beside its values."""
 SECOND = "second"
 """What stands before the paths of the other recording."""
@@ -134,7 +134,7 @@ class WatchedRecording(Watched):
         files = [{"file": each.path.name, "whole": each.is_whole, "lost": sum(gap.count for gap in each.gaps)}
                  for each in self._recordings]  # fmt: skip
         first = self._recordings[0]
-        replay = "" if first.replayable_from else f"umo replay {shlex.quote(str(first.path))}"
+        replay = "" if first.replayable_from else f"umo replay {shlex.quote(str(first.path.absolute()))}"
         return told | {"recording": {"files": files, "second": SECOND if self._second else "", "replay": replay}}
 
     def _heading(self) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """Recordings: every period of a run, its events and commands in an MCAP file, bit by bit."""
 
-from umo.recording.block import Block, TakenCommand
+from umo.recording.block import BlackBox, Block, TakenCommand
 from umo.recording.recording import LostFrames, Recording
 
-__all__ = ["Block", "LostFrames", "Recording", "TakenCommand"]
+__all__ = ["BlackBox", "Block", "LostFrames", "Recording", "TakenCommand"]

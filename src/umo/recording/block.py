@@ -11,7 +11,7 @@ import json
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,6 +43,24 @@ class TakenCommand:
     """The command as it came (JSON); empty: it was not a command, or was written over before it was copied."""
 
 
+class BlackBox(NamedTuple):
+    """The last frames before a missed period or a failed end, and what they show."""
+
+    first: int
+    """Number of its first frame, from 0."""
+    periods: int
+    """Number of its frames."""
+    start: float
+    time: float
+    """Times of its first and of its last frame, s on the machine's clock."""
+    reason: str
+    """`a period was missed`, or why the run failed."""
+    missed: int
+    """Periods that were missed so far in the whole run, as far as it is recorded."""
+    text: str
+    """Causes of the last missed periods in it, a line each; empty: none was missed."""
+
+
 @dataclass(frozen=True)
 class Block:
     """Consecutive frames, and all that belongs to them."""
@@ -62,6 +80,8 @@ class Block:
     """The events that were told up to these frames."""
     live: Mapping[str, Any] = field(default_factory=dict)
     """What the ring said beside the frames: `mode`, `holder` of the lease, `tunables` where they have changed."""
+    boxes: Sequence[BlackBox] = ()
+    """The black boxes of which the last frame is one of these."""
     is_full: bool = True
     """Whether the columns that replay does not need are there; else their numbers are 0 and NaN."""
 
@@ -98,6 +118,8 @@ def exact_message(block: Block) -> bytes:
         "events": events, "live": dict(block.live), "time": float(block.frames["time"][0]),
         "number": int(block.frames["number"][0]),
     }  # fmt: skip
+    if block.boxes:
+        about["boxes"] = block.boxes
     texts = b"".join(each.data for each in block.commands)
     return _headed(about) + encoded(block.frames, EXACT) + encoded(block.entries, FIELDS) + texts
 
@@ -160,7 +182,7 @@ def _block_of(layout: Layout, exact: bytes | memoryview, columns: bytes | memory
             frames["values"][:, following] = _values(layout, frames)[:, following]
     return Block(
         frames, entries, _commands(about["commands"], texts), int(about["lost"]), int(about["entries_lost"]),
-        int(about["commands_lost"]), events_of(about), about["live"], columns is not None,
+        int(about["commands_lost"]), events_of(about), about["live"], boxes_of(about), columns is not None,
     )  # fmt: skip
 
 
@@ -170,6 +192,11 @@ def events_of(about: Mapping[str, Any]) -> list[NumberedEvent]:
         NumberedEvent(number, Event(time, path, text, who, command, CommandState(state), asked))
         for number, time, path, text, who, command, state, asked in about["events"]
     ]
+
+
+def boxes_of(about: Mapping[str, Any]) -> list[BlackBox]:
+    """The black boxes in the description of a message `umo/exact`."""
+    return [BlackBox(*each) for each in about.get("boxes", ())]
 
 
 def _commands(rows: Sequence[Sequence[int]], texts: memoryview) -> list[TakenCommand]:

@@ -14,8 +14,9 @@ from umo.recording.mcap_records import message
 from umo.recording.mcap_writer import McapWriter, Messages
 from umo.recording.recording import METADATA, SPARSE_TOPICS
 
-BATCH = 64
-"""Chunks that are written at once."""
+BATCH, BATCH_BYTES = 64, 16 << 20
+"""Chunks, and bytes of chunks that are only copied, which are written at once: the end of the file is written with each
+of these writes, and has a row for each chunk."""
 Keep = Callable[[], bool]
 
 
@@ -41,14 +42,26 @@ def join(parts: Sequence[Path], path: Path) -> None:
         with _new(path, files[0]) as writer:
             for file in files:
                 sound = file.chunks if file.is_whole else file.chunks[:-1]
-                for at in range(0, len(sound), BATCH):
-                    writer.add_raw([file.raw(each) for each in sound[at : at + BATCH]])
+                for batch in _batches(file, sound):
+                    writer.add_raw(batch)
                 torn = list(_messages(file, file.chunks[len(sound) :], set(file.channels)))  # it may lack its indexes
                 if torn:
                     writer.add(_by_channel(torn))
     finally:
         for file in files:
             file.close()
+
+
+def _batches(file: McapReader, chunks: Sequence[int]) -> Iterator[list[bytes]]:
+    """Chunks as they stand in a file."""
+    batch: list[bytes] = []
+    for at in chunks:
+        batch.append(file.raw(at))
+        if sum(map(len, batch)) >= BATCH_BYTES:
+            yield batch
+            batch = []
+    if batch:
+        yield batch
 
 
 def thin(path: Path) -> None:

@@ -18,6 +18,8 @@ from umo.recording.mcap_records import ChunkIndex, McapChannel, Opcode, Schema
 LIBRARY = "umo"
 LEVEL = 3
 """Level of compression of zstd."""
+MODE = 0o600
+"""Of the file: it has the text of the wiring and the commands of clients with their keys."""
 LARGE = 4 << 20
 """Bytes of a chunk above which time counts more than size: its level is 1."""
 
@@ -65,7 +67,7 @@ class McapWriter:
             self._metadata += mcap_records.metadata_index(len(start), len(each), name)
             start += each
         start += self._schemas + self._channels
-        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, MODE)
         self.end = 0
         """Offset at which the data end."""
         self.size = 0

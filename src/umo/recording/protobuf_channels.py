@@ -15,15 +15,15 @@ from google.protobuf import descriptor_pool, message_factory
 from umo.cycle.events import ALARM
 from umo.frames.layout import Layout
 from umo.frames.reader import progress_of
-from umo.recording.block import Block, TakenCommand
+from umo.recording.block import BlackBox, Block, TakenCommand
 from umo.recording.mcap_records import HEAD, MESSAGE, McapChannel, Opcode, Schema, message
 from umo.recording.mcap_writer import Messages
 from umo.recording.message_tree import PACKAGE, ROOT, UNKNOWN, EvenRun, MessageTree, leaves_of
-from umo.recording.recording import ALARMS_TOPIC, COMMANDS_TOPIC, EVENTS_TOPIC
+from umo.recording.recording import ALARMS_TOPIC, BOXES_TOPIC, COMMANDS_TOPIC, EVENTS_TOPIC
 
-MACHINE, EVENTS, ALARMS, COMMANDS, PROGRESS = range(3, 8)
+MACHINE, EVENTS, ALARMS, COMMANDS, PROGRESS, BLACK_BOXES = range(3, 9)
 """Numbers of the channels."""
-MACHINE_SCHEMA, EVENT_SCHEMA, COMMAND_SCHEMA, PROGRESS_SCHEMA = range(1, 5)
+MACHINE_SCHEMA, EVENT_SCHEMA, COMMAND_SCHEMA, PROGRESS_SCHEMA, BOX_SCHEMA = range(1, 6)
 STRING, DOUBLE, INTEGER = 9, 1, 3
 """Types of protobuf."""
 SELDOM = {
@@ -33,14 +33,21 @@ SELDOM = {
     },
     "Command": {"number": INTEGER, "period": INTEGER, "who": STRING, "text": STRING},
     "Progress": {"text": STRING, "done": INTEGER, "total": INTEGER},
+    "BlackBox": {
+        "first": INTEGER, "periods": INTEGER, "start": DOUBLE, "time": DOUBLE, "reason": STRING, "missed": INTEGER,
+        "text": STRING,
+    },
 }  # fmt: skip
 """The fields of what comes seldom."""
 BEGIN = HEAD.size + MESSAGE.size
 """Offset of a message in its record."""
 HEADS = np.dtype({"names": ["sequence", "log", "publish"], "formats": ["<u4", "<u8", "<u8"], "offsets": [11, 15, 23]})
 """What differs in the head of a record."""
+UNITS = "units"
+"""Name of the metadata record with unit and range of each number, by path."""
 MAX_UNITS = 2000
-"""Numbers whose units are in the channel's metadata, at most: they stand in the end of the file, again and again."""
+"""Numbers whose units are in the channel's metadata too, at most: those stand in the end of the file, which is written
+again each second."""
 
 
 class ProtobufChannels:
@@ -61,12 +68,15 @@ class ProtobufChannels:
             *(Schema(EVENT_SCHEMA + i, f"{PACKAGE}.{name}", "protobuf", seldom) for i, name in enumerate(SELDOM)),
         ]
         units = {path: leaf.about for path, leaf in leaves if leaf.about}
+        self.metadata: Sequence[tuple[str, dict[str, str]]] = [(UNITS, units)] if units else []
+        few = units if len(units) <= MAX_UNITS else {"units": f"in the metadata record {UNITS}"}
         self.channels: Sequence[McapChannel] = [
-            McapChannel(MACHINE, "machine", "protobuf", MACHINE_SCHEMA, units if len(units) <= MAX_UNITS else {}),
+            McapChannel(MACHINE, "machine", "protobuf", MACHINE_SCHEMA, few),
             McapChannel(EVENTS, EVENTS_TOPIC, "protobuf", EVENT_SCHEMA),
             McapChannel(ALARMS, ALARMS_TOPIC, "protobuf", EVENT_SCHEMA),
             McapChannel(COMMANDS, COMMANDS_TOPIC, "protobuf", COMMAND_SCHEMA),
             McapChannel(PROGRESS, "progress", "protobuf", PROGRESS_SCHEMA),
+            McapChannel(BLACK_BOXES, BOXES_TOPIC, "protobuf", BOX_SCHEMA),
         ]
 
     def messages(self, block: Block, times: npt.NDArray[np.int64]) -> list[Messages]:
@@ -77,8 +87,11 @@ class ProtobufChannels:
         ]
         alarms = [each for each, (_, event) in zip(told, block.events, strict=True) if event.asked == ALARM]
         commands = [(int(times[max(each.period - block.first, 0)]), self._command(each)) for each in block.commands]
+        boxes = [(begun + round((box.time - clock) * 1e9), self._box(box)) for box in block.boxes]
         progress = self._new_progress(block, times)
-        parts = ((EVENTS, told), (ALARMS, alarms), (COMMANDS, commands), (PROGRESS, progress))
+        parts = (
+            (EVENTS, told), (ALARMS, alarms), (COMMANDS, commands), (PROGRESS, progress), (BLACK_BOXES, boxes),
+        )  # fmt: skip
         return [self._machine(block, times), *(_few(channel, each) for channel, each in parts if each)]
 
     def _machine(self, block: Block, times: npt.NDArray[np.int64]) -> Messages:
@@ -130,6 +143,9 @@ class ProtobufChannels:
             number=command.number, period=command.period, who=str(told.get("who", "")), text=text
         )
         return bytes(made.SerializeToString())
+
+    def _box(self, box: BlackBox) -> bytes:
+        return bytes(self._kinds["BlackBox"](**box._asdict()).SerializeToString())
 
     def _new_progress(self, block: Block, times: npt.NDArray[np.int64]) -> list[tuple[int, bytes]]:
         """The progress wherever it has changed."""

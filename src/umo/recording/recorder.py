@@ -11,6 +11,7 @@ from typing import Protocol
 from umo.cycle.events import CommandState
 from umo.frames import Reader
 from umo.frames.reader import NumberedEvent
+from umo.recording.black_boxes import BlackBoxes
 from umo.recording.block import Block
 from umo.recording.ring_collector import Collector, joined
 
@@ -24,6 +25,8 @@ LONGEST_PAUSE, SHORTEST_PAUSE = 0.05, 0.002
 """s between two looks at the queue of commands."""
 LONGEST_COLLECTION = 0.25
 """s between two looks at the frames."""
+UNKNOWN_END = "it ended without a word"
+"""Why a run has failed that has told no end."""
 SHARE_OF_RING = 0.2
 """Share of a ring that is filled between two looks, at most."""
 
@@ -48,7 +51,7 @@ class Recorder:
         """`thread`: one that writes, so that a slow disk loses no frames; None: it is written at once."""
         self._reader, self._target, self._clock, self._thread = reader, target, clock, thread
         self._writing: Future[None] | None = None
-        self._collector = Collector(reader)
+        self._collector, self._boxes = Collector(reader), BlackBoxes(reader.layout)
         self._pending: list[Block] = []
         self._next_write = clock() + WRITE_PAUSE
         self.first: int | None = None
@@ -74,8 +77,8 @@ class Recorder:
 
     @property
     def failed(self) -> bool:
-        """Whether the run, which is over, has failed, or could not tell its end."""
-        return self.end is None or self.end.event.state is CommandState.FAILED
+        """Whether the run is over, and has failed or could not tell its end."""
+        return self.has_ended and (self.end is None or self.end.event.state is CommandState.FAILED)
 
     def look(self) -> None:
         """Take what is new; write it if it is time. OSError where it cannot be written."""
@@ -114,9 +117,16 @@ class Recorder:
         if self._pending:
             last = self._pending[-1]
             last = replace(last, events=[*last.events, *self._noted(self._collector.rest())])
-            self._write([*self._pending[:-1], last])
+            self._write([*self._pending[:-1], last], self._reason)
             self._pending = []
             self._settle()
+
+    @property
+    def _reason(self) -> str:
+        """Why the run has failed; empty: it has not."""
+        if not self.failed:
+            return ""
+        return UNKNOWN_END if self.end is None else self.end.event.text
 
     def _note(self, block: Block) -> None:
         if self.first is None:
@@ -130,16 +140,17 @@ class Recorder:
         self.end = next((each for each in reversed(events) if each.event.is_end), self.end)
         return events
 
-    def _write(self, blocks: list[Block]) -> None:
+    def _write(self, blocks: list[Block], end: str = "") -> None:
+        """`end`: why the run, which ends with these, has failed."""
         if not blocks:
             return
         if self._thread is None:
-            self._add(blocks)
+            self._add(blocks, end)
         else:
-            self._writing = self._thread.submit(self._add, blocks)
+            self._writing = self._thread.submit(self._add, blocks, end)
 
-    def _add(self, blocks: list[Block]) -> None:
-        self._target.add(joined(blocks))
+    def _add(self, blocks: list[Block], end: str) -> None:
+        self._target.add(self._boxes.added(joined(blocks), end))
         self.periods += sum(len(block.frames) for block in blocks)
 
     def close(self) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from umo.errors import FramesError
 from umo.frames.layout import Layout
 from umo.frames.reader import Frames, NumberedEvent
-from umo.recording.block import Block, TakenCommand, block_of, events_of, headed
+from umo.recording.block import BlackBox, Block, TakenCommand, block_of, boxes_of, events_of, headed
 from umo.recording.mcap_reader import McapReader
 from umo.recording.part_names import later_parts
 from umo.text import in_brackets
@@ -26,8 +26,8 @@ FORMAT = "1"
 METADATA = "umo"
 """Name of the metadata that say what a file is."""
 EXACT_TOPIC, COLUMNS_TOPIC = "umo/exact", "umo/columns"
-EVENTS_TOPIC, ALARMS_TOPIC, COMMANDS_TOPIC = "events", "alarms", "commands"
-SPARSE_TOPICS = frozenset({EXACT_TOPIC, EVENTS_TOPIC, ALARMS_TOPIC, COMMANDS_TOPIC})
+EVENTS_TOPIC, ALARMS_TOPIC, COMMANDS_TOPIC, BOXES_TOPIC = "events", "alarms", "commands", "black_boxes"
+SPARSE_TOPICS = frozenset({EXACT_TOPIC, EVENTS_TOPIC, ALARMS_TOPIC, COMMANDS_TOPIC, BOXES_TOPIC})
 """What is kept from period 0 on, also where the rest of old files is not."""
 
 
@@ -170,6 +170,11 @@ class Recording:
         return [event for head in self._all_heads for event in head.events]
 
     @cached_property
+    def black_boxes(self) -> list[BlackBox]:
+        """Where periods were missed and why, one in 10 s at most, and how a run ended that has failed; in order."""
+        return [box for head in self._all_heads for box in head.boxes]
+
+    @cached_property
     def commands(self) -> list[TakenCommand]:
         """The commands that the machine has taken, in order."""
         return [command for block in self.blocks(full=False) for command in block.commands]
@@ -267,12 +272,13 @@ class _Head:
     events: list[NumberedEvent]
     commands: int
     """How many there are."""
+    boxes: list[BlackBox]
 
 
 def _head(about: Mapping[str, Any]) -> _Head:
     return _Head(
         about["first"], about["count"], about["time"], about["entries_lost"], about["commands_lost"], events_of(about),
-        len(about["commands"]),
+        len(about["commands"]), boxes_of(about),
     )  # fmt: skip
 
 

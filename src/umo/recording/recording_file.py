@@ -35,6 +35,10 @@ class OtherChannels(Protocol):
     def channels(self) -> Sequence[McapChannel]:
         """The channels."""
 
+    @property
+    def metadata(self) -> Sequence[tuple[str, dict[str, str]]]:
+        """Metadata records, each with its name."""
+
     def messages(self, block: Block, times: Times) -> list[Messages]:
         """The messages of a block; `times`: UTC of its frames, ns since 1970."""
 
@@ -54,10 +58,12 @@ class RecordingFile:
         self._layout, self._others = layout, others
         channels = [McapChannel(EXACT, EXACT_TOPIC, ENCODING), McapChannel(COLUMNS, COLUMNS_TOPIC, ENCODING)]
         schemas: list[Schema] = []
+        metadata = [(METADATA, describe(layout, part))]
         if others is not None:
             channels += others.channels
             schemas += others.schemas
-        self._writer = McapWriter(path, [(METADATA, describe(layout, part))], schemas, channels)
+            metadata += others.metadata
+        self._writer = McapWriter(path, metadata, schemas, channels)
         self._sequence = 0
         self.path = path
 

@@ -42,7 +42,8 @@ class RecordingParts:
         self.path, self.failed = path, ""
         """`failed`: why an older part keeps more than it should."""
         self._layout, self._others, self._settings = layout, others, settings
-        self._rotate_time = settings.rotate if settings.last is None else settings.last / PARTS_OF_LAST
+        part = settings.rotate if settings.last is None else settings.last / PARTS_OF_LAST
+        self._rotate_time = min(part, settings.rotate)
         self._parts: list[_Part] = []
         self._file = RecordingFile(path, layout, others)
         self._worker = ThreadPoolExecutor(1, "umo record")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from umo.cycle.frame import Frame
-from umo.cycle.journal import ENTRY, Journal, Kind
+from umo.cycle.journal import Journal, Kind
 from umo.cycle.machine import ConnectedMachine
 from umo.drivers.contract import Direction
 from umo.frames.layout import ENTRY as ENTRY_ROW
@@ -35,6 +35,10 @@ WORDS = {
     Kind.INTERLOCKED: "interlocked",
     Kind.INITIALIZE: "initialised",
     Kind.LOOKED: "looked for",
+    Kind.ARRIVED: "arrived",
+    Kind.CONFIRMED: "confirmed",
+    Kind.AGAIN: "transferred once more",
+    Kind.RENEWED: "initialised again by its worker",
 }
 
 
@@ -123,10 +127,7 @@ class Comparison:
         return entries
 
     def _same_entries(self, period: Period) -> bool:
-        if (
-            self._order is None
-            and bytes(memoryview(self._journal.buffer)[: period.count * ENTRY.size]) == period.journal
-        ):
+        if self._order is None and self._journal.entries == period.journal:
             return True
         return _in_order(self._entries()) == _in_order(period.entries)
 

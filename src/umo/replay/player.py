@@ -7,6 +7,7 @@ recorded one: what the transfer stage notes by itself (a driver that is away, an
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
+from math import nan
 from typing import Any
 
 from umo.cycle.journal import OF_BLOCK, ErrorKind, Journal, Kind
@@ -17,6 +18,7 @@ from umo.replay.tape import JournalEntry, Period, Periods
 CAUSE = "it failed in the recording"
 """The text of an error of a driver that is replayed."""
 READS, WRITES = (Kind.READ, Kind.FAILED_READ), (Kind.WRITE, Kind.FAILED_WRITE)
+BROUGHT = Kind.ARRIVED, Kind.CONFIRMED
 
 
 class Player:
@@ -56,6 +58,15 @@ class Player:
         """Number of the periods that are over."""
 
     # Periods -------------------------------------------------------------------------------------------
+
+    def connect(self, journal: Journal | None, first: Period) -> None:
+        """The first sample is made, while connecting."""
+        self.journal, self.period = journal, first
+
+    def connected(self, journal: Journal) -> None:
+        """Periods follow, with this journal of the replay."""
+        self.journal = journal
+        self._begin(None)
 
     def tick(self) -> Period:
         """The timer is read: the period that begins. WaitEnded at the end of the tape."""
@@ -149,6 +160,54 @@ class Player:
             self._tell(min(slots, default=-1), "none", "a look for its driver")
             return True
         return {1: True, 0: False}.get(entry[3])
+
+    # Drivers off the cycle -------------------------------------------------------------------------------
+
+    def arrivals(self, slots: Collection[int], in_blocks: Collection[int]) -> list[JournalEntry]:
+        """The entries of what a driver off the cycle has brought at this place: of the objects that arrive in each of
+        its transfers, and that it was initialised again. It is looked for before the tick of its period."""
+        period = self.period or self.next
+        if period is None or self.journal is None or self.paused:
+            return []
+        found: dict[tuple[int, int], JournalEntry] = {}
+        for number, entry in enumerate(period.entries):
+            key = entry[0], entry[1]
+            if number < self.at and not self.lenient:
+                continue
+            again = entry[1] == Kind.RENEWED and entry[0] in slots
+            if key in found or not (again or (entry[1] in BROUGHT and entry[0] in in_blocks)) or (again and found):
+                if found or not self.lenient:
+                    break
+            else:
+                found[key] = entry
+        return list(found.values())
+
+    def carried_out(self, slot: int) -> JournalEntry | None:
+        """The entry of an order that was carried out, or was refused; None: not yet."""
+        if self.period is None or self.paused:
+            return None
+        if self.lenient:
+            return self._search(slot, (Kind.CONFIRMED,))
+        entry = self._next()
+        return entry if entry is not None and entry[:2] == (slot, Kind.CONFIRMED) else None
+
+    def readings(self, slots: Sequence[int]) -> list[tuple[JournalEntry | None, float]]:
+        """Readings of single sensors of a driver off the cycle, each with the time in s at which it was read."""
+        found: dict[int, JournalEntry] = {}
+        times: dict[int, float] = {}
+        for entry in self.period.entries[self.at :] if self.period is not None and not self.paused else ():
+            slot, kind = entry[0], entry[1]
+            if slot not in slots or (kind in READS and slot in found):
+                break
+            if kind in READS:
+                found[slot] = entry
+            elif kind == Kind.ARRIVED:
+                times[slot] = entry[5]
+            else:
+                break
+        return [(found.get(slot), times.get(slot, nan)) for slot in slots]
+
+    # Blocks and groups -----------------------------------------------------------------------------------
 
     def read_group(self, slots: Sequence[int], texts: Sequence[str], out: IntArray) -> None:
         """Some sensors in one transfer, each with an entry of its own."""

@@ -27,7 +27,7 @@ from umo.replay.hands import TapeInbox, TapeLevels
 from umo.replay.player import CAUSE, Player
 from umo.replay.program import Program
 from umo.replay.result import Difference, Replayed
-from umo.replay.tape import OPEN_LOOP, NotReplayable, Periods, Tape, events_of
+from umo.replay.tape import OPEN_LOOP, NotReplayable, Periods, Tape, events_of, first_sample
 from umo.replay.tape_driver import count_as_hardware, taped, watch_blocks
 from umo.system.processes import HASH_SEED
 
@@ -62,7 +62,9 @@ class Replay:
         self.layout = tape.layout
         initial = dict(self.layout.about.get("initial", {}))
         self.periods = Periods(tape)
-        self.player = Player(self.periods, initial.get("raws") or [0] * len(self.layout.objects))
+        raws = initial.get("raws") or [0] * len(self.layout.objects)
+        self.player = Player(self.periods, raws)
+        self._first = first_sample(initial, raws)
         self._open_loop = bool(self.layout.about.get(OPEN_LOOP))
         self.player.lenient = bool(settings) or self._open_loop
         self.result = Replayed(self.program.name, settings=dict(settings))
@@ -87,7 +89,18 @@ class Replay:
         connection.alarm_states = initial.get("alarms", {})
         connection.seed = initial.get("seed", 0)
         connection.pause = lambda seconds: None
+        connection.before_first_sample = self._play_first_sample
         return connection
+
+    def _play_first_sample(self) -> None:
+        """The tape answers the sample that is made while connecting."""
+        machine, player = self.connection.machine, self.player
+        transfer = machine.image.transfer
+        transfer.now = lambda: machine.clock.now  # a replay on a busy computer takes no longer than its run
+        count_as_hardware(transfer, self.program.wired, self.connection.wired.drivers)
+        watch_blocks(transfer, player)
+        transfer.bind(machine.image.inputs, machine.image.outputs)
+        player.connect(transfer.journal, self._first)
 
     def run(self) -> Replayed:
         """Replay to the end of the tape, or to the first difference."""
@@ -127,10 +140,9 @@ class Replay:
         image, player, result = machine.image, self.player, self.result
         phases = Phases(image, self.connection.wired.drivers, machine.parts)
         watch_blocks(image.transfer, player)
-        image.transfer.now = lambda: machine.clock.now  # a replay on a busy computer takes no longer than its run
-        count_as_hardware(image.transfer, self.program.wired, self.connection.wired.drivers)
         image.transfer.bind(image.inputs, image.outputs)
-        journal = image.transfer.journal = player.journal = Journal(CAPACITY + len(image.items))
+        journal = image.transfer.journal = Journal(CAPACITY + len(image.items))
+        player.connected(journal)
         inbox = TapeInbox(player)
         levels = TapeLevels(player, inbox, events_of(self._tape))
         mode = Mode.MANUAL if self.program.manual else Mode.AUTOMATIC

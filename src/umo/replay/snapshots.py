@@ -22,6 +22,8 @@ from typing import Any, NoReturn
 
 from umo.system.realtime import adopt_orphans, die_with_parent
 
+POSSIBLE = sys.platform.startswith("linux") and hasattr(os, "fork")
+"""Whether this platform has what they need: forks, and processes that end with their parents."""
 START = -1
 """The period of the snapshot before the first one."""
 EVERY = 2000

@@ -8,9 +8,9 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from umo.cycle.journal import Kind
+from umo.cycle.journal import NEVER, Kind
 from umo.errors import UmoError
-from umo.frames.layout import Layout
+from umo.frames.layout import ENTRY, Layout
 
 MOVING = {Kind.READ, Kind.WRITE, Kind.RESET, Kind.INITIALIZE, Kind.ARRIVED, Kind.CONFIRMED}
 """Entries of the journal after which an object has another raw integer than before."""
@@ -147,6 +147,12 @@ class Period:
             if entry[0] == slot and entry[1] in MOVING:
                 return entry[4]
         return int(self.raws[slot])
+
+
+def first_sample(initial: Mapping[str, Any], raws: Sequence[int]) -> Period:
+    """The first sample, which was made while connecting, in the form of a period."""
+    entries = np.frombuffer(bytes.fromhex(initial.get("entries", "")), ENTRY)
+    return Period((0, 0.0, 0, 0, NEVER, NEVER), np.array(raws, np.int64), entries, (np.empty(0), 0), False)
 
 
 class Periods:

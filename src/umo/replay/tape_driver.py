@@ -15,7 +15,7 @@ from umo.drivers.contract import Channel, Driver, IntArray
 from umo.drivers.faults.wrapper import Injection, bare
 from umo.drivers.off_cycle import OffCycle
 from umo.replay.player import Player
-from umo.replay.tape import NotReplayable
+from umo.replay.tape_off_cycle import TapeOffCycle
 from umo.wiring.wired import Wired
 
 
@@ -121,10 +121,8 @@ def taped(wired: Wired, player: Player, recorded: Mapping[str, int], faults: Seq
     `faults`: those that were injected in the recorded run."""
     timer = wired.timer_wire
     slots = {id(wire.channel): recorded[wire.item.path] for wire in wired.wires}
-    tapes: dict[int, TapeDriver] = {}
-    for name, driver in wired.drivers.items():
-        if isinstance(driver, OffCycle):
-            raise NotReplayable(f"driver {name} is off the cycle: what such drivers bring is not replayed yet")
+    tapes: dict[int, TapeDriver | TapeOffCycle] = {}
+    for driver in wired.drivers.values():
         tapes[id(driver)] = _tape_of(driver, player, slots, timer is not None and timer.driver is driver)
     if timer is not None and id(timer.driver) not in tapes:  # a timer in wall-clock time, before its driver
         tapes[id(timer.driver)] = _tape_of(timer.driver, player, slots, True)
@@ -132,6 +130,8 @@ def taped(wired: Wired, player: Player, recorded: Mapping[str, int], faults: Seq
     for wire in wired.wires:
         tape = tapes[id(wire.driver)]
         tape.mine.add(slots[id(wire.channel)])
+        if isinstance(tape, TapeOffCycle) and wire.item.synchronous:
+            tape.in_blocks.add(slots[id(wire.channel)])
         if isinstance(tape, TapeTimer) and timer is not None and wire.item is timer.item:
             tape.timer = id(wire.channel)
         wires.append(dataclasses.replace(wire, driver=tape))
@@ -148,7 +148,11 @@ def count_as_hardware(transfer: Transfer, wired: Wired, tapes: Mapping[str, Driv
     transfer._real = {id(tapes[name]) for name in wired.hardware}
 
 
-def _tape_of(driver: Driver[Any], player: Player, slots: Mapping[int, int], is_timer: bool) -> TapeDriver:
+def _tape_of(
+    driver: Driver[Any], player: Player, slots: Mapping[int, int], is_timer: bool
+) -> TapeDriver | TapeOffCycle:
+    if isinstance(driver, OffCycle):
+        return TapeOffCycle(driver, player, slots)
     own = bare(driver)
     kinds: tuple[type[TapeDriver], type[TapeDriver]] = TapeDriver, TapeTimer
     if type(own).look is not Driver.look:

@@ -74,7 +74,10 @@ def _about(recording: Recording, bare: int) -> dict[str, Any]:
     about = recording.about
     told = {name: about[name] for name in ("station", "wiring", "period", "started") if about.get(name) is not None}
     lost = sum(gap.count for gap in recording.gaps)
-    return told | {"periods_lost": lost, "periods_without_values": bare, "recording": str(recording.path)}
+    boxes = "\n".join(f"{box.time:g} s: {box.text or box.reason}" for box in recording.black_boxes)
+    return told | {
+        "periods_lost": lost, "periods_without_values": bare, "black_boxes": boxes, "recording": str(recording.path),
+    }  # fmt: skip
 
 
 def _joined(parts: Sequence[Any], empty: Any) -> Any:

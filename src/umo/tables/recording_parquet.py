@@ -29,6 +29,7 @@ def write_parquet(values: RecordedValues, file: Path, progress: TellTime) -> int
     rows = RunValues(run_name(about), values.layout, _items(values))
     told = {"station": about.get("station"), "wiring": about.get("wiring"), "started": about.get("started")}
     told["objects"] = rows.objects().to_pylist()
+    told["black_boxes"] = [box._asdict() for box in values.recording.black_boxes]
     beside = _Beside(len(values.layout.tunables))
     with pq.ParquetWriter(
         file, VALUES.with_metadata({"umo": json.dumps(told, default=str)}), compression="zstd"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from typing import Any
 
@@ -38,6 +39,7 @@ def facts_of(recording: Recording) -> dict[str, Any]:
         "signals": len(recording.layout.signals),
         "events": len(recording.events),
         "commands": recording.commands_taken,
+        "black_boxes": [box._asdict() for box in recording.black_boxes],
         "end": end and {"time": end.time, "text": end.text, "state": str(end.state)},
         "whole": recording.is_whole,
         "complete": recording.complete,
@@ -69,6 +71,7 @@ def lines_of(facts: dict[str, Any]) -> list[tuple[str, str]]:
         ("values of", f"{_count(facts['objects'], 'object')}, {_count(facts['signals'], 'signal')}"),
         ("events", f"{facts['events']:,}"),
         ("commands", f"{facts['commands']:,}"),
+        ("black boxes", _boxes(facts["black_boxes"])),
         ("end", last),
         ("replay", "from period 0 on" if facts["replayable"] else f"not possible: {facts['not_replayable']}"),
         ("file", f"{'whole' if facts['whole'] else 'cut or torn (umo record --repair)'}, {size}"),
@@ -77,9 +80,20 @@ def lines_of(facts: dict[str, Any]) -> list[tuple[str, str]]:
     return [(name, text) for name, text in found if text]
 
 
+def _boxes(boxes: list[dict[str, Any]]) -> str:
+    """How many there are, and what the last one shows; empty: there are none."""
+    if not boxes:
+        return ""
+    last = boxes[-1]
+    why = " ".join(last["text"].splitlines()[-1:]) or last["reason"]
+    return f"{len(boxes):,} (umo why --file), the last one at {last['time']:g} s: {why}"
+
+
 def _option(name: str, value: Any) -> str:
     flag = f"--{name.replace('_', '-')}"
-    return flag if value is True else f"{flag} {value}"
+    if isinstance(value, list):
+        return " ".join(_option(name, each) for each in value)
+    return flag if value is True else f"{flag} {shlex.quote(str(value))}"
 
 
 def _count(number: int, noun: str) -> str:

@@ -14,6 +14,7 @@ from time import sleep
 from typing import Any, NoReturn
 
 import numpy as np
+import numpy.typing as npt
 
 from umo.drivers.contract import Channel, Driver, IntArray, PhysicalScale
 from umo.drivers.off_cycle.device_server import DeviceServer, error_of
@@ -248,6 +249,15 @@ class OffCycle(Driver[Any]):
         if (places := self._plans.get(key)) is None:
             places = self._plans[key] = np.array([self.exchange.place[each.text] for each in key], np.int64)
         return places
+
+    def carried_out(self, number: int, place: int, rows: IntArray) -> bool:
+        """Whether an order for a channel, by their numbers, was carried out when these values were posted."""
+        return bool(rows[Row.ORDER, place] >= number)
+
+    def times(self, places: IntArray, stamps: IntArray, now: float, now_ns: int) -> npt.NDArray[np.float64]:
+        """The times in s on the cycle's clock of values of these channels, by their stamps; NaN: they never came. The
+        clock showed `now` at `now_ns`."""
+        return np.where(stamps == NEVER, np.nan, now - (now_ns - stamps) * 1e-9)  # below 0: since the last tick
 
     def cause(self, number: int) -> str:
         """Why a channel has no new value."""

@@ -271,6 +271,9 @@ export class Feed {
   /** Minimum, maximum, mean, rms and frequency of all samples between two times; of a state the share of time and the changes. @param {Stretch} request @returns {Promise<{values: (Record<string, number> | null)[]}>} */
   measure(request) { return this._ask({ type: "measure", ...request }); }
 
+  /** The gains of a law from the history. @param {{facts: object, start: number, stop: number, relay: boolean}} request @returns {Promise<Page.Tuned>} */
+  tuneLaw(request) { return this._ask({ type: "tune law", ...request }); }
+
   /**
    * A command for the station. @param {object} message @returns {Promise<Page.Answer>} its end, in the machine's words.
    * @param {(answer: Page.Answer) => void} [onBegun] Called when a long action has begun.

@@ -4,6 +4,7 @@ import { AlarmList } from "./alarms.js";
 import { ActionControl, ActuatorControl, JogControl, SensorControl, TunableControl } from "./controls.js";
 import { address, allow, el, setText } from "./dom.js";
 import { words } from "./client.js";
+import { LawPanel, lawsOf } from "./law_panel.js";
 import { LeaseBar } from "./lease.js";
 import { filtered, groupsOf, isActuator, partsOf } from "./parts.js";
 import { RecipePanel } from "./recipes.js";
@@ -18,6 +19,7 @@ import { clearing, forbidden } from "./status.js";
  */
 
 const MAX_UNFOLDED = 12;  // parts up to which all are unfolded; else the first one is
+const MANUAL_ONLY = ["Actuators", "Find the gains"];  // sections
 const MAX_ANSWERS = 3;  // that are shown
 
 export class View {
@@ -135,6 +137,7 @@ class Part {
       "Set apart": apart.map((action) => new ActionControl(this._client, action)),
       Actuators: objects.filter(isActuator).map((entry) => new ActuatorControl(this._client, entry)),
       "Tunable numbers": tunables.map((entry) => new TunableControl(this._client, entry)),
+      "Find the gains": lawsOf(tunables).map((law) => new LawPanel(this._client, law)),
     };
     if (objects.some(isActuator)) this.element.append(el("div", { className: "why" }, this._reasons, this._clear));
     const shown = Object.entries(sections).filter(([, controls]) => controls.length);
@@ -155,7 +158,7 @@ class Part {
     if (!this.element.open || !this._feed.state) return;
     this._controls ??= this._fill();
     for (const control of this._controls) control.refresh(this._feed);
-    for (const [title, barrier] of this._barriers) setText(barrier, this._client.barrier(title !== "Actuators"));
+    for (const [title, barrier] of this._barriers) setText(barrier, this._client.barrier(!MANUAL_ONLY.includes(title)));
     this._forbidden();
   }
 

@@ -101,7 +101,8 @@ export class RecordingBar {
   }
 
   async _copy() {
-    const command = `${this._feed.description?.recording?.replay} --at ${this._feed.state?.recording?.time ?? 0}s`;
+    const shown = Number((this._feed.state?.time ?? 0).toFixed(9));  // of the period that is shown, at or before the slider
+    const command = `${this._feed.description?.recording?.replay} --at ${shown}s`;
     try {
       await navigator.clipboard.writeText(command);
       setText(this._replay, "Copied");

@@ -80,6 +80,30 @@ declare namespace Page {
     shelves: boolean;
   }
 
+  /** What a law is made of (umo/control/experiment.py). */
+  interface LawFacts { law: string; sensor: string; actuator: string; dt: number; axis: boolean }
+
+  interface GainSet {
+    name: string;
+    rule: string;
+    gain_margin: number | null;
+    phase_margin: number | null;
+    overshoot: number | null;
+    settling_time: number | null;
+    /** By the names of the law. */
+    settings: Record<string, number | null>;
+  }
+
+  /** The gains of a law (umo/page/tuning_answer.py). */
+  interface Tuned {
+    model?: { kind: string; fit: number };
+    sets: GainSet[];
+    times: number[];
+    measured: (number | null)[];
+    predicted?: (number | null)[];
+    steps: Record<string, { times: number[]; values: (number | null)[] }>;
+  }
+
   interface Tunable { path: string; name: string; unit?: string; look?: string; minimum?: number; maximum?: number; range?: string }
 
   interface Description {

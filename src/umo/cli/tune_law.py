@@ -1,0 +1,217 @@
+"""`umo tune-law`: find the gains of a law, from an experiment or from what was recorded."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from umo.errors import FramesError, OptionError
+from umo.frames import Reader
+from umo.objects import numbers_of
+from umo.process.job import Job, Plan
+from umo.process.station import find
+from umo.remote import RemoteStation
+from umo.remote.search import find_elsewhere, meant_by, several_runs
+from umo.tuning.law_facts import LawFacts
+from umo.tuning.measured_response import MeasuredResponse
+from umo.tuning.plain_result import as_data, finite
+from umo.tuning.recorded_response import recorded_response
+from umo.tuning.tuning_result import TuningResult, tuned, tuned_axis
+
+from .commanding import hinting, leased
+from .console import err, out, say
+from .progress_line import OneLine
+from .ps import readers
+from .station_options import parse
+from .tuning_told import tables_of, told_settings
+from .values import duration, number
+
+LOW_FIT = 90.0
+"""Fit in per cent below which it is said."""
+
+
+@dataclass(frozen=True)
+class TuningOrder:
+    """What the command line asks for."""
+
+    relay: str | None = None
+    step: str | None = None
+    moves: str | None = None
+    file: Path | None = None
+    start: str | None = None
+    stop: str | None = None
+    at: str | None = None
+    hysteresis: float | None = None
+    within: float | None = None
+    cycles: int | None = None
+    lasting: str | None = None
+    name: str = "balanced"
+    derivative: bool = False
+    sensor: str = ""
+    actuator: str = ""
+    wiring: str | None = None
+    picture: Path | None = None
+    as_json: bool = False
+    over: bool = False
+
+    def check(self) -> None:
+        """OptionError unless it names one source."""
+        sources = {"--relay": self.relay, "--step": self.step, "--moves": self.moves, "--from": self.file}
+        given = [name for name, value in sources.items() if value is not None]
+        if len(given) != 1:
+            raise OptionError(f"give one of {', '.join(sources)}" + (f", not {' and '.join(given)}" if given else ""))
+        if self.file is None and (self.start or self.stop):
+            raise OptionError("--start and --stop are for --from")
+        if self.picture is not None and self.picture.suffix != ".png":
+            raise OptionError(f"{self.picture.name}: a plot is a .png")
+
+
+def tune_law(station: str, place: str, order: TuningOrder, options: Sequence[str]) -> int:
+    """Find the gains, and print them; the exit status."""
+    order.check()
+    if find_spec("scipy") is None:
+        raise OptionError('umo tune-law needs scipy: pip install "umo[tune]"')
+    if order.picture is not None and find_spec("matplotlib") is None:
+        raise OptionError('a plot needs matplotlib: pip install "umo[plot]"')
+    running = None if order.file is not None else _running(station)
+    if running is not None:
+        with RemoteStation(running) as remote:
+            result = _live(remote, place, order)
+            known = {each["path"]: (each["minimum"], each["maximum"]) for each in remote.reader.layout.tunables}
+    else:
+        result, known = _alone(station, place, order, options)
+    if result.identified is not None and result.identified.fit < LOW_FIT:
+        better = "--moves" if result.facts.axis and result.axis is None else "a larger amplitude"
+        say(f"the model describes only {result.identified.fit:.0f} % of the response; {better} may do better")
+    told = told_settings(result, order.name, station, known)
+    if order.as_json:
+        out.print_json(json.dumps(as_data(result) | {"chosen": {"name": told.name, **finite(told.values)}}))
+    else:
+        for table in tables_of(result):
+            out.print(table)
+        for line in told.lines:
+            out.print(line, soft_wrap=True)
+    if order.picture is not None:
+        from .tuning_plot import save_tuning_plot
+
+        save_tuning_plot(result, order.picture, f"umo tune-law {station} {place}")
+        err.print(f"plot: {order.picture}", soft_wrap=True)
+    return 0
+
+
+def _found(order: TuningOrder, facts: LawFacts, response: MeasuredResponse) -> TuningResult:
+    if order.moves is not None or (facts.axis and order.file is not None):
+        return tuned_axis(facts, response)
+    return tuned(facts, response, order.relay is not None, order.derivative)
+
+
+# A station that runs ---------------------------------------------------------------------------------------
+
+
+def _running(name: str) -> Reader | None:
+    """The frames of the run of this name, if there is one; FramesError if there are several."""
+    if (elsewhere := find_elsewhere(name)) is not None:
+        return elsewhere
+    found = readers()
+    fitting = meant_by(name, found)
+    for each in found:
+        if len(fitting) != 1 or each is not fitting[0]:
+            each.close()
+    if len(fitting) > 1:
+        raise FramesError(several_runs(name, fitting))
+    return fitting[0] if fitting else None
+
+
+def _live(station: RemoteStation, place: str, order: TuningOrder) -> TuningResult:
+    from umo.tuning.live_experiment import experiment, facts_of, moves
+
+    if order.at is not None:
+        raise OptionError("--at is for a run of its own; this station runs")
+    with hinting(station.reader), leased(station, order.over):
+        facts = facts_of(station, place, order.sensor, order.actuator)
+        with OneLine(err) as line:
+            began, before = time.monotonic(), station.progress
+
+            def show() -> None:
+                progress = station.progress  # what was said before is none of it
+                line.show(time.monotonic() - began, "" if progress == before else progress.text, None)
+
+            if order.moves is not None:
+                response = moves(station, facts, number("--moves", order.moves, facts.units[0]), show)
+            else:
+                response, ended = experiment(station, place, facts, _arguments(order, facts), show)
+                _say_end(ended)
+    return _found(order, facts, response)
+
+
+def _say_end(ended: Mapping[str, Any]) -> None:
+    say(f"the experiment has ended ({ended['ended']}); the law is in control")
+
+
+def _arguments(order: TuningOrder, facts: LawFacts) -> dict[str, Any]:
+    """Of the action `experiment`."""
+    kind, text = ("relay", order.relay) if order.relay is not None else ("step", order.step)
+    assert text is not None
+    more = {
+        "hysteresis": order.hysteresis,
+        "within": order.within,
+        "cycles": order.cycles,
+        "duration": None if order.lasting is None else duration("--for", order.lasting),
+    }
+    amplitude = _amplitude(f"--{kind}", text, facts)
+    return {"kind": kind, "amplitude": amplitude, **{name: value for name, value in more.items() if value is not None}}
+
+
+def _amplitude(option: str, text: str, facts: LawFacts) -> float:
+    """A share of the actuator's range (10%), or a number in its units."""
+    if text.strip().endswith("%"):
+        if not isfinite(facts.ranges[1]):
+            raise OptionError(f"{option}: {facts.actuator} has no range of which {text} could be a share")
+        return float(number(option, text.strip()[:-1], "")) * facts.ranges[1] / 100.0
+    return float(number(option, text, facts.units[1]))
+
+
+# Without one -----------------------------------------------------------------------------------------------
+
+
+def _alone(
+    station: str, place: str, order: TuningOrder, options: Sequence[str]
+) -> tuple[TuningResult, dict[str, tuple[float, float]]]:
+    """From what was recorded, or from a run of its own."""
+    from umo.tuning.own_experiment import declared_facts, own_experiment
+
+    def plan() -> Plan:
+        given = parse(find(station), order.wiring, options)
+        return Plan(Job(station, wiring=order.wiring, options=given))
+
+    first = plan()
+    facts = declared_facts(first, place, order.sensor, order.actuator)
+    numbers = ((path, each.declared) for path, each in numbers_of(first.machine).items())
+    known = {path: (each.minimum, each.maximum) for path, each in numbers if each.tunable}
+    if order.file is not None:
+        span = (_moment("--start", order.start), _moment("--stop", order.stop))
+        return _found(order, facts, recorded_response(order.file, facts.sensor, facts.actuator, *span)), known
+    if order.moves is not None:
+        raise OptionError(f"{station} does not run: start it with `umo run {station} --manual`, or give --from TRACE")
+    if order.at is None:
+        raise OptionError(
+            f"{station} does not run: start it with `umo run {station} --manual`; or give --at TIME, the time of the "
+            "experiment in a simulated run of its own"
+        )
+    with OneLine(err) as line:
+        show: Callable[[float, str], object] = lambda moment, text: line.show(moment, text, None)  # noqa: E731
+        response, ended = own_experiment(
+            plan(), place, facts, duration("--at", order.at), _arguments(order, facts), show
+        )
+    _say_end(ended)
+    return _found(order, facts, response), known
+
+
+def _moment(name: str, text: str | None) -> float | None:
+    return None if text is None else 0.0 if text.strip() in ("0", "0 s") else duration(name, text)

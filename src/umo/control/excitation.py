@@ -1,0 +1,117 @@
+"""Excitations of a loop: what is written to its output during an experiment, and when it is over. Pure numbers."""
+
+from __future__ import annotations
+
+from math import inf, isfinite, sqrt
+
+MOST_KEPT = 256
+"""Measurements that are kept to see whether a step has settled."""
+FEWEST_KEPT = 48
+SETTLED_SHARE = 0.02
+"""Change over the last third of a step, as a share of its whole change, below which it has settled."""
+NOISE_FACTOR = 10.0
+"""Hysteresis of a relay in standard deviations of the noise."""
+
+
+class Baseline:
+    """The loop before the experiment: means of output and measurement, and the noise. The law has refused what is not
+    finite."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.output = self.measurement = self.time = 0.0
+        self._last = self._squares = 0.0
+
+    def add(self, output: float, measurement: float, dt: float) -> None:
+        if self.count:
+            self._squares += (measurement - self._last) ** 2
+        self.count, self._last, self.time = self.count + 1, measurement, self.time + dt
+        self.output += (output - self.output) / self.count
+        self.measurement += (measurement - self.measurement) / self.count
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the measurement, from one to the next."""
+        return sqrt(self._squares / 2.0 / (self.count - 1)) if self.count > 1 else 0.0
+
+
+class RelaySwitching:
+    """Up and down around the old output, whenever the measurement leaves a band around the old measurement."""
+
+    def __init__(self, base: Baseline, amplitude: float, rising: bool, hysteresis: float, cycles: int) -> None:
+        """`rising`: whether a larger output makes the measurement rise."""
+        self.low, self.high = base.output - amplitude, base.output + amplitude
+        self._middle, self._hysteresis, self._rising = base.measurement, hysteresis, rising
+        self._cycles, self._rises, self._up = cycles, 0, True
+
+    def next(self, measurement: float, dt: float) -> float | None:
+        """The next output; None: it is over."""
+        away = (measurement - self._middle) * (1.0 if self._rising else -1.0)
+        if away > self._hysteresis:
+            self._up = False
+        elif away < -self._hysteresis and not self._up:
+            self._up = True
+            self._rises += 1
+        return None if self._rises > self._cycles else self.high if self._up else self.low
+
+    @property
+    def progress(self) -> str:
+        return f"relay: cycle {min(self._rises + 1, self._cycles)} of {self._cycles}"
+
+
+class StepChange:
+    """The old output and a step on it, until the measurement has settled."""
+
+    def __init__(self, base: Baseline, amplitude: float) -> None:
+        self.base, self.amplitude = base, amplitude
+        self._times: list[float] = []
+        self._kept: list[float] = []
+        self._time = 0.0
+        self._pause = 0.0
+        """s from one measurement that is kept to the next."""
+
+    @property
+    def low(self) -> float:
+        return min(self.base.output, self.base.output + self.amplitude)
+
+    @property
+    def high(self) -> float:
+        return max(self.base.output, self.base.output + self.amplitude)
+
+    def next(self, measurement: float, dt: float) -> float | None:
+        """The next output; None: it is over."""
+        self._time += dt
+        if not self._times or self._time - self._times[-1] >= self._pause:
+            self._times.append(self._time)
+            self._kept.append(measurement)
+            if len(self._kept) >= MOST_KEPT:
+                del self._times[::2], self._kept[::2]
+                self._pause = 1.5 * self._time / MOST_KEPT
+            if self._has_settled():
+                return None
+        return self.base.output + self.amplitude
+
+    def _has_settled(self) -> bool:
+        count = len(self._kept)
+        if count < FEWEST_KEPT:
+            return False
+        tenth = count // 10
+        end, before = _mean(self._kept[-tenth:]), _mean(self._kept[-4 * tenth : -3 * tenth])
+        change = abs(end - self.base.measurement)
+        noise = self.base.noise / sqrt(tenth)
+        return change > 10.0 * noise and abs(end - before) < SETTLED_SHARE * change + 3.0 * noise
+
+    @property
+    def progress(self) -> str:
+        return f"step: {self._time:.0f} s"
+
+
+def _mean(values: list[float]) -> float:
+    return sum(values) / len(values)
+
+
+def room_for(base: Baseline, amplitude: float, low: float, high: float, both: bool) -> float:
+    """The largest amplitude of this sign that fits between the bounds, `both`: on both sides of the old output."""
+    up, down = high - base.output, base.output - low
+    room = min(up, down) if both else up if amplitude > 0.0 else down
+    return max(room, 0.0) if isfinite(room) else inf

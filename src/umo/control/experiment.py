@@ -1,0 +1,215 @@
+"""Experiments on a running loop: a relay, or a step, around its present output.
+
+The experiment takes the place of `step` of the law for its duration: the law still reads, checks quality, limits and
+writes through the command stage, under its interlocks. However it ends, the next output of the law is the old one; then
+the law is in control, with the integral that it had. It is an action (`umo.objects.action`): the lease, dead-man
+control, modes and faults of equipment end it as any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import inf, isfinite
+from typing import Any, Literal
+
+from umo.control.excitation import NOISE_FACTOR, Baseline, RelaySwitching, StepChange, room_for
+from umo.control.loops import ControlLoop
+from umo.cycle.sequences import next_period
+from umo.errors import Busy, CommandRefused, RangeError
+from umo.objects import Compound, Range, action
+from umo.presentation.digits import number_text
+from umo.presentation.value_text import measure
+
+BASE_TIME, BASE_STEPS = 1.0, 20
+"""The law is watched for so long, s, and for so many of its steps before the experiment."""
+PATIENCE = 3
+"""Steps that the law may leave out until it counts as switched off."""
+LONGEST = 86_400.0
+"""s that an experiment can last, at most."""
+WITHIN_SHARE = 0.1
+"""Share of the sensor's range by which the measurement may move, if nothing else is said."""
+
+
+class LoopExperiments:
+    """The experiments on one loop of a machine."""
+
+    def __init__(self, part: Compound, path: str, loop: ControlLoop) -> None:
+        self._part, self._path, self._loop = part, path, loop
+        self._base = Baseline()
+        self._excitation: RelaySwitching | StepChange | None = None
+        self._plan: Callable[[Baseline, float, float], RelaySwitching | StepChange] | None = None
+        """Makes the excitation from the baseline, and the bounds of the output; None: no experiment."""
+        self._ended = self._failed = ""
+        self._idle = 0
+        """Looks at the law without a step of it."""
+        self._dt = 0.0
+        self._within = inf
+        self._until = 0.0
+        """The time until which the law's next step gives the old output."""
+        self._driven: float | None = None
+        """The output of the experiment that was returned last."""
+
+    @action(harmless=True)
+    def law(self) -> dict[str, Any]:
+        """What the law is made of."""
+        loop = self._loop
+        numbers = {name: value if isfinite(value) else None for name, value in loop.gains.items()}
+        ends = {"sensor": loop.sensor, "actuator": loop.actuator}
+        paths = {name: "" if each is None else each.path for name, each in ends.items()}
+        dt = self._dt or self._part.dt or self._part._machine.period
+        return {"law": self._path, **paths, **numbers, "dt": dt, "axis": hasattr(type(self._part), "describe_axis")}
+
+    @action(
+        amplitude=lambda each: each.amplitudes,
+        hysteresis=lambda each: Range(each.units, 0.0, inf),
+        within=lambda each: Range(each.units, 0.0, inf),
+        cycles=Range("", 2, 100),
+        duration=Range("s", 0.0, LONGEST),
+        release="end",
+    )
+    async def experiment(
+        self,
+        kind: Literal["relay", "step"],
+        amplitude: float,
+        *,
+        hysteresis: float = 0.0,
+        within: float = 0.0,
+        cycles: int = 5,
+        duration: float = 600.0,
+    ) -> dict[str, Any]:
+        """Excite the loop around its present output. 0: `hysteresis` by the noise, `within` a tenth of the sensor's
+        range.
+
+        Returns the old output and measurement, the noise, and the time at which the excitation began and ended.
+        RangeError without room for the amplitude, or if the measurement leaves `within`; CommandRefused if the law does
+        not act, or if its actuator is inhibited or written by somebody else; Busy during another experiment.
+        """
+        if self._loop.is_taken:
+            raise Busy(f"{self._path}: an experiment is under way")
+        if not amplitude or (kind == "relay" and amplitude < 0.0):
+            raise RangeError(f"{self._path}: the amplitude of a {kind} is not {number_text(amplitude)}")
+        self._within = within or WITHIN_SHARE * self._loop.measured_range or inf
+        self._plan = lambda base, low, high: self._made(kind, amplitude, hysteresis, cycles, base, low, high)
+        self._base, self._excitation, self._driven = Baseline(), None, None
+        self._ended = self._failed = ""
+        self._idle = 0
+        self._loop.take(self._next)
+        began = nan_time = -1.0
+        try:
+            while not (self._ended or self._failed):
+                await next_period()
+                self._look()
+                if self._excitation is not None:
+                    began = began if began != nan_time else self._part.now
+                    self._part.cycle.progress(self._excitation.progress)
+                    if self._part.now - began > duration:
+                        self._ended = "its time was over"
+        finally:
+            self.end()
+        if self._failed:
+            raise CommandRefused(f"{self._path}: {self._failed}")
+        base, ends = self._base, {"from": began, "to": self._part.now}
+        seen = {"output": base.output, "measurement": base.measurement, "noise": base.noise}
+        return {"ended": self._ended, **{name: round(value, 9) for name, value in {**seen, **ends}.items()}}
+
+    def end(self) -> None:
+        """End the experiment: the old output, then the law."""
+        if self._plan is None:
+            return
+        self._plan, self._until = None, self._part.now + (PATIENCE + 1) * max(self._dt, self._part._machine.period)
+        if self._driven is None or self._is_idle:
+            self._loop.give_back()
+        if self._driven is None:
+            return
+        actuator = self._loop.actuator
+        if actuator is not None and actuator.pending == self._driven:  # else somebody else is in charge
+            actuator.write(self._base.output)
+
+    @property
+    def units(self) -> str:
+        """Of the measurement."""
+        return "" if self._loop.sensor is None else self._loop.sensor.units
+
+    @property
+    def amplitudes(self) -> Range:
+        """Of the output, in the units of the actuator."""
+        actuator = self._loop.actuator
+        if actuator is None:
+            return Range("", -inf, inf)
+        span = actuator.maximum - actuator.minimum
+        return Range(actuator.units, -span, span)
+
+    # In each step of the law -------------------------------------------------------------------------------
+
+    def _next(self, output: float, measurement: float, dt: float, low: float, high: float) -> float | None:
+        """The output instead of the law's; None: the law's."""
+        self._idle, self._dt = 0, dt
+        if self._plan is None:  # it has ended: the old output, once
+            self._loop.give_back()
+            return None if self._part.now > self._until else min(max(self._base.output, low), high)
+        if self._ended or self._failed:
+            return None if self._driven is None else self._drive(self._base.output, low, high)
+        if self._excitation is None:
+            self._base.add(output, measurement, dt)
+            if self._base.count < BASE_STEPS or self._base.time < BASE_TIME:
+                return None
+            try:
+                self._excitation = self._plan(self._base, *self._loop.bounds(low, high))
+            except RangeError as error:
+                self._failed = str(error)
+                return None
+        moved = abs(measurement - self._base.measurement)
+        wanted = self._excitation.next(measurement, dt)
+        if moved > self._within:
+            bound = measure(self._within, self.units)
+            told = f"the measurement has moved by {measure(moved, self.units)}, more than {bound}"
+            if isinstance(self._excitation, StepChange):
+                self._ended = told
+            else:
+                self._failed = told
+            wanted = None
+        elif wanted is None:
+            self._ended = "done"
+        return self._drive(self._base.output if wanted is None else wanted, low, high)
+
+    def _drive(self, wanted: float, low: float, high: float) -> float:
+        self._driven = min(max(wanted, low), high)
+        return self._driven
+
+    def _made(
+        self, kind: str, amplitude: float, hysteresis: float, cycles: int, base: Baseline, low: float, high: float
+    ) -> RelaySwitching | StepChange:
+        room = room_for(base, amplitude, low, high, kind == "relay")
+        if abs(amplitude) > room:
+            actuator = self._loop.actuator
+            units = "" if actuator is None else actuator.units
+            raise RangeError(
+                f"the output stands at {measure(base.output, units)}, in a range of {number_text(low)} to "
+                f"{measure(high, units)}: an amplitude of at most {measure(room, units)} fits"
+            )
+        if kind == "step":
+            return StepChange(base, amplitude)
+        width = hysteresis or max(NOISE_FACTOR * base.noise, 2.0 * self._loop.resolution)
+        return RelaySwitching(base, amplitude, self._loop.gains["gain"] >= 0.0, width, cycles)
+
+    # In each period ----------------------------------------------------------------------------------------
+
+    def _look(self) -> None:
+        """Whether the law still acts, and nobody else."""
+        self._idle += 1
+        if self._is_idle:
+            self._failed = "the law does not act: nothing calls its `control`, or its sensor is not GOOD"
+        actuator = self._loop.actuator
+        if actuator is None or self._driven is None or self._failed:
+            return
+        if (reason := actuator.inhibited) is not None:
+            self._failed = f"{actuator.path} is inhibited: {reason}"
+        elif actuator.pending != self._driven:
+            self._failed = f"{actuator.path} was written by somebody else"
+
+    @property
+    def _is_idle(self) -> bool:
+        """Whether the law has not acted for some of its periods."""
+        period = self._part._machine.period
+        each = max(round(self._dt / period), 1) if self._dt and period else 1
+        return self._idle > PATIENCE * each + 1

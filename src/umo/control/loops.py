@@ -1,0 +1,139 @@
+"""Loops of laws: a `PID`, or one element of a `VectorPID`. An experiment takes the place of its `step`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import inf, isfinite
+from typing import Any, Protocol
+
+import numpy as np
+
+from umo.objects import DigitalActuator, DigitalSensor
+
+SETTINGS = ("gain", "integral_time", "derivative_time", "filter_time")
+Next = Callable[[float, float, float, float, float], float | None]
+"""From the law's output, the measurement, the period in s and the bounds: the output instead; None: the law's."""
+
+
+class ControlLoop(Protocol):
+    """One loop, with its sensor and its actuator where the law knows them."""
+
+    sensor: DigitalSensor | None
+    actuator: DigitalActuator | None
+
+    @property
+    def gains(self) -> dict[str, float]:
+        """Its settings by name."""
+
+    @property
+    def measured_range(self) -> float:
+        """The width of the sensor's range; 0: it is not known."""
+
+    @property
+    def resolution(self) -> float:
+        """Of the sensor, in its units; 0: it is not known."""
+
+    @property
+    def is_taken(self) -> bool: ...
+    def bounds(self, low: float, high: float) -> tuple[float, float]:
+        """The range of the output, without the slew rate: `low` and `high` are those of this period."""
+
+    def take(self, next_: Next) -> None:
+        """Ask this for each output. The law's integral is held while it gives one."""
+
+    def give_back(self) -> None:
+        """The law is in control again."""
+
+
+class _Loop:
+    """What loops have in common."""
+
+    def __init__(self, law: Any, sensor: DigitalSensor | None, actuator: DigitalActuator | None) -> None:
+        self._law = law
+        self.sensor, self.actuator = sensor, actuator
+
+    @property
+    def measured_range(self) -> float:
+        width = 0.0 if self.sensor is None else self.sensor.maximum - self.sensor.minimum
+        return width if isfinite(width) else 0.0
+
+    @property
+    def resolution(self) -> float:
+        sensor = self.sensor
+        return 0.0 if sensor is None or sensor.linearization is not None else abs(float(sensor.resolution))
+
+    @property
+    def is_taken(self) -> bool:
+        return "step" in vars(self._law)
+
+    def bounds(self, low: float, high: float) -> tuple[float, float]:
+        actuator = self.actuator
+        if actuator is None:
+            return low, high
+        limit = getattr(self._law, "limit", inf)
+        return max(actuator.minimum, actuator.default - limit), min(actuator.maximum, actuator.default + limit)
+
+    def give_back(self) -> None:
+        vars(self._law).pop("step", None)
+
+
+class LawLoop(_Loop):
+    """The loop of a `PID`."""
+
+    @property
+    def gains(self) -> dict[str, float]:
+        return {name: float(getattr(self._law, name)) for name in SETTINGS}
+
+    def take(self, next_: Next) -> None:
+        law = self._law
+        of_law: Callable[..., float] = law.step
+
+        def step(
+            setpoint: float,
+            measurement: float,
+            dt: float,
+            *,
+            feed_forward: float = 0.0,
+            low: float = -inf,
+            high: float = inf,
+        ) -> float:
+            integral = law.integral
+            output = of_law(setpoint, measurement, dt, feed_forward=feed_forward, low=low, high=high)
+            instead = next_(output, measurement, dt, low, high)
+            if instead is None:
+                return output
+            law.integral, law.limited = integral, False
+            return instead
+
+        vars(law)["step"] = step
+
+
+class ElementLoop(_Loop):
+    """The loop of one element of a `VectorPID`; the others go on."""
+
+    def __init__(self, law: Any, sensor: DigitalSensor | None, actuator: DigitalActuator | None, place: int) -> None:
+        super().__init__(law, sensor, actuator)
+        self._place = place
+
+    @property
+    def gains(self) -> dict[str, float]:
+        return {name: self._own(getattr(self._law, name)) for name in SETTINGS}
+
+    def _own(self, numbers: Any) -> float:
+        found = np.ravel(numbers)
+        return float(found[self._place if len(found) > 1 else 0])
+
+    def take(self, next_: Next) -> None:
+        law, own, place = self._law, self._own, self._place
+        of_law = law.step
+
+        def step(setpoint: Any, measurement: Any, dt: float, *, low: Any = -inf, high: Any = inf, **more: Any) -> Any:
+            integral = own(law.integral)
+            output = of_law(setpoint, measurement, dt, low=low, high=high, **more)
+            instead = next_(float(output[place]), float(measurement[place]), dt, own(low), own(high))
+            if instead is not None:
+                output[place] = instead
+                law.integral[place], law.limited[place] = integral, False
+            return output
+
+        vars(law)["step"] = step

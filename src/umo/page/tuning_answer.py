@@ -1,0 +1,72 @@
+"""What a page is answered about the tuning of a law: the gains, and what it draws. Needs the extra `tune`."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+
+from umo.errors import UmoError, text_of
+from umo.page.subscriptions import BadRequest, HistoryPart
+from umo.page.watched_run import Watched
+
+MOST_POINTS = 300
+"""Points of a curve, at most."""
+LONGEST = 3600.0
+"""s of a response, at most."""
+
+
+class TuningQuestion:
+    """A page asks for the gains of a law from the history. `message`: `facts` as the law's action `law` tells them,
+    `start`, `stop` (s), `relay`. BadRequest for a wrong one."""
+
+    def __init__(self, watched: Watched, message: dict[str, Any]) -> None:
+        try:
+            from umo.tuning.law_facts import LawFacts
+        except ImportError:
+            raise BadRequest('tuning needs scipy: pip install "umo[tune]"') from None
+        try:
+            facts = LawFacts.of(message["facts"])
+        except (KeyError, TypeError, ValueError):
+            raise BadRequest("facts must be those of a law") from None
+        self._part = HistoryPart.of(watched, message | {"paths": [facts.actuator, facts.sensor]})
+        if self._part.stop - self._part.start > LONGEST:
+            raise BadRequest(f"a response is {LONGEST:g} s long at most")
+        try:
+            self._facts = facts.described(watched.entries)
+        except (UmoError, KeyError) as error:
+            raise BadRequest(str(error)) from None
+        self._relay = message.get("relay") is True
+
+    def answer(self, head: dict[str, Any]) -> str:
+        """The answer, or an error in words. It may be made in any thread."""
+        try:
+            return json.dumps(head | self._found())
+        except ImportError:
+            text = 'tuning needs scipy: pip install "umo[tune]"'
+        except Exception as error:  # of numbers that a page has given: the others are shown
+            text = str(error) if isinstance(error, UmoError) else f"no gains were found: {text_of(error)}"
+        return json.dumps({"type": "error", "id": head.get("id"), "text": text})
+
+    def _found(self) -> dict[str, Any]:
+        from umo.tuning.measured_response import MeasuredResponse
+        from umo.tuning.plain_result import as_data, finite
+        from umo.tuning.tuning_result import tuned
+
+        part = self._part
+        times, rows = part.watched.history.between(part.start, part.stop, part.columns)
+        result = tuned(self._facts, MeasuredResponse.of(times, *rows), self._relay)
+        response = result.response.thinned()
+        curves = {"times": response.times, "measured": response.measurements}
+        if result.identified is not None:
+            curves["predicted"] = result.identified.predicted
+        steps = {name: {"times": _few(s.times), "values": _few(s.measurements)} for name, s in result.steps.items()}
+        found: dict[str, Any] = finite({name: _few(curve) for name, curve in curves.items()} | {"steps": steps})
+        return as_data(result) | found
+
+
+def _few(curve: Any) -> list[float]:
+    every = -(-len(curve) // MOST_POINTS)
+    few: list[float] = np.asarray(curve)[:: max(every, 1)].tolist()
+    return few

@@ -1,0 +1,71 @@
+"""What is known of a loop that is tuned: its law, its sensor and actuator, its present gains."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from math import inf, isfinite
+from typing import Any
+
+from umo.errors import PathError
+from umo.text import did_you_mean
+from umo.tuning.margins import Gains
+
+SETTINGS = ("gain", "integral_time", "derivative_time", "filter_time")
+
+
+@dataclass(frozen=True)
+class LawFacts:
+    """A loop: `law` is its path, `base` that of the law as a whole."""
+
+    law: str
+    sensor: str
+    actuator: str
+    present: Gains
+    dt: float
+    """s between two steps of the law."""
+    axis: bool = False
+    """Whether it is the servo of an axis of motion."""
+    units: tuple[str, str] = ("", "")
+    """Of the measurement and of the output."""
+    ranges: tuple[float, float] = (inf, inf)
+    """Widths of the ranges of the measurement and of the output."""
+    resolution: float = 0.0
+    """Of the output."""
+
+    @classmethod
+    def of(cls, told: Mapping[str, Any], sensor: str = "", actuator: str = "") -> LawFacts:
+        """From what the action `law` tells; `sensor` and `actuator` count before that. ValueError, TypeError or
+        KeyError if it is not that."""
+        present = Gains(**{name: inf if told[name] is None else float(told[name]) for name in SETTINGS})
+        ends = sensor or str(told["sensor"]), actuator or str(told["actuator"])
+        dt = float(told["dt"])
+        if not (0.0 < dt < inf and isfinite(present.gain)):
+            raise ValueError(f"no law has a period of {dt:g} s and a gain of {present.gain:g}")
+        return cls(str(told["law"]), *ends, present, dt, bool(told["axis"]))
+
+    @property
+    def base(self) -> str:
+        """The path of the law; of an element that of its VectorPID."""
+        head, _, last = self.law.rpartition(".")
+        return head if last.isdigit() and head else self.law
+
+    def described(self, objects: Iterable[Mapping[str, Any]]) -> LawFacts:
+        """With units and ranges from the descriptions of the objects. PathError if sensor or actuator is none of
+        them."""
+        known = {str(each["path"]): each for each in objects}
+        found: list[Mapping[str, Any]] = []
+        for what, path in (("sensor", self.sensor), ("actuator", self.actuator)):
+            if not path:
+                raise PathError(f"{self.law} knows no {what}: name it with --{what}")
+            if path not in known or "one" in known[path]:
+                raise PathError(f"no {what} {path!r} that has a number{did_you_mean(path, known)}")
+            found.append(known[path])
+        measured, output = found
+        units = str(measured.get("unit", "")), str(output.get("unit", ""))
+        ranges = _width(measured), _width(output)
+        return replace(self, units=units, ranges=ranges, resolution=abs(float(output.get("resolution") or 0.0)))
+
+
+def _width(about: Mapping[str, Any]) -> float:
+    return float(about["maximum"]) - float(about["minimum"])

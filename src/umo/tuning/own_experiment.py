@@ -1,0 +1,80 @@
+"""Experiments in a run of their own: a station on its simulated plant, in virtual time."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from umo.control import wait
+from umo.cycle import Frame, connect, drive
+from umo.cycle.client_experiments import loop_at
+from umo.errors import CommandRefused, OptionError
+from umo.objects import Compound, Quality, atoms, described
+from umo.process.job import Plan
+from umo.tuning.law_facts import LawFacts
+from umo.tuning.live_experiment import BEFORE
+from umo.tuning.measured_response import MeasuredResponse
+from umo.wiring.wired import apply_parameters
+
+
+def declared_facts(plan: Plan, place: str, sensor: str = "", actuator: str = "") -> LawFacts:
+    """What the law at this path is made of, with the parameters of the wiring. No device is opened: all is simulated.
+    PathError if there is no law."""
+    apply_parameters(plan.machine, plan.wired.parameters, lambda restore: None)
+    every = {id(each.part): each.every for each in plan.wired.rates}
+    with connect(plan.machine, None) as machine:
+        loop = loop_at(machine, place)
+        told: dict[str, Any] = loop.law.experiments(loop.part, loop.path, loop.name).law()
+        if plan.wired.period is not None:
+            told["dt"] = plan.wired.period * every.get(id(loop.part), 1)
+        return LawFacts.of(told, sensor, actuator).described(map(described, atoms(machine)))
+
+
+def own_experiment(
+    plan: Plan,
+    place: str,
+    facts: LawFacts,
+    at: float,
+    arguments: Mapping[str, Any],
+    show: Callable[[float, str], object] = lambda time, text: None,
+) -> tuple[MeasuredResponse, dict[str, Any]]:
+    """Run the station's application, and make the experiment at this time, s. The response, and what the experiment
+    returned. OptionError if the wiring runs in real time; CommandRefused if the run ends before."""
+    if plan.wired.realtime:
+        raise OptionError(
+            f"{plan.name} with the wiring {plan.wiring_name or 'given'} runs in real time: start it with `umo run "
+            f"{plan.name} --manual`, and tune it while it runs"
+        )
+    rows, ended = array("d"), dict[str, Any]()
+
+    async def application(machine: Compound) -> None:
+        task = None if plan.application is None else machine.cycle.start(plan.application(machine))
+        await wait(at)
+        if task is not None and task.done:
+            raise CommandRefused(f"the application has ended before {at:g} s: nothing runs any more; give --at less")
+        loop = loop_at(machine, place)
+        experiments = loop.law.experiments(loop.part, loop.path, loop.name)
+        ended.update(await experiments.experiment(**arguments))
+
+    def keep(frame: Frame) -> None:
+        show(frame.time, frame.progress.text)
+        if frame.time >= at - BEFORE * facts.dt:
+            numbers = (frame.values[place] if frame.quality[place] < Quality.BAD else np.nan for place in places)
+            rows.extend((frame.time, *numbers))
+
+    connection = connect(plan.machine, plan.wired)
+    with connection as machine:
+        paths = [item.path for item in connection.machine.image.items]
+        places = [paths.index(facts.actuator), paths.index(facts.sensor)]
+        connection.machine.observers.append(keep)
+        drive(machine, application)
+    if not ended:
+        if connection.stop.signal is not None:
+            raise KeyboardInterrupt
+        raise CommandRefused("the run has ended before the experiment")
+    found = np.array(rows).reshape(-1, 3)
+    found = found[found[:, 0] <= ended["to"]]
+    return MeasuredResponse.of(found[:, 0], found[:, 1], found[:, 2]), ended

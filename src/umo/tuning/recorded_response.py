@@ -1,0 +1,67 @@
+"""Responses that were recorded before: the trace of a run (CSV), or a recording (MCAP)."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from umo.errors import OptionError, PathError
+from umo.objects.scaling import FloatArray
+from umo.text import did_you_mean
+from umo.tuning.measured_response import MeasuredResponse
+
+TIME = "time_s"
+"""Column of the time in a trace."""
+
+
+def recorded_response(
+    file: Path, sensor: str, actuator: str, start: float | None = None, stop: float | None = None
+) -> MeasuredResponse:
+    """The response between these times, s. OptionError if the file cannot be read; PathError for an object that it does
+    not have; RangeError if there are too few samples."""
+    if not file.is_file():
+        raise OptionError(f"--from {file}: {'is a folder' if file.is_dir() else 'there is no such file'}")
+    times, outputs, measurements = (
+        _of_recording(file, sensor, actuator) if file.suffix == ".mcap" else _of_trace(file, sensor, actuator)
+    )
+    low, high = -np.inf if start is None else start, np.inf if stop is None else stop
+    inside = (times >= low) & (times <= high)
+    return MeasuredResponse.of(times[inside], outputs[inside], measurements[inside])
+
+
+def _of_trace(file: Path, sensor: str, actuator: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    try:
+        with file.open(newline="", encoding="utf-8") as lines:
+            heads = next(csv.reader(lines), [])
+            columns = {head.partition("[")[0]: place for place, head in enumerate(heads)}
+            if TIME not in columns:
+                raise OptionError(f"--from {file}: it is no trace of a run: it has no column {TIME}")
+            places = [columns[TIME], *(_place(columns, each, file) for each in (actuator, sensor))]
+            rows = [[row[place] for place in places] for row in csv.reader(lines) if len(row) == len(heads)]
+            found = np.array(rows, np.float64).reshape(-1, 3)
+    except (OSError, UnicodeError, ValueError, csv.Error) as error:
+        raise OptionError(f"--from {file}: it cannot be read: {error}") from None
+    return found[:, 0], found[:, 1], found[:, 2]
+
+
+def _place(columns: dict[str, int], path: str, file: Path) -> int:
+    if path not in columns:
+        raise PathError(f"{file} has no {path}{did_you_mean(path, columns)}")
+    return columns[path]
+
+
+def _of_recording(file: Path, sensor: str, actuator: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    try:
+        from umo.recording import Recording
+        from umo.tables.recorded_values import RecordedValues
+    except ImportError:
+        raise OptionError('a recording needs mcap: pip install "umo[record]"') from None
+    with Recording(file) as recording:
+        values = RecordedValues(recording, [actuator, sensor])
+        frames = [part.frames for part in values.parts()]
+        order = [str(each["path"]) for each in values.entries]
+        rows = np.concatenate([np.zeros((0, len(order))), *(values.of(each) for each in frames)])
+        times = np.concatenate([np.zeros(0), *(each["time"] for each in frames)])
+    return times, rows[:, order.index(actuator)], rows[:, order.index(sensor)]
