@@ -11,12 +11,13 @@ from typing import Any, Literal
 import pytest
 
 from helpers.boards import M3, M4F, avr, emulated, firmware, mps2, need
-from helpers.generating import KINDS, Fragile, by_hand, everything, random_inputs, set_inputs, told_by, wiring_of
+from helpers.generating import KINDS, Fragile, everything, random_inputs, set_inputs, told_by, wiring_of
 from helpers.peers.text_devices import CannotRun
 from umo.cycle.connect import connect
 from umo.generate.controller_folder import files_of, write_folder
 from umo.generate.controller_generator import target_of
 from umo.generate.controller_model import laid_out
+from umo.generate.translation import translate
 from umo.testing import VirtualTimer
 
 PERIODS = 10_000
@@ -50,7 +51,7 @@ def _board(name: str, folder: Path) -> Board:
 def _generate(target: str, real: Literal["double", "float"] | None, folder: Path) -> None:
     machine, chosen = everything(0.5), target_of(target, real)
     with laid_out(machine, wiring_of(machine, Fragile(), VirtualTimer(), "door", "lamp")) as model:
-        write_folder(files_of(model, by_hand(machine, model), chosen), folder)
+        write_folder(files_of(model, translate(machine, model.functions, chosen), chosen), folder)
 
 
 def test_ten_thousand_random_periods_on_a_board(board: Board) -> None:

@@ -10,7 +10,6 @@ import pytest
 from helpers.generating import (
     Beside,
     Fragile,
-    by_hand,
     everything,
     needs_a_compiler,
     random_inputs,
@@ -22,6 +21,7 @@ from umo.cycle.connect import connect
 from umo.generate.compiled_machine import CompiledMachine, compiled
 from umo.generate.controller_folder import TARGETS, files_of, write_folder
 from umo.generate.controller_model import laid_out, model_of
+from umo.generate.translation import translate
 from umo.testing import VirtualTimer
 
 pytestmark = needs_a_compiler
@@ -32,7 +32,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The machine with everything, compiled once."""
     folder, machine = tmp_path_factory.mktemp("controller"), everything()
     with laid_out(machine, wiring_of(machine, Fragile(), VirtualTimer(), "door", "lamp")) as model:
-        write_folder(files_of(model, by_hand(machine, model), TARGETS["host"]), folder)
+        write_folder(files_of(model, translate(machine, model.functions, TARGETS["host"]), TARGETS["host"]), folder)
     return compiled(folder)
 
 

@@ -27,7 +27,6 @@ from umo.errors import ChannelsFailed, UmoError
 from umo.generate.compiled_machine import CompiledMachine, compiler
 from umo.generate.controller_folder import RUNTIME_FAULTS
 from umo.generate.controller_model import ControllerModel
-from umo.generate.translation import CFunction, Translation
 from umo.objects import Quality
 from umo.states import OnOff, PassFail
 from umo.testing import Scripted, VirtualTimer
@@ -78,60 +77,6 @@ class Everything(Compound):
         self.pump.write(OnOff.ON if plain > 50.0 else OnOff.OFF)
 
 
-CONTROL = """
-static umo_fault control(umo_machine *m)
-{
-    umo_real plain, value;
-    bool taken;
-    umo_fault fault = umo_value_of(IN(plain), 0, &plain);
-    if (fault || (fault = umo_digital_write(IN(motor), plain * (umo_real)0.1 - 4, &taken)))
-        return fault;
-    if (plain > 20) {
-        (void)umo_digital_read(IN(smooth), &value);
-        if ((fault = umo_digital_write(IN(heater), value * (umo_real)1.2, &taken)))
-            return fault;
-    }
-    if ((fault = umo_digital_write(IN(ramp), plain * (umo_real)0.24 - 12, &taken)))
-        return fault;
-    (void)umo_digital_read(IN(table), &value);
-    if ((fault = umo_digital_write(IN(valve_position), value, &taken)))
-        return fault;
-    (void)umo_digital_read(IN(counter), &value);
-    if ((fault = umo_digital_write(IN(fragile), value * (umo_real)0.01, &taken)))
-        return fault;
-    if ((fault = umo_value_of(IN(encoder), 1u << UMO_UNREFERENCED, &value)))
-        return fault;
-    if ((fault = umo_binary_write(IN(lamp), value > 3 ? 0 : 1, &taken)))
-        return fault;
-    return umo_binary_write(IN(pump), plain > 50 ? 0 : 1, &taken);
-}
-
-static umo_fault door_is_open(umo_machine *m, bool *holds)
-{
-    uint8_t state;
-    umo_fault fault = umo_state_of(IN(door), 0, &state);
-    *holds = !fault && state == 1;
-    return fault;
-}
-
-static umo_fault too_hot(umo_machine *m, bool *holds)
-{
-    umo_real value;
-    umo_fault fault = umo_value_of(IN(marked), 0, &value);
-    *holds = !fault && value > 60;
-    return fault;
-}
-
-static umo_fault too_far(umo_machine *m, bool *holds)
-{
-    umo_real value;
-    umo_fault fault = umo_value_of(IN(held), 0, &value);
-    *holds = !fault && value > 90;
-    return fault;
-}
-"""
-
-
 def _sensor(**changes: Any) -> DigitalSensor:
     given = {"minimum": 0.0, "maximum": 100.0, "resolution": 0.3, "zero_offset": 0.1} | changes
     return DigitalSensor("mm", **given)
@@ -175,15 +120,6 @@ def everything(beyond: float = 0.0) -> Everything:
         lamp=BinaryActuator(OnOff, **relay),
         pump=BinaryActuator(OnOff, **relay, synchronous=False),
     )
-
-
-def by_hand(machine: Everything, model: ControllerModel) -> Translation:
-    """Its control and conditions in C, written by hand."""
-    names = "".join(f"enum {{ SLOT_{one.path} = {one.slot} }};\n" for one in model.objects)
-    source = f"#define IN(name) (&m->objects[SLOT_##name])\n{names}{CONTROL}"
-    conditions = zip(model.interlocks, ("door_is_open", "too_hot", "too_far"), strict=True)
-    entry: dict[Any, CFunction] = {each.condition: CFunction(name) for each, name in conditions}
-    return Translation(source=source, entry=entry | {model.laws[0]: CFunction("control")})
 
 
 class Fragile(Scripted):

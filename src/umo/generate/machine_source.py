@@ -260,14 +260,14 @@ def _interlocks(model: ControllerModel, translation: Translation) -> Iterator[st
     """The conditions as functions of one kind, and what they inhibit."""
     for number, each in enumerate(model.interlocks):
         yield f"/* {comment(each.reason)} */\n"
-        yield f"static umo_fault condition_{number}(umo_machine *m, bool *holds)\n"
+        yield f"static umo_fault interlock_condition_{number}(umo_machine *m, bool *holds)\n"
         yield f"{{\n    return {translation.entry[each.condition].call('holds')};\n}}\n"
         yield array("int16_t", f"interlock_{number}", [str(place) for place in each.outputs])
     if not model.interlocks:
         return
     yield "static const UMO_FLASH umo_interlock_traits interlock_traits[] = {\n"
     for number, each in enumerate(model.interlocks):
-        yield f"    {{condition_{number}, interlock_{number}, {len(each.outputs)}, "
+        yield f"    {{interlock_condition_{number}, interlock_{number}, {len(each.outputs)}, "
         yield f"{truth(each.latched)}, {truth(each.stops)}}},\n"
     yield "};\n\n"
 

@@ -6,7 +6,6 @@ does not translate is a `Untranslatable`, with its place and the nearest thing t
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
@@ -100,11 +99,8 @@ class Translation:
 
 
 def translate(machine: Compound, functions: Sequence[Callable[..., Any]], target: ControllerTarget) -> Translation:
-    """The functions of a machine in C. Not written yet: each is told as one that does not translate."""
-    return Translation(problems=[_refused(each) for each in functions])
+    """The functions of a machine in C; what does not translate is in `problems`."""
+    from umo.generate.code_world import translate as translated
+    from umo.generate.controller_folder import RUNTIME_FAULTS
 
-
-def _refused(function: Callable[..., Any]) -> Untranslatable:
-    code = inspect.unwrap(getattr(function, "__func__", function)).__code__
-    reason = "control code is not translated to C yet"
-    return Untranslatable(code.co_filename, code.co_firstlineno, function.__qualname__, reason, "")
+    return translated(machine, functions, target, RUNTIME_FAULTS)
