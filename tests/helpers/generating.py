@@ -27,6 +27,7 @@ from umo.errors import ChannelsFailed, UmoError
 from umo.generate.compiled_machine import CompiledMachine, compiler
 from umo.generate.controller_folder import RUNTIME_FAULTS
 from umo.generate.controller_model import ControllerModel
+from umo.generate.translation import CodeFault
 from umo.objects import Quality
 from umo.states import OnOff, PassFail
 from umo.testing import Scripted, VirtualTimer
@@ -147,10 +148,16 @@ class Beside:
     """A connected machine of Python and its controller in C, driven by the same raw integers."""
 
     def __init__(
-        self, running: connect[Any], box: Fragile, controller: CompiledMachine, model: ControllerModel
+        self,
+        running: connect[Any],
+        box: Fragile,
+        controller: CompiledMachine,
+        model: ControllerModel,
+        faults: Sequence[CodeFault] = (),
     ) -> None:
         self.running, self.box, self.c, self.model = running, box, controller, model
         self.image = running.image
+        self.kinds = KINDS | {each.number: each.kind for each in faults}
         self.told: Counter[str | None] = Counter()
         """How often the machine told an error of each class; None: nothing."""
         self.inputs = [self.image.wires[slot].channel.text for slot in range(model.inputs)]
@@ -163,7 +170,7 @@ class Beside:
         told = self._python()
         self.told[told] += 1
         fault = self.c.step(ticks, raws, failed) or self.c.sent(deaf)
-        assert KINDS[fault] == told, (fault, told)
+        assert self.kinds[fault] == told, (fault, told)
 
     def _python(self) -> str | None:
         m = self.running.root

@@ -24,12 +24,12 @@ from umo.generate.expression_code import NUMBERS, ExpressionCode
 from umo.generate.function_scope import FunctionScope
 from umo.generate.function_source import NoSource, bound
 from umo.generate.live_fields import ACCEPTED
-from umo.generate.terms import Code, Live, Many, Present, Term
+from umo.generate.terms import TEXT, Code, Live, Many, Present, Term
 from umo.objects import Compound, Quality
 from umo.objects.atomic import Atomic, Binary, Digital
 from umo.objects.compound import Cycle
 
-HOST_CALLS: frozenset[Any] = frozenset({Profile.to, Profile.at, Profile.hold})
+HOST_CALLS: frozenset[Any] = frozenset({Profile.to, Profile.at})
 """What only the host can do: it plans motions."""
 DROPPED = ("progress", "say")
 """Names of methods that only tell something."""
@@ -85,6 +85,8 @@ class CallCode(ExpressionCode):
 
     def field(self, owner: Any, name: str, base: Live, node: ast.AST) -> Term:
         """An attribute that is a number is a field; another one is known."""
+        if (id(owner), name) in self.world.memory.texts:
+            return Live(TEXT)
         value = self._got(owner, name, node)
         of = self.world.fields.type_of(owner, name, value)
         if of is None or of == NOTHING:

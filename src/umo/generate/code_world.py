@@ -246,7 +246,7 @@ class CodeWorld:
     def source(self) -> str:
         bodies = "\n".join(each.text for each in self.functions.values() if each.text)
         tests = "\n".join(map(self._test, self._tests))
-        return '#include "umo_python.h"\n\n' + "\n".join(part for part in (tests, bodies) if part)
+        return "\n".join(part for part in (tests, bodies) if part)
 
     def _test(self, kinds: tuple[type[BaseException], ...]) -> str:
         name = self._tests[kinds]
@@ -343,6 +343,8 @@ def translate(
         entry=entry,
         faults=world.faults,
         layout=world.fields.layout(),
+        structs=world.fields.filled,
+        host_calls=[f"{world.fields.known(each, '').path}.{name}" for each, name in world.hosts],
         notes=world.notes,
         problems=world.problems,
     )

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from umo.errors import DeclarationError, RangeError
+from umo.generate.live_fields import LiveStruct
+from umo.generate.struct_memory import StructMemory
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wconversion", "-Werror")
 """Flags of a compiler: each operation is rounded by itself, and nothing is converted in silence."""
@@ -42,6 +44,7 @@ class CompiledMachine:
     def __init__(self, library: Path, inputs: int, outputs: int) -> None:
         self._library = lib = CDLL(str(library))
         lib.host_size.restype = c_size_t
+        lib.machine_struct.restype = c_void_p
         for name in ("host_value", "host_pending", "host_velocity"):
             getattr(lib, name).restype = c_double
         for name in ("machine_begin", "machine_step", "machine_sent", "host_set_reading"):
@@ -53,6 +56,10 @@ class CompiledMachine:
         self._failed_in, self._failed_out = (c_uint8 * max(1, inputs))(), (c_uint8 * max(1, outputs))()
         self._inputs, self._outputs = inputs, outputs
         lib.machine_init(self._machine)
+
+    def struct(self, number: int, struct: LiveStruct) -> StructMemory:
+        """The memory of a struct of translated code, by its number."""
+        return StructMemory(struct, int(self._library.machine_struct(self._machine, c_int16(number))))
 
     @property
     def raws_out(self) -> list[int]:

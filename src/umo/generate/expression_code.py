@@ -10,7 +10,7 @@ from typing import Any
 from umo.generate.c_types import BOOL, INT, REAL, ArrayType, CType, OptionalType, StateType, TupleType, joined
 from umo.generate.function_scope import FunctionScope
 from umo.generate.function_source import ABSENT
-from umo.generate.terms import Code, Live, Many, Present, Term
+from umo.generate.terms import TEXT, Code, Live, Many, Present, Term, UnknownText
 
 FOLDED: dict[type[ast.AST], Callable[..., Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
@@ -60,6 +60,9 @@ class ExpressionCode(FunctionScope):
 
     def _Constant(self, node: ast.Constant) -> Term:
         return Live(node.value)
+
+    def _JoinedStr(self, node: ast.JoinedStr) -> Term:
+        return Live(TEXT)
 
     def _Name(self, node: ast.Name) -> Term:
         found = self.names.get(node.id)
@@ -233,6 +236,8 @@ class ExpressionCode(FunctionScope):
     def compared(self, sign: ast.cmpop, left: Term, right: Term, left_node: ast.AST, right_node: ast.AST) -> Term:
         if isinstance(sign, ast.In | ast.NotIn):
             return self._contained(isinstance(sign, ast.In), left, right, left_node, right_node)
+        if any(isinstance(each, Live) and isinstance(each.value, UnknownText) for each in (left, right)):
+            self.refuse(left_node, "a text that is made at run time", "a state of an Enum")
         identity = isinstance(sign, ast.Is | ast.IsNot)
         equal = isinstance(sign, ast.Is | ast.Eq)
         none = [each for each in (left, right) if isinstance(each, Live) and each.value is None]
@@ -242,7 +247,7 @@ class ExpressionCode(FunctionScope):
             if identity:
                 return Live((left.value is right.value) is equal)
             return Live(bool(FOLDED[type(sign)](left.value, right.value)))
-        states = [self.code(each, node) for each, node in ((left, left_node), (right, right_node)) if _is_state(each)]
+        states = [self.code(each, at) for each, at in ((left, left_node), (right, right_node)) if _is_state(each)]
         if states:
             if len(states) == 1 or not (identity or isinstance(sign, ast.Eq | ast.NotEq)):
                 return self._odd_state(sign, left, right, equal, left_node)

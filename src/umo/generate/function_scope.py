@@ -24,7 +24,7 @@ from umo.generate.c_types import (
 )
 from umo.generate.function_source import SourcedFunction
 from umo.generate.live_fields import mask_of
-from umo.generate.terms import Code, Live, Many, Present, Term
+from umo.generate.terms import Code, Live, Many, Present, Term, UnknownText
 
 if TYPE_CHECKING:
     from umo.generate.code_world import CodeWorld
@@ -232,6 +232,8 @@ class FunctionScope:
     def truth(self, term: Term, node: ast.AST) -> str | bool:
         """The text of a condition; a bool if it is known already."""
         if isinstance(term, Live):
+            if isinstance(term.value, UnknownText):
+                self.refuse(node, "a text that is made at run time", "a state of an Enum")
             return bool(term.value)
         if isinstance(term, Present):
             return term.text

@@ -130,23 +130,28 @@ class LiveFields:
     def header(self) -> str:
         """Structs, one for each tuple and each object."""
         parts = [_struct(name, each.members) for name, each in self.tuples.items()]
-        for each in self._filled:
+        for each in self.filled:
             parts.append(f"/* {each.path or 'the machine'}: {type(each.owner).__qualname__} */\n")
             members = [(identifier(name), of) for name, of in each.fields.items()]
             parts.append(_struct(f"machine_of_{each.member}", members))
         return "\n".join(parts)
 
     def members(self) -> str:
-        return "".join(f"    machine_of_{each.member} {each.member};\n" for each in self._filled)
+        return "".join(f"    machine_of_{each.member} {each.member};\n" for each in self.filled)
 
     def init(self) -> str:
         lines = []
-        for each in self._filled:
+        for each in self.filled:
             for name, of in each.fields.items():
                 place = f"m->{each.member}.{identifier(name)}"
                 lines += self._set(place, of, getattr(each.owner, name))
         body = "".join(f"    {line}\n" for line in lines) or "    (void)m;\n"
-        return f"static void init_objects(umo_machine *m)\n{{\n{body}}}\n"
+        cases = "".join(f"    case {n}:\n        return &m->{each.member};\n" for n, each in enumerate(self.filled))
+        access = f"    switch (number) {{\n{cases}    default:\n        (void)m;\n        return NULL;\n    }}\n"
+        return (
+            f"static void init_objects(umo_machine *m)\n{{\n{body}}}\n\n"
+            f"void *machine_struct(umo_machine *m, int16_t number)\n{{\n{access}}}\n"
+        )
 
     def layout(self) -> list[StructField]:
         return [
@@ -157,12 +162,12 @@ class LiveFields:
                 of.name if not isinstance(of, ArrayType) else f"{of.of.name}[{of.length}]",
                 "STATE" if (id(each.owner), name) in self._memory.assigned else "INPUT",
             )
-            for each in self._filled
+            for each in self.filled
             for name, of in each.fields.items()
         ]
 
     @property
-    def _filled(self) -> list[LiveStruct]:
+    def filled(self) -> list[LiveStruct]:
         return [each for each in self.structs.values() if each.fields]
 
     def _set(self, place: str, of: CType, value: Any) -> list[str]:

@@ -19,7 +19,7 @@ HEADER = """\
 #ifndef MACHINE_H
 #define MACHINE_H
 
-#include "umo.h"
+#include "umo_python.h"
 
 #define MACHINE_NAME "{name}"
 #define MACHINE_PERIOD {period} /* s */
@@ -63,6 +63,9 @@ void machine_stop(umo_machine *m, int32_t *raws_out);
 
 /* Frees the actuators of latched interlocks whose conditions are false. */
 void machine_acknowledge(umo_machine *m);
+
+/* The struct of a law or a part, by its number; NULL: there is none. */
+void *machine_struct(umo_machine *m, int16_t number);
 
 #endif
 """

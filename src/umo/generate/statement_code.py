@@ -99,7 +99,8 @@ class StatementCode(CallCode):
         key = (self.key, name)
         before = self.world.memory.locals.get(key)
         if of is None or (of == NOTHING and before is None):
-            if isinstance(term, Live) and (before is None or before == term):
+            texts = isinstance(term, Live) and isinstance(term.value, str)
+            if isinstance(term, Live) and (before is None or before == term or texts):
                 self.names[name] = term
                 return
             self.refuse(node, f"{name!r} stands for different objects", "a name for each")
@@ -135,6 +136,10 @@ class StatementCode(CallCode):
         if not isinstance(base, Live):
             self.refuse(node, "an attribute of something that is not known when the code is generated")
         owner, name = base.value, target.attr
+        if isinstance(term, Live) and isinstance(term.value, str):
+            self.world.memory.texts.add((id(owner), name))
+            self.world.note(f"{self.source.segment(target)} is a text: a controller does not have it")
+            return
         self.world.memory.assign(owner, name)
         new = self.type_of(term)
         key = id(owner), name

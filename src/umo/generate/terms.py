@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from umo.generate.c_types import CType
@@ -34,6 +34,15 @@ class Live:
         return id(self.value)
 
 
+class UnknownText(str):
+    """A text that is made at run time: a controller has none. It may be the message of an error."""
+
+    __slots__ = ()
+
+
+TEXT = UnknownText()
+
+
 @dataclass(frozen=True)
 class Many:
     """A tuple of terms."""
@@ -49,13 +58,6 @@ class Present:
 
     text: str
     """The condition in C under which it is not None."""
-
-
-@dataclass
-class Unrolled:
-    """A loop over live objects, unrolled."""
-
-    terms: list[Term] = field(default_factory=list)
 
 
 Term = Code | Live | Many | Present

@@ -93,6 +93,10 @@ class Translation:
     """How each function is called."""
     faults: list[CodeFault] = field(default_factory=list)
     layout: list[StructField] = field(default_factory=list)
+    structs: list[Any] = field(default_factory=list)
+    """The structs of live objects (`umo.generate.live_fields.LiveStruct`), by the numbers of machine_struct."""
+    host_calls: list[str] = field(default_factory=list)
+    """What the host is asked for, by number."""
     notes: list[str] = field(default_factory=list)
     """What is to be said of the C, such as a function that differs in its last bit."""
     problems: list[Untranslatable] = field(default_factory=list)

@@ -17,6 +17,8 @@ class TranslationMemory:
     """Types of fields by object and name, of local names and results by function; which fields are assigned."""
 
     assigned: set[tuple[int, str]] = field(default_factory=set)
+    texts: set[tuple[int, str]] = field(default_factory=set)
+    """Fields to which a text is assigned: they do not exist on a controller."""
     fields: dict[tuple[int, str], CType] = field(default_factory=dict)
     locals: dict[tuple[Any, str], CType | Live] = field(default_factory=dict)
     results: dict[Any, CType] = field(default_factory=dict)
