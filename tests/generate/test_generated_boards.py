@@ -14,10 +14,10 @@ from helpers.boards import M3, M4F, avr, emulated, firmware, mps2, need
 from helpers.generating import KINDS, Fragile, everything, random_inputs, set_inputs, told_by, wiring_of
 from helpers.peers.text_devices import CannotRun
 from umo.cycle.connect import connect
+from umo.generate.code_world import translate
 from umo.generate.controller_folder import files_of, write_folder
 from umo.generate.controller_generator import target_of
 from umo.generate.controller_model import laid_out
-from umo.generate.translation import translate
 from umo.testing import VirtualTimer
 
 PERIODS = 10_000

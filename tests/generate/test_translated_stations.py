@@ -15,10 +15,10 @@ from umo.control import Axis
 from umo.control.inputs import HOMING
 from umo.cycle.connect import connect
 from umo.errors import UmoError
+from umo.generate.code_world import translate
 from umo.generate.compiled_machine import CompiledMachine, compiled
 from umo.generate.controller_folder import TARGETS, files_of, write_folder
 from umo.generate.controller_model import model_of
-from umo.generate.translation import translate
 from umo.objects import Compound, Quality, atoms
 from umo.process.station import find
 from umo.testing import VirtualTimer

@@ -18,10 +18,11 @@ from helpers.generating import needs_a_compiler
 from helpers.machines import timer
 from umo import Compound, DigitalSensor
 from umo.errors import RangeError, UmoError
+from umo.generate.code_world import translate
 from umo.generate.compiled_machine import CompiledMachine, compiled
 from umo.generate.controller_folder import TARGETS, files_of, write_folder
 from umo.generate.controller_model import laid_out
-from umo.generate.translation import Translation, translate
+from umo.generate.translation import Translation
 from umo.testing import VirtualTimer
 
 WORDS = [0.0, -0.0, 1.0, -1.0, 0.5, 1.5, 2.5, -2.5, math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, 3.0, 7.25]
@@ -50,7 +51,7 @@ class Calculation:
     last: float | None = None
     out: float = 0.0
     steps: int = 0
-    pair: Pair = Pair(0.0, 0.0)
+    pair: Pair = field(default_factory=lambda: Pair(0.0, 0.0))
     table: list[float] = field(default_factory=lambda: [1.0, 2.0, 4.0, 8.0])
 
     def clear(self) -> None:

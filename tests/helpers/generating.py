@@ -25,9 +25,8 @@ from umo.cycle.connect import connect
 from umo.drivers.contract import Channel, IntArray
 from umo.errors import ChannelsFailed, UmoError
 from umo.generate.compiled_machine import CompiledMachine, compiler
-from umo.generate.controller_folder import RUNTIME_FAULTS
 from umo.generate.controller_model import ControllerModel
-from umo.generate.translation import CodeFault
+from umo.generate.translation import RUNTIME_FAULTS, CodeFault
 from umo.objects import Quality
 from umo.states import OnOff, PassFail
 from umo.testing import Scripted, VirtualTimer

@@ -13,21 +13,17 @@ from functools import cached_property, partial
 from types import FunctionType, MethodType, ModuleType
 from typing import Any
 
-import numpy as np
-
 from umo.control.inputs import state_of, value_of
 from umo.control.profile import Profile
 from umo.cycle.clock import Clock
 from umo.errors import StateError
 from umo.generate.c_types import BOOL, INT, MASK, NOTHING, REAL, ArrayType, CType, TupleType, state
 from umo.generate.expression_code import NUMBERS, ExpressionCode
-from umo.generate.function_scope import FunctionScope
 from umo.generate.function_source import NoSource, bound
-from umo.generate.live_fields import ACCEPTED
-from umo.generate.terms import TEXT, Code, Live, Many, Present, Term
+from umo.generate.terms import TEXT, Code, Known, Many, Present, Term
 from umo.objects import Compound, Quality
 from umo.objects.atomic import Atomic, Binary, Digital
-from umo.objects.compound import Cycle
+from umo.objects.link import Cycle
 
 HOST_CALLS: frozenset[Any] = frozenset({Profile.to, Profile.at})
 """What only the host can do: it plans motions."""
@@ -55,50 +51,50 @@ class CallCode(ExpressionCode):
 
     # Attributes of live objects ------------------------------------------------------------------------
 
-    def attribute(self, base: Live, name: str, node: ast.AST) -> Term:
+    def attribute(self, base: Known, name: str, node: ast.AST) -> Term:
         owner = base.value
         if isinstance(owner, Atomic):
             return self._of_atomic(owner, name, node)
         if isinstance(owner, ModuleType | type):
-            return Live(self._got(owner, name, node), owner, name)
+            return Known(self._got(owner, name, node), owner, name)
         if isinstance(owner, Clock | Cycle):
             return self._of_time(owner, name, node)
         if isinstance(owner, Compound):
             if name in ("dt", "now"):
                 return Code(*OF_CLOCK[name])
             if name == "cycle":
-                return Live(owner.cycle)
+                return Known(owner.cycle)
         if (
             not isinstance(owner, ModuleType | type)
             and type(owner).__module__ in ("builtins",)
             and not hasattr(owner, "__dict__")
         ):
-            return Live(self._got(owner, name, node), owner, name)
+            return Known(self._got(owner, name, node), owner, name)
         static = inspect.getattr_static(type(owner), name, None)
         if isinstance(static, property) and static.fget is not None:
             return self.function(static.fget, [base], {}, node)
         if isinstance(static, FunctionType | staticmethod | classmethod | cached_property):
-            return Live(self._got(owner, name, node), owner, name)
+            return Known(self._got(owner, name, node), owner, name)
         if isinstance(owner, Enum):
-            return Live(getattr(owner, name))
+            return Known(getattr(owner, name))
         return self.field(owner, name, base, node)
 
-    def field(self, owner: Any, name: str, base: Live, node: ast.AST) -> Term:
+    def field(self, owner: Any, name: str, base: Known, node: ast.AST) -> Term:
         """An attribute that is a number is a field; another one is known."""
         if (id(owner), name) in self.world.memory.texts:
-            return Live(TEXT)
+            return Known(TEXT)
         value = self._got(owner, name, node)
         of = self.world.fields.type_of(owner, name, value)
         if of is None or of == NOTHING:
             if (id(owner), name) in self.world.memory.assigned and of is None:
-                self.refuse(
+                raise self.refused(
                     node, "it is assigned, and is not a number or a state", "numbers, states, tuples of numbers"
                 )
             self.world.fields.known(value, self._path(owner, base, name)) if hasattr(value, "__dict__") else None
-            return Live(value, owner, name)
+            return Known(value, owner, name)
         return Code(of, self.world.fields.field(owner, name, of, self._path(owner, base, "")))
 
-    def _path(self, owner: Any, base: Live, name: str) -> str:
+    def _path(self, owner: Any, base: Known, name: str) -> str:
         path = self.world.fields.known(owner, base.name or type(owner).__name__).path
         return f"{path}.{name}".strip(".") if name else path
 
@@ -107,15 +103,15 @@ class CallCode(ExpressionCode):
             return getattr(owner, name)
         except AttributeError:
             told = f"{type(owner).__name__} has no {name!r} now"
-            self.refuse(node, told, "give it a value in `setup`")
+        raise self.refused(node, told, "give it a value in `setup`")
 
     def _of_time(self, owner: Any, name: str, node: ast.AST) -> Term:
         if name in OF_CLOCK:
             return Code(*OF_CLOCK[name])
         if isinstance(owner, Cycle) and name in DROPPED:
-            return Live(_dropped)
+            return Known(_dropped)
         nearest = "dt, now, cycle.period"
-        self.refuse(node, f"`{name}` of the cycle is not known on a controller", nearest)
+        raise self.refused(node, f"`{name}` of the cycle is not known on a controller", nearest)
 
     def _of_atomic(self, owner: Atomic, name: str, node: ast.AST) -> Term:
         place = self.world.place(owner)
@@ -132,7 +128,7 @@ class CallCode(ExpressionCode):
         if name == "velocity":
             return self._got_by(f"umo_velocity({place}, &%s)", REAL)
         value = self._got(owner, name, node)
-        return Live(value, owner, name)
+        return Known(value, owner, name)
 
     def _got_by(self, call: str, of: CType) -> Code:
         """The result of a call that returns a fault."""
@@ -146,11 +142,11 @@ class CallCode(ExpressionCode):
         if self._is_super(node.func):
             return self._of_super(node)
         func = self.term(node.func)
-        if not isinstance(func, Live):
-            self.refuse(node, "what is called is not known when the code is generated")
+        if not isinstance(func, Known):
+            raise self.refused(node, "what is called is not known when the code is generated")
         if func.value is _dropped or _tells(func.value):
             self.world.note(f"{self.source.segment(node.func)} only tells something: it is left out on the controller")
-            return Live(None)
+            return Known(None)
         if func.value in (any, all, sum) and len(node.args) == 1 and isinstance(node.args[0], ast.GeneratorExp):
             return self._over(func.value, node.args[0], node)
         arguments, named = self._arguments(node)
@@ -158,7 +154,7 @@ class CallCode(ExpressionCode):
 
     def _arguments(self, node: ast.Call) -> tuple[list[Term], dict[str, Term]]:
         if any(each.arg is None for each in node.keywords):
-            self.refuse(node, "** does not translate", "name the arguments")
+            raise self.refused(node, "** does not translate", "name the arguments")
         values = [each.value if isinstance(each, ast.Starred) else each for each in node.args]
         terms = self.ordered([*values, *(each.value for each in node.keywords)])
         arguments: list[Term] = []
@@ -171,14 +167,14 @@ class CallCode(ExpressionCode):
         """The elements of a tuple."""
         if isinstance(term, Many):
             return list(term.terms)
-        if isinstance(term, Live) and isinstance(term.value, tuple | list):
-            return [Live(each) for each in term.value]
+        if isinstance(term, Known) and isinstance(term.value, tuple | list):
+            return [Known(each) for each in term.value]
         if isinstance(term, Code) and isinstance(term.type, TupleType):
             place = self.place(term).text
             return [Code(of, f"{place}.{name}") for name, of in term.type.members]
-        self.refuse(node, "the number of its elements is not known")
+        raise self.refused(node, "the number of its elements is not known")
 
-    def apply(self, func: Live, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term:
+    def apply(self, func: Known, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term:
         target = func.value
         if isinstance(func.owner, Atomic):
             return self._call_atomic(func.owner, func.name, arguments, named, node)
@@ -199,7 +195,9 @@ class CallCode(ExpressionCode):
             return self.function(target, arguments, named, node)
         if hasattr(target, "__wrapped__") and callable(target):
             return self.function(target, arguments, named, node)
-        self.refuse(node, f"{self.source.segment(node.func)} has no translation", "functions of Python code, math")
+        raise self.refused(
+            node, f"{self.source.segment(node.func)} has no translation", "functions of Python code, math"
+        )
 
     def _is_super(self, func: ast.AST) -> bool:
         inner = func.value if isinstance(func, ast.Attribute) else None
@@ -209,8 +207,8 @@ class CallCode(ExpressionCode):
         assert isinstance(node.func, ast.Attribute)
         first = self.source.tree.args.args[0].arg
         me, kind = self.names.get(first), self.source.meaning("__class__")
-        if not isinstance(me, Live) or not isinstance(kind, type):
-            self.refuse(node, "super() outside of a method")
+        if not isinstance(me, Known) or not isinstance(kind, type):
+            raise self.refused(node, "super() outside of a method")
         found = getattr(super(kind, me.value), node.func.attr)
         arguments, named = self._arguments(node)
         return self.function(found, arguments, named, node)
@@ -227,12 +225,12 @@ class CallCode(ExpressionCode):
             return self._write(owner, place, terms[0], node)
         if name == "reset":
             self.called(f"umo_object_reset({place})")
-            return Live(None)
+            return Known(None)
         if name == "referenced" and len(terms) == 1 and not named:
             known = self.truth(terms[0], node)
             self.line(f"umo_referenced({place}, {str(known).lower() if isinstance(known, bool) else known});")
-            return Live(None)
-        self.refuse(node, f"`{name}` of an object does not translate", "read, write, reset, quality, pending")
+            return Known(None)
+        raise self.refused(node, f"`{name}` of an object does not translate", "read, write, reset, quality, pending")
 
     def _write(self, owner: Atomic, place: str, term: Term, node: ast.Call) -> Term:
         if isinstance(owner, Digital):
@@ -241,14 +239,14 @@ class CallCode(ExpressionCode):
         code = self.code(term, node)
         if code.type != state(owner.states):
             self.raises(StateError, node)
-            return Live(False)
+            return Known(False)
         return self._got_by(f"umo_binary_write({place}, {code.text}, &%s)", BOOL)
 
     def _input(self, which: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term:
         sensor = arguments[0]
-        accept = arguments[1] if len(arguments) > 1 else named.get("accept", Live(()))
-        if not (isinstance(sensor, Live) and isinstance(sensor.value, Atomic)):
-            self.refuse(node, "the sensor is not known when the code is generated")
+        accept = arguments[1] if len(arguments) > 1 else named.get("accept", Known(()))
+        if not (isinstance(sensor, Known) and isinstance(sensor.value, Atomic)):
+            raise self.refused(node, "the sensor is not known when the code is generated")
         place, mask = self.world.place(sensor.value), self.as_type(accept, MASK, node)
         if which is state_of and isinstance(sensor.value, Binary):
             return self._got_by(f"umo_state_of({place}, {mask}, &%s)", state(sensor.value.states))
@@ -260,8 +258,7 @@ class CallCode(ExpressionCode):
         numbers = [self.as_type(each, REAL, node) for each in arguments]
         given = f"(umo_real[]){{{', '.join(numbers) or '0'}}}"
         self.called(f"umo_host_call(m, {number}, 0, {given}, {len(numbers)})")
-        self.world.changed_by_host(owner)
-        return Live(None)
+        return Known(None)
 
     # Python's own --------------------------------------------------------------------------------------
 
@@ -275,21 +272,21 @@ class CallCode(ExpressionCode):
         if one is None:
             return self._of_two(target, arguments, node)
         if (
-            isinstance(one, Live)
+            isinstance(one, Known)
             and type(one.value) in NUMBERS
             and (target in WHOLE or target in (abs, float, bool, math.sqrt))
         ):
             try:
-                return Live(target(one.value))
+                return Known(target(one.value))
             except (ArithmeticError, ValueError) as error:
                 self.raises(type(error), node)
-                return Live(0.0)
+                return Known(0.0)
         return self._of_one(target, one, node)
 
     def _of_one(self, target: Any, one: Term, node: ast.Call) -> Term | None:
         if target is bool:
             truth = self.truth(one, node)
-            return Live(truth) if isinstance(truth, bool) else Code(BOOL, f"({truth})")
+            return Known(truth) if isinstance(truth, bool) else Code(BOOL, f"({truth})")
         known = target in WHOLE or target in (abs, float, math.isfinite, math.isnan, math.isinf, math.sqrt)
         if not (known or target in EXACT or target in INEXACT):
             return None
@@ -353,8 +350,8 @@ class CallCode(ExpressionCode):
 
     def _extreme(self, target: Any, arguments: list[Term], node: ast.Call) -> Term:
         terms = self.parts(arguments[0], node) if len(arguments) == 1 else arguments
-        if all(isinstance(each, Live) for each in terms):
-            return Live(target(each.value for each in terms))  # type: ignore[union-attr]
+        if all(isinstance(each, Known) for each in terms):
+            return Known(target(each.value for each in terms))  # type: ignore[union-attr]
         codes = [self.number(each, node) for each in terms]
         of = REAL if any(each.type == REAL for each in codes) else INT
         texts = [self.as_type(each, of, node) for each in codes]
@@ -366,28 +363,28 @@ class CallCode(ExpressionCode):
 
     def _static(self, target: Any, arguments: list[Term], node: ast.Call) -> Term:
         if target is len and isinstance(arguments[0], Code) and isinstance(arguments[0].type, ArrayType):
-            return Live(arguments[0].type.length)
+            return Known(arguments[0].type.length)
         if target is len and isinstance(arguments[0], Many):
-            return Live(len(arguments[0].terms))
-        if not all(isinstance(each, Live) for each in arguments):
-            self.refuse(node, f"{target.__name__} of something that is not known when the code is generated")
-        return Live(target(*(each.value for each in arguments)))  # type: ignore[union-attr]
+            return Known(len(arguments[0].terms))
+        if not all(isinstance(each, Known) for each in arguments):
+            raise self.refused(node, f"{target.__name__} of something that is not known when the code is generated")
+        return Known(target(*(each.value for each in arguments)))  # type: ignore[union-attr]
 
     def _over(self, target: Any, generator: ast.GeneratorExp, node: ast.Call) -> Term:
         """any, all or sum of an expression over objects."""
         first = generator.generators[0]
         if len(generator.generators) != 1:
-            self.refuse(node, "two loops in one expression", "a loop for each")
+            raise self.refused(node, "two loops in one expression", "a loop for each")
         elements = self.elements(self.term(first.iter), first.iter)
         of = INT if target is sum else BOOL
         parts = []
         if target is sum:
-            total: Term = Live(0)
+            total: Term = Known(0)
             for each in elements:
                 with self.bound_to(first.target, each):
                     condition = self._all_of(first.ifs)
                     if condition is not True:
-                        self.refuse(node, "`if` in a sum", "a loop")
+                        raise self.refused(node, "`if` in a sum", "a loop")
                     total = self.arithmetic(
                         ast.Add(), self.number(total, node), self.number(self.term(generator.elt), node), node
                     )
@@ -427,11 +424,11 @@ class CallCode(ExpressionCode):
         try:
             found = bound(target)
         except NoSource as error:
-            self.refuse(node, f"{getattr(target, '__name__', target)}: {error}")
+            raise self.refused(node, f"{getattr(target, '__name__', target)}: {error}") from None
         if inspect.iscoroutinefunction(found.source.function) or inspect.isgeneratorfunction(found.source.function):
-            self.refuse(node, "a sequence stays on the host", "functions without await")
-        given = [*map(Live, found.given), *arguments]
-        terms = self._by_name(found.source.function, given, {k: Live(v) for k, v in found.named} | named, node)
+            raise self.refused(node, "a sequence stays on the host", "functions without await")
+        given = [*map(Known, found.given), *arguments]
+        terms = self._by_name(found.source.function, given, {k: Known(v) for k, v in found.named} | named, node)
         return self.world.invoke(self, found.source, terms, node)
 
     def _by_name(
@@ -441,18 +438,18 @@ class CallCode(ExpressionCode):
         try:
             bound_to = signature.bind(*given, **named)
         except TypeError as error:
-            self.refuse(node, str(error))
+            raise self.refused(node, str(error)) from None
         terms: dict[str, Term] = {}
         for name, each in signature.parameters.items():
             if each.kind is each.VAR_POSITIONAL:
                 terms[name] = Many(tuple(bound_to.arguments.get(name, ())))
             elif each.kind is each.VAR_KEYWORD:
                 if bound_to.arguments.get(name):
-                    self.refuse(node, "** does not translate", "name the arguments")
-                terms[name] = Live({})
+                    raise self.refused(node, "** does not translate", "name the arguments")
+                terms[name] = Known({})
             else:
                 term = bound_to.arguments.get(name, ABSENT)
-                terms[name] = Live(each.default) if term is ABSENT else term
+                terms[name] = Known(each.default) if term is ABSENT else term
         return terms
 
 
@@ -467,11 +464,8 @@ def _tells(target: Any) -> bool:
     return isinstance(getattr(target, "__self__", None), logging.Logger) or target is print
 
 
-def _of_class(func: Live) -> bool:
+def _of_class(func: Known) -> bool:
     """Whether it is a function of the class of its owner, or no attribute of an object."""
     if func.owner is None or isinstance(func.owner, ModuleType | type):
         return True
     return inspect.getattr_static(type(func.owner), func.name, None) is not None and func.name not in vars(func.owner)
-
-
-__all__ = ["ACCEPTED", "CallCode", "FunctionScope", "np"]

@@ -1,4 +1,4 @@
-"""All functions of one machine while they are translated: each once for each object and types that it is called with."""
+"""The functions of one machine while they are translated: each once for each object and type that it is called with."""
 
 from __future__ import annotations
 
@@ -11,37 +11,43 @@ from typing import Any
 
 from umo.generate.c_text import comment, identifier
 from umo.generate.c_types import BOOL, NOTHING, REAL, CType, OptionalType, TupleType, is_number
-from umo.generate.function_scope import INDENT, ZERO, FunctionScope, Refused
+from umo.generate.function_scope import INDENT, ZERO, FunctionScope, NoTranslation
 from umo.generate.function_source import NoSource, SourcedFunction, bound
 from umo.generate.live_fields import LiveFields, _hinted_parameter
 from umo.generate.statement_code import StatementCode
-from umo.generate.terms import Code, Live, Many, Present, Term
-from umo.generate.translation import FIRST_FAULT, CFunction, CodeFault, ControllerTarget, Translation, Untranslatable
-from umo.generate.translation_memory import TranslationMemory
-from umo.objects import Quality
+from umo.generate.terms import Code, Known, Many, Present, Term
+from umo.generate.translation import (
+    FIRST_FAULT,
+    RUNTIME_FAULTS,
+    CFunction,
+    CodeFault,
+    ControllerTarget,
+    Translation,
+    Untranslatable,
+)
+from umo.generate.translation_memory import MOST_PASSES, TranslationMemory
+from umo.objects import Compound
 from umo.objects.atomic import Atomic
 
 
 class TranslatedFunction:
     """A function in C, and what a call of it gives."""
 
-    def __init__(self, name: str, result: CType, live: Live | None, text: str) -> None:
+    def __init__(self, name: str, result: CType, live: Known | None, text: str) -> None:
         self.name, self.result, self.live, self.text = name, result, live, text
 
 
 class CodeWorld:
     """One pass over the functions of a machine."""
 
-    quality = Quality
-
-    def __init__(
-        self, memory: TranslationMemory, target: ControllerTarget, runtime: Sequence[tuple[str, str, str]]
-    ) -> None:
+    def __init__(self, memory: TranslationMemory, target: ControllerTarget) -> None:
         self.memory, self.target = memory, target
         self.fields = LiveFields(memory, target)
         self.functions: dict[Any, TranslatedFunction] = {}
         self.faults: list[CodeFault] = []
-        self.kinds: dict[int, type[BaseException]] = {n: _class(kind) for n, (_, kind, _) in enumerate(runtime, 1)}
+        self.kinds: dict[int, type[BaseException]] = {
+            n: _class(kind) for n, (_, kind, _) in enumerate(RUNTIME_FAULTS, 1)
+        }
         self.problems: list[Untranslatable] = []
         self.notes: list[str] = []
         self.hosts: list[tuple[Any, str]] = []
@@ -85,25 +91,17 @@ class CodeWorld:
             found = len(self.hosts) - 1
         return found
 
-    def changed_by_host(self, owner: Any) -> None:
-        """The host may assign any field of it."""
-
-    def local_names(self, source: SourcedFunction) -> tuple[str, ...]:
-        return source.function.__code__.co_varnames
-
     def result_of(self, scope: FunctionScope, term: Term, node: ast.AST) -> str:
         """The text of a result; "": there is none."""
         assert isinstance(scope, StatementCode)
         of = scope.type_of(term)
         if isinstance(term, Present):
-            scope.refuse(node, "only whether it is None is known on the controller")
+            raise scope.refused(node, "only whether it is None is known on the controller")
         if of is None:
-            if isinstance(term, Live):
+            if isinstance(term, Known):
                 return ""
-            scope.refuse(node, "the result is no number, state or tuple of them")
-        of = self.memory.learn(
-            self.memory.results, scope.key, of, lambda: scope.refuse(node, "results of different types")
-        )
+            raise scope.refused(node, "the result is no number, state or tuple of them")
+        of = self.memory.learn(self.memory.results, scope.key, of, lambda: _odd(node))
         return "" if of == NOTHING else scope.as_type(term, of, node)
 
     # Functions -----------------------------------------------------------------------------------------
@@ -111,12 +109,12 @@ class CodeWorld:
     def invoke(self, caller: FunctionScope, source: SourcedFunction, terms: Mapping[str, Term], node: ast.AST) -> Term:
         """A call of a function: its result. The function is translated if it is not yet."""
         hints = source.function.__annotations__
-        given: dict[str, CType | Live] = {}
+        given: dict[str, CType | Known] = {}
         texts: list[str] = []
         for name, term in terms.items():
             of = self._parameter(caller, source.function, name, term, hints)
             given[name] = of
-            if not isinstance(of, Live):
+            if not isinstance(of, Known):
                 texts.append(caller.as_type(term, of, node))
         found = self.translated(source, given, node, caller)
         if found.live is not None and not found.text:
@@ -124,16 +122,16 @@ class CodeWorld:
         call = f"{found.name}({', '.join(['m', *texts])}"
         if found.result == NOTHING:
             caller.called(f"{call})")
-            return found.live or Live(None)
+            return found.live or Known(None)
         result = caller.temporary(found.result)
         caller.called(f"{call}, &{result})")
         return Code(found.result, result, stable=True)
 
     def _parameter(
         self, caller: FunctionScope, function: FunctionType, name: str, term: Term, hints: Mapping[str, Any]
-    ) -> CType | Live:
+    ) -> CType | Known:
         hinted = _hinted_parameter(function, name) if name in hints else None
-        if isinstance(term, Live):
+        if isinstance(term, Known):
             self._kept.append(term.value)
             if isinstance(hinted, OptionalType) and (term.value is None or type(term.value) in (int, float, bool)):
                 return hinted
@@ -143,10 +141,10 @@ class CodeWorld:
                 return hinted if hinted == REAL and is_number(of) else of
             return term
         if isinstance(term, Many):
-            if all(isinstance(each, Live) for each in term.terms):
+            if all(isinstance(each, Known) for each in term.terms):
                 live = tuple(each.value for each in term.terms)  # type: ignore[union-attr]
                 self._kept.append(live)
-                return Live(live)
+                return Known(live)
             assert isinstance(caller, StatementCode)
             of = caller.type_of(term)
             if of is not None:
@@ -157,19 +155,19 @@ class CodeWorld:
             if isinstance(hinted, OptionalType) and (term.type == hinted.of or is_number(term.type)):
                 return hinted
             return term.type
-        raise Refused(ast.Pass(lineno=0, col_offset=0), f"the argument {name!r} is no value of a controller")
+        raise NoTranslation(ast.Pass(lineno=0, col_offset=0), f"the argument {name!r} is no value of a controller")
 
     def translated(
-        self, source: SourcedFunction, given: Mapping[str, CType | Live], node: ast.AST, caller: FunctionScope | None
+        self, source: SourcedFunction, given: Mapping[str, CType | Known], node: ast.AST, caller: FunctionScope | None
     ) -> TranslatedFunction:
         key = (
             source.function.__code__,
-            tuple((n, ("live", _identity(g)) if isinstance(g, Live) else g) for n, g in given.items()),
+            tuple((n, ("live", _identity(g)) if isinstance(g, Known) else g) for n, g in given.items()),
         )
         if key in self.functions:
             return self.functions[key]
         if key in self._under_way:
-            raise Refused(node, "it calls itself", "a loop")
+            raise NoTranslation(node, "it calls itself", "a loop")
         self._under_way.append(key)
         try:
             self.functions[key] = found = self._translate(source, given, key)
@@ -177,14 +175,14 @@ class CodeWorld:
             self._under_way.pop()
         return found
 
-    def _translate(self, source: SourcedFunction, given: Mapping[str, CType | Live], key: Any) -> TranslatedFunction:
+    def _translate(self, source: SourcedFunction, given: Mapping[str, CType | Known], key: Any) -> TranslatedFunction:
         scope = StatementCode(self, source, key, self._name(source, given))
         for name, of in given.items():
             scope.names[name] = of
-            if not isinstance(of, Live):
+            if not isinstance(of, Known):
                 scope.parameters[name] = of
                 self.memory.learn(self.memory.locals, (key, name), of, lambda: None)
-                scope.names[name] = self.memory.locals[key, name]  # type: ignore[assignment]
+                scope.names[name] = self.memory.locals[key, name]
         statements = source.tree.body
         if isinstance(statements, ast.expr):
             statements = [ast.copy_location(ast.Return(statements), statements)]
@@ -192,17 +190,16 @@ class CodeWorld:
         for each in statements:
             try:
                 ends = scope.body([each])
-            except Refused as refused:
+            except NoTranslation as refused:
                 self._told(scope, refused, problems)
             if not ends:
                 break
         if ends:
-            scope.results.append(Live(None))
+            scope.results.append(Known(None))
             if self.memory.results.get(key, NOTHING) != NOTHING or any(map(_is_code, scope.results)):
                 node = source.tree
                 if len(self.problems) == problems:
-                    result = self.result_of(scope, Live(None), node)
-                    scope.line(f"*out = {result};")
+                    scope.line(f"*out = {self.result_of(scope, Known(None), node)};")
             scope.line("return UMO_OK;", pure=True)
         result = self.memory.results.get(key, NOTHING)
         live = self._live_result(scope, result)
@@ -211,7 +208,7 @@ class CodeWorld:
         )
         return TranslatedFunction(scope.c_name, result, live, text)
 
-    def _told(self, scope: FunctionScope, refused: Refused, before: int) -> None:
+    def _told(self, scope: FunctionScope, refused: NoTranslation, before: int) -> None:
         """What does not translate, told once for each place; what follows from it is not told."""
         if "before it has a value" in refused.reason and len(self.problems) > before:
             return
@@ -221,17 +218,17 @@ class CodeWorld:
         if new not in self.problems:
             self.problems.append(new)
 
-    def _live_result(self, scope: FunctionScope, result: CType) -> Live | None:
-        first, *rest = [*scope.results, None][:-1] or [Live(None)]
-        if isinstance(first, Live) and all(each == first for each in rest):
+    def _live_result(self, scope: FunctionScope, result: CType) -> Known | None:
+        first, *rest = [*scope.results, None][:-1] or [Known(None)]
+        if isinstance(first, Known) and all(each == first for each in rest):
             return first
-        if result == NOTHING and any(isinstance(each, Live) and each.value is not None for each in scope.results):
-            scope.refuse(scope.source.tree, "it returns different objects", "one object for each call")
+        if result == NOTHING and any(isinstance(each, Known) and each.value is not None for each in scope.results):
+            raise scope.refused(scope.source.tree, "it returns different objects", "one object for each call")
         return None
 
-    def _name(self, source: SourcedFunction, given: Mapping[str, CType | Live]) -> str:
+    def _name(self, source: SourcedFunction, given: Mapping[str, CType | Known]) -> str:
         first = next(iter(given.values()), None)
-        owner = first.value if isinstance(first, Live) else None
+        owner = first.value if isinstance(first, Known) else None
         known = self.fields.structs.get(id(owner))
         stem = source.name.rpartition(".")[2].strip("_")
         base = f"{known.member}_{stem}" if known is not None else identifier(stem)
@@ -260,11 +257,15 @@ class CodeWorld:
         )
 
 
+def _odd(node: ast.AST) -> None:
+    raise NoTranslation(node, "results of different types", "one type")
+
+
 def _is_code(term: Term | None) -> bool:
     return isinstance(term, Code | Many)
 
 
-def _identity(live: Live) -> Any:
+def _identity(live: Known) -> Any:
     value = live.value
     return value if value is None or isinstance(value, str | bytes) else id(value)
 
@@ -282,7 +283,7 @@ def _class(name: str) -> type[BaseException]:
 def _function_text(
     scope: FunctionScope,
     source: SourcedFunction,
-    given: Mapping[str, CType | Live],
+    given: Mapping[str, CType | Known],
     result: CType,
     target: ControllerTarget,
 ) -> str:
@@ -322,16 +323,12 @@ def _is_read(name: str, body: str) -> bool:
     return word.search(body) is not None
 
 
-def translate(
-    machine: Any, functions: Sequence[Callable[..., Any]], target: ControllerTarget, runtime: Any
-) -> Translation:
-    """The functions of a machine in C: pass after pass, until no type is new."""
-    from umo.generate.translation_memory import MOST_PASSES
-
+def translate(machine: Compound, functions: Sequence[Callable[..., Any]], target: ControllerTarget) -> Translation:
+    """The functions of a machine in C, pass after pass until no type is new; `problems`: what does not translate."""
     memory = TranslationMemory()
     for _ in range(MOST_PASSES):
         memory.changed = False
-        world = CodeWorld(memory, target, runtime)
+        world = CodeWorld(memory, target)
         entry = _pass(world, machine, functions)
         if not memory.changed:
             break
@@ -357,7 +354,7 @@ def _pass(world: CodeWorld, machine: Any, functions: Sequence[Callable[..., Any]
         try:
             found = bound(each)
             names = list(inspect.signature(found.source.function).parameters)
-            given = dict(zip(names, map(Live, found.given), strict=False)) | {n: Live(v) for n, v in found.named}
+            given = dict(zip(names, map(Known, found.given), strict=False)) | {n: Known(v) for n, v in found.named}
             for live in given.values():
                 if hasattr(live.value, "_path"):
                     world.fields.known(live.value, "")
@@ -365,7 +362,7 @@ def _pass(world: CodeWorld, machine: Any, functions: Sequence[Callable[..., Any]
         except NoSource as error:
             world.problems.append(Untranslatable("", 0, getattr(each, "__qualname__", str(each)), str(error), ""))
             continue
-        except Refused as refused:
+        except NoTranslation as refused:
             source = found.source
             line = getattr(refused.node, "lineno", 0)
             world.problems.append(Untranslatable(source.file, line, source.name, refused.reason, refused.nearest))
@@ -376,9 +373,8 @@ def _pass(world: CodeWorld, machine: Any, functions: Sequence[Callable[..., Any]
 
 def _wrapped(world: CodeWorld, translated: TranslatedFunction, what: str) -> CFunction:
     """A function with `m` and, of a condition, a place for a bool."""
-    if translated.name.endswith("control") or translated.result == BOOL:
-        if translated.text:
-            return CFunction(translated.name)
+    if translated.text and (translated.name.endswith("control") or translated.result == BOOL):
+        return CFunction(translated.name)
     name = f"{translated.name}_"
     is_condition = not translated.name.endswith("control")
     value = translated.live.value if translated.live is not None else False

@@ -10,7 +10,14 @@ from umo.errors import DeclarationError
 from umo.generate.c_text import comment
 from umo.generate.controller_model import ControllerModel, NotGenerated, inexact_as_floats
 from umo.generate.machine_source import header_of, source_of
-from umo.generate.translation import FIRST_FAULT, CodeFault, ControllerTarget, Translation, Untranslatable
+from umo.generate.translation import (
+    FIRST_FAULT,
+    RUNTIME_FAULTS,
+    CodeFault,
+    ControllerTarget,
+    Translation,
+    Untranslatable,
+)
 from umo.system.folders import written
 
 HERE = Path(__file__).parent
@@ -27,19 +34,6 @@ TARGET_HEADER = {
     "float": "/* umo_target.h: numbers are floats of 32 bits. */\n#define UMO_FLOAT\n",
 }
 """The file umo_target.h."""
-RUNTIME_FAULTS = (
-    ("UMO_UNREAD", "DriverError", "could not be read"),
-    ("UMO_UNWRITTEN", "DriverError", "could not be written"),
-    ("UMO_BAD_TICKS", "DriverError", "the ticks of the timer are outside its range"),
-    ("UMO_OUTSIDE", "RangeError", "the value is outside the range of the actuator"),
-    ("UMO_NOT_FINITE", "RangeError", "the value is not finite"),
-    ("UMO_BAD_INPUT", "BadInput", "the quality of the sensor is not accepted"),
-    ("UMO_NEVER_READ", "BadInput", "the sensor was never read"),
-    ("UMO_INTERLOCKED", "Interlocked", "an interlock forbids the write"),
-    ("UMO_NO_STATE", "StateError", "no state of the actuator"),
-    ("UMO_NO_HOST", "TaskFailed", "only the host can do it, and there is none"),
-)
-"""The faults of the runtime from 1 on, as in umo.h: their names, classes and texts."""
 
 
 class NotTranslated(DeclarationError):

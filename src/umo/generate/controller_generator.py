@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from umo.errors import DeclarationError
+from umo.generate.code_world import translate
 from umo.generate.controller_folder import TARGETS, files_of
 from umo.generate.controller_model import laid_out
-from umo.generate.translation import ControllerTarget, translate
+from umo.generate.translation import ControllerTarget
 from umo.objects import Compound
 from umo.text import did_you_mean
 

@@ -197,7 +197,7 @@ def _object(image: Image, slot: int, wire: Wire) -> ControllerObject:
     elif isinstance(item, Actuator):
         given |= _of_actuator(item, image, slot)
     if isinstance(item, Binary):
-        given["one"] = [*item.states].index(item.one)
+        given["one"] = [*item.states].index(item.one)  # type: ignore[misc]
     return ControllerObject(
         slot=slot,
         path=item.path,

@@ -10,7 +10,7 @@ from typing import Any
 from umo.generate.c_types import BOOL, INT, REAL, ArrayType, CType, OptionalType, StateType, TupleType, joined
 from umo.generate.function_scope import FunctionScope
 from umo.generate.function_source import ABSENT
-from umo.generate.terms import TEXT, Code, Live, Many, Present, Term, UnknownText
+from umo.generate.terms import TEXT, Code, Known, Many, Present, Term, UnknownText
 
 FOLDED: dict[type[ast.AST], Callable[..., Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
@@ -20,7 +20,7 @@ FOLDED: dict[type[ast.AST], Callable[..., Any]] = {
 }  # fmt: skip
 SIGNS: dict[type[ast.AST], str] = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: "*",
-    ast.Eq: "==", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Is: "==", ast.IsNot: "!=",
+    ast.Eq: "==", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=",
 }  # fmt: skip
 CHECKED: dict[type[ast.AST], str] = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"}
 NUMBERS = (bool, int, float)
@@ -29,7 +29,7 @@ NUMBERS = (bool, int, float)
 class ExpressionCode(FunctionScope):
     """The part of a function that is expressions."""
 
-    def attribute(self, base: Live, name: str, node: ast.AST) -> Term:
+    def attribute(self, base: Known, name: str, node: ast.AST) -> Term:
         raise NotImplementedError
 
     def call(self, node: ast.Call) -> Term:
@@ -39,7 +39,9 @@ class ExpressionCode(FunctionScope):
         """What an expression is; lines that it needs are written."""
         method = getattr(self, f"_{type(node).__name__}", None)
         if method is None:
-            self.refuse(node, "this does not translate", "numbers, states, comparisons, arithmetic, calls of functions")
+            raise self.refused(
+                node, "this does not translate", "numbers, states, comparisons, arithmetic, calls of functions"
+            )
         found: Term = method(node)
         return found
 
@@ -59,33 +61,33 @@ class ExpressionCode(FunctionScope):
     # Names and numbers ---------------------------------------------------------------------------------
 
     def _Constant(self, node: ast.Constant) -> Term:
-        return Live(node.value)
+        return Known(node.value)
 
     def _JoinedStr(self, node: ast.JoinedStr) -> Term:
-        return Live(TEXT)
+        return Known(TEXT)
 
     def _Name(self, node: ast.Name) -> Term:
         found = self.names.get(node.id)
-        if isinstance(found, Live):
+        if isinstance(found, Known):
             return found
         if found is not None:
             return Code(found, self.c_local(node.id))
-        if node.id in self.world.local_names(self.source):
-            self.refuse(node, "it is used before it has a value on every way", "give it a value first")
+        if node.id in self.source.function.__code__.co_varnames:
+            raise self.refused(node, "it is used before it has a value on every way", "give it a value first")
         value = self.source.meaning(node.id)
         if value is ABSENT:
-            self.refuse(node, "the name stands for nothing")
-        return Live(value, name=node.id)
+            raise self.refused(node, "the name stands for nothing")
+        return Known(value, name=node.id)
 
     def _Attribute(self, node: ast.Attribute) -> Term:
         base = self.term(node.value)
-        if isinstance(base, Live):
+        if isinstance(base, Known):
             return self.attribute(base, node.attr, node)
         if isinstance(base, Many) and node.attr in base.names:
             return base.terms[base.names.index(node.attr)]
         if isinstance(base, Code) and isinstance(base.type, TupleType) and node.attr in dict(base.type.members):
             return Code(dict(base.type.members)[node.attr], f"{self.place(base).text}.{node.attr}")
-        self.refuse(node, "an attribute of something that is not known when the code is generated")
+        raise self.refused(node, "an attribute of something that is not known when the code is generated")
 
     def place(self, code: Code) -> Code:
         """The same as something that has members."""
@@ -98,24 +100,25 @@ class ExpressionCode(FunctionScope):
 
     def _Subscript(self, node: ast.Subscript) -> Term:
         base, index = self.ordered([node.value, node.slice])
-        if isinstance(base, Live) and isinstance(index, Live):
-            return Live(base.value[index.value])
-        if isinstance(base, Many) and isinstance(index, Live):
-            return base.terms[index.value]
-        if isinstance(base, Code) and isinstance(base.type, TupleType) and isinstance(index, Live):
+        if isinstance(base, Known) and isinstance(index, Known):
+            return Known(base.value[index.value])
+        if isinstance(base, Many) and isinstance(index, Known):
+            found: Term = base.terms[index.value]
+            return found
+        if isinstance(base, Code) and isinstance(base.type, TupleType) and isinstance(index, Known):
             name, of = base.type.members[index.value]
             return Code(of, f"{self.place(base).text}.{name}")
         if isinstance(base, Code) and isinstance(base.type, ArrayType):
             return Code(base.type.of, f"{base.text}[{self.index(base.type, index, node)}]")
-        self.refuse(node, "an element of something that is not a list of numbers")
+        raise self.refused(node, "an element of something that is not a list of numbers")
 
     def index(self, of: ArrayType, index: Term, node: ast.AST) -> str:
         """A place in an array; IndexError beyond it."""
-        if isinstance(index, Live) and type(index.value) is int and -of.length <= index.value < of.length:
+        if isinstance(index, Known) and type(index.value) is int and -of.length <= index.value < of.length:
             return str(index.value % of.length)
         code = self.kept(self.number(index, node))
         if code.type != INT:
-            self.refuse(node, "a place in a list is a whole number")
+            raise self.refused(node, "a place in a list is a whole number")
         self.raises(IndexError, node, f"{code.text} < -{of.length} || {code.text} >= {of.length}")
         return f"{code.text} < 0 ? {code.text} + {of.length} : {code.text}"
 
@@ -125,11 +128,11 @@ class ExpressionCode(FunctionScope):
         term = self.term(node.operand)
         if isinstance(node.op, ast.Not):
             truth = self.truth(term, node.operand)
-            return Live(not truth) if isinstance(truth, bool) else Code(BOOL, f"!({truth})")
-        if isinstance(term, Live) and type(term.value) in NUMBERS and type(node.op) in FOLDED:
-            return Live(FOLDED[type(node.op)](term.value))
+            return Known(not truth) if isinstance(truth, bool) else Code(BOOL, f"!({truth})")
+        if isinstance(term, Known) and type(term.value) in NUMBERS and type(node.op) in FOLDED:
+            return Known(FOLDED[type(node.op)](term.value))
         if isinstance(node.op, ast.Invert):
-            self.refuse(node, "~ does not translate", "`not`")
+            raise self.refused(node, "~ does not translate", "`not`")
         code = self.number(term, node.operand)
         if isinstance(node.op, ast.UAdd):
             return code if code.type != BOOL else Code(INT, code.text)
@@ -139,13 +142,13 @@ class ExpressionCode(FunctionScope):
 
     def _BinOp(self, node: ast.BinOp) -> Term:
         left, right = self.ordered([node.left, node.right])
-        both = isinstance(left, Live) and isinstance(right, Live)
-        if both and type(left.value) in NUMBERS and type(right.value) in NUMBERS and type(node.op) in FOLDED:
+        numbers = [each.value for each in (left, right) if isinstance(each, Known) and type(each.value) in NUMBERS]
+        if len(numbers) == 2 and type(node.op) in FOLDED:
             try:
-                return Live(FOLDED[type(node.op)](left.value, right.value))
+                return Known(FOLDED[type(node.op)](*numbers))
             except ArithmeticError as error:
                 self.raises(type(error), node)
-                return Live(0.0)
+                return Known(0.0)
         return self.arithmetic(node.op, self.number(left, node.left), self.number(right, node.right), node)
 
     def arithmetic(self, sign: ast.operator, left: Code, right: Code, node: ast.AST) -> Code:
@@ -162,7 +165,7 @@ class ExpressionCode(FunctionScope):
             if isinstance(sign, ast.FloorDiv):
                 self.raises(OverflowError, node, f"{b} == -1 && {a} == INT32_MIN")
             return Code(INT, f"umo_{'mod' if isinstance(sign, ast.Mod) else 'floor_div'}_int({a}, {b})")
-        self.refuse(node, "this arithmetic of whole numbers does not translate", "+, -, *, //, %, /")
+        raise self.refused(node, "this arithmetic of whole numbers does not translate", "+, -, *, //, %, /")
 
     def _of_reals(self, sign: ast.operator, a: str, b: str, stable: bool, node: ast.AST) -> Code:
         if type(sign) in CHECKED:
@@ -170,7 +173,7 @@ class ExpressionCode(FunctionScope):
         if isinstance(sign, ast.Pow):
             return self._power(a, b, node)
         if not isinstance(sign, ast.Div | ast.FloorDiv | ast.Mod):
-            self.refuse(node, "this arithmetic does not translate", "+, -, *, /, //, %, **")
+            raise self.refused(node, "this arithmetic does not translate", "+, -, *, /, //, %, **")
         b = self._divisor(b, stable, REAL, node)
         if isinstance(sign, ast.Div):
             return Code(REAL, f"({a} / {b})")
@@ -236,27 +239,27 @@ class ExpressionCode(FunctionScope):
     def compared(self, sign: ast.cmpop, left: Term, right: Term, left_node: ast.AST, right_node: ast.AST) -> Term:
         if isinstance(sign, ast.In | ast.NotIn):
             return self._contained(isinstance(sign, ast.In), left, right, left_node, right_node)
-        if any(isinstance(each, Live) and isinstance(each.value, UnknownText) for each in (left, right)):
-            self.refuse(left_node, "a text that is made at run time", "a state of an Enum")
+        if any(isinstance(each, Known) and isinstance(each.value, UnknownText) for each in (left, right)):
+            raise self.refused(left_node, "a text that is made at run time", "a state of an Enum")
         identity = isinstance(sign, ast.Is | ast.IsNot)
         equal = isinstance(sign, ast.Is | ast.Eq)
-        none = [each for each in (left, right) if isinstance(each, Live) and each.value is None]
+        none = [each for each in (left, right) if isinstance(each, Known) and each.value is None]
         if none and (identity or isinstance(sign, ast.Eq | ast.NotEq)):
             return self._is_none(right if none[0] is left else left, equal)
-        if isinstance(left, Live) and isinstance(right, Live):
+        if isinstance(left, Known) and isinstance(right, Known):
             if identity:
-                return Live((left.value is right.value) is equal)
-            return Live(bool(FOLDED[type(sign)](left.value, right.value)))
+                return Known((left.value is right.value) is equal)
+            return Known(bool(FOLDED[type(sign)](left.value, right.value)))
         states = [self.code(each, at) for each, at in ((left, left_node), (right, right_node)) if _is_state(each)]
         if states:
             if len(states) == 1 or not (identity or isinstance(sign, ast.Eq | ast.NotEq)):
                 return self._odd_state(sign, left, right, equal, left_node)
             a, b = states
             if plain_kind(a) is not plain_kind(b):
-                return Live(not equal)
+                return Known(not equal)
             return Code(BOOL, f"{self._state_text(a)} {'==' if equal else '!='} {self._state_text(b)}")
         if identity:
-            self.refuse(left_node, "`is` of numbers", "==")
+            raise self.refused(left_node, "`is` of numbers", "==")
         a, b = self.number(left, left_node), self.number(right, right_node)
         of = REAL if REAL in (a.type, b.type) else INT
         return Code(BOOL, f"{self.as_type(a, of, left_node)} {SIGNS[type(sign)]} {self.as_type(b, of, right_node)}")
@@ -267,26 +270,28 @@ class ExpressionCode(FunctionScope):
     def _odd_state(self, sign: ast.cmpop, left: Term, right: Term, equal: bool, node: ast.AST) -> Term:
         """A state beside something else, or in an order: those with numbers are compared by these."""
         if isinstance(sign, ast.Is | ast.IsNot):
-            return Live(not equal)
-        self.refuse(node, "a state is compared with something else, or by order", "`is`, with a state of the same Enum")
+            return Known(not equal)
+        raise self.refused(
+            node, "a state is compared with something else, or by order", "`is`, with a state of the same Enum"
+        )
 
     def _is_none(self, term: Term, equal: bool) -> Term:
         if isinstance(term, Present):
             return Code(BOOL, f"!{term.text}" if equal else term.text)
         if isinstance(term, Code) and isinstance(term.type, OptionalType):
             return Code(BOOL, f"{'!' if equal else ''}{self.place(term).text}.has")
-        return Live((isinstance(term, Live) and term.value is None) is equal)
+        return Known((isinstance(term, Known) and term.value is None) is equal)
 
     def _contained(self, yes: bool, one: Term, among: Term, one_node: ast.AST, node: ast.AST) -> Term:
-        options = list(map(Live, among.value)) if isinstance(among, Live) else getattr(among, "terms", None)
+        options = list(map(Known, among.value)) if isinstance(among, Known) else getattr(among, "terms", None)
         if options is None:
-            self.refuse(node, "`in` of something that is not known when the code is generated", "a tuple")
+            raise self.refused(node, "`in` of something that is not known when the code is generated", "a tuple")
         one = self.kept(one) if isinstance(one, Code) else one
         truths = [self.truth(self.compared(ast.Eq(), one, each, one_node, node), node) for each in options]
         if True in truths:
-            return Live(yes)
+            return Known(yes)
         text = " || ".join(f"({each})" for each in truths if each is not False)
-        return Code(BOOL, f"({text})" if yes else f"!({text})") if text else Live(not yes)
+        return Code(BOOL, f"({text})" if yes else f"!({text})") if text else Known(not yes)
 
     def _BoolOp(self, node: ast.BoolOp) -> Term:
         both = isinstance(node.op, ast.And)
@@ -332,7 +337,7 @@ class ExpressionCode(FunctionScope):
         try:
             return joined(self.code(first, node).type, self.code(second, node).type)
         except TypeError:
-            self.refuse(node, "one of two values of different types", "one type for both")
+            raise self.refused(node, "one of two values of different types", "one type for both") from None
 
     def _IfExp(self, node: ast.IfExp) -> Term:
         truth = self.truth(self.term(node.test), node.test)
@@ -344,15 +349,15 @@ class ExpressionCode(FunctionScope):
             at, self.known = len(self.lines), before | proved
             self.depth += 1
             term = self.term(each)
-            if isinstance(term, Live | Many) and not (isinstance(term, Live) and term.value is None):
+            if isinstance(term, Known | Many) and not (isinstance(term, Known) and term.value is None):
                 term = self.code(term, each)
             self.depth -= 1
             parts.append((term, self.lines[at:]))
             self.lines = self.lines[:at]
         self.known = before
         (one, one_lines), (other, other_lines) = parts
-        if isinstance(one, Live) and isinstance(other, Live):
-            self.refuse(node, "it stands for None either way")
+        if isinstance(one, Known) and isinstance(other, Known):
+            raise self.refused(node, "it stands for None either way")
         of = self._type_of_two(one, other, node)
         a, b = self.as_type(one, of, node.body), self.as_type(other, of, node.orelse)
         if not one_lines and not other_lines:
@@ -371,11 +376,11 @@ class ExpressionCode(FunctionScope):
     def _type_of_two(self, one: Term, other: Term, node: ast.AST) -> CType:
         from umo.generate.c_types import NOTHING
 
-        types = [NOTHING if isinstance(each, Live) else self.code(each, node).type for each in (one, other)]
+        types = [NOTHING if isinstance(each, Known) else self.code(each, node).type for each in (one, other)]
         try:
             return joined(*types)
         except TypeError:
-            self.refuse(node, "two values of different types", "one type for both")
+            raise self.refused(node, "two values of different types", "one type for both") from None
 
     def _NamedExpr(self, node: ast.NamedExpr) -> Term:
         term = self.term(node.value)
@@ -419,7 +424,7 @@ def _compares_none(test: ast.AST, sign: type[ast.cmpop]) -> bool:
 def _is_state(term: Term) -> bool:
     from enum import Enum
 
-    if isinstance(term, Live):
+    if isinstance(term, Known):
         return isinstance(term.value, Enum)
     return isinstance(term, Code) and isinstance(plain_type(term.type), StateType)
 
@@ -436,4 +441,4 @@ def plain_kind(code: Code) -> Any:
 def _is_bool(term: Term) -> bool:
     if isinstance(term, Code):
         return term.type == BOOL
-    return isinstance(term, Present) or (isinstance(term, Live) and isinstance(term.value, bool))
+    return isinstance(term, Present) or (isinstance(term, Known) and isinstance(term.value, bool))

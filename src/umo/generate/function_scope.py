@@ -7,38 +7,75 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any
 
 from umo.generate.c_types import (
     BOOL,
     INT,
     MASK,
-    NOTHING,
     REAL,
     CType,
     OptionalType,
     StateType,
     TupleType,
     is_number,
+    plain,
     state,
 )
+from umo.generate.code_context import CodeContext
 from umo.generate.function_source import SourcedFunction
 from umo.generate.live_fields import mask_of
-from umo.generate.terms import Code, Live, Many, Present, Term, UnknownText
-
-if TYPE_CHECKING:
-    from umo.generate.code_world import CodeWorld
+from umo.generate.terms import Code, Known, Many, Present, Term, UnknownText
+from umo.objects import Quality
 
 INDENT = "    "
-TAKEN = {"m", "out", "fault", "default", "switch", "case", "double", "float", "int", "char", "long", "short", "signed"} | {
-    "unsigned", "const", "static", "struct", "union", "enum", "void", "do", "auto", "register", "goto", "extern", "inline",
-    "volatile", "sizeof", "typedef", "restrict", "bool", "true", "false", "NULL", "NAN", "INFINITY", "main", "errno",
-}  # fmt: skip
+TAKEN = frozenset(
+    [
+        "m",
+        "out",
+        "fault",
+        "auto",
+        "bool",
+        "case",
+        "char",
+        "const",
+        "default",
+        "do",
+        "double",
+        "enum",
+        "errno",
+        "extern",
+        "false",
+        "float",
+        "goto",
+        "inline",
+        "int",
+        "long",
+        "main",
+        "NAN",
+        "INFINITY",
+        "NULL",
+        "register",
+        "restrict",
+        "short",
+        "signed",
+        "sizeof",
+        "static",
+        "struct",
+        "switch",
+        "true",
+        "typedef",
+        "union",
+        "unsigned",
+        "void",
+        "volatile",
+    ]
+)
 """Names that a local one does not have in C."""
 ZERO: dict[CType, str] = {REAL: "0", INT: "0", BOOL: "false", MASK: "0"}
 
 
-class Refused(Exception):
+class NoTranslation(Exception):
     """Something does not translate."""
 
     def __init__(self, node: ast.AST, reason: str, nearest: str = "") -> None:
@@ -47,7 +84,7 @@ class Refused(Exception):
 
 
 @dataclass
-class Handler:
+class TryBlock:
     """Where faults go inside of `try`."""
 
     label: str
@@ -61,16 +98,16 @@ class Handler:
 class FunctionScope:
     """The lines of one function in C, while it is written."""
 
-    def __init__(self, world: CodeWorld, source: SourcedFunction, key: Any, name: str) -> None:
+    def __init__(self, world: CodeContext, source: SourcedFunction, key: Any, name: str) -> None:
         self.world, self.source, self.key, self.c_name = world, source, key, name
         self.lines: list[str] = []
         self.depth = 1
         self.temporaries: dict[str, CType] = {}
-        self.names: dict[str, CType | Live] = {}
+        self.names: dict[str, CType | Known] = {}
         """Local names: their types, or the live object that each stands for."""
         self.parameters: dict[str, CType] = {}
         self.results: list[Term | None] = []
-        self.handlers: list[Handler] = []
+        self.handlers: list[TryBlock] = []
         self.impure = 0
         """Grows with each line that may change what an expression before it has seen."""
         self.known: set[str] = set()
@@ -153,34 +190,34 @@ class FunctionScope:
 
     # Terms ---------------------------------------------------------------------------------------------
 
-    def refuse(self, node: ast.AST, reason: str, nearest: str = "") -> NoReturn:
-        raise Refused(node, reason, nearest)
+    def refused(self, node: ast.AST, reason: str, nearest: str = "") -> NoTranslation:
+        return NoTranslation(node, reason, nearest)
 
     def code(self, term: Term, node: ast.AST) -> Code:
         """A term as a value in C."""
         if isinstance(term, Code):
             return term
-        if isinstance(term, Live):
+        if isinstance(term, Known):
             value = term.value
             of = self.world.fields.type_of_value(value)
             if of is not None and (is_number(of) or isinstance(of, StateType)):
                 return Code(of, self.literal(value, of, node), stable=True)
             if isinstance(of, TupleType):
-                return self.made(Many(tuple(map(Live, value)), tuple(n for n, _ in of.members), of.kind), of, node)
-            self.refuse(node, f"{_told(value)} is not a number or a state on the controller")
+                return self.made(Many(tuple(map(Known, value)), tuple(n for n, _ in of.members), of.kind), of, node)
+            raise self.refused(node, f"{_told(value)} is not a number or a state on the controller")
         if isinstance(term, Many):
             types = [self.code(each, node).type for each in term.terms]
             of = self.world.fields.tuple_type(list(types), term.names, term.kind or tuple)
             if of is None:
-                self.refuse(node, "a tuple of other things than numbers")
+                raise self.refused(node, "a tuple of other things than numbers")
             return self.made(term, of, node)
-        self.refuse(node, "only whether it is None is known on the controller")
+        raise self.refused(node, "only whether it is None is known on the controller")
 
     def literal(self, value: Any, of: CType, node: ast.AST) -> str:
         try:
             return self.world.fields.literal(value, of)
         except (ValueError, OverflowError):
-            self.refuse(node, f"{value} does not fit 32 bits", "a smaller number, or a float")
+            raise self.refused(node, f"{value} does not fit 32 bits", "a smaller number, or a float") from None
 
     def made(self, term: Many, of: TupleType, node: ast.AST) -> Code:
         parts = [self.as_type(each, kind, node) for each, (_, kind) in zip(term.terms, of.members, strict=True)]
@@ -188,7 +225,7 @@ class FunctionScope:
 
     def as_type(self, term: Term, of: CType, node: ast.AST) -> str:
         """The text of a term as a value of this type."""
-        if isinstance(term, Live):
+        if isinstance(term, Known):
             if isinstance(of, OptionalType) and term.value is None:
                 return f"({of.name}){{false, 0}}"
             if of == MASK:
@@ -206,13 +243,13 @@ class FunctionScope:
             return self.as_type(self.present(code, node), of, node)
         if is_number(of) and is_number(code.type):
             return code.text if of == REAL and code.type == BOOL else f"({of.name}){_enclosed(code.text)}"
-        if of == MASK and code.type == state(self.world.quality):
+        if of == MASK and code.type == state(Quality):
             return f"(uint32_t)1 << {_enclosed(code.text)}"
         if isinstance(of, TupleType) and isinstance(code.type, TupleType):
             parts = [f"{self.kept(code).text}.{name}" for name, _ in code.type.members]
             terms = tuple(Code(kind, part) for part, (_, kind) in zip(parts, code.type.members, strict=True))
             return self.made(Many(terms), of, node).text
-        self.refuse(node, f"a {code.type.name} where a {of.name} was before", "one type for each name")
+        raise self.refused(node, f"a {code.type.name} where a {of.name} was before", "one type for each name")
 
     def present(self, code: Code, node: ast.AST) -> Code:
         """The value of what may be None: TypeError where it is."""
@@ -221,19 +258,19 @@ class FunctionScope:
         code = code if _is_place(code.text) else self.kept(code)
         if ast.dump(node) not in self.known:
             self.raises(TypeError, node, f"!{code.text}.has")
-        return Code(code.type.of, f"{code.text}.value")
+        return Code(plain(code.type), f"{code.text}.value")
 
     def number(self, term: Term, node: ast.AST) -> Code:
         code = self.present(self.code(term, node), node)
         if not is_number(code.type):
-            self.refuse(node, "it is not a number")
+            raise self.refused(node, "it is not a number")
         return code
 
     def truth(self, term: Term, node: ast.AST) -> str | bool:
         """The text of a condition; a bool if it is known already."""
-        if isinstance(term, Live):
+        if isinstance(term, Known):
             if isinstance(term.value, UnknownText):
-                self.refuse(node, "a text that is made at run time", "a state of an Enum")
+                raise self.refused(node, "a text that is made at run time", "a state of an Enum")
             return bool(term.value)
         if isinstance(term, Present):
             return term.text
@@ -252,13 +289,11 @@ class FunctionScope:
                 zeros = [n for n, each in enumerate(term.type.kind) if not each]
                 return f"{_enclosed(term.text)} != {zeros[0]}" if zeros else True
             return True
-        self.refuse(node, "whether it is true is not known on the controller")
+        raise self.refused(node, "whether it is true is not known on the controller")
 
 
 def _enclosed(text: str) -> str:
-    return (
-        text if _is_place(text) or text.replace(".", "").isalnum() else f"({text})" if text[0] != "(" else f"({text})"
-    )
+    return text if _is_place(text) or text.replace(".", "").isalnum() else f"({text})"
 
 
 def _is_place(text: str) -> bool:
@@ -276,6 +311,3 @@ def _told(value: object) -> str:
     if isinstance(value, str | Enum):
         return repr(value)
     return f"a {type(value).__name__}"
-
-
-__all__ = ["INDENT", "NOTHING", "ZERO", "FunctionScope", "Handler", "Refused"]

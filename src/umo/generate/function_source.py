@@ -18,7 +18,8 @@ ABSENT = object()
 class SourcedFunction(NamedTuple):
     """A function with its tree."""
 
-    function: FunctionType
+    function: Any
+    """A function of Python."""
     tree: ast.FunctionDef | ast.Lambda
     file: str
     """The path from its package on."""
@@ -27,7 +28,7 @@ class SourcedFunction(NamedTuple):
 
     @property
     def name(self) -> str:
-        return self.function.__qualname__.replace(".<locals>", "").replace("<lambda>", "condition")
+        return str(self.function.__qualname__).replace(".<locals>", "").replace("<lambda>", "condition")
 
     def meaning(self, name: str) -> Any:
         """What a name that is no local one stands for; ABSENT: nothing."""
@@ -101,7 +102,7 @@ def _is(tree: ast.FunctionDef | ast.Lambda, code: CodeType) -> bool:
     body = tree.body
     places = [each for each in code.co_positions() if each[0] is not None and each[2] is not None and each[3]]
     last = (body.end_lineno or body.lineno, body.end_col_offset or 0)
-    inside = [(body.lineno, body.col_offset) <= (p[0], p[2]) and (p[1], p[3]) <= last for p in places]  # type: ignore[operator]
+    inside = [(body.lineno, body.col_offset) <= (p[0], p[2]) and (p[1], p[3]) <= last for p in places]
     return bool(inside) and sum(inside) >= len(inside) - 1  # the first one is that of the whole function
 
 

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from umo.generate.c_types import BOOL, INT, MASK, NOTHING, ArrayType, CType, OptionalType, TupleType
+from umo.generate.c_types import BOOL, INT, NOTHING, ArrayType, CType
 from umo.generate.call_code import CallCode
-from umo.generate.function_scope import Handler
-from umo.generate.terms import Code, Live, Many, Present, Term
+from umo.generate.function_scope import TryBlock
+from umo.generate.terms import Code, Known, Many, Present, Term
 
 MOST_UNROLLED = 256
 """Turns of a loop over objects, each written out."""
@@ -24,7 +24,7 @@ class StatementCode(CallCode):
         for each in statements:
             method = getattr(self, f"_{type(each).__name__}", None)
             if method is None:
-                self.refuse(
+                raise self.refused(
                     each, "this statement does not translate", "if, for, while, try, raise, return, assignments"
                 )
             if method(each) is False:
@@ -44,7 +44,7 @@ class StatementCode(CallCode):
     def _Import(self, node: ast.Import | ast.ImportFrom) -> None:
         scope: dict[str, Any] = {}
         exec(compile(ast.Module([node], []), "<import>", "exec"), {"__name__": self.source.function.__module__}, scope)
-        self.names |= {name: Live(value, name=name) for name, value in scope.items()}
+        self.names |= {name: Known(value, name=name) for name, value in scope.items()}
 
     _ImportFrom = _Import
 
@@ -80,7 +80,7 @@ class StatementCode(CallCode):
         if isinstance(target, ast.Tuple | ast.List):
             parts = self.parts(term, node)
             if len(parts) != len(target.elts) or any(isinstance(each, ast.Starred) for each in target.elts):
-                self.refuse(node, f"{len(parts)} values for {len(target.elts)} names")
+                raise self.refused(node, f"{len(parts)} values for {len(target.elts)} names")
             for each, part in zip(target.elts, map(self._settled, parts), strict=True):
                 self.store(each, part, node)
         elif isinstance(target, ast.Name):
@@ -90,8 +90,8 @@ class StatementCode(CallCode):
         elif isinstance(target, ast.Subscript):
             self._store_element(target, term, node)
         else:
-            self.refuse(node, "it cannot be assigned to this", "names, attributes, elements")
-        if not isinstance(term, Live) or term.value is not None:
+            raise self.refused(node, "it cannot be assigned to this", "names, attributes, elements")
+        if not isinstance(term, Known) or term.value is not None:
             self.known.add(ast.dump(_loaded(target)))
 
     def _store_local(self, name: str, term: Term, node: ast.AST) -> None:
@@ -99,13 +99,13 @@ class StatementCode(CallCode):
         key = (self.key, name)
         before = self.world.memory.locals.get(key)
         if of is None or (of == NOTHING and before is None):
-            texts = isinstance(term, Live) and isinstance(term.value, str)
-            if isinstance(term, Live) and (before is None or before == term or texts):
+            texts = isinstance(term, Known) and isinstance(term.value, str)
+            if isinstance(term, Known) and (before is None or before == term or texts):
                 self.names[name] = term
                 return
-            self.refuse(node, f"{name!r} stands for different objects", "a name for each")
-        if isinstance(before, Live):
-            self.refuse(node, f"{name!r} stands for different objects", "a name for each")
+            raise self.refused(node, f"{name!r} stands for different objects", "a name for each")
+        if isinstance(before, Known):
+            raise self.refused(node, f"{name!r} stands for different objects", "a name for each")
         of = self.world.memory.learn(self.world.memory.locals, key, of, lambda: self._odd(name, node))
         self.names[name] = of
         text = self.c_local(name)
@@ -117,7 +117,7 @@ class StatementCode(CallCode):
             self.line(f"{text} = {value};")
 
     def _odd(self, name: str, node: ast.AST) -> None:
-        self.refuse(node, f"{name!r} has values of different types", "one type for each name")
+        raise self.refused(node, f"{name!r} has values of different types", "one type for each name")
 
     def type_of(self, term: Term) -> CType | None:
         """The type of what a term is; None: it is no value of a controller."""
@@ -133,10 +133,10 @@ class StatementCode(CallCode):
 
     def _store_field(self, target: ast.Attribute, term: Term, node: ast.AST) -> None:
         base = self.term(target.value)
-        if not isinstance(base, Live):
-            self.refuse(node, "an attribute of something that is not known when the code is generated")
+        if not isinstance(base, Known):
+            raise self.refused(node, "an attribute of something that is not known when the code is generated")
         owner, name = base.value, target.attr
-        if isinstance(term, Live) and isinstance(term.value, str):
+        if isinstance(term, Known) and isinstance(term.value, str):
             self.world.memory.texts.add((id(owner), name))
             self.world.note(f"{self.source.segment(target)} is a text: a controller does not have it")
             return
@@ -144,21 +144,23 @@ class StatementCode(CallCode):
         new = self.type_of(term)
         key = id(owner), name
         if new is None:
-            self.refuse(node, f"{self.source.segment(target)} is no number or state", "numbers, states, tuples of them")
+            raise self.refused(
+                node, f"{self.source.segment(target)} is no number or state", "numbers, states, tuples of them"
+            )
         self.world.memory.learn(self.world.memory.fields, key, new, lambda: self._odd(name, node))
         place = self.field(owner, name, base, target)
         if not isinstance(place, Code):
             return  # in the next pass it is a field
         if isinstance(place.type, ArrayType):
-            self.refuse(node, "a list is assigned as a whole", "its elements, one by one")
+            raise self.refused(node, "a list is assigned as a whole", "its elements, one by one")
         self.line(f"{place.text} = {self.as_type(term, place.type, node)};")
 
     def _store_element(self, target: ast.Subscript, term: Term, node: ast.AST) -> None:
         term = self._settled(term)
         base, index = self.ordered([target.value, target.slice])
         if not (isinstance(base, Code) and isinstance(base.type, ArrayType)):
-            self.refuse(node, "an element of something that is not a list of numbers")
-        if isinstance(target.value, ast.Attribute) and isinstance(owner := self.term(target.value.value), Live):
+            raise self.refused(node, "an element of something that is not a list of numbers")
+        if isinstance(target.value, ast.Attribute) and isinstance(owner := self.term(target.value.value), Known):
             self.world.memory.assign(owner.value, target.value.attr)
         self.line(f"{base.text}[{self.index(base.type, index, node)}] = {self.as_type(term, base.type.of, node)};")
 
@@ -199,7 +201,7 @@ class StatementCode(CallCode):
 
     def _While(self, node: ast.While) -> None:
         if node.orelse:
-            self.refuse(node, "`else` of a loop", "a flag")
+            raise self.refused(node, "`else` of a loop", "a flag")
         self._forget(node.body)
         with self.block("for (;;)"):
             truth = self.truth(self.term(node.test), node.test)
@@ -221,7 +223,7 @@ class StatementCode(CallCode):
 
     def _For(self, node: ast.For) -> None:
         if node.orelse:
-            self.refuse(node, "`else` of a loop", "a flag")
+            raise self.refused(node, "`else` of a loop", "a flag")
         if self._is_range(node.iter):
             self._count(node)
             return
@@ -239,14 +241,14 @@ class StatementCode(CallCode):
     def _count(self, node: ast.For) -> None:
         assert isinstance(node.iter, ast.Call)
         terms = self.ordered(node.iter.args)
-        if all(isinstance(each, Live) for each in terms) and isinstance(node.target, ast.Name):
+        if all(isinstance(each, Known) for each in terms) and isinstance(node.target, ast.Name):
             numbers = range(*(each.value for each in terms))  # type: ignore[union-attr]
             if len(numbers) <= MOST_UNROLLED and _indexes_objects(node):
-                self._unroll(node, [Live(each) for each in numbers])
+                self._unroll(node, [Known(each) for each in numbers])
                 return
-        first, last, step = (Live(0), *terms, Live(1)) if len(terms) == 1 else (*terms, Live(1))[:3]
-        if not (isinstance(step, Live) and step.value):
-            self.refuse(node, "the step of a range is not known")
+        first, last, step = (Known(0), *terms, Known(1)) if len(terms) == 1 else (*terms, Known(1))[:3]
+        if not (isinstance(step, Known) and step.value):
+            raise self.refused(node, "the step of a range is not known")
         turn = self.temporary(INT, "i")
         end = self.kept(Code(INT, self.as_type(last, INT, node)), "end").text
         self._forget(node.body)
@@ -267,7 +269,9 @@ class StatementCode(CallCode):
     def _unroll(self, node: ast.For, elements: list[Term]) -> None:
         """A loop over objects: each turn is written out."""
         if len(elements) > MOST_UNROLLED:
-            self.refuse(node, f"a loop of {len(elements)} turns over objects", f"at most {MOST_UNROLLED}, or a Vector")
+            raise self.refused(
+                node, f"a loop of {len(elements)} turns over objects", f"at most {MOST_UNROLLED}, or a Vector"
+            )
         out = self.label("done")
         at = len(self.lines)
         for each in elements:
@@ -282,23 +286,25 @@ class StatementCode(CallCode):
     def elements(self, term: Term, node: ast.AST) -> list[Term]:
         if isinstance(term, Many):
             return list(term.terms)
-        if isinstance(term, Live):
+        if isinstance(term, Known):
             with suppress(TypeError):
-                return [Live(each) for each in term.value]
-        self.refuse(node, "what it goes through is not known when the code is generated", "a list of parts, range")
+                return [Known(each) for each in term.value]
+        raise self.refused(
+            node, "what it goes through is not known when the code is generated", "a list of parts, range"
+        )
 
     @contextmanager
     def bound_to(self, target: ast.AST, term: Term) -> Iterator[None]:
         """The name of a loop stands for one object."""
-        if isinstance(target, ast.Name) and isinstance(term, Live) and self.type_of(term) is None:
+        if isinstance(target, ast.Name) and isinstance(term, Known) and self.type_of(term) is None:
             self.names[target.id] = term
         elif isinstance(target, ast.Tuple):
             for each, part in zip(target.elts, self.parts(term, target), strict=True):
-                if isinstance(each, ast.Name) and isinstance(part, Live):
+                if isinstance(each, ast.Name) and isinstance(part, Known):
                     self.names[each.id] = part
                 else:
                     self.store(each, part, target)
-        elif isinstance(target, ast.Name) and isinstance(term, Live):
+        elif isinstance(target, ast.Name) and isinstance(term, Known):
             self.names[target.id] = term
         else:
             self.store(target, term, target)
@@ -313,13 +319,13 @@ class StatementCode(CallCode):
     def _leave(self, node: ast.AST, which: int, plain: str) -> bool:
         loop = self.loops[-1]
         if len(self.handlers) > loop[2]:
-            self.refuse(node, "it leaves a `try`", "a flag")
+            raise self.refused(node, "it leaves a `try`", "a flag")
         label = loop[which]
         self.line(f"goto {label};" if label else plain, pure=True)
         return False
 
     def _Return(self, node: ast.Return) -> bool:
-        term = Live(None) if node.value is None else self.term(node.value)
+        term = Known(None) if node.value is None else self.term(node.value)
         self.results.append(term)
         result = self.world.result_of(self, term, node)
         if result:
@@ -338,15 +344,15 @@ class StatementCode(CallCode):
     def _Raise(self, node: ast.Raise) -> bool:
         if node.exc is None:
             if not self.world.caught:
-                self.refuse(node, "`raise` outside of `except`")
+                raise self.refused(node, "`raise` outside of `except`")
             self.fail(self.world.caught[-1])
             return False
         error = node.exc.func if isinstance(node.exc, ast.Call) else node.exc
         kind = self.term(error)
-        if isinstance(kind, Live) and isinstance(kind.value, type) and issubclass(kind.value, BaseException):
+        if isinstance(kind, Known) and isinstance(kind.value, type) and issubclass(kind.value, BaseException):
             self.raises(kind.value, node, text=_said(node.exc, self.source.segment(node.exc)))
             return False
-        self.refuse(node, "the class of the error is not known when the code is generated", "raise Error(...)")
+        raise self.refused(node, "the class of the error is not known when the code is generated", "raise Error(...)")
 
     def _Assert(self, node: ast.Assert) -> None:
         truth = self.truth(self.term(node.test), node.test)
@@ -360,10 +366,10 @@ class StatementCode(CallCode):
         if node.finalbody:
             pending = self.temporary(INT, "pending")
             returning = self.temporary(BOOL, "returning") if returns else ""
-            return self._with_finally(node, Handler(self.label("finally"), pending, returning=returning))
+            return self._with_finally(node, TryBlock(self.label("finally"), pending, returning=returning))
         return self._with_except(node)
 
-    def _with_finally(self, node: ast.Try, handler: Handler) -> bool | None:
+    def _with_finally(self, node: ast.Try, handler: TryBlock) -> bool | None:
         self.line(f"{handler.variable} = UMO_OK;", pure=True)
         if handler.returning:
             self.line(f"{handler.returning} = false;", pure=True)
@@ -390,7 +396,7 @@ class StatementCode(CallCode):
         if not node.handlers:
             return self.body([*node.body, *node.orelse])
         caught, after = self.temporary(INT, "caught"), self.label("after")
-        handler = Handler(self.label("except"), caught)
+        handler = TryBlock(self.label("except"), caught)
         self.handlers.append(handler)
         names = dict(self.names)
         goes_on = self.body(node.body)
@@ -417,7 +423,7 @@ class StatementCode(CallCode):
             kinds = self._kinds(each)
             self.names = dict(names)
             if each.name:
-                self.names[each.name] = Live(object())
+                self.names[each.name] = Known(object())
             self.world.caught.append(f"(umo_fault){caught}")
             with self.block(f"if ({self.world.is_a(caught, kinds)})"):
                 if self.body(each.body):
@@ -433,7 +439,7 @@ class StatementCode(CallCode):
         if handler.type is None:
             return (BaseException,)
         term = self.term(handler.type)
-        found = term.value if isinstance(term, Live) else tuple(getattr(each, "value", None) for each in term.terms)  # type: ignore[union-attr]
+        found = term.value if isinstance(term, Known) else tuple(getattr(each, "value", None) for each in term.terms)  # type: ignore[union-attr]
         return found if isinstance(found, tuple) else (found,)
 
     def _With(self, node: ast.With) -> bool | None:
@@ -441,12 +447,12 @@ class StatementCode(CallCode):
         call = node.items[0].context_expr
         if len(node.items) == 1 and isinstance(call, ast.Call):
             func = self.term(call.func)
-            if isinstance(func, Live) and func.value is suppress:
+            if isinstance(func, Known) and func.value is suppress:
                 kinds = ast.Tuple(call.args, ast.Load())
                 handler = ast.ExceptHandler(ast.copy_location(kinds, call), None, [ast.copy_location(ast.Pass(), node)])
                 tried = ast.Try(node.body, [ast.copy_location(handler, node)], [], [])
                 return self._Try(ast.copy_location(tried, node))
-        self.refuse(node, "`with` does not translate", "with suppress(...)")
+        raise self.refused(node, "`with` does not translate", "with suppress(...)")
 
 
 def _loaded(target: ast.AST) -> ast.expr:
@@ -474,6 +480,3 @@ def _indexes_objects(node: ast.For) -> bool:
     name = node.target.id
     indexed = [each.slice for part in node.body for each in ast.walk(part) if isinstance(each, ast.Subscript)]
     return any(isinstance(each, ast.Name) and each.id == name for index in indexed for each in ast.walk(index))
-
-
-__all__ = ["MASK", "OptionalType", "StatementCode", "TupleType"]

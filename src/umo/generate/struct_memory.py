@@ -16,7 +16,12 @@ class StructMemory:
 
     def __init__(self, struct: LiveStruct, address: int, real: str = "double") -> None:
         self._struct = struct
-        self._types = {INT: c_int32, BOOL: c_bool, MASK: c_uint32, REAL: c_double if real == "double" else c_float}
+        self._types: dict[Any, Any] = {
+            INT: c_int32,
+            BOOL: c_bool,
+            MASK: c_uint32,
+            REAL: c_double if real == "double" else c_float,
+        }
         fields = [(identifier(name), self._type(of)) for name, of in struct.fields.items()]
         kind = type(f"Machine_{struct.member}", (Structure,), {"_fields_": fields})
         self._memory: Any = cast(address, POINTER(kind)).contents
@@ -43,7 +48,9 @@ class StructMemory:
                 here, there = list(here), list(there)
             elif of == REAL:
                 there = float(there)
-            if repr(here) != repr(there) and not (isinstance(of, TupleType) and repr(tuple(here)) == repr(tuple(there))):
+            if repr(here) != repr(there) and not (
+                isinstance(of, TupleType) and repr(tuple(here)) == repr(tuple(there))
+            ):
                 yield f"{self._struct.path}.{name}: Python has {there}, C has {here}"
 
     def _type(self, of: CType) -> Any:
@@ -59,8 +66,8 @@ class StructMemory:
 
     def _made(self, name: str, fields: Sequence[tuple[str, Any]]) -> Any:
         if name not in self._types:
-            self._types[name] = type(name, (Structure,), {"_fields_": list(fields)})  # type: ignore[index]
-        return self._types[name]  # type: ignore[index]
+            self._types[name] = type(name, (Structure,), {"_fields_": list(fields)})
+        return self._types[name]
 
     def _value(self, of: CType, raw: Any) -> Any:
         if isinstance(of, ArrayType):

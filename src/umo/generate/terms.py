@@ -19,7 +19,7 @@ class Code:
 
 
 @dataclass(frozen=True, eq=False)
-class Live:
+class Known:
     """Something that is known when the code is generated."""
 
     value: Any
@@ -28,7 +28,7 @@ class Live:
     name: str = ""
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Live) and other.value is self.value
+        return isinstance(other, Known) and other.value is self.value
 
     def __hash__(self) -> int:
         return id(self.value)
@@ -60,4 +60,4 @@ class Present:
     """The condition in C under which it is not None."""
 
 
-Term = Code | Live | Many | Present
+Term = Code | Known | Many | Present

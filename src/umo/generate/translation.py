@@ -6,14 +6,25 @@ does not translate is a `Untranslatable`, with its place and the nearest thing t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
-from umo.objects import Compound
-
 FIRST_FAULT = 32
 """The first number of a fault of translated code; those below are the runtime's (umo.h)."""
+RUNTIME_FAULTS = (
+    ("UMO_UNREAD", "DriverError", "could not be read"),
+    ("UMO_UNWRITTEN", "DriverError", "could not be written"),
+    ("UMO_BAD_TICKS", "DriverError", "the ticks of the timer are outside its range"),
+    ("UMO_OUTSIDE", "RangeError", "the value is outside the range of the actuator"),
+    ("UMO_NOT_FINITE", "RangeError", "the value is not finite"),
+    ("UMO_BAD_INPUT", "BadInput", "the quality of the sensor is not accepted"),
+    ("UMO_NEVER_READ", "BadInput", "the sensor was never read"),
+    ("UMO_INTERLOCKED", "Interlocked", "an interlock forbids the write"),
+    ("UMO_NO_STATE", "StateError", "no state of the actuator"),
+    ("UMO_NO_HOST", "TaskFailed", "only the host can do it, and there is none"),
+)
+"""The faults of the runtime from 1 on, as in umo.h: their names, classes and texts."""
 
 
 @dataclass(frozen=True)
@@ -100,11 +111,3 @@ class Translation:
     notes: list[str] = field(default_factory=list)
     """What is to be said of the C, such as a function that differs in its last bit."""
     problems: list[Untranslatable] = field(default_factory=list)
-
-
-def translate(machine: Compound, functions: Sequence[Callable[..., Any]], target: ControllerTarget) -> Translation:
-    """The functions of a machine in C; what does not translate is in `problems`."""
-    from umo.generate.code_world import translate as translated
-    from umo.generate.controller_folder import RUNTIME_FAULTS
-
-    return translated(machine, functions, target, RUNTIME_FAULTS)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from umo.generate.c_types import CType, joined
-from umo.generate.terms import Live
+from umo.generate.terms import Known
 
 MOST_PASSES = 12
 
@@ -20,7 +20,7 @@ class TranslationMemory:
     texts: set[tuple[int, str]] = field(default_factory=set)
     """Fields to which a text is assigned: they do not exist on a controller."""
     fields: dict[tuple[int, str], CType] = field(default_factory=dict)
-    locals: dict[tuple[Any, str], CType | Live] = field(default_factory=dict)
+    locals: dict[tuple[Any, str], CType | Known] = field(default_factory=dict)
     results: dict[Any, CType] = field(default_factory=dict)
     changed: bool = False
 
