@@ -11,6 +11,8 @@
 #include <string.h>
 #include <unistd.h>
 
+#define UCSR0B 0xC1
+#define RXEN0 4
 #define STEPS 200 /* instructions between two looks at standard input */
 
 static avr_t *avr;
@@ -39,6 +41,8 @@ static avr_irq_t *uart(int which)
 static int feed(void)
 {
     unsigned char byte;
+    if (!(avr->data[UCSR0B] & 1 << RXEN0))
+        return 1; /* what comes before would be lost */
     while (ready) {
         ssize_t n = read(0, &byte, 1);
         if (n == 0)
