@@ -42,6 +42,37 @@ def check(
 
 
 @command(
+    epilog="Examples: umo generate ztheta --target host -o controller  |  umo generate furnace --zones 3 --target "
+    "cortex-m -o firmware  |  umo generate my-machine -w bench --target arduino -o sketch",
+    status="0 done; 2 something does not translate, or another mistake, told on stderr",
+    context_settings=MACHINE_OPTIONS,
+)
+def generate(
+    context: typer.Context,
+    station: StationName,
+    target: Annotated[str, typer.Option(metavar="TARGET", help="host, cortex-m, avr or arduino.")],
+    folder: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="The folder that is written.")],
+    wiring: WiringName = None,
+    real: Annotated[
+        str | None, typer.Option(metavar="double|float", help="Numbers; default: double, on avr and arduino float.")
+    ] = None,
+) -> int:
+    """Write the controller of a machine in C: objects, interlocks, rates, expiry and control laws, without a heap and
+    without hardware, with a loop and a watchdog around it.
+
+    Scales, ranges and defaults are those of the wiring, numbers those of the machine with its parameters. No device is
+    opened. Everything that has no C is told at once, with file and line, and nothing is written. What a user has filled
+    in, io_board.c and the Makefile, is not written over. Sequences stay on the host. Options of the machine follow the
+    station's name.
+    """
+    from umo.process.station import find
+
+    from .generate_controller import generate_controller
+
+    return generate_controller(find(station), wiring, target, real, folder, context.args)
+
+
+@command(
     epilog="Examples: umo recipes batch  |  umo recipes batch paint",
     status="0 done; 2 a mistake, told on stderr",
 )

@@ -59,7 +59,7 @@ class Profile:
     """Largest jerk, units per s cubed."""
     setpoint: Setpoint = field(default=Setpoint(0.0, 0.0, 0.0), init=False)
     segments: list[Segment] = field(default_factory=lambda: _padded([Segment(0.0, *[0.0] * 4)]), init=False, repr=False)
-    """Of the motion under way; always `MOST_SEGMENTS`."""
+    """Of the motion under way; always `MOST_SEGMENTS`. One that starts at infinity ends them."""
     origin: float = field(default=0.0, init=False, repr=False)
     """What is added to their positions."""
     elapsed: float = field(default=0.0, init=False)
@@ -80,7 +80,8 @@ class Profile:
         if not (isfinite(position) and isfinite(velocity)):
             raise RangeError(f"no profile from {position!r} at {velocity!r} per s: both must be finite")
         self.setpoint = Setpoint(position, velocity, 0.0)
-        self._begin([Segment(0.0, position, velocity, 0.0, 0.0)], 0.0)
+        self.segments[0], self.segments[1] = Segment(0.0, position, velocity, 0.0, 0.0), _NONE
+        self.elapsed = self.origin = self.duration = 0.0
 
     def shift(self, distance: float) -> None:
         """The origin of the positions has moved: the setpoint changes by this distance, the motion goes on. RangeError
@@ -145,7 +146,8 @@ class Profile:
                 break
         else:
             raise RangeError(f"no profile {what} within the limits of {self!r}: {found}")
-        self._begin(_segments(trajectory, scale, plan.target_velocity[0]), float(trajectory.duration))
+        self.segments = _padded(_segments(trajectory, scale, plan.target_velocity[0]))
+        self.elapsed, self.origin, self.duration = 0.0, 0.0, float(trajectory.duration)
         return self.duration
 
     def _calculate(self, plan: Any, trajectory: Any) -> str:
@@ -157,10 +159,6 @@ class Profile:
             return str(error).strip().partition(" input:")[0]
         return "" if result in (ruckig.Result.Working, ruckig.Result.Finished) else str(result.name)
 
-    def _begin(self, segments: list[Segment], duration: float) -> None:
-        self.segments, self.duration = _padded(segments), duration
-        self.elapsed = self.origin = 0.0
-
     @property
     def done(self) -> bool:
         """Whether the target, or the velocity, is reached."""
@@ -169,7 +167,12 @@ class Profile:
     @property
     def stops(self) -> bool:
         """Whether the setpoint stands, or comes to a standstill by itself."""
-        return not next(each for each in reversed(self.segments) if each.start < inf).velocity
+        last = self.segments[0]
+        for each in self.segments:
+            if each.start == inf:
+                break
+            last = each
+        return not last.velocity
 
     def step(self, dt: float) -> Setpoint:
         """Advance the profile by `dt` s and return the setpoint. After the end it stands at the target, or moves on at

@@ -1,0 +1,1 @@
+"""C from the declaration of a machine: `umo generate`."""

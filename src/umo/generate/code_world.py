@@ -1,0 +1,385 @@
+"""The functions of one machine while they are translated: each once for each object and type that it is called with."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+from collections.abc import Callable, Mapping, Sequence
+from types import FunctionType
+from typing import Any
+
+from umo.generate.c_text import comment, identifier
+from umo.generate.c_types import BOOL, NOTHING, REAL, CType, OptionalType, TupleType, is_number
+from umo.generate.function_scope import INDENT, ZERO, FunctionScope, NoTranslation
+from umo.generate.function_source import NoSource, SourcedFunction, bound
+from umo.generate.live_fields import LiveFields, _hinted_parameter
+from umo.generate.statement_code import StatementCode
+from umo.generate.terms import Code, Known, Many, Present, Term
+from umo.generate.translation import (
+    FIRST_FAULT,
+    RUNTIME_FAULTS,
+    CFunction,
+    CodeFault,
+    ControllerTarget,
+    Translation,
+    Untranslatable,
+)
+from umo.generate.translation_memory import MOST_PASSES, TranslationMemory
+from umo.objects import Compound
+from umo.objects.atomic import Atomic
+
+
+class TranslatedFunction:
+    """A function in C, and what a call of it gives."""
+
+    def __init__(self, name: str, result: CType, live: Known | None, text: str) -> None:
+        self.name, self.result, self.live, self.text = name, result, live, text
+
+
+class CodeWorld:
+    """One pass over the functions of a machine."""
+
+    def __init__(self, memory: TranslationMemory, target: ControllerTarget) -> None:
+        self.memory, self.target = memory, target
+        self.fields = LiveFields(memory, target)
+        self.functions: dict[Any, TranslatedFunction] = {}
+        self.faults: list[CodeFault] = []
+        self.kinds: dict[int, type[BaseException]] = {
+            n: _class(kind) for n, (_, kind, _) in enumerate(RUNTIME_FAULTS, 1)
+        }
+        self.problems: list[Untranslatable] = []
+        self.notes: list[str] = []
+        self.hosts: list[tuple[Any, str]] = []
+        self.caught: list[str] = []
+        """The faults that are being handled."""
+        self._under_way: list[Any] = []
+        self._names = {"plan", "traits", "stop_order", "output_objects", "conditioned", "init_objects", "main"}
+        self._tests: dict[tuple[type[BaseException], ...], str] = {}
+        self._kept: list[Any] = []
+
+    # What functions ask for ----------------------------------------------------------------------------
+
+    def place(self, owner: Atomic) -> str:
+        return f"(&m->objects[{owner._slot}])"
+
+    def fault(self, kind: type[BaseException], text: str, file: str, line: int) -> int:
+        for each in self.faults:
+            if (each.kind, each.text, each.file, each.line) == (kind.__name__, text, file, line):
+                return each.number
+        number = FIRST_FAULT + len(self.faults)
+        self.faults.append(CodeFault(number, kind.__name__, text, file, line))
+        self.kinds[number] = kind
+        return number
+
+    def note(self, text: str) -> None:
+        if text not in self.notes:
+            self.notes.append(text)
+
+    def note_inexact(self, name: str) -> None:
+        if not self.target.exact_libm:
+            self.note(f"{name} may differ from Python in its last bit: it is that of the target's library")
+
+    def is_a(self, fault: str, kinds: tuple[type[BaseException], ...]) -> str:
+        name = self._tests.setdefault(kinds, f"is_{'_or_'.join(each.__name__ for each in kinds)}")
+        return f"{name}({fault})"
+
+    def host_call(self, owner: Any, name: str) -> int:
+        found = next((n for n, (each, called) in enumerate(self.hosts) if each is owner and called == name), None)
+        if found is None:
+            self.hosts.append((owner, name))
+            found = len(self.hosts) - 1
+        return found
+
+    def result_of(self, scope: FunctionScope, term: Term, node: ast.AST) -> str:
+        """The text of a result; "": there is none."""
+        assert isinstance(scope, StatementCode)
+        of = scope.type_of(term)
+        if isinstance(term, Present):
+            raise scope.refused(node, "only whether it is None is known on the controller")
+        if of is None:
+            if isinstance(term, Known):
+                return ""
+            raise scope.refused(node, "the result is no number, state or tuple of them")
+        of = self.memory.learn(self.memory.results, scope.key, of, lambda: _odd(node))
+        return "" if of == NOTHING else scope.as_type(term, of, node)
+
+    # Functions -----------------------------------------------------------------------------------------
+
+    def invoke(self, caller: FunctionScope, source: SourcedFunction, terms: Mapping[str, Term], node: ast.AST) -> Term:
+        """A call of a function: its result. The function is translated if it is not yet."""
+        hints = source.function.__annotations__
+        given: dict[str, CType | Known] = {}
+        texts: list[str] = []
+        for name, term in terms.items():
+            of = self._parameter(caller, source.function, name, term, hints)
+            given[name] = of
+            if not isinstance(of, Known):
+                texts.append(caller.as_type(term, of, node))
+        found = self.translated(source, given, node, caller)
+        if found.live is not None and not found.text:
+            return found.live
+        call = f"{found.name}({', '.join(['m', *texts])}"
+        if found.result == NOTHING:
+            caller.called(f"{call})")
+            return found.live or Known(None)
+        result = caller.temporary(found.result)
+        caller.called(f"{call}, &{result})")
+        return Code(found.result, result, stable=True)
+
+    def _parameter(
+        self, caller: FunctionScope, function: FunctionType, name: str, term: Term, hints: Mapping[str, Any]
+    ) -> CType | Known:
+        hinted = _hinted_parameter(function, name) if name in hints else None
+        if isinstance(term, Known):
+            self._kept.append(term.value)
+            if isinstance(hinted, OptionalType) and (term.value is None or type(term.value) in (int, float, bool)):
+                return hinted
+            if type(term.value) in (int, float, bool):
+                of = self.fields.type_of_value(term.value)
+                assert of is not None
+                return hinted if hinted == REAL and is_number(of) else of
+            return term
+        if isinstance(term, Many):
+            if all(isinstance(each, Known) for each in term.terms):
+                live = tuple(each.value for each in term.terms)  # type: ignore[union-attr]
+                self._kept.append(live)
+                return Known(live)
+            assert isinstance(caller, StatementCode)
+            of = caller.type_of(term)
+            if of is not None:
+                return of
+        if isinstance(term, Code):
+            if is_number(term.type) and hinted == REAL:
+                return REAL
+            if isinstance(hinted, OptionalType) and (term.type == hinted.of or is_number(term.type)):
+                return hinted
+            return term.type
+        raise NoTranslation(ast.Pass(lineno=0, col_offset=0), f"the argument {name!r} is no value of a controller")
+
+    def translated(
+        self, source: SourcedFunction, given: Mapping[str, CType | Known], node: ast.AST, caller: FunctionScope | None
+    ) -> TranslatedFunction:
+        key = (
+            source.function.__code__,
+            tuple((n, ("live", _identity(g)) if isinstance(g, Known) else g) for n, g in given.items()),
+        )
+        if key in self.functions:
+            return self.functions[key]
+        if key in self._under_way:
+            raise NoTranslation(node, "it calls itself", "a loop")
+        self._under_way.append(key)
+        try:
+            self.functions[key] = found = self._translate(source, given, key)
+        finally:
+            self._under_way.pop()
+        return found
+
+    def _translate(self, source: SourcedFunction, given: Mapping[str, CType | Known], key: Any) -> TranslatedFunction:
+        scope = StatementCode(self, source, key, self._name(source, given))
+        for name, of in given.items():
+            scope.names[name] = of
+            if not isinstance(of, Known):
+                scope.parameters[name] = of
+                self.memory.learn(self.memory.locals, (key, name), of, lambda: None)
+                scope.names[name] = self.memory.locals[key, name]
+        statements = source.tree.body
+        if isinstance(statements, ast.expr):
+            statements = [ast.copy_location(ast.Return(statements), statements)]
+        problems, ends = len(self.problems), True
+        for each in statements:
+            try:
+                ends = scope.body([each])
+            except NoTranslation as refused:
+                self._told(scope, refused, problems)
+            if not ends:
+                break
+        if ends:
+            scope.results.append(Known(None))
+            if self.memory.results.get(key, NOTHING) != NOTHING or any(map(_is_code, scope.results)):
+                node = source.tree
+                if len(self.problems) == problems:
+                    scope.line(f"*out = {self.result_of(scope, Known(None), node)};")
+            scope.line("return UMO_OK;", pure=True)
+        result = self.memory.results.get(key, NOTHING)
+        live = self._live_result(scope, result)
+        text = (
+            "" if live is not None and _is_empty(scope) else _function_text(scope, source, given, result, self.target)
+        )
+        return TranslatedFunction(scope.c_name, result, live, text)
+
+    def _told(self, scope: FunctionScope, refused: NoTranslation, before: int) -> None:
+        """What does not translate, told once for each place; what follows from it is not told."""
+        if "before it has a value" in refused.reason and len(self.problems) > before:
+            return
+        line = getattr(refused.node, "lineno", 0)
+        source = scope.source.segment(refused.node) if line else scope.source.name
+        new = Untranslatable(scope.source.file, line, source, refused.reason, refused.nearest)
+        if new not in self.problems:
+            self.problems.append(new)
+
+    def _live_result(self, scope: FunctionScope, result: CType) -> Known | None:
+        first, *rest = [*scope.results, None][:-1] or [Known(None)]
+        if isinstance(first, Known) and all(each == first for each in rest):
+            return first
+        if result == NOTHING and any(isinstance(each, Known) and each.value is not None for each in scope.results):
+            raise scope.refused(scope.source.tree, "it returns different objects", "one object for each call")
+        return None
+
+    def _name(self, source: SourcedFunction, given: Mapping[str, CType | Known]) -> str:
+        first = next(iter(given.values()), None)
+        owner = first.value if isinstance(first, Known) else None
+        known = self.fields.structs.get(id(owner))
+        stem = source.name.rpartition(".")[2].strip("_")
+        base = f"{known.member}_{stem}" if known is not None else identifier(stem)
+        name, number = base, 2
+        while name in self._names:
+            name, number = f"{base}_{number}", number + 1
+        self._names.add(name)
+        return name
+
+    # The texts -----------------------------------------------------------------------------------------
+
+    def source(self) -> str:
+        bodies = "\n".join(each.text for each in self.functions.values() if each.text)
+        tests = "\n".join(map(self._test, self._tests))
+        return "\n".join(part for part in (tests, bodies) if part)
+
+    def _test(self, kinds: tuple[type[BaseException], ...]) -> str:
+        name = self._tests[kinds]
+        found = [n for n, kind in self.kinds.items() if issubclass(kind, kinds)]
+        if not found:
+            return f"static bool {name}(int32_t fault)\n{{\n    (void)fault;\n    return false;\n}}\n"
+        cases = "".join(f"    case {number}:\n" for number in found)
+        return (
+            f"static bool {name}(int32_t fault)\n{{\n    switch (fault) {{\n{cases}"
+            "        return true;\n    default:\n        return false;\n    }\n}\n"
+        )
+
+
+def _odd(node: ast.AST) -> None:
+    raise NoTranslation(node, "results of different types", "one type")
+
+
+def _is_code(term: Term | None) -> bool:
+    return isinstance(term, Code | Many)
+
+
+def _identity(live: Known) -> Any:
+    value = live.value
+    return value if value is None or isinstance(value, str | bytes) else id(value)
+
+
+def _is_empty(scope: FunctionScope) -> bool:
+    return all(line.strip() in ("", "return UMO_OK;") or line.strip().startswith("*out") for line in scope.lines)
+
+
+def _class(name: str) -> type[BaseException]:
+    import umo.errors
+
+    return getattr(umo.errors, name)  # type: ignore[no-any-return]
+
+
+def _function_text(
+    scope: FunctionScope,
+    source: SourcedFunction,
+    given: Mapping[str, CType | Known],
+    result: CType,
+    target: ControllerTarget,
+) -> str:
+    """The function as text."""
+    parameters = [f"{of.name} {scope.c_local(name)}" for name, of in scope.parameters.items()]
+    out = [] if result == NOTHING else [f"{result.name} *out"]
+    line = source.function.__code__.co_firstlineno
+    head = f"static umo_fault {scope.c_name}({', '.join(['umo_machine *m', *parameters, *out])})"
+    body = "\n".join(scope.lines)
+    declared = [
+        f"{INDENT}{_declared(name, of)}" for name, of in scope.temporaries.items() if name not in scope.parameters
+    ]
+    read = {name: _is_read(name, body) for name in (*scope.temporaries, *map(scope.c_local, scope.parameters), "m")}
+    unused = [f"{INDENT}(void){name};" for name, yes in read.items() if not yes]
+    lines = [
+        f"/* {comment(source.name)}: {comment(source.file)}:{line} */",
+        head,
+        "{",
+        *declared,
+        *unused,
+        *scope.lines,
+        "}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _declared(name: str, of: CType) -> str:
+    if name == "fault":
+        return "umo_fault fault = UMO_OK;"
+    zero = "{0}" if isinstance(of, TupleType | OptionalType) else ZERO.get(of, "0")
+    return f"{of.name} {name} = {zero};"
+
+
+def _is_read(name: str, body: str) -> bool:
+    """Whether a variable is read anywhere."""
+    word = re.compile(rf"(?<![\w.>]){re.escape(name)}(?!\w)(?!\s=[^=])")
+    return word.search(body) is not None
+
+
+def translate(machine: Compound, functions: Sequence[Callable[..., Any]], target: ControllerTarget) -> Translation:
+    """The functions of a machine in C, pass after pass until no type is new; `problems`: what does not translate."""
+    memory = TranslationMemory()
+    for _ in range(MOST_PASSES):
+        memory.changed = False
+        world = CodeWorld(memory, target)
+        entry = _pass(world, machine, functions)
+        if not memory.changed:
+            break
+    return Translation(
+        header=world.fields.header(),
+        members=world.fields.members(),
+        source=world.source(),
+        init=world.fields.init() if not world.problems else Translation().init,
+        entry=entry,
+        faults=world.faults,
+        layout=world.fields.layout(),
+        structs=world.fields.filled,
+        host_calls=[f"{world.fields.known(each, '').path}.{name}" for each, name in world.hosts],
+        notes=world.notes,
+        problems=world.problems,
+    )
+
+
+def _pass(world: CodeWorld, machine: Any, functions: Sequence[Callable[..., Any]]) -> dict[Any, CFunction]:
+    world.fields.known(machine, "")
+    entry = {}
+    for each in functions:
+        try:
+            found = bound(each)
+            names = list(inspect.signature(found.source.function).parameters)
+            given = dict(zip(names, map(Known, found.given), strict=False)) | {n: Known(v) for n, v in found.named}
+            for live in given.values():
+                if hasattr(live.value, "_path"):
+                    world.fields.known(live.value, "")
+            translated = world.translated(found.source, given, found.source.tree, None)
+        except NoSource as error:
+            world.problems.append(Untranslatable("", 0, getattr(each, "__qualname__", str(each)), str(error), ""))
+            continue
+        except NoTranslation as refused:
+            source = found.source
+            line = getattr(refused.node, "lineno", 0)
+            world.problems.append(Untranslatable(source.file, line, source.name, refused.reason, refused.nearest))
+            continue
+        entry[each] = _wrapped(world, translated, found.source.name)
+    return entry
+
+
+def _wrapped(world: CodeWorld, translated: TranslatedFunction, what: str) -> CFunction:
+    """A function with `m` and, of a condition, a place for a bool."""
+    if translated.text and (translated.name.endswith("control") or translated.result == BOOL):
+        return CFunction(translated.name)
+    name = f"{translated.name}_"
+    is_condition = not translated.name.endswith("control")
+    value = translated.live.value if translated.live is not None else False
+    out = ", bool *out" if is_condition else ""
+    body = f"    (void)m;\n{f'    *out = {str(bool(value)).lower()};' if is_condition else ''}\n    return UMO_OK;\n"
+    text = f"/* {comment(what)} */\nstatic umo_fault {name}(umo_machine *m{out})\n{{\n{body}}}\n"
+    world.functions[name] = TranslatedFunction(name, BOOL, None, text)
+    return CFunction(name)

@@ -1,0 +1,110 @@
+"""The folder of a generated controller: machine.h and machine.c, the runtime, and what a board needs around them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from umo.errors import DeclarationError
+from umo.generate.c_text import comment
+from umo.generate.controller_model import ControllerModel, NotGenerated, inexact_as_floats
+from umo.generate.machine_source import header_of, source_of
+from umo.generate.translation import (
+    FIRST_FAULT,
+    RUNTIME_FAULTS,
+    CodeFault,
+    ControllerTarget,
+    Translation,
+    Untranslatable,
+)
+from umo.system.folders import written
+
+HERE = Path(__file__).parent
+RUNTIME, BOARDS = HERE / "runtime", HERE / "boards"
+TARGETS: Mapping[str, ControllerTarget] = {
+    "host": ControllerTarget("host", "double", exact_libm=True),
+    "cortex-m": ControllerTarget("cortex-m", "double"),
+    "avr": ControllerTarget("avr", "float"),
+    "arduino": ControllerTarget("arduino", "float"),
+}
+"""The targets by name, with the numbers that they have of their own."""
+TARGET_HEADER = {
+    "double": "/* umo_target.h: numbers are doubles. */\n",
+    "float": "/* umo_target.h: numbers are floats of 32 bits. */\n#define UMO_FLOAT\n",
+}
+"""The file umo_target.h."""
+
+
+class NotTranslated(DeclarationError):
+    """A machine has no controller: `reasons` are all that is in the way."""
+
+    def __init__(self, machine: str, reasons: list[str]) -> None:
+        super().__init__("\n".join([f"{machine} cannot be generated:", *reasons]))
+        self.reasons = reasons
+
+
+def check(model: ControllerModel, translation: Translation) -> None:
+    """NotTranslated with everything that is in the way."""
+    problems: list[NotGenerated | Untranslatable] = [*model.problems, *translation.problems]
+    if problems:
+        raise NotTranslated(model.name, list(dict.fromkeys(map(str, problems))))
+
+
+def faults_of(translation: Translation) -> list[CodeFault]:
+    """Every fault by its number: those of the runtime, then those of translated code."""
+    own = [CodeFault(number, kind, text, "", 0) for number, (_, kind, text) in enumerate(RUNTIME_FAULTS, 1)]
+    return [*own, *translation.faults]
+
+
+def files_of(model: ControllerModel, translation: Translation, target: ControllerTarget) -> dict[str, str]:
+    """The files by name, as text. NotTranslated where something is in the way."""
+    check(model, translation)
+    files = {file.name: file.read_text("utf-8") for file in sorted(RUNTIME.iterdir()) if file.suffix in (".h", ".c")}
+    if target.name != "host":
+        del files["host_access.c"]
+    files["machine.h"] = header_of(model, translation, target)
+    files["machine.c"] = source_of(model, translation, target)
+    files["umo_target.h"] = TARGET_HEADER[target.real]
+    files["machine_faults.h"] = _faults_header(translation)
+    files["faults.json"] = json.dumps([each._asdict() for each in faults_of(translation)], indent=1) + "\n"
+    for name in ("common", target.name, *(["lines"] if target.name != "arduino" else [])):
+        files |= {file.name: file.read_text("utf-8") for file in sorted((BOARDS / name).iterdir())}
+    files["README.md"] = _readme(files.pop("README.md.in", ""), model, translation, target)
+    return files
+
+
+def write_folder(files: Mapping[str, str], folder: Path) -> list[str]:
+    """Write the files. What a user fills in, io_board.c and the build file, stays as it is where it is there already;
+    the names of these are returned. A sketch has the name of its folder. OSError where a file cannot be written."""
+    folder.mkdir(parents=True, exist_ok=True)
+    files = {f"{folder.resolve().name}.ino" if name == "sketch.ino" else name: text for name, text in files.items()}
+    kept = [name for name in files if _is_users(name) and (folder / name).exists()]
+    for name, text in files.items():
+        if name not in kept:
+            with written(folder / name, 0o644) as file:
+                file.write(text.encode())
+    return kept
+
+
+def _is_users(name: str) -> bool:
+    return name.startswith("io_board.") or name == "Makefile"
+
+
+def _faults_header(translation: Translation) -> str:
+    lines = [f"#define MACHINE_FAULTS {len(translation.faults)} /* from {FIRST_FAULT} on; below: umo.h */"]
+    lines += (
+        f"/* {each.number}: {each.kind}: {comment(each.text)} ({comment(each.file)}:{each.line}) */"
+        for each in translation.faults
+    )
+    body = "\n".join(lines)
+    return f"/* machine_faults.h: what the faults of machine_step mean. */\n#ifndef MACHINE_FAULTS\n{body}\n#endif\n"
+
+
+def _readme(text: str, model: ControllerModel, translation: Translation, target: ControllerTarget) -> str:
+    notes = [*model.notes, *translation.notes]
+    if target.real == "float" and (inexact := inexact_as_floats(model.objects)):
+        notes.append(f"floats of 32 bits do not tell all raw integers apart of: {', '.join(inexact)}")
+    told = "".join(f"- {note}\n" for note in notes) or "- Nothing.\n"
+    numbers = {"double": "doubles: equal to the bit with Python", "float": "floats: within one raw step of Python"}
+    return text.replace("@NAME@", model.name).replace("@NUMBERS@", numbers[target.real]).replace("@NOTES@", told)

@@ -1,0 +1,33 @@
+"""From a machine and a wiring to the files of a controller."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal
+
+from umo.errors import DeclarationError
+from umo.generate.code_world import translate
+from umo.generate.controller_folder import TARGETS, files_of
+from umo.generate.controller_model import laid_out
+from umo.generate.translation import ControllerTarget
+from umo.objects import Compound
+from umo.text import did_you_mean
+
+
+def target_of(name: str, real: Literal["double", "float"] | None = None) -> ControllerTarget:
+    """The target of this name, with other numbers where `real` says so. DeclarationError for one that there is not."""
+    if name not in TARGETS:
+        raise DeclarationError(f"no target {name!r}{did_you_mean(name, TARGETS)}; there are: {', '.join(TARGETS)}")
+    if real == "double" and TARGETS[name].real == "float":
+        raise DeclarationError(f"the target {name} has no doubles: its compiler makes floats of them")
+    return TARGETS[name] if real is None else replace(TARGETS[name], real=real)
+
+
+def generated(
+    root: Compound, wiring: Path | str | Mapping[str, Any] | None, target: ControllerTarget
+) -> dict[str, str]:
+    """The files by name. NotTranslated lists everything that is in the way. No device is opened."""
+    with laid_out(root, wiring) as model:
+        return files_of(model, translate(root, model.functions, target), target)

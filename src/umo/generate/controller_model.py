@@ -1,0 +1,308 @@
+"""What a generated controller is made of: the objects, interlocks and laws of a machine, with their numbers.
+
+It is read from a machine that is laid out as if it were connected (`laid_out`): the same slots, the same order of laws,
+the same raw integers of defaults. No device is opened.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from math import isfinite
+from pathlib import Path
+from types import MethodType
+from typing import Any, NamedTuple
+
+from umo.cycle.clock import Clock
+from umo.cycle.equipment import equipment_in
+from umo.cycle.image import Image
+from umo.cycle.machine import ConnectedMachine, axes_in
+from umo.cycle.off_cycle import image_of
+from umo.cycle.rated_machine import machine_of
+from umo.cycle.stopping import StopFlag
+from umo.drivers.contract import Direction
+from umo.errors import DeclarationError
+from umo.objects import Actuator, Compound, DigitalActuator, DigitalSensor
+from umo.objects.atomic import Binary
+from umo.objects.interpolation import Cubics, Segments
+from umo.objects.keywords import IN_MANUAL
+from umo.objects.linearization import Linearization
+from umo.objects.sensors import BinarySensor, Sensor
+from umo.wiring import resolve
+from umo.wiring.wired import AT_ONCE, Wire, Wired, apply_parameters
+
+LEAST_RAW, GREATEST_RAW = -(2**31), 2**31 - 1
+"""The raw integers of a controller have 32 bits."""
+EXACT_RAW = 2**24
+"""Whole numbers up to this one are exact as floats of 32 bits."""
+
+
+class NotGenerated(NamedTuple):
+    """Something of the declaration that a generated controller does not have."""
+
+    path: str
+    reason: str
+    nearest: str
+
+    def __str__(self) -> str:
+        return f"{self.path or 'the machine'}: {self.reason}; {self.nearest}"
+
+
+@dataclass(frozen=True)
+class ControllerObject:
+    """One object: its place in the image, and its numbers. A time or rate that is None: there is none."""
+
+    slot: int
+    path: str
+    kind: str
+    """The class, such as DigitalSensor."""
+    units: str
+    """Units of a digital object; of a binary one its states."""
+    channel: str
+    """The wire, as the wiring has it."""
+    output: bool
+    binary: bool
+    synchronous: bool
+    scale: tuple[float, float]
+    """Resolution and zero offset."""
+    bounds: tuple[float, float]
+    """Minimum and maximum."""
+    good: tuple[float, float] = (0.0, 0.0)
+    """Sensor: the bounds within which a value is GOOD."""
+    raws: tuple[float, float] = (0.0, 0.0)
+    """Actuator, timer: the least and the greatest raw integer."""
+    one: int = 0
+    """Binary: the number of the state of level 1, in the order of its Enum."""
+    clamps: bool = False
+    marks: bool = False
+    incremental: bool = False
+    max_age: float | None = None
+    default: float = 0.0
+    default_raw: int = 0
+    slew_rate: float | None = None
+    expires: float | None = None
+    filter: float | None = None
+    velocity: float | None = None
+    debounce: float | None = None
+    rollover_bits: int = 0
+    invalid_raws: tuple[int, ...] = ()
+    linearization: Linearization | None = None
+
+    @property
+    def conditioned(self) -> bool:
+        times = self.filter, self.velocity, self.debounce
+        return bool(self.rollover_bits) or any(each is not None for each in times)
+
+
+@dataclass(frozen=True)
+class ControllerInterlock:
+    """One interlock; `outputs` are places among the outputs, in stop order."""
+
+    condition: Callable[[], bool]
+    reason: str
+    outputs: list[int]
+    latched: bool
+    stops: bool
+
+
+@dataclass
+class ControllerModel:
+    """A machine, as a controller has it."""
+
+    name: str
+    period: float
+    objects: list[ControllerObject]
+    """By slot: sampled inputs, updated outputs, asynchronous objects."""
+    inputs: int
+    """The number of the sampled inputs."""
+    outputs: list[int]
+    """The slots of the actuators, by their places in what is sent."""
+    stop_order: list[int]
+    """Places of the actuators in the order in which they go to their defaults."""
+    timer: int
+    interlocks: list[ControllerInterlock]
+    laws: list[MethodType]
+    """The `control` of each class that has its own, in the order of a period."""
+    problems: list[NotGenerated] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def functions(self) -> list[Callable[..., Any]]:
+        """What is translated: the conditions of interlocks, then the laws."""
+        return [*(each.condition for each in self.interlocks), *self.laws]
+
+
+@contextmanager
+def laid_out(root: Compound, wiring: Path | str | Mapping[str, Any] | None = None) -> Iterator[ControllerModel]:
+    """The model of a machine with this wiring. Inside, the objects of the machine have their slots, calibrations and
+    parameters as if they were connected; no device is opened, and nothing is read or written. Errors as of `connect`.
+    """
+    if root.cycle.connected:
+        raise DeclarationError(f"{type(root).__name__} is already connected")
+    wired = resolve(root, wiring)
+    undo: list[Callable[[], object]] = []
+    machine: ConnectedMachine | None = None
+    try:
+        undo.extend(wire.apply().apply for wire in wired.wires)
+        apply_parameters(root, wired.parameters, undo.append)
+        clock = Clock(0.0 if wired.period is None else wired.period)
+        image = image_of(wired, clock, len(equipment_in(root)), len(axes_in(root)))
+        machine = machine_of(root, image, wired.rates, StopFlag(), None, wired.process.outputs)
+        yield model_of(machine, wired)
+    finally:
+        if machine is not None:
+            machine.disconnect()
+        for each in reversed(undo):
+            each()
+
+
+def model_of(machine: ConnectedMachine, wired: Wired) -> ControllerModel:
+    """The model of a connected machine."""
+    image, root = machine.image, machine.root
+    outputs = [slot for slot, item in enumerate(image.items) if item.direction is Direction.OUTPUT]
+    place = {slot: number for number, slot in enumerate(outputs)}
+    objects = [_object(image, slot, wire) for slot, wire in enumerate(image.wires)]
+    model = ControllerModel(
+        name=type(root).__name__,
+        period=machine.clock.period,
+        objects=objects,
+        inputs=sum(one.synchronous and not one.output for one in objects),
+        outputs=outputs,
+        stop_order=[place[slot] for slot in machine.stop_order],
+        timer=image.timer,
+        interlocks=[
+            ControllerInterlock(
+                each.interlock.condition,
+                each.interlock.reason,
+                [place[slot] for slot in each.slots],
+                each.interlock.latched,
+                each.interlock.effect == "stop",
+            )
+            for each in machine.commands.inhibitions
+        ],
+        laws=machine._overrides(root),
+    )
+    model.problems += _problems(machine, wired, objects)
+    model.notes += _notes(objects)
+    return model
+
+
+def _object(image: Image, slot: int, wire: Wire) -> ControllerObject:
+    item, scales = wire.item, image.scales
+    binary = isinstance(item, Binary)
+    given: dict[str, Any] = {}
+    if isinstance(item, Sensor):
+        given |= _of_sensor(item, image, slot)
+    elif isinstance(item, Actuator):
+        given |= _of_actuator(item, image, slot)
+    if isinstance(item, Binary):
+        given["one"] = [*item.states].index(item.one)  # type: ignore[misc]
+    return ControllerObject(
+        slot=slot,
+        path=item.path,
+        kind=type(item).__name__,
+        units=f"{item.states.__name__}, 1 is {item.one}" if isinstance(item, Binary) else item.units,  # type: ignore[attr-defined]
+        channel=image.wire_texts[slot],
+        output=item.direction is Direction.OUTPUT,
+        binary=binary,
+        synchronous=item.synchronous,
+        scale=(float(scales.resolution[slot]), float(scales.zero_offset[slot])),
+        bounds=(wire.calibration.minimum, wire.calibration.maximum),
+        max_age=item._max_age,  # type: ignore[attr-defined]
+        linearization=wire.linearization,
+        **given,
+    )
+
+
+def _of_sensor(item: Sensor, image: Image, slot: int) -> dict[str, Any]:
+    wire, scales = image.wires[slot], image.scales
+    of_timer = (float(image._least_ticks), float(image._most_ticks)) if slot == image.timer else (0.0, 0.0)
+    given = {"good": (float(scales.low[slot]), float(scales.high[slot])), "marks": item._marks, "raws": of_timer}
+    if isinstance(item, BinarySensor):
+        return given | {"debounce": item._debounce}
+    assert isinstance(item, DigitalSensor)
+    return given | {
+        "incremental": item.incremental,
+        "filter": item._filter,
+        "velocity": item._velocity,
+        "rollover_bits": wire.rollover_bits,
+        "invalid_raws": tuple(raw for raw in wire.invalid_raws if LEAST_RAW <= raw <= GREATEST_RAW),
+    }
+
+
+def _of_actuator(item: Actuator, image: Image, slot: int) -> dict[str, Any]:
+    wire, scales = image.wires[slot], image.scales
+    given: dict[str, Any] = {
+        "raws": (float(scales.least[slot]), float(scales.greatest[slot])),
+        "default": item._default_value(),
+        "default_raw": wire.default,
+        "expires": item.expires,
+    }
+    if isinstance(item, DigitalActuator):
+        given |= {"clamps": item.limits == "clamp", "slew_rate": item.slew_rate}
+    return given
+
+
+def _problems(machine: ConnectedMachine, wired: Wired, objects: list[ControllerObject]) -> Iterator[NotGenerated]:
+    if wired.period is None:
+        yield NotGenerated("", "it has no timer", "declare a DigitalSensor `timer` and wire it with a period")
+    if wired.process.outputs != AT_ONCE:
+        yield NotGenerated(
+            "", f'its outputs are sent "{wired.process.outputs}"', f'leave out `outputs`, or "{AT_ONCE}"'
+        )
+    for rate in wired.rates:
+        yield NotGenerated(rate.part._path, "it has a rate of its own", "leave out `every`: one rate a controller")
+    for each in machine.equipment.all:
+        if each.compound._settings.equipment != IN_MANUAL:
+            nearest = "generate the part that fails alone as a machine of its own"
+            yield NotGenerated(each.path, "it is equipment, which fails alone", nearest)
+    for one in objects:
+        yield from _problems_of(one)
+
+
+def _problems_of(one: ControllerObject) -> Iterator[NotGenerated]:
+    raws = one.raws if one.output else _raws_of_range(one)
+    if not all(LEAST_RAW <= raw <= GREATEST_RAW for raw in raws):
+        nearest = "a coarser resolution, or a smaller range"
+        yield NotGenerated(one.path, f"its raw integers reach {raws[1]:.0f}, beyond 32 bits", nearest)
+    if one.rollover_bits > 32:
+        yield NotGenerated(one.path, f"its counter has {one.rollover_bits} bits", "a counter of 32 bits at most")
+    if one.linearization is not None and not has_curves(one.linearization):
+        nearest = "a Polynomial, a LookupTable or a Thermocouple"
+        yield NotGenerated(one.path, f"{one.linearization} is a linearization of its own", nearest)
+
+
+def _raws_of_range(one: ControllerObject) -> tuple[float, float]:
+    """The raw integers at the ends of a sensor's range; of one with a linearization 0: its table is within bounds."""
+    if one.linearization is not None or one.binary:
+        return 0.0, 0.0
+    resolution, zero_offset = one.scale
+    low, high = sorted((bound - zero_offset) / resolution for bound in one.bounds)
+    return low, high
+
+
+def has_curves(linearization: Linearization) -> bool:
+    """Whether it is interpolated in a table, both ways."""
+    kind = type(linearization)
+    own = kind.to_value is not Linearization.to_value or kind.to_input is not Linearization.to_input
+    return not own and all(isinstance(each, Cubics | Segments) for each in curves_of(linearization))
+
+
+def curves_of(linearization: Linearization) -> tuple[Cubics | Segments, Cubics | Segments]:
+    """From the electrical quantity to the value, and back."""
+    return linearization._forward, linearization._inverse
+
+
+def _notes(objects: list[ControllerObject]) -> Iterator[str]:
+    for one in objects:
+        if not one.synchronous and one.output:
+            yield f"{one.path} is asynchronous: it is sent with the outputs of the period in which it is written"
+        elif not one.synchronous and one.units != "sampling_period":
+            yield f"{one.path} is asynchronous: it is not read on the controller"
+
+
+def inexact_as_floats(objects: list[ControllerObject]) -> list[str]:
+    """The paths of objects whose raw integers a float of 32 bits does not tell apart."""
+    ends = ((one, one.raws if one.output else _raws_of_range(one)) for one in objects)
+    return [one.path for one, raws in ends if any(isfinite(raw) and abs(raw) > EXACT_RAW for raw in raws)]

@@ -1,0 +1,444 @@
+"""Expressions of Python as C: what they compute, in the order in which Python computes it."""
+
+from __future__ import annotations
+
+import ast
+import operator
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from umo.generate.c_types import BOOL, INT, REAL, ArrayType, CType, OptionalType, StateType, TupleType, joined
+from umo.generate.function_scope import FunctionScope
+from umo.generate.function_source import ABSENT
+from umo.generate.terms import TEXT, Code, Known, Many, Present, Term, UnknownText
+
+FOLDED: dict[type[ast.AST], Callable[..., Any]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
+    ast.FloorDiv: operator.floordiv, ast.Mod: operator.mod, ast.Pow: operator.pow,
+    ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.Lt: operator.lt, ast.LtE: operator.le,
+    ast.Gt: operator.gt, ast.GtE: operator.ge, ast.UAdd: operator.pos, ast.USub: operator.neg,
+}  # fmt: skip
+SIGNS: dict[type[ast.AST], str] = {
+    ast.Add: "+", ast.Sub: "-", ast.Mult: "*",
+    ast.Eq: "==", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=",
+}  # fmt: skip
+CHECKED: dict[type[ast.AST], str] = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"}
+NUMBERS = (bool, int, float)
+
+
+class ExpressionCode(FunctionScope):
+    """The part of a function that is expressions."""
+
+    def attribute(self, base: Known, name: str, node: ast.AST) -> Term:
+        raise NotImplementedError
+
+    def call(self, node: ast.Call) -> Term:
+        raise NotImplementedError
+
+    def term(self, node: ast.AST) -> Term:
+        """What an expression is; lines that it needs are written."""
+        method = getattr(self, f"_{type(node).__name__}", None)
+        if method is None:
+            raise self.refused(
+                node, "this does not translate", "numbers, states, comparisons, arithmetic, calls of functions"
+            )
+        found: Term = method(node)
+        return found
+
+    def ordered(self, nodes: Sequence[ast.AST]) -> list[Term]:
+        """Several expressions, each computed after those before it."""
+        terms: list[Term] = []
+        for each in nodes:
+            at, before = len(self.lines), self.impure
+            new = self.term(each)
+            if self.impure != before:  # what was computed before may change: it is kept under a name
+                rest, self.lines = self.lines[at:], self.lines[:at]
+                terms = [self.kept(old) if isinstance(old, Code) else old for old in terms]
+                self.lines += rest
+            terms.append(new)
+        return terms
+
+    # Names and numbers ---------------------------------------------------------------------------------
+
+    def _Constant(self, node: ast.Constant) -> Term:
+        return Known(node.value)
+
+    def _JoinedStr(self, node: ast.JoinedStr) -> Term:
+        return Known(TEXT)
+
+    def _Name(self, node: ast.Name) -> Term:
+        found = self.names.get(node.id)
+        if isinstance(found, Known):
+            return found
+        if found is not None:
+            return Code(found, self.c_local(node.id))
+        if node.id in self.source.function.__code__.co_varnames:
+            raise self.refused(node, "it is used before it has a value on every way", "give it a value first")
+        value = self.source.meaning(node.id)
+        if value is ABSENT:
+            raise self.refused(node, "the name stands for nothing")
+        return Known(value, name=node.id)
+
+    def _Attribute(self, node: ast.Attribute) -> Term:
+        base = self.term(node.value)
+        if isinstance(base, Known):
+            return self.attribute(base, node.attr, node)
+        if isinstance(base, Many) and node.attr in base.names:
+            return base.terms[base.names.index(node.attr)]
+        if isinstance(base, Code) and isinstance(base.type, TupleType) and node.attr in dict(base.type.members):
+            return Code(dict(base.type.members)[node.attr], f"{self.place(base).text}.{node.attr}")
+        raise self.refused(node, "an attribute of something that is not known when the code is generated")
+
+    def place(self, code: Code) -> Code:
+        """The same as something that has members."""
+        return code if code.text.replace("->", "").replace(".", "").replace("_", "").isalnum() else self.kept(code)
+
+    def _Tuple(self, node: ast.Tuple) -> Term:
+        return Many(tuple(self.ordered(node.elts)))
+
+    _List = _Tuple
+
+    def _Subscript(self, node: ast.Subscript) -> Term:
+        base, index = self.ordered([node.value, node.slice])
+        if isinstance(base, Known) and isinstance(index, Known):
+            return Known(base.value[index.value])
+        if isinstance(base, Many) and isinstance(index, Known):
+            found: Term = base.terms[index.value]
+            return found
+        if isinstance(base, Code) and isinstance(base.type, TupleType) and isinstance(index, Known):
+            name, of = base.type.members[index.value]
+            return Code(of, f"{self.place(base).text}.{name}")
+        if isinstance(base, Code) and isinstance(base.type, ArrayType):
+            return Code(base.type.of, f"{base.text}[{self.index(base.type, index, node)}]")
+        raise self.refused(node, "an element of something that is not a list of numbers")
+
+    def index(self, of: ArrayType, index: Term, node: ast.AST) -> str:
+        """A place in an array; IndexError beyond it."""
+        if isinstance(index, Known) and type(index.value) is int and -of.length <= index.value < of.length:
+            return str(index.value % of.length)
+        code = self.kept(self.number(index, node))
+        if code.type != INT:
+            raise self.refused(node, "a place in a list is a whole number")
+        self.raises(IndexError, node, f"{code.text} < -{of.length} || {code.text} >= {of.length}")
+        return f"{code.text} < 0 ? {code.text} + {of.length} : {code.text}"
+
+    # Arithmetic ----------------------------------------------------------------------------------------
+
+    def _UnaryOp(self, node: ast.UnaryOp) -> Term:
+        term = self.term(node.operand)
+        if isinstance(node.op, ast.Not):
+            truth = self.truth(term, node.operand)
+            return Known(not truth) if isinstance(truth, bool) else Code(BOOL, f"!({truth})")
+        if isinstance(term, Known) and type(term.value) in NUMBERS and type(node.op) in FOLDED:
+            return Known(FOLDED[type(node.op)](term.value))
+        if isinstance(node.op, ast.Invert):
+            raise self.refused(node, "~ does not translate", "`not`")
+        code = self.number(term, node.operand)
+        if isinstance(node.op, ast.UAdd):
+            return code if code.type != BOOL else Code(INT, code.text)
+        if code.type == REAL:
+            return Code(REAL, f"-({code.text})")
+        return self.arithmetic(ast.Sub(), Code(INT, "0", True), code, node)
+
+    def _BinOp(self, node: ast.BinOp) -> Term:
+        left, right = self.ordered([node.left, node.right])
+        numbers = [each.value for each in (left, right) if isinstance(each, Known) and type(each.value) in NUMBERS]
+        if len(numbers) == 2 and type(node.op) in FOLDED:
+            try:
+                return Known(FOLDED[type(node.op)](*numbers))
+            except ArithmeticError as error:
+                self.raises(type(error), node)
+                return Known(0.0)
+        return self.arithmetic(node.op, self.number(left, node.left), self.number(right, node.right), node)
+
+    def arithmetic(self, sign: ast.operator, left: Code, right: Code, node: ast.AST) -> Code:
+        if isinstance(sign, ast.Div) or REAL in (left.type, right.type):
+            a, b = (self.as_type(each, REAL, node) for each in (left, right))
+            return self._of_reals(sign, a, b, right.stable, node)
+        a, b = (self.as_type(each, INT, node) for each in (left, right))
+        if type(sign) in CHECKED:
+            result = self.temporary(INT, "n")
+            self.raises(OverflowError, node, f"__builtin_{CHECKED[type(sign)]}_overflow({a}, {b}, &{result})")
+            return Code(INT, result, stable=True)
+        if isinstance(sign, ast.FloorDiv | ast.Mod):
+            b = self._divisor(b, right.stable, INT, node)
+            if isinstance(sign, ast.FloorDiv):
+                self.raises(OverflowError, node, f"{b} == -1 && {a} == INT32_MIN")
+            return Code(INT, f"umo_{'mod' if isinstance(sign, ast.Mod) else 'floor_div'}_int({a}, {b})")
+        raise self.refused(node, "this arithmetic of whole numbers does not translate", "+, -, *, //, %, /")
+
+    def _of_reals(self, sign: ast.operator, a: str, b: str, stable: bool, node: ast.AST) -> Code:
+        if type(sign) in CHECKED:
+            return Code(REAL, f"({a} {SIGNS[type(sign)]} {b})")
+        if isinstance(sign, ast.Pow):
+            return self._power(a, b, node)
+        if not isinstance(sign, ast.Div | ast.FloorDiv | ast.Mod):
+            raise self.refused(node, "this arithmetic does not translate", "+, -, *, /, //, %, **")
+        b = self._divisor(b, stable, REAL, node)
+        if isinstance(sign, ast.Div):
+            return Code(REAL, f"({a} / {b})")
+        return Code(REAL, f"umo_{'mod' if isinstance(sign, ast.Mod) else 'floor_div'}({a}, {b})")
+
+    def _power(self, a: str, b: str, node: ast.AST) -> Code:
+        self.world.note_inexact("**")
+        base, power = self.kept(Code(REAL, a)).text, self.kept(Code(REAL, b)).text
+        self.raises(ZeroDivisionError, node, f"{base} == 0 && {power} < 0")
+        whole = f"umo_floor({power}) != {power} && umo_is_finite({power})"
+        self.raises(TypeError, node, f"{base} < 0 && {whole}", "a complex number")
+        result = self.kept(Code(REAL, f"umo_pow({base}, {power})")).text
+        finite = f"umo_is_finite({base}) && umo_is_finite({power})"
+        self.raises(OverflowError, node, f"!umo_is_finite({result}) && {finite}")
+        return Code(REAL, result, stable=True)
+
+    def _divisor(self, text: str, stable: bool, of: CType, node: ast.AST) -> str:
+        if text[0].isdigit():
+            if float(text.rstrip("f")):
+                return text
+            self.raises(ZeroDivisionError, node)
+            return text
+        named = (
+            text
+            if text.replace("->", "").replace(".", "").replace("_", "").isalnum()
+            else self.kept(Code(of, text)).text
+        )
+        self.raises(ZeroDivisionError, node, f"{named} == 0")
+        return named
+
+    # Conditions ----------------------------------------------------------------------------------------
+
+    def _Compare(self, node: ast.Compare) -> Term:
+        if len(node.ops) == 1:
+            left, right = self.ordered([node.left, node.comparators[0]])
+            return self.compared(node.ops[0], left, right, node.left, node.comparators[0])
+        result = self.temporary(BOOL, "c")
+        self.line(f"{result} = false;", pure=True)
+        self._chained(node, 0, self.term(node.left), node.left, result)
+        return Code(BOOL, result, stable=True)
+
+    def _chained(self, node: ast.Compare, place: int, left: Term, left_node: ast.AST, result: str) -> None:
+        left = self.kept(left) if isinstance(left, Code) else left
+        right_node = node.comparators[place]
+        right = self.term(right_node)
+        right = self.kept(right) if isinstance(right, Code) else right
+        truth = self.truth(self.compared(node.ops[place], left, right, left_node, right_node), node)
+        if truth is False:
+            return
+        last = place == len(node.ops) - 1
+        if truth is True:
+            if last:
+                self.line(f"{result} = true;", pure=True)
+            else:
+                self._chained(node, place + 1, right, right_node, result)
+            return
+        if last:
+            self.line(f"{result} = {truth};", pure=True)
+            return
+        with self.block(f"if ({truth})"):
+            self._chained(node, place + 1, right, right_node, result)
+
+    def compared(self, sign: ast.cmpop, left: Term, right: Term, left_node: ast.AST, right_node: ast.AST) -> Term:
+        if isinstance(sign, ast.In | ast.NotIn):
+            return self._contained(isinstance(sign, ast.In), left, right, left_node, right_node)
+        if any(isinstance(each, Known) and isinstance(each.value, UnknownText) for each in (left, right)):
+            raise self.refused(left_node, "a text that is made at run time", "a state of an Enum")
+        identity = isinstance(sign, ast.Is | ast.IsNot)
+        equal = isinstance(sign, ast.Is | ast.Eq)
+        none = [each for each in (left, right) if isinstance(each, Known) and each.value is None]
+        if none and (identity or isinstance(sign, ast.Eq | ast.NotEq)):
+            return self._is_none(right if none[0] is left else left, equal)
+        if isinstance(left, Known) and isinstance(right, Known):
+            if identity:
+                return Known((left.value is right.value) is equal)
+            return Known(bool(FOLDED[type(sign)](left.value, right.value)))
+        states = [self.code(each, at) for each, at in ((left, left_node), (right, right_node)) if _is_state(each)]
+        if states:
+            if len(states) == 1 or not (identity or isinstance(sign, ast.Eq | ast.NotEq)):
+                return self._odd_state(sign, left, right, equal, left_node)
+            a, b = states
+            if plain_kind(a) is not plain_kind(b):
+                return Known(not equal)
+            return Code(BOOL, f"{self._state_text(a)} {'==' if equal else '!='} {self._state_text(b)}")
+        if identity:
+            raise self.refused(left_node, "`is` of numbers", "==")
+        a, b = self.number(left, left_node), self.number(right, right_node)
+        of = REAL if REAL in (a.type, b.type) else INT
+        return Code(BOOL, f"{self.as_type(a, of, left_node)} {SIGNS[type(sign)]} {self.as_type(b, of, right_node)}")
+
+    def _state_text(self, code: Code) -> str:
+        return f"{code.text}.value" if isinstance(code.type, OptionalType) else code.text
+
+    def _odd_state(self, sign: ast.cmpop, left: Term, right: Term, equal: bool, node: ast.AST) -> Term:
+        """A state beside something else, or in an order: those with numbers are compared by these."""
+        if isinstance(sign, ast.Is | ast.IsNot):
+            return Known(not equal)
+        raise self.refused(
+            node, "a state is compared with something else, or by order", "`is`, with a state of the same Enum"
+        )
+
+    def _is_none(self, term: Term, equal: bool) -> Term:
+        if isinstance(term, Present):
+            return Code(BOOL, f"!{term.text}" if equal else term.text)
+        if isinstance(term, Code) and isinstance(term.type, OptionalType):
+            return Code(BOOL, f"{'!' if equal else ''}{self.place(term).text}.has")
+        return Known((isinstance(term, Known) and term.value is None) is equal)
+
+    def _contained(self, yes: bool, one: Term, among: Term, one_node: ast.AST, node: ast.AST) -> Term:
+        options = list(map(Known, among.value)) if isinstance(among, Known) else getattr(among, "terms", None)
+        if options is None:
+            raise self.refused(node, "`in` of something that is not known when the code is generated", "a tuple")
+        one = self.kept(one) if isinstance(one, Code) else one
+        truths = [self.truth(self.compared(ast.Eq(), one, each, one_node, node), node) for each in options]
+        if True in truths:
+            return Known(yes)
+        text = " || ".join(f"({each})" for each in truths if each is not False)
+        return Code(BOOL, f"({text})" if yes else f"!({text})") if text else Known(not yes)
+
+    def _BoolOp(self, node: ast.BoolOp) -> Term:
+        both = isinstance(node.op, ast.And)
+        first, rest = self.term(node.values[0]), node.values[1:]
+        for place, each in enumerate(rest, 1):
+            truth = self.truth(first, node.values[place - 1])
+            if isinstance(truth, bool):
+                if truth is not both:
+                    return first
+                first = self.term(each)
+                continue
+            first = self._joined(both, first, truth, node.values[place - 1], each, node)
+        return first
+
+    def _joined(self, both: bool, first: Term, truth: str, first_node: ast.AST, node: ast.AST, whole: ast.AST) -> Term:
+        """`first and second`; `first or second` with `both` False."""
+        known = set(self.known)
+        if both:
+            self.known |= self.proved(first_node)
+        at, depth, before = len(self.lines), self.depth, self.impure
+        self.depth += 1
+        second = self.term(node)
+        rest, self.lines, self.depth, self.known = self.lines[at:], self.lines[:at], depth, known
+        other = self.truth(second, node)
+        is_bool = _is_bool(first) and (isinstance(other, bool) or _is_bool(second))
+        if not is_bool and not (isinstance(first, Code) and isinstance(second, Code)):
+            is_bool = True  # only whether it is true can be known
+        if is_bool and not rest:
+            text = str(other).lower() if isinstance(other, bool) else other
+            return Code(BOOL, f"({truth} {'&&' if both else '||'} {text})")
+        of = BOOL if is_bool else self._one_type(first, second, whole)
+        result = self.temporary(of, "c")
+        value = truth if is_bool else self.as_type(first, of, first_node)
+        self.line(f"{result} = {value};", pure=True)
+        condition = result if is_bool else truth
+        with self.block(f"if ({condition})" if both else f"if (!({condition}))"):
+            self.lines += rest
+            second_text = str(other).lower() if is_bool else self.as_type(second, of, node)
+            self.line(f"{result} = {second_text};", pure=self.impure == before)
+        return Code(of, result, stable=True)
+
+    def _one_type(self, first: Term, second: Term, node: ast.AST) -> CType:
+        try:
+            return joined(self.code(first, node).type, self.code(second, node).type)
+        except TypeError:
+            raise self.refused(node, "one of two values of different types", "one type for both") from None
+
+    def _IfExp(self, node: ast.IfExp) -> Term:
+        truth = self.truth(self.term(node.test), node.test)
+        if isinstance(truth, bool):
+            return self.term(node.body if truth else node.orelse)
+        before, impure = set(self.known), self.impure
+        parts = []
+        for each, proved in ((node.body, self.proved(node.test)), (node.orelse, self.disproved(node.test))):
+            at, self.known = len(self.lines), before | proved
+            self.depth += 1
+            term = self.term(each)
+            if isinstance(term, Known | Many) and not (isinstance(term, Known) and term.value is None):
+                term = self.code(term, each)
+            self.depth -= 1
+            parts.append((term, self.lines[at:]))
+            self.lines = self.lines[:at]
+        self.known = before
+        (one, one_lines), (other, other_lines) = parts
+        if isinstance(one, Known) and isinstance(other, Known):
+            raise self.refused(node, "it stands for None either way")
+        of = self._type_of_two(one, other, node)
+        a, b = self.as_type(one, of, node.body), self.as_type(other, of, node.orelse)
+        if not one_lines and not other_lines:
+            return Code(of, f"({truth} ? {a} : {b})")
+        result = self.temporary(of, "v")
+        with self.block(f"if ({truth})", "} else {"):
+            self.lines += one_lines
+            self.line(f"{result} = {a};", pure=True)
+        self.depth += 1
+        self.lines += other_lines
+        self.line(f"{result} = {b};", pure=self.impure == impure)
+        self.depth -= 1
+        self.line("}", pure=True)
+        return Code(of, result, stable=True)
+
+    def _type_of_two(self, one: Term, other: Term, node: ast.AST) -> CType:
+        from umo.generate.c_types import NOTHING
+
+        types = [NOTHING if isinstance(each, Known) else self.code(each, node).type for each in (one, other)]
+        try:
+            return joined(*types)
+        except TypeError:
+            raise self.refused(node, "two values of different types", "one type for both") from None
+
+    def _NamedExpr(self, node: ast.NamedExpr) -> Term:
+        term = self.term(node.value)
+        self.store(node.target, term, node)
+        return self._Name(node.target)
+
+    def store(self, target: ast.AST, term: Term, node: ast.AST) -> None:
+        raise NotImplementedError
+
+    def _Call(self, node: ast.Call) -> Term:
+        return self.call(node)
+
+    # What a condition proves ---------------------------------------------------------------------------
+
+    def proved(self, test: ast.AST) -> set[str]:
+        """What is not None where the condition holds."""
+        if isinstance(test, ast.BoolOp) and isinstance(test.op, ast.And):
+            return set().union(*map(self.proved, test.values))
+        if isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not):
+            return self.disproved(test.operand)
+        if _compares_none(test, ast.IsNot):
+            return {ast.dump(test.left)}  # type: ignore[attr-defined]
+        return {ast.dump(test)} if isinstance(test, ast.Name | ast.Attribute) else set()
+
+    def disproved(self, test: ast.AST) -> set[str]:
+        """What is not None where it does not hold."""
+        if isinstance(test, ast.BoolOp) and isinstance(test.op, ast.Or):
+            return set().union(*map(self.disproved, test.values))
+        if isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not):
+            return self.proved(test.operand)
+        return {ast.dump(test.left)} if _compares_none(test, ast.Is) else set()  # type: ignore[attr-defined]
+
+
+def _compares_none(test: ast.AST, sign: type[ast.cmpop]) -> bool:
+    if not (isinstance(test, ast.Compare) and len(test.ops) == 1 and isinstance(test.ops[0], sign)):
+        return False
+    other = test.comparators[0]
+    return isinstance(other, ast.Constant) and other.value is None
+
+
+def _is_state(term: Term) -> bool:
+    from enum import Enum
+
+    if isinstance(term, Known):
+        return isinstance(term.value, Enum)
+    return isinstance(term, Code) and isinstance(plain_type(term.type), StateType)
+
+
+def plain_type(of: CType) -> CType:
+    return of.of if isinstance(of, OptionalType) else of
+
+
+def plain_kind(code: Code) -> Any:
+    of = plain_type(code.type)
+    return of.kind if isinstance(of, StateType) else None
+
+
+def _is_bool(term: Term) -> bool:
+    if isinstance(term, Code):
+        return term.type == BOOL
+    return isinstance(term, Present) or (isinstance(term, Known) and isinstance(term.value, bool))

@@ -1,0 +1,313 @@
+"""The function that is being written: its lines, its names, and where a fault leads."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+from umo.generate.c_types import (
+    BOOL,
+    INT,
+    MASK,
+    REAL,
+    CType,
+    OptionalType,
+    StateType,
+    TupleType,
+    is_number,
+    plain,
+    state,
+)
+from umo.generate.code_context import CodeContext
+from umo.generate.function_source import SourcedFunction
+from umo.generate.live_fields import mask_of
+from umo.generate.terms import Code, Known, Many, Present, Term, UnknownText
+from umo.objects import Quality
+
+INDENT = "    "
+TAKEN = frozenset(
+    [
+        "m",
+        "out",
+        "fault",
+        "auto",
+        "bool",
+        "case",
+        "char",
+        "const",
+        "default",
+        "do",
+        "double",
+        "enum",
+        "errno",
+        "extern",
+        "false",
+        "float",
+        "goto",
+        "inline",
+        "int",
+        "long",
+        "main",
+        "NAN",
+        "INFINITY",
+        "NULL",
+        "register",
+        "restrict",
+        "short",
+        "signed",
+        "sizeof",
+        "static",
+        "struct",
+        "switch",
+        "true",
+        "typedef",
+        "union",
+        "unsigned",
+        "void",
+        "volatile",
+    ]
+)
+"""Names that a local one does not have in C."""
+ZERO: dict[CType, str] = {REAL: "0", INT: "0", BOOL: "false", MASK: "0"}
+
+
+class NoTranslation(Exception):
+    """Something does not translate."""
+
+    def __init__(self, node: ast.AST, reason: str, nearest: str = "") -> None:
+        super().__init__(reason)
+        self.node, self.reason, self.nearest = node, reason, nearest
+
+
+@dataclass
+class TryBlock:
+    """Where faults go inside of `try`."""
+
+    label: str
+    variable: str
+    """Keeps the fault."""
+    uses: int = 0
+    returning: str = ""
+    """Keeps that the function returns; "": nothing is to be done on the way out."""
+
+
+class FunctionScope:
+    """The lines of one function in C, while it is written."""
+
+    def __init__(self, world: CodeContext, source: SourcedFunction, key: Any, name: str) -> None:
+        self.world, self.source, self.key, self.c_name = world, source, key, name
+        self.lines: list[str] = []
+        self.depth = 1
+        self.temporaries: dict[str, CType] = {}
+        self.names: dict[str, CType | Known] = {}
+        """Local names: their types, or the live object that each stands for."""
+        self.parameters: dict[str, CType] = {}
+        self.results: list[Term | None] = []
+        self.handlers: list[TryBlock] = []
+        self.impure = 0
+        """Grows with each line that may change what an expression before it has seen."""
+        self.known: set[str] = set()
+        """Expressions that are not None here."""
+        self.loops: list[tuple[str, str, int]] = []
+        """The labels to which `continue` and `break` lead, "": C's own; and how many handlers there are around."""
+        self._labels = 0
+
+    # Lines ---------------------------------------------------------------------------------------------
+
+    def line(self, text: str, pure: bool = False) -> None:
+        self.lines.append(INDENT * self.depth + text)
+        self.impure += not pure
+
+    @contextmanager
+    def block(self, head: str, tail: str = "}") -> Iterator[None]:
+        self.line(f"{head} {{".lstrip(), pure=True)
+        self.depth += 1
+        known = set(self.known)
+        yield
+        self.known &= known
+        self.depth -= 1
+        self.line(tail, pure=True)
+
+    def label(self, what: str) -> str:
+        self._labels += 1
+        return f"{what}_{self._labels}"
+
+    def temporary(self, of: CType, what: str = "t") -> str:
+        number = 1 + len(self.temporaries)
+        while (name := f"{what}{number}") in self.temporaries or name in self.names:
+            number += 1
+        self.temporaries[name] = of
+        return name
+
+    def kept(self, code: Code, what: str = "t") -> Code:
+        """The same value under a name of its own."""
+        if code.stable:
+            return code
+        name = self.temporary(code.type, what)
+        self.line(f"{name} = {code.text};", pure=True)
+        return Code(code.type, name, stable=True)
+
+    def c_local(self, name: str) -> str:
+        return f"{name}_" if name in TAKEN else name.lstrip("_") or "unused"
+
+    # Faults --------------------------------------------------------------------------------------------
+
+    def fail(self, fault: str, condition: str = "") -> None:
+        """The function fails with this fault, if the condition holds."""
+        if self.handlers:
+            handler = self.handlers[-1]
+            handler.uses += 1
+            steps = [f"{handler.variable} = {fault};", f"goto {handler.label};"]
+        else:
+            steps = [f"return {fault};"]
+        if not condition:
+            for each in steps:
+                self.line(each, pure=True)
+        elif len(steps) == 1:
+            self.line(f"if ({condition})", pure=True)
+            self.line(INDENT + steps[0], pure=True)
+        else:
+            with self.block(f"if ({condition})"):
+                for each in steps:
+                    self.line(each, pure=True)
+
+    def raises(self, kind: type[BaseException], node: ast.AST, condition: str = "", text: str | None = None) -> None:
+        """Python raises this here."""
+        said = self.source.segment(node) if text is None else text
+        number = self.world.fault(kind, said, self.source.file, getattr(node, "lineno", 0))
+        self.fail(str(number), condition)
+
+    def called(self, call: str) -> None:
+        """A call that returns a fault."""
+        self.temporaries.setdefault("fault", BOOL)
+        self.line(f"fault = {call};")
+        self.known = {each for each in self.known if each.startswith("Name(")}  # it may assign any field
+        self.fail("fault", "fault")
+
+    # Terms ---------------------------------------------------------------------------------------------
+
+    def refused(self, node: ast.AST, reason: str, nearest: str = "") -> NoTranslation:
+        return NoTranslation(node, reason, nearest)
+
+    def code(self, term: Term, node: ast.AST) -> Code:
+        """A term as a value in C."""
+        if isinstance(term, Code):
+            return term
+        if isinstance(term, Known):
+            value = term.value
+            of = self.world.fields.type_of_value(value)
+            if of is not None and (is_number(of) or isinstance(of, StateType)):
+                return Code(of, self.literal(value, of, node), stable=True)
+            if isinstance(of, TupleType):
+                return self.made(Many(tuple(map(Known, value)), tuple(n for n, _ in of.members), of.kind), of, node)
+            raise self.refused(node, f"{_told(value)} is not a number or a state on the controller")
+        if isinstance(term, Many):
+            types = [self.code(each, node).type for each in term.terms]
+            of = self.world.fields.tuple_type(list(types), term.names, term.kind or tuple)
+            if of is None:
+                raise self.refused(node, "a tuple of other things than numbers")
+            return self.made(term, of, node)
+        raise self.refused(node, "only whether it is None is known on the controller")
+
+    def literal(self, value: Any, of: CType, node: ast.AST) -> str:
+        try:
+            return self.world.fields.literal(value, of)
+        except (ValueError, OverflowError):
+            raise self.refused(node, f"{value} does not fit 32 bits", "a smaller number, or a float") from None
+
+    def made(self, term: Many, of: TupleType, node: ast.AST) -> Code:
+        parts = [self.as_type(each, kind, node) for each, (_, kind) in zip(term.terms, of.members, strict=True)]
+        return Code(of, f"({of.name}){{{', '.join(parts)}}}")
+
+    def as_type(self, term: Term, of: CType, node: ast.AST) -> str:
+        """The text of a term as a value of this type."""
+        if isinstance(term, Known):
+            if isinstance(of, OptionalType) and term.value is None:
+                return f"({of.name}){{false, 0}}"
+            if of == MASK:
+                return f"{mask_of(term.value)}u"
+            if of == REAL and type(term.value) in (int, float, bool):
+                return self.literal(term.value, REAL, node)
+        if isinstance(term, Many) and isinstance(of, TupleType):
+            return self.made(term, of, node).text
+        code = self.code(term, node)
+        if code.type == of:
+            return code.text
+        if isinstance(of, OptionalType):
+            return f"({of.name}){{true, {self.as_type(code, of.of, node)}}}"
+        if isinstance(code.type, OptionalType):
+            return self.as_type(self.present(code, node), of, node)
+        if is_number(of) and is_number(code.type):
+            return code.text if of == REAL and code.type == BOOL else f"({of.name}){_enclosed(code.text)}"
+        if of == MASK and code.type == state(Quality):
+            return f"(uint32_t)1 << {_enclosed(code.text)}"
+        if isinstance(of, TupleType) and isinstance(code.type, TupleType):
+            parts = [f"{self.kept(code).text}.{name}" for name, _ in code.type.members]
+            terms = tuple(Code(kind, part) for part, (_, kind) in zip(parts, code.type.members, strict=True))
+            return self.made(Many(terms), of, node).text
+        raise self.refused(node, f"a {code.type.name} where a {of.name} was before", "one type for each name")
+
+    def present(self, code: Code, node: ast.AST) -> Code:
+        """The value of what may be None: TypeError where it is."""
+        if not isinstance(code.type, OptionalType):
+            return code
+        code = code if _is_place(code.text) else self.kept(code)
+        if ast.dump(node) not in self.known:
+            self.raises(TypeError, node, f"!{code.text}.has")
+        return Code(plain(code.type), f"{code.text}.value")
+
+    def number(self, term: Term, node: ast.AST) -> Code:
+        code = self.present(self.code(term, node), node)
+        if not is_number(code.type):
+            raise self.refused(node, "it is not a number")
+        return code
+
+    def truth(self, term: Term, node: ast.AST) -> str | bool:
+        """The text of a condition; a bool if it is known already."""
+        if isinstance(term, Known):
+            if isinstance(term.value, UnknownText):
+                raise self.refused(node, "a text that is made at run time", "a state of an Enum")
+            return bool(term.value)
+        if isinstance(term, Present):
+            return term.text
+        if isinstance(term, Many):
+            return bool(term.terms)
+        if isinstance(term.type, OptionalType):
+            code = term if _is_place(term.text) else self.kept(term)
+            inner = self.truth(Code(term.type.of, f"{code.text}.value"), node)
+            return f"{code.text}.has" if inner is True else f"({code.text}.has && {inner})"
+        if term.type == BOOL:
+            return term.text
+        if term.type in (REAL, INT, MASK):
+            return f"{_enclosed(term.text)} != 0"
+        if isinstance(term.type, StateType):
+            if issubclass(term.type.kind, int):
+                zeros = [n for n, each in enumerate(term.type.kind) if not each]
+                return f"{_enclosed(term.text)} != {zeros[0]}" if zeros else True
+            return True
+        raise self.refused(node, "whether it is true is not known on the controller")
+
+
+def _enclosed(text: str) -> str:
+    return text if _is_place(text) or text.replace(".", "").isalnum() else f"({text})"
+
+
+def _is_place(text: str) -> bool:
+    """Whether a text names a variable or a field."""
+    return all(
+        part.isidentifier()
+        for part in text.replace("->", ".").replace("[", ".").replace("]", "").split(".")
+        if not part.isdigit()
+    )
+
+
+def _told(value: object) -> str:
+    if value is None:
+        return "None"
+    if isinstance(value, str | Enum):
+        return repr(value)
+    return f"a {type(value).__name__}"

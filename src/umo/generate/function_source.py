@@ -1,0 +1,112 @@
+"""The source of a function: its tree, its file and what its names stand for."""
+
+from __future__ import annotations
+
+import ast
+import builtins
+import linecache
+from collections.abc import Callable
+from functools import cache, partial
+from pathlib import Path
+from types import CodeType, FunctionType, MethodType
+from typing import Any, NamedTuple
+
+ABSENT = object()
+"""No such name."""
+
+
+class SourcedFunction(NamedTuple):
+    """A function with its tree."""
+
+    function: Any
+    """A function of Python."""
+    tree: ast.FunctionDef | ast.Lambda
+    file: str
+    """The path from its package on."""
+    text: list[str]
+    """The lines of the file."""
+
+    @property
+    def name(self) -> str:
+        return str(self.function.__qualname__).replace(".<locals>", "").replace("<lambda>", "condition")
+
+    def meaning(self, name: str) -> Any:
+        """What a name that is no local one stands for; ABSENT: nothing."""
+        code = self.function.__code__
+        if name in code.co_freevars and self.function.__closure__ is not None:
+            try:
+                return self.function.__closure__[code.co_freevars.index(name)].cell_contents
+            except ValueError:  # not assigned yet
+                return ABSENT
+        return self.function.__globals__.get(name, getattr(builtins, name, ABSENT))
+
+    def segment(self, node: ast.AST) -> str:
+        """The source of a node, in one line."""
+        text = ast.get_source_segment("\n".join(self.text), node) or ast.unparse(node)
+        return " ".join(text.split())
+
+
+class BoundFunction(NamedTuple):
+    """A function and the arguments that it already has."""
+
+    source: SourcedFunction
+    given: tuple[Any, ...]
+    named: tuple[tuple[str, Any], ...] = ()
+
+
+class NoSource(Exception):
+    """A function has no source in Python that could be translated; the text says why."""
+
+
+def bound(function: Callable[..., Any]) -> BoundFunction:
+    """A function, a method or a partial of one. NoSource if it is not one of Python."""
+    if isinstance(function, partial):
+        inner = bound(function.func)
+        return inner._replace(
+            given=(*inner.given, *function.args), named=(*inner.named, *sorted(function.keywords.items()))
+        )
+    if isinstance(function, MethodType):
+        inner = bound(function.__func__)
+        return inner._replace(given=(function.__self__, *inner.given))
+    wrapped = getattr(function, "__wrapped__", None)
+    if wrapped is not None:
+        return bound(wrapped)
+    if not isinstance(function, FunctionType):
+        raise NoSource("it is not written in Python")
+    return BoundFunction(sourced(function), ())
+
+
+def sourced(function: FunctionType) -> SourcedFunction:
+    code = function.__code__
+    text = linecache.getlines(code.co_filename, function.__globals__)
+    if not text:
+        raise NoSource("its source is not there")
+    lines = [line.rstrip("\n") for line in text]
+    found = [each for each in _functions("\n".join(lines)) if _is(each, code)]
+    if len(found) != 1:
+        raise NoSource("its source is not found, or has changed")
+    return SourcedFunction(function, found[0], _shown(code.co_filename, function.__module__ or ""), lines)
+
+
+@cache
+def _functions(text: str) -> list[ast.FunctionDef | ast.Lambda]:
+    return [each for each in ast.walk(ast.parse(text)) if isinstance(each, ast.FunctionDef | ast.Lambda)]
+
+
+def _is(tree: ast.FunctionDef | ast.Lambda, code: CodeType) -> bool:
+    if isinstance(tree, ast.FunctionDef):
+        first = min([tree.lineno, *(each.lineno for each in tree.decorator_list)])
+        return code.co_name == tree.name and code.co_firstlineno == first
+    if code.co_name != "<lambda>" or code.co_firstlineno != tree.lineno:
+        return False
+    body = tree.body
+    places = [each for each in code.co_positions() if each[0] is not None and each[2] is not None and each[3]]
+    last = (body.end_lineno or body.lineno, body.end_col_offset or 0)
+    inside = [(body.lineno, body.col_offset) <= (p[0], p[2]) and (p[1], p[3]) <= last for p in places]
+    return bool(inside) and sum(inside) >= len(inside) - 1  # the first one is that of the whole function
+
+
+def _shown(file: str, module: str) -> str:
+    """A file's path from its package on: it says nothing of the computer."""
+    depth = module.count(".") + 1 + (Path(file).name == "__init__.py")
+    return "/".join(Path(file).parts[-depth:])

@@ -1,0 +1,251 @@
+"""The attributes of live objects that become fields of structs, and what type they have."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, field
+from enum import Enum
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from umo.generate.c_text import identifier, real
+from umo.generate.c_types import (
+    BOOL,
+    INT,
+    MASK,
+    NOTHING,
+    REAL,
+    ArrayType,
+    CType,
+    OptionalType,
+    StateType,
+    TupleType,
+    joined,
+    optional,
+    state,
+)
+from umo.generate.translation import ControllerTarget, StructField
+from umo.generate.translation_memory import TranslationMemory
+from umo.objects import Node, Quality
+
+MOST_INT = 2**31 - 1
+ACCEPTED = "_accept"
+"""Attributes of this name are qualities that are accepted, one or several."""
+PLAIN: dict[Any, CType] = {float: REAL, int: INT, bool: BOOL}
+
+
+@dataclass
+class LiveStruct:
+    """The fields of one live object."""
+
+    owner: Any
+    path: str
+    member: str
+    """The member of the machine's struct."""
+    fields: dict[str, CType] = field(default_factory=dict)
+
+
+class LiveFields:
+    """The structs of the live objects of one machine, as far as translated code uses them."""
+
+    def __init__(self, memory: TranslationMemory, target: ControllerTarget) -> None:
+        self._memory, self._target = memory, target
+        self.structs: dict[int, LiveStruct] = {}
+        self._names: set[str] = set()
+        self.tuples: dict[str, TupleType] = {}
+
+    def known(self, owner: Any, path: str) -> LiveStruct:
+        """The struct of an object; `path` is its path if it is new."""
+        found = self.structs.get(id(owner))
+        if found is None:
+            path = owner._path if isinstance(owner, Node) else path
+            member = identifier(path) or "machine"
+            while member in self._names or member in RESERVED:
+                member += "_"
+            self._names.add(member)
+            found = self.structs[id(owner)] = LiveStruct(owner, path, member)
+        return found
+
+    def type_of(self, owner: Any, name: str, value: Any) -> CType | None:
+        """The type of an attribute as a field; None: it is none."""
+        key = id(owner), name
+        assigned = key in self._memory.assigned
+        if name.isupper():
+            return None
+        if name == ACCEPTED:
+            return MASK
+        found = self.type_of_value(value)
+        hinted = _hinted(type(owner), name)
+        if found is None or (found == NOTHING and not assigned and hinted is None):
+            return None
+        for each in (hinted, self._memory.fields.get(key)):
+            if each is not None:
+                try:
+                    found = joined(found, each)
+                except TypeError:
+                    return None
+        return found
+
+    def type_of_value(self, value: Any) -> CType | None:
+        kind = type(value)
+        if kind in PLAIN:
+            return PLAIN[kind]
+        if value is None:
+            return NOTHING
+        if isinstance(value, Enum):
+            return state(type(value))
+        if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "fbi":
+            return ArrayType("", {"f": REAL, "b": BOOL, "i": INT}[value.dtype.kind], len(value))
+        if isinstance(value, list) and value:
+            of = {self.type_of_value(each) for each in value}
+            (first, *more) = of
+            if not more and first is not None and (first in PLAIN.values() or isinstance(first, TupleType)):
+                return ArrayType("", first, len(value))
+        if isinstance(value, tuple) and value:
+            return self.tuple_type([self.type_of_value(each) for each in value], getattr(kind, "_fields", ()), kind)
+        return None
+
+    def tuple_type(self, types: list[CType | None], names: tuple[str, ...], kind: Any) -> TupleType | None:
+        """The type of a tuple of numbers; None if it has others. Those of a NamedTuple are as it declares them."""
+        if names:
+            types = [_hinted(kind, name) or each for name, each in zip(names, types, strict=True)]
+        if not all(each in PLAIN.values() or isinstance(each, StateType) for each in types):
+            return None
+        letters = "".join({REAL: "r", INT: "i", BOOL: "b"}.get(each, "s") for each in types)  # type: ignore[arg-type]
+        name = f"machine_{identifier(kind.__name__)}" if names else f"machine_tuple_{letters}"
+        members = tuple(zip(names or [f"_{n}" for n in range(len(types))], types, strict=True))
+        found = TupleType(name, members, kind if names else None)  # type: ignore[arg-type]
+        return self.tuples.setdefault(name, found)
+
+    def field(self, owner: Any, name: str, of: CType, path: str) -> str:
+        """The text of a field in C."""
+        found = self.known(owner, path)
+        found.fields[name] = of
+        return f"m->{found.member}.{identifier(name)}"
+
+    # The texts -----------------------------------------------------------------------------------------
+
+    def header(self) -> str:
+        """Structs, one for each tuple and each object."""
+        parts = [_struct(name, each.members) for name, each in self.tuples.items()]
+        for each in self.filled:
+            parts.append(f"/* {each.path or 'the machine'}: {type(each.owner).__qualname__} */\n")
+            members = [(identifier(name), of) for name, of in each.fields.items()]
+            parts.append(_struct(f"machine_of_{each.member}", members))
+        return "\n".join(parts)
+
+    def members(self) -> str:
+        return "".join(f"    machine_of_{each.member} {each.member};\n" for each in self.filled)
+
+    def init(self) -> str:
+        lines = []
+        for each in self.filled:
+            for name, of in each.fields.items():
+                place = f"m->{each.member}.{identifier(name)}"
+                lines += self._set(place, of, getattr(each.owner, name))
+        body = "".join(f"    {line}\n" for line in lines) or "    (void)m;\n"
+        cases = "".join(f"    case {n}:\n        return &m->{each.member};\n" for n, each in enumerate(self.filled))
+        access = f"    switch (number) {{\n{cases}    default:\n        (void)m;\n        return NULL;\n    }}\n"
+        return (
+            f"static void init_objects(umo_machine *m)\n{{\n{body}}}\n\n"
+            f"void *machine_struct(umo_machine *m, int16_t number)\n{{\n{access}}}\n"
+        )
+
+    def layout(self) -> list[StructField]:
+        return [
+            StructField(
+                each.path,
+                each.member,
+                name,
+                of.name if not isinstance(of, ArrayType) else f"{of.of.name}[{of.length}]",
+                "STATE" if (id(each.owner), name) in self._memory.assigned else "INPUT",
+            )
+            for each in self.filled
+            for name, of in each.fields.items()
+        ]
+
+    @property
+    def filled(self) -> list[LiveStruct]:
+        return [each for each in self.structs.values() if each.fields]
+
+    def _set(self, place: str, of: CType, value: Any) -> list[str]:
+        """Statements that give a field its value."""
+        if isinstance(of, ArrayType):
+            return [line for n, each in enumerate(value) for line in self._set(f"{place}[{n}]", of.of, each)]
+        if isinstance(of, TupleType):
+            members = zip(of.members, value, strict=True)
+            return [line for (name, kind), each in members for line in self._set(f"{place}.{name}", kind, each)]
+        if isinstance(of, OptionalType):
+            if value is None:
+                return [f"{place}.has = false;"]
+            return [f"{place}.has = true;", *self._set(f"{place}.value", of.of, value)]
+        return [f"{place} = {self.literal(value, of)};"]
+
+    def literal(self, value: Any, of: CType) -> str:
+        """A live value as text of this type; ValueError if it does not fit."""
+        if of == MASK:
+            return f"{mask_of(value)}u"
+        if of == REAL:
+            return real(float(value), self._target)
+        if of == BOOL:
+            return "true" if value else "false"
+        if isinstance(of, StateType):
+            return str([*of.kind].index(value))
+        if not -MOST_INT <= value <= MOST_INT:
+            raise ValueError(f"{value} does not fit 32 bits")
+        return str(int(value))
+
+
+RESERVED = {"core", "objects", "outputs", "conditionings", "interlocks"}
+"""Other members of the machine's struct."""
+
+
+def mask_of(accept: Any) -> int:
+    """The qualities of an `accept` as bits."""
+    one = isinstance(accept, Quality)
+    return sum(1 << each for each in Quality if (each is accept if one else each in accept))
+
+
+def _struct(name: str, members: Any) -> str:
+    lines = []
+    for each, of in members:
+        array = isinstance(of, ArrayType)
+        lines.append(f"    {(of.of if array else of).name} {each}{f'[{of.length}]' if array else ''};\n")
+    return f"typedef struct {{\n{''.join(lines)}}} {name};\n"
+
+
+def _hinted(owner: Any, name: str) -> CType | None:
+    """The type that a class declares for an attribute, if it is a number, a state, or one of these or None."""
+    for each in owner.__mro__:
+        if name in getattr(each, "__annotations__", {}):
+            try:
+                hint = get_type_hints(each, vars(sys.modules[each.__module__]), include_extras=False).get(name)
+            except Exception:  # names that exist for type checkers only
+                return None
+            return _type_of_hint(hint)
+    return None
+
+
+def _type_of_hint(hint: Any) -> CType | None:
+    if get_origin(hint) is Annotated:
+        hint = get_args(hint)[0]
+    if get_origin(hint) in (Union, UnionType):
+        rest = [each for each in get_args(hint) if each is not type(None)]
+        inner = _type_of_hint(rest[0]) if len(rest) == 1 and len(get_args(hint)) == 2 else None
+        return None if inner is None else optional(inner)
+    if isinstance(hint, type) and issubclass(hint, Enum) and len(hint):
+        return state(hint)
+    return PLAIN.get(hint) if isinstance(hint, type) else None
+
+
+def _hinted_parameter(function: Any, name: str) -> CType | None:
+    """The type that a function declares for a parameter."""
+    hint = function.__annotations__.get(name)
+    if isinstance(hint, str):
+        try:
+            hint = eval(hint, function.__globals__)
+        except Exception:  # names that exist for type checkers only
+            return None
+    return _type_of_hint(hint)

@@ -1,0 +1,301 @@
+"""The files machine.h and machine.c of a generated controller."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import inf
+
+from umo.generate.c_text import array, comment, identifiers, real, real_or, time_of, truth
+from umo.generate.controller_model import ControllerModel, ControllerObject, curves_of
+from umo.generate.translation import ControllerTarget, Translation
+from umo.objects.interpolation import Cubics, Segments
+
+HEADER = """\
+/* machine.h: the controller of {name}, made by umo generate for the target {target}. Do not edit it: change the
+ * declaration, and generate again.
+ *
+ * Numbers are {real}s. Each period: machine_step, then what is in raws_out to the hardware, then machine_sent. At any
+ * fault, and at any end: machine_stop, then raws_out to the hardware in the order of machine_stop_order. */
+#ifndef MACHINE_H
+#define MACHINE_H
+
+#include "umo_python.h"
+
+#define MACHINE_NAME "{name}"
+#define MACHINE_PERIOD {period} /* s */
+enum {{ MACHINE_INPUTS = {inputs}, MACHINE_OUTPUTS = {outputs}, MACHINE_OBJECTS = {objects} }};
+
+/* Places in raws_in and failed_in. */
+enum machine_inputs {{
+{input_names}}};
+
+/* Places in raws_out and failed_out. */
+enum machine_outputs {{
+{output_names}}};
+
+extern const int16_t machine_stop_order[];
+
+{structs}
+struct umo_machine {{
+    umo_core core; /* the first member */
+    umo_object objects[{objects_1}];
+    umo_output outputs[{outputs_1}];
+    umo_conditioning conditionings[{conditionings_1}];
+    umo_interlock interlocks[{interlocks_1}];
+{members}}};
+
+/* At power-up: every actuator is at its default. */
+void machine_init(umo_machine *m);
+
+/* Once, after machine_init: the sensors are read for the first time, and interlocks take effect. */
+umo_fault machine_begin(umo_machine *m, const int32_t *raws_in, const uint8_t *failed_in, int32_t *raws_out);
+
+/* One period, `ticks` ticks after the last one (1: in time). `failed_in` marks inputs that could not be read; NULL:
+ * none. Fills raws_out; after a fault what was reset is in it, and the rest is as before. */
+umo_fault machine_step(
+    umo_machine *m, int32_t ticks, const int32_t *raws_in, const uint8_t *failed_in, int32_t *raws_out);
+
+/* After raws_out was written to the hardware. `failed_out` marks what was not accepted; NULL: all was. */
+umo_fault machine_sent(umo_machine *m, const uint8_t *failed_out);
+
+/* Every actuator goes to its default. */
+void machine_stop(umo_machine *m, int32_t *raws_out);
+
+/* Frees the actuators of latched interlocks whose conditions are false. */
+void machine_acknowledge(umo_machine *m);
+
+/* The struct of a law or a part, by its number; NULL: there is none. */
+void *machine_struct(umo_machine *m, int16_t number);
+
+#endif
+"""
+STEPS = """\
+void machine_init(umo_machine *m)
+{
+    m->core.plan = &plan;
+    m->core.objects = m->objects;
+    m->core.outputs = m->outputs;
+    m->core.conditionings = m->conditionings;
+    m->core.interlocks = m->interlocks;
+    m->core.host_call = NULL;
+    umo_start(&m->core);
+    init_objects(m);
+}
+
+umo_fault machine_begin(umo_machine *m, const int32_t *raws_in, const uint8_t *failed_in, int32_t *raws_out)
+{
+    machine_stop(m, raws_out);
+    umo_fault fault = umo_sample(&m->core, raws_in, failed_in);
+    umo_evaluate(&m->core);
+    return fault;
+}
+
+umo_fault machine_step(
+    umo_machine *m, int32_t ticks, const int32_t *raws_in, const uint8_t *failed_in, int32_t *raws_out)
+{
+    umo_fault fault = umo_begin_period(&m->core, ticks, raws_out);
+    if (fault)
+        return fault;
+    fault = umo_sample(&m->core, raws_in, failed_in);
+    umo_evaluate(&m->core); /* also if sensors failed */
+    if (fault)
+        return fault;
+%s    umo_give(&m->core);
+    return UMO_OK;
+}
+
+umo_fault machine_sent(umo_machine *m, const uint8_t *failed_out)
+{
+    return umo_sent(&m->core, failed_out);
+}
+
+void machine_stop(umo_machine *m, int32_t *raws_out)
+{
+    umo_stop(&m->core, raws_out);
+}
+
+void machine_acknowledge(umo_machine *m)
+{
+    umo_acknowledge(&m->core);
+}
+"""
+
+
+def header_of(model: ControllerModel, translation: Translation, target: ControllerTarget) -> str:
+    """The text of machine.h."""
+    conditioned = [one for one in model.objects if one.conditioned]
+    inputs, outputs = model.objects[: model.inputs], [model.objects[slot] for slot in model.outputs]
+    return HEADER.format(
+        name=model.name,
+        target=target.name,
+        real=target.real,
+        period=real(model.period, target),
+        inputs=model.inputs,
+        outputs=len(model.outputs),
+        objects=len(model.objects),
+        input_names=_names("IN", inputs),
+        output_names=_names("OUT", outputs),
+        structs=translation.header,
+        members=translation.members,
+        objects_1=len(model.objects),
+        outputs_1=max(1, len(outputs)),
+        conditionings_1=max(1, len(conditioned)),
+        interlocks_1=max(1, len(model.interlocks)),
+    )
+
+
+def _names(prefix: str, objects: Sequence[ControllerObject]) -> str:
+    """The members of an enum: each object with its channel, units and what its raw integers are."""
+    lines = []
+    for number, (one, name) in enumerate(zip(objects, identifiers(each.path for each in objects), strict=True)):
+        resolution, zero_offset = one.scale
+        scale = one.units if one.binary else f"raw * {resolution:g} + {zero_offset:g} {one.units}"
+        lines.append(
+            f"    {prefix}_{name} = {number}, /* {comment(one.path)}: {comment(scale)}; {comment(one.channel)} */\n"
+        )
+    return "".join(lines) or f"    {prefix}_NONE\n"
+
+
+def source_of(model: ControllerModel, translation: Translation, target: ControllerTarget) -> str:
+    """The text of machine.c."""
+    parts = [
+        f"/* machine.c: the controller of {model.name}. Made by umo generate; do not edit it. */\n",
+        '#include "machine.h"\n\n',
+        translation.source,
+        "\n",
+        *_tables(model, target),
+        *_interlocks(model, translation),
+        *_plan(model, target),
+        f"{translation.init}\n",
+        STEPS % _laws(model, translation),
+    ]
+    return "".join(parts)
+
+
+def _laws(model: ControllerModel, translation: Translation) -> str:
+    calls = (translation.entry[law].call() for law in model.laws)
+    return "".join(f"    fault = {call};\n    if (fault)\n        return fault;\n" for call in calls)
+
+
+def _tables(model: ControllerModel, target: ControllerTarget) -> Iterator[str]:
+    """The numbers of the objects."""
+    for one in model.objects:
+        if one.invalid_raws:
+            yield array("int32_t", f"invalid_raws_{one.slot}", [_whole(raw) for raw in one.invalid_raws])
+        if one.linearization is not None:
+            for way, curve in zip(("to_value", "to_input"), curves_of(one.linearization), strict=True):
+                if (way == "to_input") == one.output:
+                    yield from _curve(f"{way}_{one.slot}", curve, target)
+    yield "static const UMO_FLASH umo_traits traits[] = {\n"
+    for one in model.objects:
+        yield _traits(one, target)
+    yield "};\n\n"
+
+
+def _whole(raw: int) -> str:
+    return "INT32_MIN" if raw == -(2**31) else str(raw)
+
+
+def _curve(name: str, curve: Cubics | Segments, target: ControllerTarget) -> Iterator[str]:
+    if isinstance(curve, Cubics):
+        columns, count, first, per_x = list(curve.table), curve.cells, curve.first, curve.per_x
+    else:
+        columns, count, first, per_x = [curve._xs, curve._ys, curve._slopes], len(curve._xs), 0.0, 0.0
+    numbers = [real(float(number), target) for column in columns for number in column]
+    yield array("umo_real", f"{name}_table", numbers)
+    cubic = truth(isinstance(curve, Cubics))
+    yield f"static const UMO_FLASH umo_curve {name} = {{\n"
+    yield f"    .cubic = {cubic}, .count = {count}, .first = {real(first, target)}, .per_x = {real(per_x, target)},\n"
+    yield f"    .table = {name}_table,\n}};\n"
+
+
+def _traits(one: ControllerObject, target: ControllerTarget) -> str:
+    flags = {
+        "UMO_OUTPUT": one.output,
+        "UMO_BINARY": one.binary,
+        "UMO_ASYNCHRONOUS": not one.synchronous,
+        "UMO_CLAMPS": one.clamps,
+        "UMO_MARKS": one.marks,
+        "UMO_INCREMENTAL": one.incremental,
+    }
+    fields = {
+        "flags": " | ".join(name for name, yes in flags.items() if yes) or "0",
+        "one": str(one.one),
+        "resolution": real(one.scale[0], target),
+        "zero_offset": real(one.scale[1], target),
+        "minimum": real(one.bounds[0], target),
+        "maximum": real(one.bounds[1], target),
+        "max_age": time_of(one.max_age, target),
+        **(_of_output if one.output else _of_input)(one, target),
+    }
+    lines = "".join(f"        .{name} = {value},\n" for name, value in fields.items())
+    return f"    {{ /* {one.slot}: {comment(one.path)}, {one.kind} ({comment(one.units)}) */\n{lines}    }},\n"
+
+
+def _of_output(one: ControllerObject, target: ControllerTarget) -> dict[str, str]:
+    return {
+        "least": real(one.raws[0], target),
+        "greatest": real(one.raws[1], target),
+        "rest": real(one.default, target),
+        "rest_raw": _whole(one.default_raw),
+        "slew_rate": real_or(one.slew_rate, inf, target),
+        "expires": time_of(one.expires, target),
+        **({} if one.linearization is None else {"to_input": f"&to_input_{one.slot}"}),
+    }
+
+
+def _of_input(one: ControllerObject, target: ControllerTarget) -> dict[str, str]:
+    fields = {"low": real(one.good[0], target), "high": real(one.good[1], target)}
+    if one.raws != (0.0, 0.0):
+        fields["greatest"] = real(one.raws[1], target)
+    if one.conditioned:
+        times = {"filter": one.filter, "velocity": one.velocity, "debounce": one.debounce}
+        fields |= {name: time_of(seconds, target) for name, seconds in times.items()}
+        fields["rollover_bits"] = str(one.rollover_bits)
+    if one.invalid_raws:
+        fields |= {"invalid_count": str(len(one.invalid_raws)), "invalid_raws": f"invalid_raws_{one.slot}"}
+    if one.linearization is not None:
+        fields["to_value"] = f"&to_value_{one.slot}"
+    return fields
+
+
+def _interlocks(model: ControllerModel, translation: Translation) -> Iterator[str]:
+    """The conditions as functions of one kind, and what they inhibit."""
+    for number, each in enumerate(model.interlocks):
+        yield f"/* {comment(each.reason)} */\n"
+        yield f"static umo_fault interlock_condition_{number}(umo_machine *m, bool *holds)\n"
+        yield f"{{\n    return {translation.entry[each.condition].call('holds')};\n}}\n"
+        yield array("int16_t", f"interlock_{number}", [str(place) for place in each.outputs])
+    if not model.interlocks:
+        return
+    yield "static const UMO_FLASH umo_interlock_traits interlock_traits[] = {\n"
+    for number, each in enumerate(model.interlocks):
+        yield f"    {{interlock_condition_{number}, interlock_{number}, {len(each.outputs)}, "
+        yield f"{truth(each.latched)}, {truth(each.stops)}}},\n"
+    yield "};\n\n"
+
+
+def _plan(model: ControllerModel, target: ControllerTarget) -> Iterator[str]:
+    conditioned = [one.slot for one in model.objects if one.conditioned]
+    order = [str(place) for place in model.stop_order]
+    yield f"const int16_t machine_stop_order[] = {{{', '.join(order) or '0'}}};\n"
+    yield array("int16_t", "stop_order", order)
+    yield array("int16_t", "output_objects", [str(slot) for slot in model.outputs])
+    yield array("int16_t", "conditioned", [str(slot) for slot in conditioned])
+    yield "static const UMO_FLASH umo_plan plan = {\n"
+    fields = {
+        "period": real(model.period, target),
+        "inputs": "MACHINE_INPUTS",
+        "objects": "MACHINE_OBJECTS",
+        "outputs": "MACHINE_OUTPUTS",
+        "interlocks": str(len(model.interlocks)),
+        "timer": str(model.timer),
+        "traits": "traits",
+        "output_objects": "output_objects",
+        "stop_order": "stop_order",
+        "conditioned": "conditioned",
+        "conditionings": str(len(conditioned)),
+        "interlock_traits": "interlock_traits" if model.interlocks else "NULL",
+    }
+    yield from (f"    .{name} = {value},\n" for name, value in fields.items())
+    yield "};\n\n"

@@ -1,0 +1,235 @@
+/* umo.h: what stands on a controller for the atomic objects of umo and for its cycle.
+ *
+ * C99, no heap, no recursion, no hardware. `umo_real` is a double, or a float where UMO_FLOAT is defined. Compile with
+ * -ffp-contract=off: a * b + c is two operations, as in Python. The Python that each part stands for is named in the
+ * .c files; with doubles the numbers are equal to the bit.
+ *
+ * Every function that can fail returns a fault, 0 for none: a number of `enum umo_faults`, or of machine_faults.h. */
+#ifndef UMO_H
+#define UMO_H
+
+#include <float.h>
+#include <math.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "umo_target.h" /* whether UMO_FLOAT is defined */
+
+#if defined(__FAST_MATH__) || (FLT_EVAL_METHOD != 0 && !defined(UMO_FLOAT))
+#error "each operation must be rounded to a double"
+#endif
+
+#ifdef UMO_FLOAT
+typedef float umo_real;
+#define umo_fabs fabsf
+#define umo_floor floorf
+#define umo_copysign copysignf
+#define umo_expm1 expm1f
+#else
+typedef double umo_real;
+#define umo_fabs fabs
+#define umo_floor floor
+#define umo_copysign copysign
+#define umo_expm1 expm1
+#endif
+
+#ifdef __AVR__
+#define UMO_FLASH __flash /* constants stay in the program memory */
+#else
+#define UMO_FLASH
+#endif
+
+typedef int16_t umo_fault;
+
+/* The faults of the runtime. Those of translated code begin at UMO_FIRST_FAULT. */
+enum umo_faults {
+    UMO_OK = 0,
+    UMO_UNREAD,      /* DriverError: a sensor could not be read, and nothing holds its value */
+    UMO_UNWRITTEN,   /* DriverError: an actuator did not take its value */
+    UMO_BAD_TICKS,   /* DriverError: the number of ticks is outside the range of the timer */
+    UMO_OUTSIDE,     /* RangeError: a value outside the range of an actuator with limits="raise" */
+    UMO_NOT_FINITE,  /* RangeError: NaN or infinite */
+    UMO_BAD_INPUT,   /* BadInput: the quality of a sensor is not accepted */
+    UMO_NEVER_READ,  /* BadInput: a binary sensor that was never read has no state */
+    UMO_INTERLOCKED, /* Interlocked: an interlock with effect="stop" forbids the write */
+    UMO_NO_STATE,    /* StateError: no number of a state */
+    UMO_NO_HOST,     /* TaskFailed: what only the host can do was asked for, and there is none */
+    UMO_FIRST_FAULT = 32
+};
+
+/* The numbers of umo.Quality. */
+enum umo_qualities { UMO_GOOD, UMO_OUT_OF_RANGE, UMO_UNREFERENCED, UMO_STALE, UMO_BAD };
+
+typedef struct umo_machine umo_machine; /* generated: contains all */
+typedef struct umo_object umo_object;
+typedef struct umo_core umo_core;
+typedef int64_t umo_tick; /* ticks since the start */
+#define UMO_NEVER (-1)
+
+/* A linearization: linear between points, or cubics in equal cells (umo.objects.interpolation). */
+typedef struct {
+    bool cubic;
+    int16_t count;           /* points, or cells */
+    umo_real first, per_x;   /* of cubics: the first point; cells for one unit of x */
+    const UMO_FLASH umo_real *table; /* xs, ys, slopes; or five columns of count + 2 cells */
+} umo_curve;
+
+enum umo_flags {
+    UMO_OUTPUT = 1,        /* an actuator */
+    UMO_BINARY = 2,
+    UMO_ASYNCHRONOUS = 4,
+    UMO_CLAMPS = 8,        /* an actuator with limits="clamp" */
+    UMO_MARKS = 16,        /* a sensor with on_error="mark" */
+    UMO_INCREMENTAL = 32
+};
+
+/* What does not change of an object. A time of -1 or a rate of infinity: there is none. */
+typedef struct {
+    uint8_t flags;
+    uint8_t one;                  /* binary: the number of the state of level 1 */
+    uint8_t invalid_count;
+    uint8_t rollover_bits;        /* 0: the counter does not roll over */
+    umo_real resolution, zero_offset;
+    umo_real minimum, maximum;
+    umo_real low, high;           /* sensor: bounds within which a value is GOOD */
+    umo_real least, greatest;     /* actuator: the least and the greatest raw integer */
+    umo_real max_age;             /* s; the last value is held, or sent again, for this time */
+    umo_real rest;                /* actuator: its default */
+    int32_t rest_raw;
+    umo_real slew_rate, expires;
+    umo_real filter, velocity, debounce; /* sensor: time constants in s */
+    const UMO_FLASH umo_curve *to_value, *to_input;
+    const UMO_FLASH int32_t *invalid_raws;
+} umo_traits;
+
+/* What only an actuator has. */
+typedef struct {
+    umo_real pending, sent;
+    umo_tick stepped;  /* the last step of its rate */
+    umo_tick written;  /* the last write that was admitted; UMO_NEVER after it has expired */
+    int32_t sent_raw;
+    int16_t place;     /* its index in raws_out */
+    bool inhibited, stopping; /* by an interlock; by one with effect="stop" */
+    bool due;          /* it begins to be inhibited, or its command has expired */
+} umo_output;
+
+/* What only a sensor with rollover, filter, velocity or debounce has. */
+typedef struct {
+    int64_t count;
+    umo_tick time, since;
+    umo_real reading, last, value, velocity;
+    bool counted, has_reading, has_level;
+} umo_conditioning;
+
+struct umo_object {
+    umo_core *core;
+    const UMO_FLASH umo_traits *traits;
+    umo_output *output;             /* NULL: a sensor */
+    umo_conditioning *conditioning; /* NULL: none */
+    umo_real value;                 /* of a sensor as last kept, of an actuator as last accepted */
+    umo_real zero_offset;           /* homing may change it */
+    umo_tick time;                  /* of the value */
+    int32_t raw;
+    uint8_t quality, base;
+};
+
+typedef umo_fault (*umo_condition)(umo_machine *m, bool *holds);
+
+/* An interlock: its condition, and the actuators that it inhibits, by their places in raws_out. */
+typedef struct {
+    umo_condition condition;
+    const UMO_FLASH int16_t *outputs;
+    int16_t count;
+    bool latches, stops;
+} umo_interlock_traits;
+
+typedef struct {
+    bool held, latched, inhibits;
+} umo_interlock;
+
+/* What does not change of a machine. */
+typedef struct {
+    umo_real period;
+    int16_t inputs;  /* the objects from 0 on, which raws_in is for */
+    int16_t objects, outputs, interlocks;
+    int16_t timer;   /* its object; -1: none */
+    const UMO_FLASH umo_traits *traits;
+    const UMO_FLASH int16_t *output_objects; /* the object of each place of raws_out */
+    const UMO_FLASH int16_t *stop_order;     /* places of raws_out */
+    const UMO_FLASH int16_t *conditioned;    /* the objects that have a umo_conditioning, in the order of these */
+    int16_t conditionings;
+    const UMO_FLASH umo_interlock_traits *interlock_traits;
+} umo_plan;
+
+struct umo_core {
+    const UMO_FLASH umo_plan *plan;
+    umo_object *objects;
+    umo_output *outputs;
+    umo_conditioning *conditionings;
+    umo_interlock *interlocks;
+    int32_t *raws_out;
+    umo_tick number;   /* ticks since the start */
+    int32_t ticks;     /* that the last step consumed */
+    umo_real now, dt;  /* s */
+    int16_t fault_object; /* the object of the last fault of the runtime; -1: none */
+    bool given;        /* raws_out has been filled, and is taken for accepted with the next step */
+    umo_fault (*host_call)(umo_machine *m, uint16_t call, uint16_t object, umo_real *numbers, uint16_t count);
+};
+
+/* Called by translated code ------------------------------------------------------------------------------ */
+
+umo_fault umo_digital_read(umo_object *o, umo_real *out);
+umo_fault umo_binary_read(umo_object *o, uint8_t *out);
+umo_fault umo_digital_write(umo_object *o, umo_real value, bool *taken);
+umo_fault umo_binary_write(umo_object *o, uint8_t state, bool *taken);
+uint8_t umo_quality(const umo_object *o);
+umo_fault umo_value_of(umo_object *o, uint32_t accept_mask, umo_real *out);
+umo_fault umo_state_of(umo_object *o, uint32_t accept_mask, uint8_t *out);
+umo_fault umo_velocity(umo_object *o, umo_real *out);
+umo_real umo_pending(const umo_object *o);
+uint8_t umo_pending_state(const umo_object *o);
+umo_real umo_minimum(const umo_object *o);
+umo_real umo_maximum(const umo_object *o);
+umo_real umo_resolution(const umo_object *o);
+umo_real umo_default(const umo_object *o);
+uint8_t umo_default_state(const umo_object *o);
+umo_real umo_slew_rate(const umo_object *o); /* infinite: there is none */
+bool umo_has_slew_rate(const umo_object *o);
+bool umo_inhibited(const umo_object *o);
+umo_fault umo_object_reset(umo_object *o);
+umo_real umo_now(const umo_machine *m);
+umo_real umo_dt(const umo_machine *m);
+umo_real umo_period(const umo_machine *m);
+int32_t umo_ticks(const umo_machine *m);
+umo_fault umo_host_call(umo_machine *m, uint16_t call, uint16_t object, umo_real *numbers, uint16_t count);
+
+/* Called by machine.c ------------------------------------------------------------------------------------ */
+
+void umo_start(umo_core *c);
+umo_fault umo_begin_period(umo_core *c, int32_t ticks, int32_t *raws_out);
+umo_fault umo_sample(umo_core *c, const int32_t *raws_in, const uint8_t *failed_in);
+void umo_evaluate(umo_core *c);
+void umo_give(umo_core *c);
+umo_fault umo_sent(umo_core *c, const uint8_t *failed_out);
+void umo_stop(umo_core *c, int32_t *raws_out);
+void umo_acknowledge(umo_core *c);
+
+/* Called for the host ------------------------------------------------------------------------------------ */
+
+void umo_referenced(umo_object *o, bool known);
+umo_fault umo_set_reading(umo_object *o, umo_real value);
+
+/* Inside the runtime ------------------------------------------------------------------------------------- */
+
+umo_real umo_curve_at(const UMO_FLASH umo_curve *curve, umo_real x);
+umo_real umo_round_even(umo_real x);
+umo_real umo_since(const umo_core *c, umo_tick tick);
+umo_fault umo_failed(umo_object *o, umo_fault fault);
+uint8_t umo_judge(const umo_object *o, umo_real value);
+void umo_rest(umo_object *o);
+int64_t umo_count_of(umo_object *o, int32_t raw);
+umo_real umo_conditioned(umo_object *o, umo_real value, bool inside);
+void umo_begin_conditioning(umo_conditioning *of);
+
+#endif

@@ -1,0 +1,255 @@
+/* umo_outputs.c: interlocks, expiry, rates, and values that become raw integers, as in umo.cycle.command_stage,
+ * umo.cycle.inhibition and umo.cycle.conversion. */
+#include <string.h>
+
+#include "umo.h"
+
+/* Half to even, as Python's round and C's rint. */
+umo_real umo_round_even(umo_real x)
+{
+    umo_real low = umo_floor(x), over = x - low;
+    bool odd = low - 2 * umo_floor(low / 2) != 0;
+    return over > (umo_real)0.5 || (over == (umo_real)0.5 && odd) ? low + 1 : low;
+}
+
+/* Time in s since a tick. */
+umo_real umo_since(const umo_core *c, umo_tick tick)
+{
+#ifdef UMO_FLOAT
+    return (umo_real)(c->number - tick) * c->plan->period; /* exact after days, too */
+#else
+    return c->now - (umo_real)tick * c->plan->period; /* the difference of two times, as in Python */
+#endif
+}
+
+static umo_object *object_at(umo_core *c, int16_t place)
+{
+    return &c->objects[c->plan->output_objects[place]];
+}
+
+static int32_t raw_of(const umo_object *o, umo_real value)
+{
+    const UMO_FLASH umo_traits *of = o->traits;
+    if (value == of->rest)
+        return of->rest_raw;
+    if (of->to_input)
+        value = umo_curve_at(of->to_input, value);
+    umo_real raw = umo_round_even((value - o->zero_offset) / of->resolution);
+    raw = raw > of->least ? raw : of->least;
+    return (int32_t)(raw < of->greatest ? raw : of->greatest);
+}
+
+static void accepted(umo_object *o)
+{
+    o->value = o->output->sent;
+    o->raw = o->output->sent_raw;
+    o->time = o->core->number;
+    o->quality = UMO_GOOD;
+}
+
+/* The default of an actuator, at once: without a rate. */
+void umo_rest(umo_object *o)
+{
+    umo_output *output = o->output;
+    output->pending = output->sent = o->traits->rest;
+    output->sent_raw = o->traits->rest_raw;
+    output->stepped = o->core->number;
+    output->written = UMO_NEVER;
+    accepted(o);
+    if (o->core->raws_out)
+        o->core->raws_out[output->place] = output->sent_raw;
+}
+
+/* Interlocks --------------------------------------------------------------------------------------------- */
+
+/* Inhibition.ask: true if it begins to inhibit. A condition that cannot be evaluated counts as true. */
+static bool ask(umo_core *c, int16_t i)
+{
+    umo_interlock *interlock = &c->interlocks[i];
+    const UMO_FLASH umo_interlock_traits *of = &c->plan->interlock_traits[i];
+    bool before = interlock->inhibits, holds = true;
+    int16_t fault_object = c->fault_object;
+    if (of->condition((umo_machine *)(void *)c, &holds)) {
+        holds = true;
+        c->fault_object = fault_object;
+    }
+    interlock->held = holds;
+    interlock->latched = interlock->latched || (holds && of->latches && c->number > 0);
+    interlock->inhibits = holds || interlock->latched;
+    return !before && holds;
+}
+
+/* CommandStage._restrict */
+static void restrict_outputs(umo_core *c)
+{
+    for (int16_t i = 0; i < c->plan->outputs; i++)
+        c->outputs[i].inhibited = c->outputs[i].stopping = false;
+    for (int16_t i = 0; i < c->plan->interlocks; i++) {
+        const UMO_FLASH umo_interlock_traits *of = &c->plan->interlock_traits[i];
+        for (int16_t k = 0; c->interlocks[i].inhibits && k < of->count; k++) {
+            umo_output *output = &c->outputs[of->outputs[k]];
+            output->inhibited = true;
+            output->stopping = output->stopping || of->stops;
+        }
+    }
+}
+
+static void interlocked(umo_core *c)
+{
+    for (int16_t i = 0; i < c->plan->interlocks; i++) {
+        const UMO_FLASH umo_interlock_traits *of = &c->plan->interlock_traits[i];
+        bool begins = ask(c, i);
+        for (int16_t k = 0; begins && k < of->count; k++)
+            c->outputs[of->outputs[k]].due = true;
+    }
+    restrict_outputs(c);
+}
+
+/* CommandStage._expired */
+static void expire(umo_core *c)
+{
+    for (int16_t i = 0; i < c->plan->outputs; i++) {
+        umo_output *output = &c->outputs[i];
+        const umo_object *o = object_at(c, i);
+        umo_real expires = o->traits->expires;
+        if (output->due || expires < 0 || output->written == UMO_NEVER)
+            continue;
+        if (umo_since(c, output->written) < expires - (umo_real)1e-9)
+            continue;
+        output->written = UMO_NEVER;
+        output->pending = o->traits->rest; /* at its rate, with the outputs of this period */
+        output->due = (o->traits->flags & UMO_ASYNCHRONOUS) != 0;
+    }
+}
+
+/* CommandStage.evaluate: after the sensors were read. */
+void umo_evaluate(umo_core *c)
+{
+    interlocked(c);
+    expire(c);
+    for (int16_t i = 0; i < c->plan->outputs; i++) {
+        umo_output *output = &c->outputs[c->plan->stop_order[i]];
+        if (output->due)
+            umo_rest(object_at(c, c->plan->stop_order[i]));
+        output->due = false;
+    }
+}
+
+/* Inhibition.acknowledge, of all: what still holds stays. */
+void umo_acknowledge(umo_core *c)
+{
+    for (int16_t i = 0; i < c->plan->interlocks; i++)
+        if (!c->interlocks[i].held)
+            c->interlocks[i].latched = c->interlocks[i].inhibits = false;
+    restrict_outputs(c);
+}
+
+/* Outputs ------------------------------------------------------------------------------------------------ */
+
+/* conversion._next: what is pending, as near to it as the rate allows from the value last accepted. */
+static umo_real next(umo_object *o)
+{
+    umo_output *output = o->output;
+    umo_core *c = o->core;
+    umo_real rate = o->traits->slew_rate;
+    if (!(rate < (umo_real)INFINITY))
+        return output->pending;
+    if (c->number <= output->stepped)
+        return output->sent;
+    umo_real left = output->pending - o->value, way = rate * c->dt;
+    output->stepped = c->number;
+    return umo_fabs(left) <= way * (umo_real)(1 + 1e-9) ? output->pending : o->value + umo_copysign(way, left);
+}
+
+/* Image.update, as far as the transfer: fills raws_out. */
+void umo_give(umo_core *c)
+{
+    for (int16_t i = 0; i < c->plan->outputs; i++) {
+        umo_object *o = object_at(c, i);
+        umo_output *output = o->output;
+        umo_real value = next(o);
+        if (memcmp(&value, &output->sent, sizeof value) != 0) {
+            output->sent = value;
+            output->sent_raw = raw_of(o, value);
+        }
+        c->raws_out[i] = output->sent_raw;
+    }
+    c->given = true;
+}
+
+/* Slots._fail_output: with on_error="retry" the value is sent again for max_age. */
+static umo_fault fail(umo_object *o)
+{
+    umo_real max_age = o->traits->max_age;
+    if (max_age >= 0 && umo_since(o->core, o->time) <= max_age) {
+        o->quality = UMO_STALE;
+        return UMO_OK;
+    }
+    o->quality = UMO_BAD;
+    return umo_failed(o, UMO_UNWRITTEN);
+}
+
+/* Image.update after the transfer: those that failed (NULL: none) keep what they had. */
+umo_fault umo_sent(umo_core *c, const uint8_t *failed_out)
+{
+    umo_fault found = UMO_OK;
+    for (int16_t i = 0; i < c->plan->outputs; i++) {
+        umo_object *o = object_at(c, i);
+        umo_fault fault = UMO_OK;
+        if (failed_out && failed_out[i])
+            fault = fail(o);
+        else if (c->given)
+            accepted(o);
+        found = found ? found : fault;
+    }
+    c->given = false;
+    return found;
+}
+
+/* The defaults, whatever the machine was doing. Write them one by one in the order of plan->stop_order. */
+void umo_stop(umo_core *c, int32_t *raws_out)
+{
+    c->raws_out = raws_out;
+    c->given = false;
+    for (int16_t i = 0; i < c->plan->outputs; i++)
+        umo_rest(object_at(c, c->plan->stop_order[i]));
+}
+
+/* Start -------------------------------------------------------------------------------------------------- */
+
+/* As after umo.cycle.connect has initialised every object. The pointers of the core are set. */
+void umo_start(umo_core *c)
+{
+    const UMO_FLASH umo_plan *plan = c->plan;
+    c->raws_out = NULL;
+    c->number = 0;
+    c->ticks = 1;
+    c->now = 0;
+    c->dt = plan->period;
+    c->fault_object = -1;
+    c->given = false;
+    for (int16_t i = 0; i < plan->objects; i++) {
+        umo_object *o = &c->objects[i];
+        memset(o, 0, sizeof *o);
+        o->core = c;
+        o->traits = &plan->traits[i];
+        o->value = (umo_real)NAN;
+        o->zero_offset = o->traits->zero_offset;
+        o->time = UMO_NEVER;
+        o->quality = UMO_BAD;
+        o->base = o->traits->flags & UMO_INCREMENTAL ? UMO_UNREFERENCED : UMO_GOOD;
+    }
+    for (int16_t i = 0; i < plan->conditionings; i++) {
+        c->objects[plan->conditioned[i]].conditioning = &c->conditionings[i];
+        umo_begin_conditioning(&c->conditionings[i]);
+    }
+    for (int16_t i = 0; i < plan->interlocks; i++)
+        c->interlocks[i].held = c->interlocks[i].latched = c->interlocks[i].inhibits = false;
+    for (int16_t i = 0; i < plan->outputs; i++) {
+        umo_object *o = object_at(c, i);
+        memset(&c->outputs[i], 0, sizeof c->outputs[i]);
+        o->output = &c->outputs[i];
+        o->output->place = i;
+        umo_rest(o);
+    }
+}

@@ -1,0 +1,111 @@
+"""The fields of a compiled machine, read and written from Python: the same memory that its C uses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from ctypes import POINTER, Structure, c_bool, c_double, c_float, c_int32, c_uint8, c_uint32, cast
+from typing import Any
+
+from umo.generate.c_text import identifier
+from umo.generate.c_types import BOOL, INT, MASK, REAL, ArrayType, CType, OptionalType, StateType, TupleType
+from umo.generate.live_fields import LiveStruct, mask_of
+
+
+class StructMemory:
+    """One struct. Its fields have the types of Python: a state is a member of its Enum, None is None."""
+
+    def __init__(self, struct: LiveStruct, address: int, real: str = "double") -> None:
+        self._struct = struct
+        self._types: dict[Any, Any] = {
+            INT: c_int32,
+            BOOL: c_bool,
+            MASK: c_uint32,
+            REAL: c_double if real == "double" else c_float,
+        }
+        fields = [(identifier(name), self._type(of)) for name, of in struct.fields.items()]
+        kind = type(f"Machine_{struct.member}", (Structure,), {"_fields_": fields})
+        self._memory: Any = cast(address, POINTER(kind)).contents
+
+    def read(self, name: str) -> Any:
+        return self._value(self._struct.fields[name], getattr(self._memory, identifier(name)))
+
+    def write(self, name: str, value: Any) -> None:
+        of = self._struct.fields[name]
+        self._set(of, self._memory, identifier(name), value)
+
+    def push(self) -> None:
+        """The fields have the values of the live object."""
+        for name in self._struct.fields:
+            self.write(name, getattr(self._struct.owner, name))
+
+    def differences(self) -> Iterator[str]:
+        """The fields that are not what the live object has."""
+        for name, of in self._struct.fields.items():
+            here, there = self.read(name), getattr(self._struct.owner, name)
+            if of == MASK:
+                there = mask_of(there)
+            elif isinstance(of, ArrayType):
+                here, there = list(here), list(there)
+            elif of == REAL:
+                there = float(there)
+            if repr(here) != repr(there) and not (
+                isinstance(of, TupleType) and repr(tuple(here)) == repr(tuple(there))
+            ):
+                yield f"{self._struct.path}.{name}: Python has {there}, C has {here}"
+
+    def _type(self, of: CType) -> Any:
+        if isinstance(of, ArrayType):
+            return self._type(of.of) * of.length
+        if isinstance(of, StateType):
+            return c_uint8
+        if isinstance(of, OptionalType):
+            return self._made(of.name, [("has", c_bool), ("value", self._type(of.of))])
+        if isinstance(of, TupleType):
+            return self._made(of.name, [(name, self._type(each)) for name, each in of.members])
+        return self._types[of]
+
+    def _made(self, name: str, fields: Sequence[tuple[str, Any]]) -> Any:
+        if name not in self._types:
+            self._types[name] = type(name, (Structure,), {"_fields_": list(fields)})
+        return self._types[name]
+
+    def _value(self, of: CType, raw: Any) -> Any:
+        if isinstance(of, ArrayType):
+            return [self._value(of.of, each) for each in raw]
+        if isinstance(of, StateType):
+            return [*of.kind][raw]
+        if isinstance(of, OptionalType):
+            return self._value(of.of, raw.value) if raw.has else None
+        if isinstance(of, TupleType):
+            parts = [self._value(each, getattr(raw, name)) for name, each in of.members]
+            return tuple(parts) if of.kind is None else of.kind(*parts)
+        return raw
+
+    def _set(self, of: CType, owner: Any, name: str, value: Any) -> None:
+        if isinstance(of, ArrayType):
+            for number, each in enumerate(value):
+                self._set_element(of.of, getattr(owner, name), number, each)
+        elif isinstance(of, TupleType):
+            for (member, each), part in zip(of.members, value, strict=True):
+                self._set(each, getattr(owner, name), member, part)
+        elif isinstance(of, OptionalType):
+            place = getattr(owner, name)
+            place.has = value is not None
+            if value is not None:
+                self._set(of.of, place, "value", value)
+        else:
+            setattr(owner, name, self._raw(of, value))
+
+    def _set_element(self, of: CType, array: Any, number: int, value: Any) -> None:
+        if isinstance(of, TupleType):
+            for (member, each), part in zip(of.members, value, strict=True):
+                self._set(each, array[number], member, part)
+        else:
+            array[number] = self._raw(of, value)
+
+    def _raw(self, of: CType, value: Any) -> Any:
+        if of == MASK:
+            return value if isinstance(value, int) and not hasattr(value, "name") else mask_of(value)
+        if isinstance(of, StateType):
+            return [*of.kind].index(value)
+        return value

@@ -1,0 +1,113 @@
+"""What the translation of control code to C gives: the data that the generator puts around it.
+
+A target has numbers of its own; each object of translated code has its fields, each fault its number and text. What
+does not translate is a `Untranslatable`, with its place and the nearest thing that does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple
+
+FIRST_FAULT = 32
+"""The first number of a fault of translated code; those below are the runtime's (umo.h)."""
+RUNTIME_FAULTS = (
+    ("UMO_UNREAD", "DriverError", "could not be read"),
+    ("UMO_UNWRITTEN", "DriverError", "could not be written"),
+    ("UMO_BAD_TICKS", "DriverError", "the ticks of the timer are outside its range"),
+    ("UMO_OUTSIDE", "RangeError", "the value is outside the range of the actuator"),
+    ("UMO_NOT_FINITE", "RangeError", "the value is not finite"),
+    ("UMO_BAD_INPUT", "BadInput", "the quality of the sensor is not accepted"),
+    ("UMO_NEVER_READ", "BadInput", "the sensor was never read"),
+    ("UMO_INTERLOCKED", "Interlocked", "an interlock forbids the write"),
+    ("UMO_NO_STATE", "StateError", "no state of the actuator"),
+    ("UMO_NO_HOST", "TaskFailed", "only the host can do it, and there is none"),
+)
+"""The faults of the runtime from 1 on, as in umo.h: their names, classes and texts."""
+
+
+@dataclass(frozen=True)
+class ControllerTarget:
+    """What C is made for."""
+
+    name: str
+    real: Literal["double", "float"] = "double"
+    exact_libm: bool = False
+    """Whether its functions of <math.h> are those of this Python, to the bit."""
+    int_bits: int = 32
+    """The width of whole numbers."""
+
+
+class CodeFault(NamedTuple):
+    """A fault of translated code: what Python raises there."""
+
+    number: int
+    kind: str
+    """The class, such as RangeError."""
+    text: str
+    """The message as it is written."""
+    file: str
+    line: int
+
+
+class StructField(NamedTuple):
+    """A field of a struct that stands for an attribute of a live object."""
+
+    path: str
+    """Path of the object or law, such as `z.servo`."""
+    struct: str
+    name: str
+    kind: str
+    """The type in C."""
+    owner: Literal["INPUT", "STATE"]
+    """INPUT: translated code never assigns it, the host may; STATE: translated code assigns it."""
+
+
+class Untranslatable(NamedTuple):
+    """A piece of Python that has no C."""
+
+    file: str
+    line: int
+    source: str
+    reason: str
+    nearest: str
+
+    def __str__(self) -> str:
+        near = f"; {self.nearest}" if self.nearest else ""
+        return f"{self.file}:{self.line}: {self.source}: {self.reason}{near}"
+
+
+class CFunction(NamedTuple):
+    """How a translated function is called: it returns its fault; its result goes where the last argument points."""
+
+    name: str
+    arguments: tuple[str, ...] = ("m",)
+
+    def call(self, *more: str) -> str:
+        return f"{self.name}({', '.join((*self.arguments, *more))})"
+
+
+@dataclass
+class Translation:
+    """The translated functions of one machine."""
+
+    header: str = ""
+    """Structs and prototypes."""
+    members: str = ""
+    """The members of `struct umo_machine` for these structs, a line each."""
+    source: str = ""
+    """The functions."""
+    init: str = "static void init_objects(umo_machine *m)\n{\n    (void)m;\n}\n"
+    """The function that fills the structs with the live values."""
+    entry: Mapping[Any, CFunction] = field(default_factory=dict)
+    """How each function is called."""
+    faults: list[CodeFault] = field(default_factory=list)
+    layout: list[StructField] = field(default_factory=list)
+    structs: list[Any] = field(default_factory=list)
+    """The structs of live objects (`umo.generate.live_fields.LiveStruct`), by the numbers of machine_struct."""
+    host_calls: list[str] = field(default_factory=list)
+    """What the host is asked for, by number."""
+    notes: list[str] = field(default_factory=list)
+    """What is to be said of the C, such as a function that differs in its last bit."""
+    problems: list[Untranslatable] = field(default_factory=list)

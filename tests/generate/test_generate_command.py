@@ -1,0 +1,149 @@
+"""`umo generate`: a folder that compiles, or everything that is in the way."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import Result
+
+from helpers.generating import needs_a_compiler
+
+Umo = Callable[..., Result]
+STATION = """
+from dataclasses import dataclass
+from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor
+from umo.states import OnOff
+
+class Pump(Compound):
+    level: DigitalSensor
+    motor: DigitalActuator
+    valve: BinaryActuator[OnOff]
+    timer: DigitalSensor
+
+    def setup(self):
+        self.seen = dict()
+        self.phase = ""
+
+    def control(self):
+CONTROL
+
+def machine() -> Pump:
+    def sensor(**changes):
+        return DigitalSensor("mm", minimum=0, maximum=100, resolution=0.1, **changes)
+    return Pump(
+        level=sensor(),
+        motor=DigitalActuator("V", default=0, minimum=0, maximum=10, resolution=0.01, limits="clamp"),
+        valve=BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF),
+        timer=DigitalSensor("sampling_period", minimum=0, maximum=1000, resolution=1, synchronous=False),
+    )
+"""
+WIRING = """
+[drivers.box]
+type = "umo.testing:Scripted"
+[drivers.clock]
+type = "umo.testing:VirtualTimer"
+[wire]
+level = { driver = "box" }
+motor = { driver = "box" }
+valve = { driver = "box" }
+timer = { driver = "clock", period = "10 ms" }
+"""
+GOOD = "        self.motor.write(10.0 - self.level.read() / 10.0)\n"
+BAD = """\
+        self.seen[1] = self.level.read()
+        for name in sorted(self.seen):
+            print(name)
+        import time
+        if time.time() > 3.0:
+            self.motor.write(float("1.5"))
+        if self.phase == f"{self.level}":
+            self.valve.write(OnOff.ON)
+"""
+
+
+def station(folder: Path, control: str) -> Path:
+    (folder / "wiring").mkdir(parents=True)
+    (folder / "objects.py").write_text(STATION.replace("CONTROL", control.rstrip()))
+    (folder / "application.py").write_text("async def application(m):\n    pass\n")
+    (folder / "wiring" / "simulated.toml").write_text(WIRING)
+    return folder
+
+
+@pytest.fixture
+def good(tmp_path: Path) -> Path:
+    return station(tmp_path / "pump", GOOD)
+
+
+@needs_a_compiler
+def test_the_folder_of_the_host_compiles_and_runs_periods_of_text(good: Path, tmp_path: Path, umo: Umo) -> None:
+    result = umo("generate", str(good), "--target", "host", "-o", str(tmp_path / "c"))
+    assert (result.exit_code, result.stderr) == (0, "")
+    if shutil.which("make") is None:
+        pytest.skip("make is not there")
+    subprocess.run(["make", "-s", "-C", tmp_path / "c"], check=True)
+    done = subprocess.run(
+        [tmp_path / "c" / "machine"], input="0 0\n1 0\n1 500\n1 1000\n", capture_output=True, text=True
+    )
+    assert [line.split()[0] for line in done.stdout.splitlines()] == ["0", "1000", "500", "0"]
+
+
+def test_everything_that_does_not_translate_is_told_with_its_line_and_nothing_is_written(
+    tmp_path: Path, umo: Umo
+) -> None:
+    folder = station(tmp_path / "pump", BAD)
+    result = umo("generate", str(folder), "--target", "host", "-o", str(tmp_path / "c"))
+    lines = result.stderr.splitlines()
+    assert result.exit_code == 2 and not (tmp_path / "c").exists()
+    assert lines[0] == "Pump cannot be generated:"
+    for place, said in (
+        (":17: self.seen[1]", "an element of something that is not a list of numbers"),
+        (":21: time.time", "has no translation"),
+        (":23: self.phase", "a text that is made at run time"),
+    ):
+        assert any(place in line and said in line for line in lines), (place, result.stderr)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--target", "arm"], "no target 'arm'"),
+        (["--target", "avr", "--real", "double"], "the target avr has no doubles"),
+        (["--target", "host", "--real", "half"], "--real half is neither double nor float"),
+    ],
+)
+def test_a_target_or_numbers_that_there_are_not_are_told_in_a_line(
+    good: Path, tmp_path: Path, umo: Umo, arguments: list[str], said: str
+) -> None:
+    result = umo("generate", str(good), "-o", str(tmp_path / "c"), *arguments)
+    assert result.exit_code == 2 and len(result.stderr.splitlines()) == 1 and said in result.stderr
+
+
+def test_what_a_user_has_filled_in_is_kept(good: Path, tmp_path: Path, umo: Umo) -> None:
+    def generate() -> Result:
+        return umo("generate", str(good), "--target", "avr", "-o", str(tmp_path / "c"))
+
+    assert generate().exit_code == 0
+    (tmp_path / "c" / "io_board.c").write_text("/* mine */\n")
+    result = generate()
+    assert result.exit_code == 0 and "kept as they were: " in result.stdout and "io_board.c" in result.stdout
+    assert (tmp_path / "c" / "io_board.c").read_text() == "/* mine */\n"
+
+
+def test_faults_have_numbers_texts_and_places(good: Path, tmp_path: Path, umo: Umo) -> None:
+    control = '        if self.level.read() > 90.0:\n            raise RuntimeError(f"too high: {self.level}")\n'
+    folder = station(tmp_path / "tank", control)
+    assert umo("generate", str(folder), "--target", "host", "-o", str(tmp_path / "c")).exit_code == 0
+    faults = json.loads((tmp_path / "c" / "faults.json").read_text())
+    assert faults[-1]["kind"] == "RuntimeError" and faults[-1]["line"] == 18 and faults[-1]["file"] == "tank/objects.py"
+    assert "too high" in faults[-1]["text"]
+
+
+def test_a_folder_that_cannot_be_written_is_told_in_a_line(good: Path, tmp_path: Path, umo: Umo) -> None:
+    (tmp_path / "file").write_text("")
+    result = umo("generate", str(good), "--target", "host", "-o", str(tmp_path / "file"))
+    assert result.exit_code == 2 and len(result.stderr.splitlines()) == 1 and "file" in result.stderr

@@ -1,0 +1,242 @@
+"""A machine with every kind of object, in Python and in C side by side, over a circuit whose channels fail."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from random import Random
+from typing import Any
+
+import pytest
+
+from helpers.machines import timer
+from umo import (
+    BinaryActuator,
+    BinarySensor,
+    Compound,
+    DigitalActuator,
+    DigitalSensor,
+    Interlock,
+    LookupTable,
+    Polynomial,
+)
+from umo.control import state_of, value_of
+from umo.cycle.connect import connect
+from umo.drivers.contract import Channel, IntArray
+from umo.errors import ChannelsFailed, UmoError
+from umo.generate.compiled_machine import CompiledMachine, compiler
+from umo.generate.controller_model import ControllerModel
+from umo.generate.translation import RUNTIME_FAULTS, CodeFault
+from umo.objects import Quality
+from umo.states import OnOff, PassFail
+from umo.testing import Scripted, VirtualTimer
+
+KINDS = {0: None} | {number: kind for number, (_, kind, _) in enumerate(RUNTIME_FAULTS, 1)}
+"""The class of a fault by its number."""
+needs_a_compiler = pytest.mark.skipif(compiler() is None, reason="there is no C compiler: none of cc, gcc, clang")
+
+
+class Everything(Compound):
+    """Each kind of object, each reaction to a failure, and interlocks of each kind."""
+
+    timer: DigitalSensor
+    plain: DigitalSensor
+    held: DigitalSensor
+    marked: DigitalSensor
+    held_then_marked: DigitalSensor
+    smooth: DigitalSensor
+    moving: DigitalSensor
+    counter: DigitalSensor
+    encoder: DigitalSensor
+    bent: DigitalSensor
+    table: DigitalSensor
+    door: BinarySensor[PassFail]
+    bouncing: BinarySensor[PassFail]
+    motor: DigitalActuator
+    heater: DigitalActuator
+    ramp: DigitalActuator
+    valve_position: DigitalActuator
+    fragile: DigitalActuator
+    lamp: BinaryActuator[OnOff]
+    pump: BinaryActuator[OnOff]
+
+    def interlocks(self) -> Iterator[Interlock]:
+        yield Interlock(lambda: state_of(self.door) is PassFail.FAIL, [self.heater, self.ramp], "the door is open")
+        yield Interlock(lambda: value_of(self.marked) > 60.0, [self.pump], "too hot", latched=True)
+        yield Interlock(lambda: value_of(self.held) > 90.0, [self.motor], "too far", effect="stop")
+
+    def control(self) -> None:
+        plain = value_of(self.plain)
+        self.motor.write(plain * 0.1 - 4.0)
+        if plain > 20.0:
+            self.heater.write(self.smooth.read() * 1.2)
+        self.ramp.write(plain * 0.24 - 12.0)
+        self.valve_position.write(self.table.read())
+        self.fragile.write(self.counter.read() * 0.01)
+        self.lamp.write(OnOff.ON if value_of(self.encoder, Quality.UNREFERENCED) > 3.0 else OnOff.OFF)
+        self.pump.write(OnOff.ON if plain > 50.0 else OnOff.OFF)
+
+
+def _sensor(**changes: Any) -> DigitalSensor:
+    given = {"minimum": 0.0, "maximum": 100.0, "resolution": 0.3, "zero_offset": 0.1} | changes
+    return DigitalSensor("mm", **given)
+
+
+def _actuator(**changes: Any) -> DigitalActuator:
+    given = {"default": 0.0, "minimum": -10.0, "maximum": 10.0, "resolution": 0.03, "zero_offset": 0.01} | changes
+    return DigitalActuator("V", **given)
+
+
+def everything(beyond: float = 0.0) -> Everything:
+    """`beyond`: time in ms by which the ages that are allowed are longer than whole periods."""
+
+    def age(periods: int) -> str:
+        return f"{periods + beyond} ms"
+
+    relay: Any = {"one": OnOff.ON, "default": OnOff.OFF}
+    return Everything(
+        timer=timer(),
+        plain=_sensor(),
+        held=_sensor(on_error="hold", max_age=age(3)),
+        marked=_sensor(on_error="mark", invalid_raws=(77, 5)),
+        held_then_marked=_sensor(on_error="mark", max_age=age(2)),
+        smooth=_sensor(filter="5 ms", on_error="mark"),
+        moving=_sensor(velocity="4 ms", on_error="mark"),
+        counter=_sensor(maximum=1e5, minimum=-1e5, rollover=12, velocity=0.0, on_error="mark"),
+        encoder=_sensor(incremental=True, on_error="hold", max_age=age(1000)),
+        bent=_sensor(linearization=Polynomial([0.5, 0.9, 0.001], domain=(-10.0, 110.0)), on_error="mark"),
+        table=_sensor(
+            maximum=9.0, resolution=0.02, on_error="mark", linearization=LookupTable([0, 1, 2, 5], [0.0, 2.0, 3.0, 9.0])
+        ),
+        door=BinarySensor(PassFail, one=PassFail.FAIL, on_error="hold", max_age=age(1)),
+        bouncing=BinarySensor(PassFail, one=PassFail.PASS, debounce="3 ms", on_error="mark"),
+        motor=_actuator(),
+        heater=_actuator(minimum=0.0, maximum=100.0, limits="clamp", expires="4 ms"),
+        ramp=_actuator(slew_rate=700.0, default=1.0),
+        valve_position=_actuator(
+            default=2.5, minimum=2.0, maximum=8.0, limits="clamp", linearization=LookupTable([0, 3, 9], [1.0, 4.0, 9.0])
+        ),
+        fragile=_actuator(minimum=-1e3, maximum=1e3, on_error="retry", max_age=age(3), slew_rate=9000.0),
+        lamp=BinaryActuator(OnOff, **relay),
+        pump=BinaryActuator(OnOff, **relay, synchronous=False),
+    )
+
+
+class Fragile(Scripted):
+    """A circuit whose channels fail at will: `deaf` are the outputs that accept nothing."""
+
+    deaf: frozenset[str] = frozenset()
+
+    def write_many(self, channels: Sequence[Channel], raws: IntArray) -> None:
+        taken = [(c, raw) for c, raw in zip(channels, raws.tolist(), strict=True) if c.text not in self.deaf]
+        self._keep([c for c, _ in taken], [raw for _, raw in taken])
+        if self.deaf:
+            raise ChannelsFailed(dict.fromkeys(self.deaf, "deaf"))
+
+
+def told_by(call: Callable[[], object]) -> str | None:
+    """The class of the error of a call; None: it has none."""
+    try:
+        call()
+    except UmoError as error:
+        return type(error).__name__
+    return None
+
+
+class Beside:
+    """A connected machine of Python and its controller in C, driven by the same raw integers."""
+
+    def __init__(
+        self,
+        running: connect[Any],
+        box: Fragile,
+        controller: CompiledMachine,
+        model: ControllerModel,
+        faults: Sequence[CodeFault] = (),
+    ) -> None:
+        self.running, self.box, self.c, self.model = running, box, controller, model
+        self.image = running.image
+        self.kinds = KINDS | {each.number: each.kind for each in faults}
+        self.told: Counter[str | None] = Counter()
+        """How often the machine told an error of each class; None: nothing."""
+        self.inputs = [self.image.wires[slot].channel.text for slot in range(model.inputs)]
+        self.outputs = [self.image.wires[slot].channel.text for slot in model.outputs]
+
+    def step(self, ticks: int, raws: Sequence[int], failed: Sequence[bool], deaf: Sequence[bool]) -> None:
+        """One period of both; what they tell must be the same."""
+        set_inputs(self.box, self.inputs, raws, failed)
+        self.box.deaf = frozenset(text for text, yes in zip(self.outputs, deaf, strict=True) if yes)
+        told = self._python()
+        self.told[told] += 1
+        fault = self.c.step(ticks, raws, failed) or self.c.sent(deaf)
+        assert self.kinds[fault] == told, (fault, told)
+
+    def _python(self) -> str | None:
+        m = self.running.root
+        m.timer.read()
+        return told_by(m.sample) or told_by(m.control) or told_by(m.update)
+
+    def difference(self) -> str:
+        """The first object that is not the same; empty: all are."""
+        image = self.image
+        for one in self.model.objects:
+            slot = one.slot
+            python = [image.values[slot], image.quality[slot]]
+            c: list[Any] = [self.c.value(slot), self.c.quality(slot)]
+            if one.output:
+                place = self.model.outputs.index(slot)
+                python += [image.pending[slot], image.raws[slot], image.commands.inhibited(slot) is not None]
+                c += [self.c.pending(place), self.c.raw(slot), self.c.inhibited(place)]
+                if image.quality[slot] == Quality.GOOD:  # the circuit has what was sent last
+                    python.append(self.box.get(image.wires[slot].channel.text))
+                    c.append(self.c.raws_out[place])
+            if one.velocity is not None and image.quality[slot] != Quality.BAD:
+                python.append(image.velocity(slot))
+                c.append(self.c.velocity(slot))
+            if repr(python) != repr(c):
+                return f"{one.path}: Python has {python}, C has {c}"
+        return ""
+
+
+def set_inputs(box: Scripted, channels: Sequence[str], raws: Sequence[int], failed: Sequence[bool]) -> None:
+    for text, raw, no in zip(channels, raws, failed, strict=True):
+        box.set(text, ChannelsFailed({text: "cut"}) if no else raw)
+
+
+def wiring_of(machine: Compound, box: Scripted, clock: VirtualTimer, *inverted: str) -> dict[str, Any]:
+    paths = [path for path in machine._children if path != "timer"]
+    wire: dict[str, Any] = {
+        path: {"driver": "box"} | ({"inverted": True} if path in inverted else {}) for path in paths
+    }
+    wire["timer"] = {"driver": "clock", "period": "1 ms"}
+    return {"drivers": {"box": box, "clock": clock}, "wire": wire}
+
+
+def random_inputs(model: ControllerModel, random: Random) -> Callable[[], tuple[list[int], list[bool]]]:
+    """Raw integers that wander, jump, leave the range, and fail, by input."""
+    now = [0] * model.inputs
+
+    def following() -> tuple[list[int], list[bool]]:
+        failed = []
+        for place, one in enumerate(model.objects[: model.inputs]):
+            if one.binary:
+                now[place] = random.choice((0, 1)) if random.random() < 0.15 else now[place]
+                raw = 7 if random.random() < 0.002 else now[place]
+            else:
+                now[place] = _wandered(now[place], one.rollover_bits, random)
+                raw = now[place]
+            failed.append(random.random() < 0.01)
+            given.append(raw)
+        found, given[:] = list(given), []
+        return found, failed
+
+    given: list[int] = []
+    return following
+
+
+def _wandered(raw: int, bits: int, random: Random) -> int:
+    if bits:
+        return (raw + random.randint(-300, 300)) % (1 << bits)
+    if random.random() < 0.02:
+        return random.randint(-30, 400)
+    return min(max(raw + random.randint(-6, 6), -3), 340)
