@@ -13,7 +13,7 @@ import struct
 import threading
 import zlib
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from math import inf
 from time import monotonic
 
@@ -49,6 +49,8 @@ class Device:
         self._watchdog, self._defaults, self._heard = watchdog, defaults or {}, inf
         self._wire, self._under_way = wire, {place: deque([(-inf, 0)]) for place in range(8)}
         self._levels = {place: deque([0], maxlen=1000) for place in range(32)}
+        self.when_driven: Callable[[], None] = lambda: None
+        """Called at each write, before its answer."""
         self._selector = selectors.DefaultSelector()
         self._listener: socket.socket | None = None
         self._end = False
@@ -129,6 +131,7 @@ class Device:
         if place >= HIGHEST or (function == WRITE and place >= 32):
             return 2, 0
         if function == WRITE:
+            self.when_driven()
             self._set(place, raw)
             if raw != self._levels[place][-1]:
                 self._levels[place].append(raw)

@@ -380,9 +380,13 @@ def test_a_signal_ends_it_with_the_outputs_at_their_defaults(press: Path, device
     process = subprocess.Popen(words, stdin=inner, stdout=inner, stderr=inner, env=environment)
     os.close(inner)
     _until(terminal, "[y/N]")
+
+    def interrupt() -> None:
+        device.when_driven = lambda: None
+        process.send_signal(number)
+
+    device.when_driven = interrupt
     os.write(terminal, b"y\n")
-    _until(terminal, "descriptors")
-    process.send_signal(number)
     _until(terminal, "umo: stopped; every output is at its default")
     while select.select([terminal], [], [], 20)[0]:  # a terminal that nobody reads holds the process up
         try:
