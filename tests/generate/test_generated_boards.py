@@ -12,7 +12,8 @@ from typing import Any, Literal
 import pytest
 
 from helpers.boards import M3, M4F, avr, emulated, firmware, mps2, need
-from helpers.generating import KINDS, Fragile, everything, random_inputs, set_inputs, told_by, wiring_of
+from helpers.failing_plant import plant
+from helpers.generating import KINDS, Fragile, everything, random_inputs, set_inputs, told_by, wired, wiring_of
 from helpers.peers.text_devices import CannotRun
 from helpers.translated_oven import oven, oven_wiring
 from umo import Compound
@@ -21,6 +22,7 @@ from umo.generate.code_world import translate
 from umo.generate.controller_folder import files_of, write_folder
 from umo.generate.controller_generator import target_of
 from umo.generate.controller_model import laid_out
+from umo.process.station import find
 from umo.testing import VirtualTimer
 
 PERIODS = 10_000
@@ -32,7 +34,7 @@ Board = tuple[Sequence[str | Path], int]
 
 @dataclass
 class Tried:
-    """A machine that is tried: how it is made and wired, and the share of periods that may differ by one raw step."""
+    """A machine that is tried: how it is made and wired."""
 
     make: Callable[[], Compound]
     wiring: Callable[[Compound, Fragile, VirtualTimer], dict[str, Any]]
@@ -42,7 +44,13 @@ def _wiring(machine: Compound, box: Fragile, clock: VirtualTimer) -> dict[str, A
     return wiring_of(machine, box, clock, "door", "lamp")
 
 
-MACHINES = {"objects": Tried(lambda: everything(0.5), _wiring), "laws": Tried(lambda: oven(0.5), oven_wiring)}
+MACHINES = {
+    "objects": Tried(lambda: everything(0.5), _wiring),
+    "laws": Tried(lambda: oven(0.5), oven_wiring),
+    "equipment": Tried(lambda: plant(0.5), wired),
+    "batch": Tried(lambda: find("batch").machine(), wired),
+    "conveyor": Tried(lambda: find("conveyor").machine(), wired),
+}
 
 
 @pytest.fixture(params=list(MACHINES))
@@ -74,7 +82,7 @@ def _board(name: str, tried: Tried, folder: Path) -> Board:
 def _generate(tried: Tried, target: str, real: Literal["double", "float"] | None, folder: Path) -> None:
     machine, chosen = tried.make(), target_of(target, real)
     with laid_out(machine, tried.wiring(machine, Fragile(), VirtualTimer())) as model:
-        write_folder(files_of(model, translate(machine, model.functions, chosen), chosen), folder)
+        write_folder(files_of(model, translate(machine, model.conditions, model.steps, chosen), chosen), folder)
 
 
 def test_ten_thousand_random_periods_on_a_board(board: Board, tried: Tried) -> None:

@@ -32,7 +32,9 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The machine with everything, compiled once."""
     folder, machine = tmp_path_factory.mktemp("controller"), everything()
     with laid_out(machine, wiring_of(machine, Fragile(), VirtualTimer(), "door", "lamp")) as model:
-        write_folder(files_of(model, translate(machine, model.functions, TARGETS["host"]), TARGETS["host"]), folder)
+        write_folder(
+            files_of(model, translate(machine, model.conditions, model.steps, TARGETS["host"]), TARGETS["host"]), folder
+        )
     return compiled(folder)
 
 

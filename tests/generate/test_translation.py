@@ -306,7 +306,7 @@ def translated(name: str) -> Iterator[tuple[Any, Translation, dict[str, str]]]:
     machine = machine_of(name)
     wiring = {"drivers": {"clock": VirtualTimer()}, "wire": {"timer": {"driver": "clock", "period": "1 ms"}}}
     with laid_out(machine, wiring) as model:
-        translation = translate(machine, model.functions, TARGETS["host"])
+        translation = translate(machine, model.conditions, model.steps, TARGETS["host"])
         yield machine, translation, files_of(model, translation, TARGETS["host"])
 
 

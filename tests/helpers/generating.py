@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -24,10 +25,13 @@ from umo.control import state_of, value_of
 from umo.cycle.connect import connect
 from umo.drivers.contract import Channel, IntArray
 from umo.errors import ChannelsFailed, UmoError
-from umo.generate.compiled_machine import CompiledMachine, compiler
-from umo.generate.controller_model import ControllerModel
+from umo.generate.code_world import translate
+from umo.generate.compiled_machine import CompiledMachine, compiled, compiler
+from umo.generate.controller_folder import TARGETS, files_of, write_folder
+from umo.generate.controller_model import ControllerModel, model_of
+from umo.generate.struct_memory import StructMemory
 from umo.generate.translation import RUNTIME_FAULTS, CodeFault
-from umo.objects import Quality
+from umo.objects import Quality, atoms
 from umo.states import OnOff, PassFail
 from umo.testing import Scripted, VirtualTimer
 
@@ -159,8 +163,27 @@ class Beside:
         self.kinds = KINDS | {each.number: each.kind for each in faults}
         self.told: Counter[str | None] = Counter()
         """How often the machine told an error of each class; None: nothing."""
+        self.structs: list[StructMemory] = []
+        """The fields of the live objects of translated code."""
         self.inputs = [self.image.wires[slot].channel.text for slot in range(model.inputs)]
         self.outputs = [self.image.wires[slot].channel.text for slot in model.outputs]
+
+    @classmethod
+    def translated(cls, running: connect[Any], box: Fragile, folder: Path) -> Beside:
+        """A connected machine and what is generated from it, compiled in this folder."""
+        model = model_of(running.machine, running.wired)
+        translation = translate(running.root, model.conditions, model.steps, TARGETS["host"])
+        write_folder(files_of(model, translation, TARGETS["host"]), folder)
+        c = CompiledMachine(compiled(folder), model.inputs, len(model.outputs))
+        both = cls(running, box, c, model, translation.faults)
+        both.structs = [c.struct(number, each) for number, each in enumerate(translation.structs)]
+        assert c.begin([0] * model.inputs) == 0
+        return both
+
+    def push(self) -> None:
+        """The host has changed fields in Python: in C, too."""
+        for each in self.structs:
+            each.push()
 
     def step(self, ticks: int, raws: Sequence[int], failed: Sequence[bool], deaf: Sequence[bool]) -> None:
         """One period of both; what they tell must be the same."""
@@ -169,6 +192,8 @@ class Beside:
         told = self._python()
         self.told[told] += 1
         fault = self.c.step(ticks, raws, failed) or self.c.sent(deaf)
+        while not fault and self.c.changed:
+            fault = self.c.sent()  # the circuit takes every default
         assert self.kinds[fault] == told, (fault, told)
 
     def _python(self) -> str | None:
@@ -177,7 +202,14 @@ class Beside:
         return told_by(m.sample) or told_by(m.control) or told_by(m.update)
 
     def difference(self) -> str:
-        """The first object that is not the same; empty: all are."""
+        """The first object, equipment or field that is not the same; empty: all are."""
+        in_fault = {each.path: each.fault is not None for each in self.running.machine.equipment.all}
+        for number, each in enumerate(self.model.equipment):
+            if in_fault[each.path] != bool(self.c.equipment_fault(number)):
+                return f"{each.path}: Python has {in_fault[each.path]}, C has {self.c.equipment_fault(number)}"
+        return self._of_objects() or next((line for each in self.structs for line in each.differences()), "")
+
+    def _of_objects(self) -> str:
         image = self.image
         for one in self.model.objects:
             slot = one.slot
@@ -210,6 +242,12 @@ def wiring_of(machine: Compound, box: Scripted, clock: VirtualTimer, *inverted: 
     }
     wire["timer"] = {"driver": "clock", "period": "1 ms"}
     return {"drivers": {"box": box, "clock": clock}, "wire": wire}
+
+
+def wired(machine: Compound, box: Fragile, clock: VirtualTimer) -> dict[str, Any]:
+    """Every object on the box, by its path."""
+    wire: dict[str, Any] = {each.path: {"driver": "box"} for each in atoms(machine) if each.path != "timer"}
+    return {"drivers": {"box": box, "clock": clock}, "wire": wire | {"timer": {"driver": "clock", "period": "1 ms"}}}
 
 
 def random_inputs(model: ControllerModel, random: Random) -> Callable[[], tuple[list[int], list[bool]]]:

@@ -61,6 +61,8 @@ def optional(of: CType) -> OptionalType:
     """The type of a value that may be None; TypeError for one that has none."""
     if isinstance(of, OptionalType):
         return of
+    if isinstance(of, TupleType):
+        return OptionalType(f"{of.name}_or_none", of)
     name = "umo_optional_state" if isinstance(of, StateType) else OPTIONALS.get(of)
     if name is None:
         raise TypeError

@@ -141,6 +141,8 @@ class CallCode(ExpressionCode):
     def call(self, node: ast.Call) -> Term:
         if self._is_super(node.func):
             return self._of_super(node)
+        if self._is_joined_text(node):
+            return Known(TEXT)
         func = self.term(node.func)
         if not isinstance(func, Known):
             raise self.refused(node, "what is called is not known when the code is generated")
@@ -151,6 +153,13 @@ class CallCode(ExpressionCode):
             return self._over(func.value, node.args[0], node)
         arguments, named = self._arguments(node)
         return self.apply(func, arguments, named, node)
+
+    def _is_joined_text(self, node: ast.Call) -> bool:
+        """A method of a text, such as `", ".join(...)`: it gives a text."""
+        func = node.func
+        if not (isinstance(func, ast.Attribute) and isinstance(func.value, ast.Constant | ast.JoinedStr)):
+            return False
+        return func.attr in ("join", "format")
 
     def _arguments(self, node: ast.Call) -> tuple[list[Term], dict[str, Term]]:
         if any(each.arg is None for each in node.keywords):

@@ -160,9 +160,11 @@ class CodeWorld:
     def translated(
         self, source: SourcedFunction, given: Mapping[str, CType | Known], node: ast.AST, caller: FunctionScope | None
     ) -> TranslatedFunction:
+        self._kept += source.enclosed
         key = (
             source.function.__code__,
-            tuple((n, ("live", _identity(g)) if isinstance(g, Known) else g) for n, g in given.items()),
+            tuple(_identity(each) for each in source.enclosed),
+            tuple((n, ("live", _identity(g.value)) if isinstance(g, Known) else g) for n, g in given.items()),
         )
         if key in self.functions:
             return self.functions[key]
@@ -265,8 +267,7 @@ def _is_code(term: Term | None) -> bool:
     return isinstance(term, Code | Many)
 
 
-def _identity(live: Known) -> Any:
-    value = live.value
+def _identity(value: Any) -> Any:
     return value if value is None or isinstance(value, str | bytes) else id(value)
 
 
@@ -323,13 +324,19 @@ def _is_read(name: str, body: str) -> bool:
     return word.search(body) is not None
 
 
-def translate(machine: Compound, functions: Sequence[Callable[..., Any]], target: ControllerTarget) -> Translation:
-    """The functions of a machine in C, pass after pass until no type is new; `problems`: what does not translate."""
+def translate(
+    machine: Compound,
+    conditions: Sequence[Callable[[], Any]],
+    steps: Sequence[Callable[[], Any]],
+    target: ControllerTarget,
+) -> Translation:
+    """The conditions of a machine, which give a bool, and the steps, whose results are left out, in C: pass after pass
+    until no type is new. `problems`: what does not translate."""
     memory = TranslationMemory()
     for _ in range(MOST_PASSES):
         memory.changed = False
         world = CodeWorld(memory, target)
-        entry = _pass(world, machine, functions)
+        entry = _pass(world, machine, conditions, steps)
         if not memory.changed:
             break
     return Translation(
@@ -347,14 +354,18 @@ def translate(machine: Compound, functions: Sequence[Callable[..., Any]], target
     )
 
 
-def _pass(world: CodeWorld, machine: Any, functions: Sequence[Callable[..., Any]]) -> dict[Any, CFunction]:
+def _pass(
+    world: CodeWorld, machine: Any, conditions: Sequence[Callable[..., Any]], steps: Sequence[Callable[..., Any]]
+) -> dict[Any, CFunction]:
     world.fields.known(machine, "")
     entry = {}
-    for each in functions:
+    for number, each in enumerate([*conditions, *steps]):
         try:
             found = bound(each)
-            names = list(inspect.signature(found.source.function).parameters)
-            given = dict(zip(names, map(Known, found.given), strict=False)) | {n: Known(v) for n, v in found.named}
+            parameters = inspect.signature(found.source.function).parameters
+            given = {n: Known(each.default) for n, each in parameters.items() if each.default is not each.empty}
+            given |= dict(zip(parameters, map(Known, found.given), strict=False))
+            given |= {n: Known(v) for n, v in found.named}
             for live in given.values():
                 if hasattr(live.value, "_path"):
                     world.fields.known(live.value, "")
@@ -367,19 +378,28 @@ def _pass(world: CodeWorld, machine: Any, functions: Sequence[Callable[..., Any]
             line = getattr(refused.node, "lineno", 0)
             world.problems.append(Untranslatable(source.file, line, source.name, refused.reason, refused.nearest))
             continue
-        entry[each] = _wrapped(world, translated, found.source.name)
+        entry[each] = _wrapped(world, translated, found.source.name, number < len(conditions))
     return entry
 
 
-def _wrapped(world: CodeWorld, translated: TranslatedFunction, what: str) -> CFunction:
-    """A function with `m` and, of a condition, a place for a bool."""
-    if translated.text and (translated.name.endswith("control") or translated.result == BOOL):
+def _wrapped(world: CodeWorld, translated: TranslatedFunction, what: str, is_condition: bool) -> CFunction:
+    """A function with `m` and, of a condition, a place for a bool. The result of a step is left out; what is no bool
+    counts as true (`umo.cycle.inhibition`)."""
+    of = translated.result
+    if translated.text and of == (BOOL if is_condition else NOTHING):
         return CFunction(translated.name)
+    lines = []
+    if is_condition:
+        lines += [f"*out = {str(translated.live is None or translated.live.value is not False).lower()};"]
+    if not translated.text:
+        lines += ["(void)m;", "return UMO_OK;"]
+    elif of == NOTHING:
+        lines += [f"return {translated.name}(m);"]
+    else:
+        lines = [f"{of.name} result;", *lines, f"return {translated.name}(m, &result);"]
     name = f"{translated.name}_"
-    is_condition = not translated.name.endswith("control")
-    value = translated.live.value if translated.live is not None else False
+    body = "".join(f"{INDENT}{line}\n" for line in lines)
     out = ", bool *out" if is_condition else ""
-    body = f"    (void)m;\n{f'    *out = {str(bool(value)).lower()};' if is_condition else ''}\n    return UMO_OK;\n"
     text = f"/* {comment(what)} */\nstatic umo_fault {name}(umo_machine *m{out})\n{{\n{body}}}\n"
     world.functions[name] = TranslatedFunction(name, BOOL, None, text)
     return CFunction(name)

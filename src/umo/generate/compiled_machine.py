@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 from collections.abc import Sequence
-from ctypes import CDLL, c_double, c_int, c_int16, c_int32, c_size_t, c_uint8, c_void_p, create_string_buffer
+from ctypes import CDLL, c_bool, c_double, c_int, c_int16, c_int32, c_size_t, c_uint8, c_void_p, create_string_buffer
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +49,7 @@ class CompiledMachine:
             getattr(lib, name).restype = c_double
         for name in ("machine_begin", "machine_step", "machine_sent", "host_set_reading"):
             getattr(lib, name).restype = c_int16
+        lib.machine_clear.restype = c_bool
         lib.host_raw.restype = c_int32
         lib.host_set_reading.argtypes = [c_void_p, c_int16, c_double]
         self._machine = create_string_buffer(lib.host_size())
@@ -87,6 +88,18 @@ class CompiledMachine:
 
     def acknowledge(self) -> None:
         self._library.machine_acknowledge(self._machine)
+
+    def clear(self, equipment: int = -1) -> bool:
+        """As `Containment.clear`, of the equipment of this number and what is around it and in it; -1: of all."""
+        return bool(self._library.machine_clear(self._machine, c_int16(equipment)))
+
+    def equipment_fault(self, number: int) -> int:
+        return int(self._library.host_equipment_fault(self._machine, c_int16(number)))
+
+    @property
+    def changed(self) -> bool:
+        """Whether `raws_out` is to be sent again: a fault of equipment has changed it."""
+        return bool(self._library.host_changed(self._machine))
 
     def referenced(self, slot: int, known: bool = True, at: float | None = None) -> None:
         """As `DigitalSensor.referenced`."""

@@ -30,4 +30,4 @@ def generated(
 ) -> dict[str, str]:
     """The files by name. NotTranslated lists everything that is in the way. No device is opened."""
     with laid_out(root, wiring) as model:
-        return files_of(model, translate(root, model.functions, target), target)
+        return files_of(model, translate(root, model.conditions, model.steps, target), target)

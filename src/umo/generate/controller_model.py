@@ -23,7 +23,7 @@ from umo.cycle.rated_machine import machine_of
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.errors import DeclarationError
-from umo.objects import Actuator, Compound, DigitalActuator, DigitalSensor
+from umo.objects import Actuator, Compound, DigitalActuator, DigitalSensor, Node, walk
 from umo.objects.atomic import Binary
 from umo.objects.interpolation import Cubics, Segments
 from umo.objects.keywords import IN_MANUAL
@@ -88,6 +88,8 @@ class ControllerObject:
     rollover_bits: int = 0
     invalid_raws: tuple[int, ...] = ()
     linearization: Linearization | None = None
+    equipment: int = -1
+    """The innermost equipment around it; -1: none."""
 
     @property
     def conditioned(self) -> bool:
@@ -106,6 +108,25 @@ class ControllerInterlock:
     stops: bool
 
 
+@dataclass(frozen=True)
+class ControllerEquipment:
+    """A part that fails alone."""
+
+    path: str
+    outer: int
+    """The equipment around it; -1: none."""
+    entered: list[MethodType]
+    """What is called when its fault begins, in pre-order."""
+
+
+@dataclass(frozen=True)
+class ControllerLaw:
+    """A law, and the innermost equipment around it; -1: none."""
+
+    control: MethodType
+    equipment: int
+
+
 @dataclass
 class ControllerModel:
     """A machine, as a controller has it."""
@@ -122,15 +143,22 @@ class ControllerModel:
     """Places of the actuators in the order in which they go to their defaults."""
     timer: int
     interlocks: list[ControllerInterlock]
-    laws: list[MethodType]
+    equipment: list[ControllerEquipment]
+    """The outer before the inner."""
+    laws: list[ControllerLaw]
     """The `control` of each class that has its own, in the order of a period."""
     problems: list[NotGenerated] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     @property
-    def functions(self) -> list[Callable[..., Any]]:
-        """What is translated: the conditions of interlocks, then the laws."""
-        return [*(each.condition for each in self.interlocks), *self.laws]
+    def conditions(self) -> list[Callable[[], bool]]:
+        """The conditions of the interlocks."""
+        return [each.condition for each in self.interlocks]
+
+    @property
+    def steps(self) -> list[MethodType]:
+        """What acts: the laws, then what is called at faults of equipment."""
+        return [*(each.control for each in self.laws), *(one for each in self.equipment for one in each.entered)]
 
 
 @contextmanager
@@ -162,7 +190,8 @@ def model_of(machine: ConnectedMachine, wired: Wired) -> ControllerModel:
     image, root = machine.image, machine.root
     outputs = [slot for slot, item in enumerate(image.items) if item.direction is Direction.OUTPUT]
     place = {slot: number for number, slot in enumerate(outputs)}
-    objects = [_object(image, slot, wire) for slot, wire in enumerate(image.wires)]
+    containing = _Containing(root)
+    objects = [_object(image, slot, wire, containing) for slot, wire in enumerate(image.wires)]
     model = ControllerModel(
         name=type(root).__name__,
         period=machine.clock.period,
@@ -181,14 +210,39 @@ def model_of(machine: ConnectedMachine, wired: Wired) -> ControllerModel:
             )
             for each in machine.commands.inhibitions
         ],
-        laws=machine._overrides(root),
+        equipment=containing.described(),
+        laws=[ControllerLaw(law, containing.innermost(law.__self__)) for law in machine._overrides(root)],
     )
     model.problems += _problems(machine, wired, objects)
     model.notes += _notes(objects)
     return model
 
 
-def _object(image: Image, slot: int, wire: Wire) -> ControllerObject:
+class _Containing:
+    """The equipment of a machine. What contains its failures in manual mode only is none: a controller has no modes."""
+
+    def __init__(self, root: Compound) -> None:
+        self._all = [each for each in equipment_in(root) if each._settings.equipment != IN_MANUAL]
+        self._numbers = {id(each): number for number, each in enumerate(self._all)}
+
+    def innermost(self, node: Any) -> int:
+        """The number of the innermost equipment around an object; -1: none."""
+        while isinstance(node, Node):
+            if (found := self._numbers.get(id(node))) is not None:
+                return found
+            node = node._parent
+        return -1
+
+    def described(self) -> list[ControllerEquipment]:
+        return [ControllerEquipment(each._path, self.innermost(each._parent), _entered(each)) for each in self._all]
+
+
+def _entered(compound: Compound) -> list[MethodType]:
+    nodes = (node for node in (compound, *walk(compound)) if isinstance(node, Compound))
+    return [node._enter_fault for node in nodes if type(node)._enter_fault is not Compound._enter_fault]  # type: ignore[misc]
+
+
+def _object(image: Image, slot: int, wire: Wire, containing: _Containing) -> ControllerObject:
     item, scales = wire.item, image.scales
     binary = isinstance(item, Binary)
     given: dict[str, Any] = {}
@@ -211,6 +265,7 @@ def _object(image: Image, slot: int, wire: Wire) -> ControllerObject:
         bounds=(wire.calibration.minimum, wire.calibration.maximum),
         max_age=item._max_age,  # type: ignore[attr-defined]
         linearization=wire.linearization,
+        equipment=containing.innermost(item),
         **given,
     )
 
@@ -253,10 +308,6 @@ def _problems(machine: ConnectedMachine, wired: Wired, objects: list[ControllerO
         )
     for rate in wired.rates:
         yield NotGenerated(rate.part._path, "it has a rate of its own", "leave out `every`: one rate a controller")
-    for each in machine.equipment.all:
-        if each.compound._settings.equipment != IN_MANUAL:
-            nearest = "generate the part that fails alone as a machine of its own"
-            yield NotGenerated(each.path, "it is equipment, which fails alone", nearest)
     for one in objects:
         yield from _problems_of(one)
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from umo.generate.c_types import BOOL, INT, REAL, ArrayType, CType, OptionalType, StateType, TupleType, joined
-from umo.generate.function_scope import FunctionScope
+from umo.generate.function_scope import TELLS, FunctionScope
 from umo.generate.function_source import ABSENT
 from umo.generate.terms import TEXT, Code, Known, Many, Present, Term, UnknownText
 
@@ -240,7 +240,7 @@ class ExpressionCode(FunctionScope):
         if isinstance(sign, ast.In | ast.NotIn):
             return self._contained(isinstance(sign, ast.In), left, right, left_node, right_node)
         if any(isinstance(each, Known) and isinstance(each.value, UnknownText) for each in (left, right)):
-            raise self.refused(left_node, "a text that is made at run time", "a state of an Enum")
+            raise self.refused(left_node, TELLS, "a state of an Enum")
         identity = isinstance(sign, ast.Is | ast.IsNot)
         equal = isinstance(sign, ast.Is | ast.Eq)
         none = [each for each in (left, right) if isinstance(each, Known) and each.value is None]
@@ -260,9 +260,37 @@ class ExpressionCode(FunctionScope):
             return Code(BOOL, f"{self._state_text(a)} {'==' if equal else '!='} {self._state_text(b)}")
         if identity:
             raise self.refused(left_node, "`is` of numbers", "==")
+        if isinstance(sign, ast.Eq | ast.NotEq) and (_is_tuple(left) or _is_tuple(right)):
+            return self._of_tuples(equal, left, right, left_node, right_node)
         a, b = self.number(left, left_node), self.number(right, right_node)
         of = REAL if REAL in (a.type, b.type) else INT
         return Code(BOOL, f"{self.as_type(a, of, left_node)} {SIGNS[type(sign)]} {self.as_type(b, of, right_node)}")
+
+    def _of_tuples(self, equal: bool, left: Term, right: Term, left_node: ast.AST, right_node: ast.AST) -> Term:
+        """Whether two tuples are equal; None is equal to no tuple."""
+        there = []
+        sides = []
+        for term, node in ((left, left_node), (right, right_node)):
+            term = self.kept(term) if isinstance(term, Code) else term
+            if isinstance(term, Code) and isinstance(term.type, OptionalType):
+                there.append(f"{term.text}.has")
+                term = Code(term.type.of, f"{term.text}.value", stable=True)
+            sides.append(
+                [each if isinstance(each, Known) else self.code(each, node) for each in self.parts(term, node)]
+            )
+        if len(sides[0]) != len(sides[1]):
+            return Known(not equal)
+        if any(isinstance(each, Code) and each.type == REAL for side in sides for each in side):
+            raise self.refused(left_node, "tuples of real numbers are compared", "number by number")
+        pairs = zip(*sides, strict=True)
+        truths = [self.truth(self.compared(ast.Eq(), a, b, left_node, right_node), left_node) for a, b in pairs]
+        if False in truths:
+            return Known(not equal)
+        text = " && ".join([*there, *(f"({each})" for each in truths if each is not True)])
+        return Code(BOOL, f"({text})" if equal else f"!({text})") if text else Known(equal)
+
+    def parts(self, term: Term, node: ast.AST) -> list[Term]:
+        raise NotImplementedError
 
     def _state_text(self, code: Code) -> str:
         return f"{code.text}.value" if isinstance(code.type, OptionalType) else code.text
@@ -436,6 +464,10 @@ def plain_type(of: CType) -> CType:
 def plain_kind(code: Code) -> Any:
     of = plain_type(code.type)
     return of.kind if isinstance(of, StateType) else None
+
+
+def _is_tuple(term: Term) -> bool:
+    return isinstance(term, Many) or (isinstance(term, Code) and isinstance(plain_type(term.type), TupleType))
 
 
 def _is_bool(term: Term) -> bool:

@@ -75,6 +75,10 @@ TAKEN = frozenset(
 ZERO: dict[CType, str] = {REAL: "0", INT: "0", BOOL: "false", MASK: "0"}
 
 
+TELLS = "a text that is made at run time"
+"""Why a condition does not translate that a text decides."""
+
+
 class NoTranslation(Exception):
     """Something does not translate."""
 
@@ -227,7 +231,7 @@ class FunctionScope:
         """The text of a term as a value of this type."""
         if isinstance(term, Known):
             if isinstance(of, OptionalType) and term.value is None:
-                return f"({of.name}){{false, 0}}"
+                return f"({of.name}){{false, {'{0}' if isinstance(of.of, TupleType) else '0'}}}"
             if of == MASK:
                 return f"{mask_of(term.value)}u"
             if of == REAL and type(term.value) in (int, float, bool):
@@ -270,7 +274,7 @@ class FunctionScope:
         """The text of a condition; a bool if it is known already."""
         if isinstance(term, Known):
             if isinstance(term.value, UnknownText):
-                raise self.refused(node, "a text that is made at run time", "a state of an Enum")
+                raise self.refused(node, TELLS, "a state of an Enum")
             return bool(term.value)
         if isinstance(term, Present):
             return term.text

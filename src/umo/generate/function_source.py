@@ -40,6 +40,12 @@ class SourcedFunction(NamedTuple):
                 return ABSENT
         return self.function.__globals__.get(name, getattr(builtins, name, ABSENT))
 
+    @property
+    def enclosed(self) -> tuple[Any, ...]:
+        """What its names of enclosing functions stand for, ABSENT where they have no value: two functions of the same
+        source differ in it."""
+        return tuple(self.meaning(name) for name in self.function.__code__.co_freevars)
+
     def segment(self, node: ast.AST) -> str:
         """The source of a node, in one line."""
         text = ast.get_source_segment("\n".join(self.text), node) or ast.unparse(node)

@@ -129,11 +129,13 @@ class LiveFields:
 
     def header(self) -> str:
         """Structs, one for each tuple and each object."""
-        parts = [_struct(name, each.members) for name, each in self.tuples.items()]
-        for each in self.filled:
-            parts.append(f"/* {each.path or 'the machine'}: {type(each.owner).__qualname__} */\n")
-            members = [(identifier(name), of) for name, of in each.fields.items()]
-            parts.append(_struct(f"machine_of_{each.member}", members))
+        parts = []
+        for name, each in self.tuples.items():
+            parts += [_struct(name, each.members), _struct(optional(each).name, [("has", BOOL), ("value", each)])]
+        for live in self.filled:
+            parts.append(f"/* {live.path or 'the machine'}: {type(live.owner).__qualname__} */\n")
+            members = [(identifier(name), of) for name, of in live.fields.items()]
+            parts.append(_struct(f"machine_of_{live.member}", members))
         return "\n".join(parts)
 
     def members(self) -> str:

@@ -34,7 +34,7 @@ enum machine_outputs {{
 {output_names}}};
 
 extern const int16_t machine_stop_order[];
-
+{equipment_names}
 {structs}
 struct umo_machine {{
     umo_core core; /* the first member */
@@ -42,6 +42,7 @@ struct umo_machine {{
     umo_output outputs[{outputs_1}];
     umo_conditioning conditionings[{conditionings_1}];
     umo_interlock interlocks[{interlocks_1}];
+    umo_equipment equipment[{equipment_1}];
 {members}}};
 
 /* At power-up: every actuator is at its default. */
@@ -55,7 +56,8 @@ umo_fault machine_begin(umo_machine *m, const int32_t *raws_in, const uint8_t *f
 umo_fault machine_step(
     umo_machine *m, int32_t ticks, const int32_t *raws_in, const uint8_t *failed_in, int32_t *raws_out);
 
-/* After raws_out was written to the hardware. `failed_out` marks what was not accepted; NULL: all was. */
+/* After raws_out was written to the hardware. `failed_out` marks what was not accepted; NULL: all was. Where it leaves
+ * m->core.changed true, a fault of equipment has changed raws_out: write it again, and call it again. */
 umo_fault machine_sent(umo_machine *m, const uint8_t *failed_out);
 
 /* Every actuator goes to its default. */
@@ -63,6 +65,10 @@ void machine_stop(umo_machine *m, int32_t *raws_out);
 
 /* Frees the actuators of latched interlocks whose conditions are false. */
 void machine_acknowledge(umo_machine *m);
+
+/* Ends the faults of this equipment, of what is around it and in it; -1: of all. False, and none ends, while a sensor
+ * of it cannot be read. m->core.equipment[number].fault is the fault; 0: none. */
+bool machine_clear(umo_machine *m, int16_t number);
 
 /* The struct of a law or a part, by its number; NULL: there is none. */
 void *machine_struct(umo_machine *m, int16_t number);
@@ -77,6 +83,7 @@ void machine_init(umo_machine *m)
     m->core.outputs = m->outputs;
     m->core.conditionings = m->conditionings;
     m->core.interlocks = m->interlocks;
+    m->core.equipment = m->equipment;
     m->core.host_call = NULL;
     umo_start(&m->core);
     init_objects(m);
@@ -100,7 +107,8 @@ umo_fault machine_step(
     umo_evaluate(&m->core); /* also if sensors failed */
     if (fault)
         return fault;
-%s    umo_give(&m->core);
+%s    umo_enter_faults(&m->core);
+    umo_give(&m->core);
     return UMO_OK;
 }
 
@@ -117,6 +125,11 @@ void machine_stop(umo_machine *m, int32_t *raws_out)
 void machine_acknowledge(umo_machine *m)
 {
     umo_acknowledge(&m->core);
+}
+
+bool machine_clear(umo_machine *m, int16_t number)
+{
+    return umo_clear(&m->core, number);
 }
 """
 
@@ -141,6 +154,8 @@ def header_of(model: ControllerModel, translation: Translation, target: Controll
         outputs_1=max(1, len(outputs)),
         conditionings_1=max(1, len(conditioned)),
         interlocks_1=max(1, len(model.interlocks)),
+        equipment_1=max(1, len(model.equipment)),
+        equipment_names=_equipment_names(model),
     )
 
 
@@ -156,6 +171,14 @@ def _names(prefix: str, objects: Sequence[ControllerObject]) -> str:
     return "".join(lines) or f"    {prefix}_NONE\n"
 
 
+def _equipment_names(model: ControllerModel) -> str:
+    if not model.equipment:
+        return ""
+    names = identifiers(each.path for each in model.equipment)
+    lines = [f"    EQUIPMENT_{name} = {number},\n" for number, name in enumerate(names)]
+    return f"\n/* Parts that fail alone: places in equipment. */\nenum machine_equipment {{\n{''.join(lines)}}};\n"
+
+
 def source_of(model: ControllerModel, translation: Translation, target: ControllerTarget) -> str:
     """The text of machine.c."""
     parts = [
@@ -165,6 +188,7 @@ def source_of(model: ControllerModel, translation: Translation, target: Controll
         "\n",
         *_tables(model, target),
         *_interlocks(model, translation),
+        *_equipment(model, translation),
         *_plan(model, target),
         f"{translation.init}\n",
         STEPS % _laws(model, translation),
@@ -173,8 +197,16 @@ def source_of(model: ControllerModel, translation: Translation, target: Controll
 
 
 def _laws(model: ControllerModel, translation: Translation) -> str:
-    calls = (translation.entry[law].call() for law in model.laws)
-    return "".join(f"    fault = {call};\n    if (fault)\n        return fault;\n" for call in calls)
+    return "".join(_law(translation.entry[law.control].call(), law.equipment) for law in model.laws)
+
+
+def _law(call: str, equipment: int) -> str:
+    if equipment < 0:
+        return f"    fault = {call};\n    if (fault)\n        return fault;\n"
+    return (
+        f"    if (!umo_in_fault(&m->core, {equipment}) && (fault = {call}) != UMO_OK)\n"
+        f"        umo_raise_in(&m->core, {equipment}, fault, m->core.fault_object);\n"
+    )
 
 
 def _tables(model: ControllerModel, target: ControllerTarget) -> Iterator[str]:
@@ -221,6 +253,7 @@ def _traits(one: ControllerObject, target: ControllerTarget) -> str:
     fields = {
         "flags": " | ".join(name for name, yes in flags.items() if yes) or "0",
         "one": str(one.one),
+        "equipment": str(one.equipment),
         "resolution": real(one.scale[0], target),
         "zero_offset": real(one.scale[1], target),
         "minimum": real(one.bounds[0], target),
@@ -275,6 +308,21 @@ def _interlocks(model: ControllerModel, translation: Translation) -> Iterator[st
     yield "};\n\n"
 
 
+def _equipment(model: ControllerModel, translation: Translation) -> Iterator[str]:
+    """What stands around each equipment, and what is called when its fault begins."""
+    if not model.equipment:
+        return
+    lines = []
+    for number, each in enumerate(model.equipment):
+        enter = "NULL"
+        if each.entered:
+            enter = f"enter_{number}"
+            calls = "".join(f"    (void){translation.entry[one].call()};\n" for one in each.entered)
+            yield f"static void {enter}(umo_machine *m)\n{{\n{calls}}}\n"
+        lines.append(f"    {{{each.outer}, {enter}}}, /* {comment(each.path)} */\n")
+    yield f"static const UMO_FLASH umo_equipment_traits equipment_traits[] = {{\n{''.join(lines)}}};\n\n"
+
+
 def _plan(model: ControllerModel, target: ControllerTarget) -> Iterator[str]:
     conditioned = [one.slot for one in model.objects if one.conditioned]
     order = [str(place) for place in model.stop_order]
@@ -296,6 +344,8 @@ def _plan(model: ControllerModel, target: ControllerTarget) -> Iterator[str]:
         "conditioned": "conditioned",
         "conditionings": str(len(conditioned)),
         "interlock_traits": "interlock_traits" if model.interlocks else "NULL",
+        "equipment": str(len(model.equipment)),
+        "equipment_traits": "equipment_traits" if model.equipment else "NULL",
     }
     yield from (f"    .{name} = {value},\n" for name, value in fields.items())
     yield "};\n\n"

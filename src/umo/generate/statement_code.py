@@ -9,7 +9,7 @@ from typing import Any
 
 from umo.generate.c_types import BOOL, INT, NOTHING, ArrayType, CType
 from umo.generate.call_code import CallCode
-from umo.generate.function_scope import TryBlock
+from umo.generate.function_scope import TELLS, NoTranslation, TryBlock
 from umo.generate.terms import Code, Known, Many, Present, Term
 
 MOST_UNROLLED = 256
@@ -167,7 +167,13 @@ class StatementCode(CallCode):
     # Ways ----------------------------------------------------------------------------------------------
 
     def _If(self, node: ast.If) -> bool | None:
-        truth = self.truth(self.term(node.test), node.test)
+        try:
+            truth = self.truth(self.term(node.test), node.test)
+        except NoTranslation as refused:
+            if refused.reason != TELLS or self._does_something([*node.body, *node.orelse]):
+                raise
+            self.world.note(f"{self.source.segment(node.test)} decides only what is told: it is left out")
+            return None
         if isinstance(truth, bool):
             self.known |= self.proved(node.test) if truth else self.disproved(node.test)
             return self.body(node.body if truth else node.orelse)
@@ -189,6 +195,12 @@ class StatementCode(CallCode):
         self._join(one, goes_on, other)
         self.known = self.known if not goes_on else after if not other else after & self.known
         return None if goes_on or other else False
+
+    def _does_something(self, statements: Sequence[ast.stmt]) -> bool:
+        """Whether more is left of statements than a text: a line, or a way out."""
+        before = len(self.lines)
+        goes_on = self.body(statements)
+        return not goes_on or len(self.lines) > before
 
     def _join(self, one: dict[str, Any], goes_on: bool, other: bool) -> None:
         """The names after two ways, of which each may have ended."""

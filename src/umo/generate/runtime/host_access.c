@@ -48,6 +48,16 @@ int host_fault_object(const umo_machine *m)
     return m->core.fault_object;
 }
 
+int host_equipment_fault(const umo_machine *m, int16_t number)
+{
+    return m->equipment[number].fault;
+}
+
+int host_changed(const umo_machine *m)
+{
+    return m->core.changed;
+}
+
 void host_referenced(umo_machine *m, int16_t object, int known)
 {
     umo_referenced(&m->objects[object], known != 0);

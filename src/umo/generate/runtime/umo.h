@@ -90,6 +90,7 @@ typedef struct {
     uint8_t one;                  /* binary: the number of the state of level 1 */
     uint8_t invalid_count;
     uint8_t rollover_bits;        /* 0: the counter does not roll over */
+    int16_t equipment;            /* the innermost equipment around it; -1: none */
     umo_real resolution, zero_offset;
     umo_real minimum, maximum;
     umo_real low, high;           /* sensor: bounds within which a value is GOOD */
@@ -132,6 +133,7 @@ struct umo_object {
     umo_tick time;                  /* of the value */
     int32_t raw;
     uint8_t quality, base;
+    bool failed;                    /* a sensor: it could not be read since it was initialised */
 };
 
 typedef umo_fault (*umo_condition)(umo_machine *m, bool *holds);
@@ -148,6 +150,19 @@ typedef struct {
     bool held, latched, inhibits;
 } umo_interlock;
 
+/* Equipment: a part that fails alone. `outer` is the equipment around it, -1: none. `enter` is called when its fault
+ * begins; NULL: nothing. */
+typedef struct {
+    int16_t outer;
+    void (*enter)(umo_machine *m);
+} umo_equipment_traits;
+
+typedef struct {
+    umo_fault fault, raised;             /* 0: none. `raised` becomes its fault within this period */
+    int16_t fault_object, raised_object; /* the object of it; -1: none */
+    bool begins;                         /* its fault began the last time that one did */
+} umo_equipment;
+
 /* What does not change of a machine. */
 typedef struct {
     umo_real period;
@@ -160,6 +175,8 @@ typedef struct {
     const UMO_FLASH int16_t *conditioned;    /* the objects that have a umo_conditioning, in the order of these */
     int16_t conditionings;
     const UMO_FLASH umo_interlock_traits *interlock_traits;
+    int16_t equipment; /* the number of these, the outer before the inner */
+    const UMO_FLASH umo_equipment_traits *equipment_traits;
 } umo_plan;
 
 struct umo_core {
@@ -168,11 +185,13 @@ struct umo_core {
     umo_output *outputs;
     umo_conditioning *conditionings;
     umo_interlock *interlocks;
+    umo_equipment *equipment;
     int32_t *raws_out;
     umo_tick number;   /* ticks since the start */
     int32_t ticks;     /* that the last step consumed */
     umo_real now, dt;  /* s */
     int16_t fault_object; /* the object of the last fault of the runtime; -1: none */
+    bool changed;      /* a fault of equipment has changed raws_out since machine_step: it is to be sent again */
     bool given;        /* raws_out has been filled, and is taken for accepted with the next step */
     umo_fault (*host_call)(umo_machine *m, uint16_t call, uint16_t object, umo_real *numbers, uint16_t count);
 };
@@ -214,6 +233,10 @@ void umo_give(umo_core *c);
 umo_fault umo_sent(umo_core *c, const uint8_t *failed_out);
 void umo_stop(umo_core *c, int32_t *raws_out);
 void umo_acknowledge(umo_core *c);
+bool umo_in_fault(const umo_core *c, int16_t number);
+void umo_raise_in(umo_core *c, int16_t number, umo_fault fault, int16_t object);
+void umo_enter_faults(umo_core *c);
+bool umo_clear(umo_core *c, int16_t number);
 
 /* Called for the host ------------------------------------------------------------------------------------ */
 
@@ -228,6 +251,9 @@ umo_real umo_since(const umo_core *c, umo_tick tick);
 umo_fault umo_failed(umo_object *o, umo_fault fault);
 uint8_t umo_judge(const umo_object *o, umo_real value);
 void umo_rest(umo_object *o);
+void umo_restrict(umo_core *c);
+bool umo_contains(umo_object *o, umo_fault fault);
+void umo_forget_raised(umo_core *c);
 int64_t umo_count_of(umo_object *o, int32_t raw);
 umo_real umo_conditioned(umo_object *o, umo_real value, bool inside);
 void umo_begin_conditioning(umo_conditioning *of);

@@ -34,7 +34,10 @@ static umo_fault fail(umo_object *o)
         return UMO_OK;
     }
     o->quality = UMO_BAD;
-    return o->traits->flags & UMO_MARKS ? UMO_OK : UMO_UNREAD;
+    if (o->traits->flags & UMO_MARKS)
+        return UMO_OK;
+    o->failed = true;
+    return UMO_UNREAD;
 }
 
 /* Slots._accept */
@@ -79,16 +82,18 @@ umo_fault umo_begin_period(umo_core *c, int32_t ticks, int32_t *raws_out)
     return fault ? fault : advance(c, ticks);
 }
 
-/* Image.sample: a failure does not stop the others; the first fault is told. */
+/* Image.sample: a failure does not stop the others; the first fault that no equipment contains is told. */
 umo_fault umo_sample(umo_core *c, const int32_t *raws_in, const uint8_t *failed_in)
 {
     umo_fault found = UMO_OK;
+    umo_forget_raised(c);
     for (int16_t i = 0; i < c->plan->inputs; i++) {
         umo_object *o = &c->objects[i];
         umo_fault fault = failed_in && failed_in[i] ? fail(o) : accept(o, raws_in[i]);
-        if (fault && !found)
+        if (fault && !umo_contains(o, fault) && !found)
             found = umo_failed(o, fault);
     }
+    umo_enter_faults(c);
     return found;
 }
 

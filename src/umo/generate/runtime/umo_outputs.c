@@ -79,8 +79,8 @@ static bool ask(umo_core *c, int16_t i)
     return !before && holds;
 }
 
-/* CommandStage._restrict */
-static void restrict_outputs(umo_core *c)
+/* CommandStage._restrict. Equipment in fault refuses, and raises nothing. */
+void umo_restrict(umo_core *c)
 {
     for (int16_t i = 0; i < c->plan->outputs; i++)
         c->outputs[i].inhibited = c->outputs[i].stopping = false;
@@ -92,6 +92,11 @@ static void restrict_outputs(umo_core *c)
             output->stopping = output->stopping || of->stops;
         }
     }
+    for (int16_t i = 0; c->plan->equipment && i < c->plan->outputs; i++)
+        if (umo_in_fault(c, object_at(c, i)->traits->equipment)) {
+            c->outputs[i].inhibited = true;
+            c->outputs[i].stopping = false;
+        }
 }
 
 static void interlocked(umo_core *c)
@@ -102,7 +107,7 @@ static void interlocked(umo_core *c)
         for (int16_t k = 0; begins && k < of->count; k++)
             c->outputs[of->outputs[k]].due = true;
     }
-    restrict_outputs(c);
+    umo_restrict(c);
 }
 
 /* CommandStage._expired */
@@ -141,7 +146,7 @@ void umo_acknowledge(umo_core *c)
     for (int16_t i = 0; i < c->plan->interlocks; i++)
         if (!c->interlocks[i].held)
             c->interlocks[i].latched = c->interlocks[i].inhibits = false;
-    restrict_outputs(c);
+    umo_restrict(c);
 }
 
 /* Outputs ------------------------------------------------------------------------------------------------ */
@@ -186,13 +191,14 @@ static umo_fault fail(umo_object *o)
         return UMO_OK;
     }
     o->quality = UMO_BAD;
-    return umo_failed(o, UMO_UNWRITTEN);
+    return umo_contains(o, UMO_UNWRITTEN) ? UMO_OK : umo_failed(o, UMO_UNWRITTEN);
 }
 
 /* Image.update after the transfer: those that failed (NULL: none) keep what they had. */
 umo_fault umo_sent(umo_core *c, const uint8_t *failed_out)
 {
     umo_fault found = UMO_OK;
+    c->changed = false;
     for (int16_t i = 0; i < c->plan->outputs; i++) {
         umo_object *o = object_at(c, i);
         umo_fault fault = UMO_OK;
@@ -203,6 +209,7 @@ umo_fault umo_sent(umo_core *c, const uint8_t *failed_out)
         found = found ? found : fault;
     }
     c->given = false;
+    umo_enter_faults(c);
     return found;
 }
 
@@ -227,7 +234,9 @@ void umo_start(umo_core *c)
     c->now = 0;
     c->dt = plan->period;
     c->fault_object = -1;
-    c->given = false;
+    c->given = c->changed = false;
+    for (int16_t i = 0; i < plan->equipment; i++)
+        c->equipment[i].fault = c->equipment[i].raised = UMO_OK;
     for (int16_t i = 0; i < plan->objects; i++) {
         umo_object *o = &c->objects[i];
         memset(o, 0, sizeof *o);

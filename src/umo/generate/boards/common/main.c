@@ -18,11 +18,16 @@ static void read_inputs(void)
     io_read(raws_in, failed_in);
 }
 
+/* Once more where a failure has put equipment in fault: its actuators go to their defaults. */
 static umo_fault write_outputs(void)
 {
-    for (int16_t place = 0; place < MACHINE_OUTPUTS; place++)
-        failed_out[place] = !io_write(place, raws_out[place]);
-    return machine_sent(&machine, failed_out);
+    umo_fault fault;
+    do {
+        for (int16_t place = 0; place < MACHINE_OUTPUTS; place++)
+            failed_out[place] = !io_write(place, raws_out[place]);
+        fault = machine_sent(&machine, failed_out);
+    } while (!fault && machine.core.changed);
+    return fault;
 }
 
 static void write_defaults(void)

@@ -1,0 +1,81 @@
+"""Parts that fail alone, in C beside Python: the same parts are in fault in the same period, and the others go on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from helpers.failing_plant import Slide, plant
+from helpers.generating import Beside, Fragile, needs_a_compiler, random_inputs, set_inputs, wired
+from helpers.tiers import some
+from umo import DigitalSensor
+from umo.control.inputs import HOMING
+from umo.cycle.connect import connect
+from umo.errors import EquipmentFault
+from umo.objects import Quality, atoms
+from umo.testing import VirtualTimer
+
+pytestmark = needs_a_compiler
+
+
+def act_on(axis: Slide, random: Random) -> None:
+    """What the host does with an axis: it enables it, and plans a motion."""
+    axis._accept = HOMING
+    if not axis.enabled and axis.encoder.quality != Quality.BAD:
+        axis.enabled = True
+        axis._interrupted = axis._standing = False
+        axis._stand()
+    else:
+        axis.profile.to(axis.profile.setpoint.position + random.uniform(-3.0, 3.0))
+
+
+@pytest.mark.parametrize("seed", some(lambda seed: seed < 1, range(6)))
+def test_what_fails_in_equipment_is_its_fault_in_the_same_period(seed: int, tmp_path: Path) -> None:
+    random, machine, box, steps = Random(seed), plant(), Fragile(), 10_000 if seed else 2_000
+    # after missed periods a moving axis asks the host for another plan: the axis moves where none is missed
+    missed = [random.choice((0, 0, 0, 0, 0, 0, 2, 5)) if seed % 2 else 0 for _ in range(steps)]
+    running = connect(machine, wired(machine, box, VirtualTimer(missed)))
+    inputs = [each.path for each in atoms(machine) if isinstance(each, DigitalSensor) and each.path != "timer"]
+    set_inputs(box, inputs, [0] * len(inputs), [False] * len(inputs))
+    with running as m:
+        both = Beside.translated(running, box, tmp_path)
+        following = random_inputs(both.model, random)
+        parts = [each.path for each in both.model.equipment]
+        assert parts == ["unit", "unit.pump", "unit.valve", "other", "slide"]
+        faults, cleared, refused, cut = dict.fromkeys(parts, 0), 0, 0, 0
+        for number in range(steps):
+            raws, failed = following()
+            if number % 50 == 0:
+                cut = random.randrange(3 * len(failed))
+            if cut < len(failed) and number % 50 < 30:
+                failed[cut] = True
+            deaf = [random.random() < 0.003 for _ in both.outputs]
+            both.step(max(missed[number], 1), raws, failed, deaf)
+            assert (number, both.difference()) == (number, "")
+            for place, path in enumerate(parts):
+                faults[path] += both.c.equipment_fault(place) != 0
+            if not seed % 2 and random.random() < 0.05:
+                act_on(m.slide, random)
+                both.push()
+            if random.random() < 0.02:
+                m.unit.valve.position.referenced(True)
+                both.c.referenced(m.unit.valve.position._slot)
+            if random.random() < 0.03:
+                place = random.randrange(-1, len(parts))
+                part = m if place < 0 else running.machine.equipment.all[place].compound
+                can = both.c.clear(place)
+                try:
+                    running.machine.clear(part)
+                except EquipmentFault:
+                    refused += 1
+                    assert not can
+                else:
+                    cleared += 1
+                    assert can
+                assert (number, both.difference()) == (number, "")
+        assert all(steps / 50 < each < steps for each in faults.values()), faults
+        assert refused > 1 and cleared > 1
+        assert both.told.keys() >= {None, "BadInput", "Interlocked"}
+        assert both.told[None] > steps / 4
