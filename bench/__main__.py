@@ -23,6 +23,7 @@ from bench import (
     endurance,
     faces,
     figures,
+    generated,
     live,
     native,
     open_page,
@@ -88,6 +89,9 @@ def main() -> int:
         pairs = options.recording
         report.stream(console, recording.TITLE, recording.takes(pairs), partial(recording.measure, pairs))
         return 0
+    if options.generated:
+        report.stream(console, generated.TITLE, generated.takes(), generated.measure)
+        return 0
     if options.fleet:
         measure = partial(fleet.measure, options.fleet, seed=options.seed)
         found = report.stream(console, fleet.TITLE, fleet.takes(options.fleet), measure)
@@ -115,6 +119,9 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="a rougher answer, sooner: without processes and frames")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures here too")
     alone = parser.add_mutually_exclusive_group()
+    alone.add_argument(
+        "--generated", action="store_true", help="generated controllers on emulated boards: cycles, flash and RAM"
+    )
     alone.add_argument("--live", action="store_true", help="the processes and frames alone: real time, some kills")
     alone.add_argument("--page", action="store_true", help="the loop with the page of `umo view` open, and without")
     alone.add_argument(

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -15,6 +16,7 @@ import pytest
 import umo.stations
 from helpers.tapes import OVEN, changed_conveyor, recorded, save
 from helpers.waiting import until
+from umo import DigitalSensor
 from umo.errors import OptionError
 from umo.replay.stops import BreakCondition, Stop
 
@@ -179,6 +181,12 @@ def test_a_condition_is_told_where_it_begins_to_hold() -> None:
         seen.append(condition.becomes_true(m, 0, 0.0))  # type: ignore[arg-type]
     assert seen == [False, True, False, False, True]
     assert not BreakCondition("1 / (m.x - 5) > 1").becomes_true(m, 0, 0.0)  # type: ignore[arg-type]
+
+
+def test_a_condition_on_an_object_names_read() -> None:
+    m = SimpleNamespace(level=DigitalSensor("mm", minimum=0.0, maximum=1.0, resolution=0.1))
+    with pytest.raises(OptionError, match="the value of an object is given by `read\\(\\)`"):
+        BreakCondition("level > 0.5").becomes_true(m, 0, 0.0)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import mmap
 import os
+import stat
 import struct
 import zlib
 from collections.abc import Iterator
@@ -42,6 +43,8 @@ class McapReader:
         except OSError as error:
             raise FramesError(f"{path}: {error.strerror}") from None
         try:
+            if not stat.S_ISREG(os.fstat(file).st_mode):
+                raise FramesError(f"{path} is not a recording: it is no file")
             if os.fstat(file).st_size:
                 self._map = mmap.mmap(file, 0, access=mmap.ACCESS_READ)
         except (OSError, ValueError) as error:

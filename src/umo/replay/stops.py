@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from umo.duration import seconds
 from umo.errors import DeclarationError, OptionError, text_of
-from umo.objects import Compound
+from umo.objects import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor
 from umo.text import did_you_mean
 
 FIRST_DIFFERENCE, END = "first-difference", "end"
@@ -134,9 +134,14 @@ def _refused(node: ast.AST) -> str:
     return ""
 
 
+OBJECTS = BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor
+
+
 def _mistake(error: Exception) -> str:
     """Such as `Servo has no eror (did you mean 'error'?)`."""
     name, owner = getattr(error, "name", None), getattr(error, "obj", None)
+    if isinstance(error, TypeError) and any(f"'{kind.__name__}'" in str(error) for kind in OBJECTS):
+        return f"{text_of(error)}; the value of an object is given by `read()`"
     if not isinstance(error, AttributeError) or name is None:
         return text_of(error)
     known = [each for each in dir(owner) if not each.startswith("_")]
