@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 
 from helpers.boards import PEERS
-from helpers.generating import Fragile, everything, needs_a_compiler, wiring_of
+from helpers.failing_plant import plant
+from helpers.generating import Fragile, everything, needs_a_compiler, wired, wiring_of
 from helpers.translated_oven import oven, oven_wiring
 from umo.generate.compiled_machine import FLAGS, compiler
 from umo.generate.controller_folder import TARGETS, write_folder
@@ -41,7 +42,23 @@ def _ztheta() -> Made:
     return station.machine(), station.wiring("modbus")
 
 
-MACHINES: Mapping[str, Callable[[], Made]] = {"objects": _everything, "laws": _oven, "ztheta": _ztheta}
+def _plant() -> Made:
+    machine = plant()
+    return machine, wired(machine, Fragile(), VirtualTimer())
+
+
+def _batch() -> Made:
+    station = find("batch")
+    return station.machine(), station.wiring("modbus")
+
+
+MACHINES: Mapping[str, Callable[[], Made]] = {
+    "objects": _everything,
+    "laws": _oven,
+    "equipment": _plant,
+    "batch": _batch,
+    "ztheta": _ztheta,
+}
 
 
 @pytest.mark.parametrize("which", MACHINES)

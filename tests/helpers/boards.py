@@ -16,6 +16,7 @@ TOOLS = {
     "arm-none-eabi-gcc": "gcc-arm-none-eabi and libnewlib-arm-none-eabi",
     "qemu-system-arm": "qemu-system-arm",
     "avr-gcc": "gcc-avr and avr-libc",
+    "simavr": "simavr",
     "cc": "gcc",
     "pkg-config": "pkg-config",
     "make": "make",

@@ -24,6 +24,7 @@ HEADER = """\
 #define MACHINE_NAME "{name}"
 #define MACHINE_PERIOD {period} /* s */
 enum {{ MACHINE_INPUTS = {inputs}, MACHINE_OUTPUTS = {outputs}, MACHINE_OBJECTS = {objects} }};
+enum {{ MACHINE_EQUIPMENT = {equipment} }}; /* parts that fail alone */
 
 /* Places in raws_in and failed_in. */
 enum machine_inputs {{
@@ -154,6 +155,7 @@ def header_of(model: ControllerModel, translation: Translation, target: Controll
         outputs_1=max(1, len(outputs)),
         conditionings_1=max(1, len(conditioned)),
         interlocks_1=max(1, len(model.interlocks)),
+        equipment=len(model.equipment),
         equipment_1=max(1, len(model.equipment)),
         equipment_names=_equipment_names(model),
     )

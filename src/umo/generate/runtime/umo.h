@@ -34,8 +34,8 @@ typedef double umo_real;
 #define umo_expm1 expm1
 #endif
 
-#ifdef __AVR__
-#define UMO_FLASH __flash /* constants stay in the program memory */
+#if defined(__AVR__) && !defined(__cplusplus)
+#define UMO_FLASH __flash /* constants stay in the program memory; C++ cannot read them */
 #else
 #define UMO_FLASH
 #endif

@@ -40,6 +40,8 @@ int main(int argc, char **argv)
         faults += machine_sent(&m, failed_out) != UMO_OK;
         if (any() % 1000 == 0)
             machine_acknowledge(&m);
+        if (any() % 200 == 0)
+            faults += MACHINE_EQUIPMENT && machine_clear(&m, -1);
         if (any() % 5000 == 0)
             machine_stop(&m, out);
     }

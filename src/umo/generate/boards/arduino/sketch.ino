@@ -1,4 +1,4 @@
-/* The sketch: main.c is its loop, io_arduino.cpp its pins. It stands alone in its folder; open it in the IDE.
+/* The sketch: main.c is its loop, io_board.cpp its pins. It stands alone in its folder; open it in the IDE.
  *
  * umo_main runs the controller and does not return; the loop of the sketch is not used. */
 extern "C" int umo_main(void);
