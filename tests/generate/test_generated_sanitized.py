@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from helpers.boards import PEERS
-from helpers.failing_plant import plant
+from helpers.equipment_plant import plant
 from helpers.generating import Fragile, everything, needs_a_compiler, wired, wiring_of
 from helpers.translated_oven import oven, oven_wiring
 from umo.generate.compiled_machine import FLAGS, compiler

@@ -9,7 +9,7 @@ from random import Random
 from typing import Any, Literal
 
 from helpers.boards import M3, M4F, MEASURED, avr, emulated, firmware, mps2, need
-from helpers.failing_plant import plant
+from helpers.equipment_plant import plant
 from helpers.generating import KINDS, Fragile, everything, random_inputs, set_inputs, told_by, wired, wiring_of
 from helpers.translated_oven import oven, oven_wiring
 from umo import Compound
