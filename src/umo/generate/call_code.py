@@ -127,7 +127,7 @@ class CallCode(VectorCode):
         if name == "inhibited":
             return Present(f"umo_inhibited({place})")
         if name == "raw":
-            return Code(INT, f"{place}->raw")
+            return Code(INT, f"umo_raw({place})")
         if name == "pending":
             if isinstance(owner, Binary):
                 return Code(state(owner.states), f"umo_pending_state({place})")

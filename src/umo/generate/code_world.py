@@ -370,6 +370,8 @@ def translate(
         layout=world.fields.layout(),
         structs=world.fields.filled,
         host_calls=[f"{world.fields.known(each, '').path}.{name}" for each, name in world.hosts],
+        kinds=world.kinds,
+        hosts=world.hosts,
         notes=world.notes,
         problems=world.problems,
     )
