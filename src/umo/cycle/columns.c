@@ -357,13 +357,28 @@ typedef struct {
     PyObject *clock, *failed, *names[TIMES_OF_CLOCK];
 } Law;
 
+static int Law_traverse(Law *self, visitproc visit, void *arg)
+{
+    Py_VISIT(Py_TYPE((PyObject *)self));
+    Py_VISIT(self->clock);
+    Py_VISIT(self->failed);
+    return 0;
+}
+
+static int Law_clear(Law *self)
+{
+    Py_CLEAR(self->clock);
+    Py_CLEAR(self->failed);
+    return 0;
+}
+
 static void Law_dealloc(Law *self)
 {
     PyTypeObject *type = Py_TYPE((PyObject *)self);
+    PyObject_GC_UnTrack(self);
     for (int i = 0; i < TIMES_OF_CLOCK; i++)
         Py_XDECREF(self->names[i]);
-    Py_XDECREF(self->clock);
-    Py_XDECREF(self->failed);
+    (void)Law_clear(self);
     ((freefunc)PyType_GetSlot(type, Py_tp_free))((PyObject *)self);
     Py_DECREF(type);
 }
@@ -440,10 +455,11 @@ static PyType_Slot body[] = {
     {Py_tp_new, Body_new}, {Py_tp_dealloc, Body_dealloc}, {Py_tp_methods, body_methods}, {0, NULL},
 };
 static PyType_Slot law[] = {
-    {Py_tp_new, Law_new}, {Py_tp_dealloc, Law_dealloc}, {Py_tp_methods, law_methods}, {0, NULL},
+    {Py_tp_new, Law_new}, {Py_tp_dealloc, Law_dealloc}, {Py_tp_traverse, Law_traverse}, {Py_tp_clear, Law_clear},
+    {Py_tp_methods, law_methods}, {0, NULL},
 };
 static PyType_Spec specs[] = {
-    {"umo.cycle._columns.Law", sizeof(Law), 0, Py_TPFLAGS_DEFAULT, law},
+    {"umo.cycle._columns.Law", sizeof(Law), 0, Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC, law},
     {"umo.cycle._columns.Inputs", sizeof(Block), 0, Py_TPFLAGS_DEFAULT, inputs},
     {"umo.cycle._columns.Outputs", sizeof(Block), 0, Py_TPFLAGS_DEFAULT, outputs},
     {"umo.cycle._columns.Body", sizeof(Body), 0, Py_TPFLAGS_DEFAULT, body},

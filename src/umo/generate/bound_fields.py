@@ -74,10 +74,13 @@ class BoundFields:
     def bind(self) -> None:
         """The fields have the values of the object; from now on they are its attributes."""
         self._memory.push()
+        masks = {name: getattr(self._owner, name) for name, of in self._memory.fields.items() if of == MASK}
         object.__setattr__(self._owner, "__class__", self._below)
         for name in self._memory.fields:
             vars(self._owner).pop(name, None)
         self._bound = True
+        for name, accepted in masks.items():
+            setattr(self._owner, name, accepted)
 
     def release(self) -> None:
         """The object has its attributes itself again."""
@@ -116,7 +119,7 @@ class BoundFields:
 
     def _of_mask(self, name: str) -> tuple[Get, Set]:
         """Qualities that are accepted: Python has them as they were given."""
-        given = [getattr(self._owner, name)]
+        given: list[Any] = [()]
 
         def put(_: Any, value: Any) -> None:
             self._memory.write(name, value)

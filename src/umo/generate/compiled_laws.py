@@ -8,6 +8,7 @@ gives the laws back to Python, which is said.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from contextlib import suppress
 from ctypes import c_void_p
@@ -39,6 +40,7 @@ from umo.objects import Compound, Quality, Vector
 from umo.objects.atomic import Binary
 from umo.wiring.wired import Wired
 
+log = logging.getLogger("umo")
 COMPARED = 50
 """Periods in which each law is compared."""
 BAD_INPUT, NEVER_READ, NO_HOST = 6, 7, 10
@@ -96,8 +98,8 @@ def _check(translation: Translation) -> None:
 class CompiledLaws:
     """The compiled laws of one connected machine: `state` is "compared", "compiled" or "python"."""
 
-    def __init__(self, prepared: PreparedLaws, machine: ConnectedMachine, say: Callable[[str], object]) -> None:
-        self._prepared, self._machine, self._say = prepared, machine, say
+    def __init__(self, prepared: PreparedLaws, machine: ConnectedMachine) -> None:
+        self._prepared, self._machine = prepared, machine
         self._image = machine.image
         self._python = list(machine._overrides(machine.root))
         self._columns = self._columns_of()
@@ -187,6 +189,7 @@ class CompiledLaws:
             self.give_up(text_of(error))
             return
         self.state = "compiled"
+        self._machine.tell("", "the laws are compiled: they were the same as in Python so far")
         self._machine.replace_laws([self._compiled(number, law) for number, law in enumerate(self._python)])
 
     def _compiled(self, number: int, law: MethodType) -> MethodType:
@@ -210,7 +213,9 @@ class CompiledLaws:
         for each in self._fields:
             each.release()
         self._machine.replace_laws(self._python)
-        self._say(f"the laws run in Python, not compiled: {reason}")
+        text = f"the laws run in Python, not compiled: {reason}"
+        self._machine.tell("", text)
+        log.warning("%s", text)
 
     def release(self) -> None:
         """The machine is disconnected: its objects have their attributes themselves again."""
