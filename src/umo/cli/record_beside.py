@@ -66,14 +66,16 @@ def order_of(
     """What the command line and the table `[record]` of the wiring ask for. OptionError for a mistake, for a file that
     is there already, or a folder that is not."""
     check_installed()
+    from umo.recording.part_names import part_name
     from umo.recording.record_settings import settings_of
 
     settings = settings_of(
         {key: value for key, value in changes.items() if value is not None}, settings_of(table or {})
     )
     path = default if file is None else file.with_name(file.name if file.suffix == SUFFIX else file.name + SUFFIX)
-    if path.exists():
-        raise OptionError(f"--record {path}: there is such a file already; a recording never overwrites one")
+    for each, name in ((path, "such a file"), (part_name(path, 2), part_name(path, 2))):  # where it is rotated to
+        if each.exists():
+            raise OptionError(f"--record {path}: there is {name} already; a recording never overwrites one")
     if not path.parent.is_dir():
         raise OptionError(f"--record {path}: there is no folder {path.parent}")
     return RecordOrder(path, settings.plain)

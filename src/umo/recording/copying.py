@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from umo.errors import FramesError
@@ -37,7 +37,10 @@ def _new(path: Path, like: McapReader) -> Iterator[McapWriter]:
 
 def join(parts: Sequence[Path], path: Path) -> None:
     """All parts as one file, each as far as it is sound. OSError, FramesError."""
-    files = [McapReader(part) for part in parts]
+    files = [McapReader(parts[0])]
+    for part in parts[1:]:
+        with suppress(FramesError):  # it was cut in its first write, or that is under way: it has nothing
+            files.append(McapReader(part))
     try:
         with _new(path, files[0]) as writer:
             for file in files:

@@ -62,7 +62,7 @@ class Recording:
         self._files = [McapReader(self.path)]
         try:
             self.about_file, self.layout = _described(self._files[0])
-            for part in later_parts(self.path) if later else ():
+            for part in later_parts(self.path, int(self.about_file.get("part", 1))) if later else ():
                 self._add(part)
         except BaseException:
             self.close()
@@ -71,14 +71,16 @@ class Recording:
         self._damaged = 0
 
     def _add(self, path: Path) -> None:
-        """Add a later part, if it is of the same run."""
-        file = McapReader(path)
+        """Add a later part, if it is of the same run. One that was cut in its first write has nothing."""
+        try:
+            file = McapReader(path)
+        except FramesError:
+            return
         try:
             about, _ = _described(file)
         except FramesError:
-            file.close()
-            return
-        if about["run"] == self.about_file["run"]:
+            about = {}
+        if about.get("run") == self.about_file["run"]:
             self._files.append(file)
         else:
             file.close()
@@ -239,15 +241,17 @@ class Recording:
                 yield message.data, rest.get(message.sequence)
 
     def _before(self, start: float | None) -> int:
-        """The number of the last chunk that begins at or before a time."""
+        """The number of the last chunk that begins before a time."""
         if start is None:
             return 0
-        return max(bisect_left(self._chunks, start, key=self._time) - 1, 0)
+        return max(bisect_left(range(len(self._chunks)), start, key=self._time) - 1, 0)
 
-    def _time(self, place: _Place) -> float:
-        for exact, _ in self._pairs(place):
-            return float(headed(exact)[0]["time"])
-        return float("-inf")
+    def _time(self, number: int) -> float:
+        """The time at which a chunk begins; of a damaged one that of the next."""
+        for place in self._chunks[number:]:
+            for exact, _ in self._pairs(place):
+                return float(headed(exact)[0]["time"])
+        return float("inf")
 
     def close(self) -> None:
         for file in self._files:
