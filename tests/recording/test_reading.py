@@ -170,3 +170,26 @@ def test_what_is_no_recording_is_told_in_one_line(umo: Umo, tmp_path: Path) -> N
     for words in (("info", "x.mcap"), ("info", "."), ("export", "x.mcap", "x.csv"), ("plot", "none.mcap")):
         result = umo(*words)
         assert result.exit_code == 2 and len(result.stderr.splitlines()) == 1 and "Errno" not in result.stderr
+
+
+@pytest.mark.parametrize("start", [None, 0.205])
+def test_what_was_told_before_the_values_that_are_written_counts(tmp_path: Path, start: float | None) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    tunable = {"path": "servo.gain", "unit": "", "minimum": 0.0, "maximum": 1.0}
+    layout = replace(layout_of(), tunables=(tunable,))
+    file = RecordingFile(tmp_path / "run.mcap", layout)
+    for number in range(3):  # the first one has only what replay needs, as in a flight recorder
+        block = replace(block_at_random(layout, 100 * number, 100, number), live={}, is_full=number > 0)
+        block.frames["missed"][50] = 2
+        file.add([replace(block, live={"mode": 1, "tunables": [0.25]}) if not number else block])
+    file.close()
+    target = tmp_path / "run.parquet"
+    with Recording(tmp_path / "run.mcap") as recording:
+        values = RecordedValues(recording, (), start)
+        export(values, target, lambda time: None)
+    found: dict[str, list[float]] = {}
+    for row in parquet.read_table(target).to_pylist():
+        found.setdefault(row["path"], []).append(row["value"])
+    missed = np.cumsum(np.tile(np.arange(100) == 50, 3) * 2)[205 if start else 100 :]
+    assert found["run:missed"] == missed.tolist()
+    assert set(found["tunable:servo.gain"]) == {0.25} and set(found["run:mode"]) == {1.0}
