@@ -18,6 +18,9 @@ from .console import err, out, say
 from .progress_line import OneLine
 from .record_beside import check_installed
 
+MAX_NUMBERS = 1 << 25
+"""Numbers that are held for a plot at most, about."""
+
 
 @dataclass(frozen=True)
 class WhatIsWanted:
@@ -95,13 +98,13 @@ def plot(file: Path, wanted: WhatIsWanted, target: Path | None) -> int:
 
 
 def _drawn(values: Any, line: OneLine) -> Any:
-    """At most `MAX_ROWS` rows of the recording, and its progress."""
+    """About `MAX_ROWS` rows of the recording at most, and its progress."""
     import numpy as np
 
     from .plot import Curve, Curves
 
-    total = sum(count for _, count in values.recording.block_starts)
-    stride, first = max(1, -(-total // MAX_ROWS)), 0
+    most = max(min(MAX_ROWS, MAX_NUMBERS // (3 + len(values.entries))), 1)
+    stride, first = max(1, -(-values.periods // most)), 0
     parts: list[Any] = []
     notes: list[tuple[float, str]] = []
     for frames, _ in values.parts():
@@ -130,9 +133,7 @@ def _values(recording: Any, wanted: WhatIsWanted) -> Any:
 def _moment(name: str, text: str | None) -> float | None:
     from .values import duration
 
-    if text is None or text.strip() in ("0", "0 s"):
-        return None
-    return duration(name, text)
+    return None if text is None else 0.0 if text.strip() in ("0", "0 s") else duration(name, text)
 
 
 def _tell_bare(bare: int) -> None:

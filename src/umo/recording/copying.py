@@ -15,8 +15,8 @@ from umo.recording.mcap_writer import McapWriter, Messages
 from umo.recording.recording import METADATA, SPARSE_TOPICS
 
 BATCH, BATCH_BYTES = 64, 16 << 20
-"""Chunks, and bytes of chunks that are only copied, which are written at once: the end of the file is written with each
-of these writes, and has a row for each chunk."""
+"""Chunks and bytes that are held and written at once, at most: the end of the file is written with each of these
+writes, and has a row for each chunk."""
 Keep = Callable[[], bool]
 
 
@@ -73,12 +73,25 @@ def thin(path: Path) -> None:
     kept = {channel.number for channel in file.channels.values() if channel.topic in SPARSE_TOPICS}
     try:
         with _new(path, file) as writer:
-            for at in range(0, len(file.chunks), BATCH):
-                found = list(_messages(file, file.chunks[at : at + BATCH], kept))
-                if found:
-                    writer.add(_by_channel(found))
+            for batch in _copies(file, kept):
+                writer.add(_by_channel(batch))
     finally:
         file.close()
+
+
+def _copies(file: McapReader, kept: set[int]) -> Iterator[list[McapMessage]]:
+    """The messages of these channels. They are copied: their chunks, which have much more, are not held."""
+    batch: list[McapMessage] = []
+    chunks = size = 0
+    for at in file.chunks:
+        found = [each._replace(data=memoryview(bytes(each.data))) for each in _messages(file, [at], kept)]
+        batch += found
+        chunks, size = chunks + 1, size + sum(len(each.data) for each in found)
+        if batch and (chunks >= BATCH or size >= BATCH_BYTES):
+            yield batch
+            batch, chunks, size = [], 0, 0
+    if batch:
+        yield batch
 
 
 def repair(path: Path) -> tuple[int, int]:

@@ -68,7 +68,6 @@ class Recording:
             self.close()
             raise
         self._chunks = [_Place(file, at) for file in self._files for at in file.chunks]
-        self._damaged = 0
 
     def _add(self, path: Path) -> None:
         """Add a later part, if it is of the same run. One that was cut in its first write has nothing."""
@@ -196,6 +195,20 @@ class Recording:
         """Of each block its time in s on the machine's clock, and how many frames it has."""
         return [(head.time, head.count) for head in self._all_heads]
 
+    @property
+    def periods(self) -> int:
+        """Number of its periods: counted without reading them."""
+        return sum(head.count for head in self._all_heads)
+
+    @cached_property
+    def span(self) -> tuple[float, float]:
+        """The times of the first and of the last period, s on the machine's clock; twice 0 without a period."""
+        for place in reversed(self._chunks):
+            for exact, _ in reversed(list(self._pairs(place))):
+                last = block_of(self.layout, exact, None).frames["time"][-1]
+                return next(self._heads()).time, float(last)
+        return 0.0, 0.0
+
     @cached_property
     def gaps(self) -> list[LostFrames]:
         """The frames that are missing between the first and the last one."""
@@ -233,7 +246,6 @@ class Recording:
         try:
             found = list(place.file.messages(place.at))
         except ValueError:
-            self._damaged += 1
             return
         rest = {message.sequence: message.data for message in found if columns and message.channel == columns}
         for message in found:

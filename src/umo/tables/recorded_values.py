@@ -75,18 +75,17 @@ class RecordedValues:
         """A row for each frame, a column for each of the chosen. NaN: the value was BAD, or there is none."""
         return samples(frames)[:, self.places]
 
+    @property
+    def periods(self) -> int:
+        """Number of the periods between the times, a block more at most at each end: counted without reading them."""
+        starts = self.recording.block_starts
+        ends = [*(time for time, _ in starts[1:]), np.inf]
+        low, high = -np.inf if self.start is None else self.start, np.inf if self.stop is None else self.stop
+        return sum(count for (time, count), end in zip(starts, ends, strict=True) if time < high and end > low)
+
     def share(self, time: float) -> float:
         """How much lies before a time, 0 to 1."""
-        first, last = span_of(self.recording)
+        first, last = self.recording.span
         first = first if self.start is None else max(first, self.start)
         last = last if self.stop is None else min(last, self.stop)
         return min(max((time - first) / max(last - first, 1e-9), 0.0), 1.0)
-
-
-def span_of(recording: Recording) -> tuple[float, float]:
-    """The times of the first and about the last period, s on the machine's clock; twice 0 without a period."""
-    starts = recording.block_starts
-    if not starts:
-        return 0.0, 0.0
-    time, count = starts[-1]
-    return starts[0][0], time + (count - 1) * float(recording.about.get("period") or 0.0)

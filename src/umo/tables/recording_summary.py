@@ -8,7 +8,6 @@ from typing import Any
 
 from umo.presentation.durations import duration
 from umo.recording import Recording
-from umo.tables.recorded_values import span_of
 
 NAMED = ("umo", "python", "numpy", "platform")
 
@@ -16,7 +15,7 @@ NAMED = ("umo", "python", "numpy", "platform")
 def facts_of(recording: Recording) -> dict[str, Any]:
     """As plain data. Times in s on the machine's clock, `started` in s since 1970, `size` in bytes."""
     about, job = recording.about, recording.job
-    first, last = span_of(recording)
+    first, last = recording.span
     end = next((event for _, event in reversed(recording.events) if event.is_end), None)
     return {
         "file": str(recording.path),
@@ -32,7 +31,7 @@ def facts_of(recording: Recording) -> dict[str, Any]:
         "period": about.get("period"),
         "first": first,
         "last": last,
-        "periods": sum(count for _, count in recording.block_starts),
+        "periods": recording.periods,
         "lost": sum(gap.count for gap in recording.gaps),
         "gaps": [[gap.first, gap.count] for gap in recording.gaps],
         "objects": len(recording.layout.objects),
