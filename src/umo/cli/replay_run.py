@@ -127,6 +127,9 @@ def _debug(
 def _draw(curves: RawCurves, path: Path, settings: Mapping[str, Any]) -> None:
     from .replay_plot import save_what_if
 
+    if not curves.different():
+        say("no plot: what differs is no command of an actuator, or too short for a plot")
+        return
     try:
         save_what_if(curves, path, settings)
     except ImportError:

@@ -56,9 +56,11 @@ class Trial:
         ready, told = os.pipe()
         child = os.fork()
         if child == 0:
-            os.close(ready)
-            os.write(told, json.dumps(self._told()).encode())
-            os._exit(0)
+            try:
+                os.close(ready)
+                os.write(told, json.dumps(self._told()).encode())
+            finally:  # whatever happens, it does not go on as the process that it was forked from
+                os._exit(0)
         os.close(told)
         try:
             text = _received(ready)
