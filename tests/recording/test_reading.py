@@ -256,3 +256,21 @@ def test_the_span_without_a_timer_is_that_of_its_periods(tmp_path: Path) -> None
     file.close()
     with Recording(tmp_path / "run.mcap") as recording:
         assert dict(lines_of(facts_of(recording)))["length"] == "99 ms: 0 s to 0.099 s"
+
+
+def test_objects_may_have_the_names_of_what_each_period_has(tmp_path: Path) -> None:
+    pytest.importorskip("xarray")
+    layout = replace(layout_of(3, 0), signals=({"path": "number", "unit": "s"},))
+    for entry, path in zip(layout.objects, ("time", "utc", "missed"), strict=True):
+        entry["path"] = path
+    file = RecordingFile(tmp_path / "run.mcap", layout)
+    file.add([block := block_at_random(layout, 0, 5, 1)])
+    file.close()
+    values = samples(block.frames)[:, 0].tolist()
+    found = umo_package.load(tmp_path / "run.mcap")
+    assert found["time.value"].values.tolist() == pytest.approx(values, nan_ok=True)
+    assert found["time"].values.tolist() == block.frames["time"].tolist()
+    written(tmp_path / "run.mcap", tmp_path / "run.npz")
+    arrays = np.load(tmp_path / "run.npz")
+    assert arrays["time.value"].tolist() == pytest.approx(values, nan_ok=True)
+    assert len(set(arrays.files)) == len(arrays.files) and arrays["number"].tolist() == [1, 2, 3, 4, 5]

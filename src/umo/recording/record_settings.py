@@ -74,7 +74,7 @@ def _time(key: str, value: Any) -> float:
 
 
 def _size(key: str, value: Any) -> int:
-    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(kB|MB|GB)\s*", value) if isinstance(value, str) else None
+    match = re.fullmatch(r"\s*(\d{1,15}(?:\.\d+)?)\s*(kB|MB|GB)\s*", value) if isinstance(value, str) else None
     if match is None:
         raise OptionError(f"record: {key}: {value!r} is not a size such as '200 MB'; units: {', '.join(SIZES)}")
     size = round(float(match[1]) * SIZES[match[2]])

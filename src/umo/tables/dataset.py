@@ -35,7 +35,8 @@ def load(
         parts += [_columns(values, part.frames) for part in values.parts()]
         rows, quality, utc, time, missed = map(np.concatenate, zip(*parts, strict=True))
         variables = {
-            str(about["path"]): ("time", rows[:, i], attributes(about)) for i, about in enumerate(values.entries)
+            name: ("time", rows[:, i], attributes(about))
+            for i, (name, about) in enumerate(zip(values.names, values.entries, strict=True))
         }
         for column, place in enumerate(values.objects):
             variables[f"{values.layout.objects[place]['path']}.quality"] = ("time", quality[:, column], QUALITY)

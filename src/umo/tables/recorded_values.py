@@ -15,6 +15,8 @@ from umo.recording import Block, Recording
 from umo.scope.history import samples
 from umo.wiring.patterns import chosen
 
+OWN_NAMES = ("time", "utc", "number", "missed")
+"""What a period has beside values, in a table by name: an object or a signal of this path is `time.value` there."""
 TellTime = Callable[[float], None]
 """Told the time in s on the machine's clock up to which work is done."""
 
@@ -56,6 +58,11 @@ class RecordedValues:
     @property
     def paths(self) -> list[str]:
         return [str(each["path"]) for each in self.entries]
+
+    @property
+    def names(self) -> list[str]:
+        """The paths as names beside those of `OWN_NAMES`."""
+        return [f"{path}.value" if path in OWN_NAMES else path for path in self.paths]
 
     def parts(self) -> Iterator[RecordedPart]:
         """The frames that have values, in order."""
