@@ -17,6 +17,7 @@ from umo.presentation.run_facts import title
 from .console import err, out, say
 from .progress_line import OneLine
 from .record_beside import check_installed
+from .values import check_picture, duration
 
 MAX_NUMBERS = 1 << 25
 """Numbers that are held for a plot at most, about."""
@@ -80,8 +81,7 @@ def plot(file: Path, wanted: WhatIsWanted, target: Path | None) -> int:
     from .plot import save_plot
 
     target = file.with_suffix(".png") if target is None else target
-    if target.suffix != ".png":
-        raise OptionError(f"{target.name}: a plot is a .png")
+    check_picture(target)
     with Recording(file) as recording, OneLine(err) as line:
         values = _values(recording, wanted)
         drawn = _drawn(values, line)
@@ -131,8 +131,6 @@ def _values(recording: Any, wanted: WhatIsWanted) -> Any:
 
 
 def _moment(name: str, text: str | None) -> float | None:
-    from .values import duration
-
     return None if text is None else 0.0 if text.strip() in ("0", "0 s") else duration(name, text)
 
 

@@ -30,7 +30,7 @@ from .progress_line import OneLine
 from .ps import readers
 from .station_options import parse
 from .tuning_told import tables_of, told_settings
-from .values import duration, number
+from .values import check_picture, duration, number
 
 LOW_FIT = 90.0
 """Fit in per cent below which it is said."""
@@ -68,8 +68,7 @@ class TuningOrder:
             raise OptionError(f"give one of {', '.join(sources)}" + (f", not {' and '.join(given)}" if given else ""))
         if self.file is None and (self.start or self.stop):
             raise OptionError("--start and --stop are for --from")
-        if self.picture is not None and self.picture.suffix != ".png":
-            raise OptionError(f"{self.picture.name}: a plot is a .png")
+        check_picture(self.picture)
 
 
 def tune_law(station: str, place: str, order: TuningOrder, options: Sequence[str]) -> int:

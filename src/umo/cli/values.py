@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from umo.duration import seconds
-from umo.errors import DeclarationError, RangeError, StateError
+from umo.errors import DeclarationError, OptionError, RangeError, StateError
 from umo.objects.units import convert
 from umo.text import did_you_mean
 
@@ -92,3 +92,9 @@ def check_file(option: str, file: Path | None) -> None:
         raise RangeError(f"{option} {file}: {'is a folder' if file.is_dir() else f'there is no folder {file.parent}'}")
     if not os.access(file if file.exists() else file.parent, os.W_OK):
         raise RangeError(f"{option} {file}: cannot be written")
+
+
+def check_picture(path: Path | None) -> None:
+    """OptionError unless a file for a plot is a .png."""
+    if path is not None and path.suffix != ".png":
+        raise OptionError(f"{path.name}: a plot is a .png")
