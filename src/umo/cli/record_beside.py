@@ -128,6 +128,9 @@ class RecordBeside:
 
     def look(self) -> None:
         """Tell what the process says, and once that it has ended before the run."""
+        self._look("the machine runs on, and is recorded no longer")
+
+    def _look(self, consequence: str) -> None:
         if self._process is None:
             return
         status = self._process.poll()
@@ -139,7 +142,7 @@ class RecordBeside:
             if status == ExitStatus.NOT_RECORDED:  # it has said why
                 self.complete = False
             elif status:
-                self._miss(f"the recorder has ended ({how}); the machine runs on, and is recorded no longer")
+                self._miss(f"the recorder has ended ({how}); {consequence}")
 
     def _miss(self, text: str) -> None:
         self.complete = False
@@ -171,4 +174,4 @@ class RecordBeside:
                 process.kill()
                 with suppress(subprocess.TimeoutExpired):
                     process.wait(KILL_TIMEOUT)
-            self.look()
+            self._look("what it had not written is lost")

@@ -67,6 +67,8 @@ def _mistake(target: Path | None, closed: bool) -> str | None:
     for each in {target, target if closed else target.with_suffix(RECORDING)}:
         if each.exists():
             return f"{each} exists already; give another file with -o"
+    if not target.parent.is_dir():
+        return f"{target}: there is no folder {target.parent}"
     return None
 
 
@@ -186,6 +188,9 @@ def _save(tape: ShrunkTape, target: Path) -> None:
     commands = [TakenCommand(each.number, each.period, each.data) for each in block.commands]
     events = [NumberedEvent(number, event) for number, event in enumerate(tape.events)]
     part = target.with_name(f".{target.name}.{os.getpid()}")
-    with closing(RecordingFile(part, tape.layout)) as file:
-        file.add([Block(block.frames, block.entries, commands, events=events)])
-    part.rename(target)
+    try:
+        with closing(RecordingFile(part, tape.layout)) as file:
+            file.add([Block(block.frames, block.entries, commands, events=events)])
+        part.rename(target)
+    finally:
+        part.unlink(missing_ok=True)
