@@ -186,3 +186,8 @@ def test_a_derivative_that_is_switched_on_again_does_not_see_what_happened_meanw
     law.derivative_time = 1.0
     assert law.step(0.0, np.array([10.0]), 0.01).tolist() == [10.0]
     assert law.step(0.0, np.array([10.1]), 0.01).tolist() == pytest.approx([20.1])
+
+
+def test_a_time_that_is_an_array_is_no_number_of_the_machine() -> None:
+    law = VectorPID(gain=1.0, integral_time=np.ones(2), derivative_time=0.5)
+    assert law.numbers.keys() == {"largest_error", "derivative_time", "filter_time"}

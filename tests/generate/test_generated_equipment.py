@@ -7,7 +7,7 @@ from random import Random
 
 import pytest
 
-from helpers.failing_plant import Slide, plant
+from helpers.equipment_plant import Slide, plant
 from helpers.generating import Beside, Fragile, needs_a_compiler, random_inputs, set_inputs, wired
 from helpers.tiers import some
 from umo import DigitalSensor

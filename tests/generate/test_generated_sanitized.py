@@ -11,9 +11,10 @@ from typing import Any
 import pytest
 
 from helpers.boards import PEERS
-from helpers.failing_plant import plant
+from helpers.equipment_plant import plant
 from helpers.generating import Fragile, everything, needs_a_compiler, wired, wiring_of
 from helpers.translated_oven import oven, oven_wiring
+from helpers.vector_plant import zones
 from umo.generate.compiled_machine import FLAGS, compiler
 from umo.generate.controller_folder import TARGETS, write_folder
 from umo.generate.controller_generator import generated
@@ -47,6 +48,16 @@ def _plant() -> Made:
     return machine, wired(machine, Fragile(), VirtualTimer())
 
 
+def _zones() -> Made:
+    machine = zones()
+    return machine, wired(machine, Fragile(), VirtualTimer())
+
+
+def _furnace() -> Made:
+    station = find("furnace")
+    return station.machine(), station.wiring("simulated")
+
+
 def _batch() -> Made:
     station = find("batch")
     return station.machine(), station.wiring("modbus")
@@ -56,6 +67,8 @@ MACHINES: Mapping[str, Callable[[], Made]] = {
     "objects": _everything,
     "laws": _oven,
     "equipment": _plant,
+    "vectors": _zones,
+    "furnace": _furnace,
     "batch": _batch,
     "ztheta": _ztheta,
 }

@@ -9,9 +9,10 @@ from random import Random
 from typing import Any, Literal
 
 from helpers.boards import M3, M4F, MEASURED, avr, emulated, firmware, mps2, need
-from helpers.failing_plant import plant
+from helpers.equipment_plant import plant
 from helpers.generating import KINDS, Fragile, everything, random_inputs, set_inputs, told_by, wired, wiring_of
 from helpers.translated_oven import oven, oven_wiring
+from helpers.vector_plant import zones
 from umo import Compound
 from umo.cycle.connect import connect
 from umo.generate.code_world import translate
@@ -40,6 +41,7 @@ MACHINES = {
     "objects": Tried(lambda: everything(0.5), _wiring),
     "laws": Tried(lambda: oven(0.5), oven_wiring),
     "equipment": Tried(lambda: plant(0.5), wired),
+    "vectors": Tried(lambda: zones(0.5, count=2), wired),
     "batch": Tried(lambda: find("batch").machine(), wired),
     "conveyor": Tried(lambda: find("conveyor").machine(), wired),
 }

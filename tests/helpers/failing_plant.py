@@ -1,113 +1,71 @@
-"""A plant whose parts fail alone: equipment in equipment, and an axis."""
+"""A station whose reactors fail as often as its application lets them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+from pathlib import Path
 
-from helpers.machines import timer
-from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Interlock
-from umo.control import PID, ServoAxis, value_of
-from umo.objects import Quality
-from umo.states import OnOff
+OBJECTS = '''
+from umo import Compound, DigitalActuator, DigitalSensor, TaskFailed, action
 
 
-def sensor(**changes: Any) -> DigitalSensor:
-    return DigitalSensor("mm", **({"minimum": 0.0, "maximum": 100.0, "resolution": 0.3} | changes))
-
-
-def actuator(**changes: Any) -> DigitalActuator:
-    return DigitalActuator("V", **({"default": 0.0, "minimum": -10.0, "maximum": 10.0, "resolution": 0.03} | changes))
-
-
-class Pump(Compound, equipment=True):
-    """Fails above 95 mm; its valve fails alone."""
-
-    level: DigitalSensor
-    motor: DigitalActuator
-    limit: float = 95.0
-
-    def setup(self) -> None:
-        self.law = PID(gain=0.2, integral_time=0.5)
-        self.periods = 0
-
-    def control(self) -> None:
-        self.periods += 1
-        level = value_of(self.level)
-        self.motor.write(self.law.step(50.0, level, self.dt, low=-10.0, high=10.0))
-        if level > self.limit:
-            raise RuntimeError("full")
-
-
-class Valve(Compound, equipment=True):
-    position: DigitalSensor
-    coil: BinaryActuator[OnOff]
-
-    def control(self) -> None:
-        self.coil.write(OnOff.ON if value_of(self.position, Quality.UNREFERENCED) > 30.0 else OnOff.OFF)
-
-
-class Slide(ServoAxis, equipment=True):
-    """An axis that fails alone."""
-
-    gain: float = 0.05
-    integral_time: float = 0.4
-    velocity: float = 50.0
-    acceleration: float = 500.0
-    jerk: float = 5000.0
-    window: float = 1.0
-    following_error: float = 40.0
-
-
-class Unit(Compound, equipment=True, stop_order=("heater", "pump", "valve")):
-    """Equipment with equipment in it."""
-
-    pump: Pump
-    valve: Valve
-    temperature: DigitalSensor
+class Reactor(Compound, equipment=True):
     heater: DigitalActuator
 
-    def interlocks(self) -> Iterator[Interlock]:
-        yield Interlock(lambda: value_of(self.temperature) > 80.0, [self.heater], "too hot", effect="stop")
+    async def stumble(self, why: str) -> None:
+        raise TaskFailed(why)
 
-    def control(self) -> None:
-        self.heater.write(0.1 * value_of(self.temperature) - 1.0)
+    @action
+    async def fail(self) -> None:
+        """Come into fault."""
+        self.cycle.start(self.stumble("a client has let it fail"))
+
+    @action
+    async def heat(self) -> None:
+        """Heat."""
+        self.heater.write(5.0)
 
 
 class Plant(Compound):
     timer: DigitalSensor
-    unit: Unit
-    other: Pump
-    slide: Slide
-    speed: DigitalSensor
-    fan: DigitalActuator
-
-    def control(self) -> None:
-        speed = value_of(self.speed)
-        self.fan.write(0.04 * speed)
-        if speed > 60.0:
-            self.unit.heater.write(1.0)  # refused while the unit is in fault; Interlocked while it is too hot
+    reactors: list[Reactor]
 
 
-def plant(beyond: float = 0.0) -> Plant:
-    """`beyond`: time in ms by which the ages that are allowed are longer than whole periods."""
-
-    def pump() -> Pump:
-        return Pump(level=sensor(), motor=actuator(slew_rate=2000.0))
-
+def machine() -> Plant:
     return Plant(
-        timer=timer(),
-        unit=Unit(
-            pump=pump(),
-            valve=Valve(
-                position=sensor(on_error="hold", max_age=f"{2 + beyond} ms", incremental=True),
-                coil=BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF),
-            ),
-            temperature=sensor(velocity="3 ms"),
-            heater=actuator(on_error="retry", max_age=f"{2 + beyond} ms"),
-        ),
-        other=pump(),
-        slide=Slide(encoder=sensor(incremental=True), motor=actuator()),
-        speed=sensor(on_error="mark"),
-        fan=actuator(expires=f"{5 + beyond} ms"),
+        timer=DigitalSensor("sampling_period", minimum=0, maximum=99_999, resolution=1, synchronous=False),
+        reactors=[
+            Reactor(heater=DigitalActuator("kW", default=0, minimum=0, maximum=10, resolution=0.01)) for _ in range(3)
+        ],
     )
+'''
+APPLICATION = '''
+from umo.control import wait
+
+
+async def main(m, faults: int = 2, cleared: int = 1, rest: float = 1.0):
+    """The first reactor fails so often, and is cleared so often; then they rest for so many s."""
+    for number in range(faults):
+        m.reactors[0].cycle.start(m.reactors[0].stumble(f"no feed {number}"))
+        await wait("1 s")
+        if number < cleared:
+            m.reactors[0].cycle.clear()
+    await wait(f"{rest} s")
+'''
+WIRING = """
+[drivers.simulated]
+type = "simulated"
+[wire]
+timer = { driver = "simulated", channel = "tick", period = "10 ms" }
+"reactors.*.heater" = { driver = "simulated", channel = "heater:{}" }
+"""
+
+
+def plant(place: Path) -> Path:
+    """The folder of the station."""
+    folder = place / "plant"
+    (folder / "wiring").mkdir(parents=True, exist_ok=True)
+    (folder / "__init__.py").write_text("")
+    (folder / "objects.py").write_text(OBJECTS)
+    (folder / "application.py").write_text(APPLICATION)
+    (folder / "wiring" / "simulated.toml").write_text(WIRING)
+    return folder

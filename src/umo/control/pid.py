@@ -180,8 +180,9 @@ class VectorPID:
 
     @property
     def numbers(self) -> Mapping[str, Number]:
-        """As `PID.numbers`."""
-        return {"largest_error": Number(shown=True), **_times()}
+        """As `PID.numbers`; a time that is an array is none."""
+        times = {name: each for name, each in _times().items() if not isinstance(getattr(self, name), np.ndarray)}
+        return {"largest_error": Number(shown=True), **times}
 
     def loops(self) -> Mapping[str, tuple[Any, ...]]:
         """As `PID.loops`, one for each element that it has calculated."""

@@ -39,7 +39,7 @@ class TupleType(CType):
 
 @dataclass(frozen=True)
 class ArrayType(CType):
-    """A list of one length, or an array of numbers of one dimension. It exists as a field only."""
+    """A list of one length, or an array of numbers of one dimension: a struct with the member `at`."""
 
     of: CType
     length: int
@@ -50,7 +50,14 @@ MASK = CType("uint32_t")
 """The qualities that are accepted besides GOOD and STALE, a bit each."""
 NOTHING = CType("void")
 """None."""
+PLURALS = {REAL: "reals", INT: "ints", BOOL: "bools"}
 OPTIONALS = {REAL: "umo_optional_real", INT: "umo_optional_int", BOOL: "umo_optional_bool"}
+
+
+def array(of: CType, length: int) -> ArrayType:
+    """The type of an array with so many elements."""
+    stem = f"{of.name}s" if isinstance(of, TupleType) else f"machine_{PLURALS.get(of, 'states')}"
+    return ArrayType(f"{stem}_{length}", of, length)
 
 
 def state(kind: type[Enum]) -> StateType:
@@ -61,7 +68,7 @@ def optional(of: CType) -> OptionalType:
     """The type of a value that may be None; TypeError for one that has none."""
     if isinstance(of, OptionalType):
         return of
-    if isinstance(of, TupleType):
+    if isinstance(of, TupleType | ArrayType):
         return OptionalType(f"{of.name}_or_none", of)
     name = "umo_optional_state" if isinstance(of, StateType) else OPTIONALS.get(of)
     if name is None:
@@ -81,11 +88,22 @@ def joined(one: CType, other: CType) -> CType:
         return REAL
     if {one, other} == {INT, BOOL}:
         return INT
+    if isinstance(one, ArrayType) or isinstance(other, ArrayType):
+        return _joined_arrays(one, other)
     if isinstance(one, TupleType) and isinstance(other, TupleType) and len(one.members) == len(other.members):
         pairs = zip(one.members, other.members, strict=True)
         if all(joined(a[1], b[1]) in (a[1], b[1]) for a, b in pairs):
             return one if one.kind is not None else other
     raise TypeError
+
+
+def _joined_arrays(one: CType, other: CType) -> CType:
+    """Arrays of one length; a number, and an array of one element, are taken for each."""
+    lengths = {each.length for each in (one, other) if isinstance(each, ArrayType)}
+    if len(lengths - {1}) > 1:
+        raise TypeError
+    of = joined(*(each.of if isinstance(each, ArrayType) else each for each in (one, other)))
+    return array(of, max(lengths))
 
 
 def plain(of: CType) -> CType:

@@ -13,15 +13,20 @@ from functools import cached_property, partial
 from types import FunctionType, MethodType, ModuleType
 from typing import Any
 
+import numpy as np
+
 from umo.control.inputs import state_of, value_of
 from umo.control.profile import Profile
 from umo.cycle.clock import Clock
 from umo.errors import StateError
+from umo.generate.array_code import ArrayMethod
 from umo.generate.c_types import BOOL, INT, MASK, NOTHING, REAL, ArrayType, CType, TupleType, state
-from umo.generate.expression_code import NUMBERS, ExpressionCode
+from umo.generate.expression_code import NUMBERS
+from umo.generate.function_scope import TELLS
 from umo.generate.function_source import NoSource, bound
-from umo.generate.terms import TEXT, Code, Known, Many, Present, Term
-from umo.objects import Compound, Quality
+from umo.generate.terms import TEXT, Code, Known, Many, Present, Term, UnknownText
+from umo.generate.vector_code import VectorCode
+from umo.objects import Compound, Quality, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
 from umo.objects.link import Cycle
 
@@ -46,7 +51,7 @@ WHOLE: dict[Any, str] = {
 }
 
 
-class CallCode(ExpressionCode):
+class CallCode(VectorCode):
     """The part of a function that is calls and attributes."""
 
     # Attributes of live objects ------------------------------------------------------------------------
@@ -55,6 +60,8 @@ class CallCode(ExpressionCode):
         owner = base.value
         if isinstance(owner, Atomic):
             return self._of_atomic(owner, name, node)
+        if isinstance(owner, Vector):
+            return self.attribute_of_vector(owner, name, node)
         if isinstance(owner, ModuleType | type):
             return Known(self._got(owner, name, node), owner, name)
         if isinstance(owner, Clock | Cycle):
@@ -185,8 +192,21 @@ class CallCode(ExpressionCode):
 
     def apply(self, func: Known, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term:
         target = func.value
+        if isinstance(target, ArrayMethod) and not named:
+            return self.method_of_array(target, arguments, node)
+        if isinstance(func.owner, Vector):
+            return self.method_of_vector(func.owner, func.name, arguments, named, node)
+        if target is np.flatnonzero:
+            return Known(TEXT)  # places of elements only tell something
+        if (of_numpy := self.of_numpy(target, arguments, named, node)) is not None:
+            return of_numpy
+        if str(getattr(target, "__module__", "")).partition(".")[0] == "numpy":
+            nearest = "np.where, clip, maximum, minimum, abs, isfinite, zeros, full; a loop with functions of math"
+            raise self.refused(node, f"{self.source.segment(node.func)} has no translation", nearest)
         if isinstance(func.owner, Atomic):
             return self._call_atomic(func.owner, func.name, arguments, named, node)
+        if target is value_of and isinstance(arguments[0], Known) and isinstance(arguments[0].value, Vector):
+            return self.values_of(arguments[0].value, arguments[1:], named, node)
         if target is value_of or target is state_of:
             return self._input(target, arguments, named, node)
         if isinstance(target, type) and issubclass(target, tuple) and hasattr(target, "_fields"):
@@ -293,6 +313,8 @@ class CallCode(ExpressionCode):
         return self._of_one(target, one, node)
 
     def _of_one(self, target: Any, one: Term, node: ast.Call) -> Term | None:
+        if target is abs and self.is_array(one):
+            return self.of_numpy(np.abs, [one], {}, node)
         if target is bool:
             truth = self.truth(one, node)
             return Known(truth) if isinstance(truth, bool) else Code(BOOL, f"({truth})")
@@ -375,6 +397,10 @@ class CallCode(ExpressionCode):
             return Known(arguments[0].type.length)
         if target is len and isinstance(arguments[0], Many):
             return Known(len(arguments[0].terms))
+        if any(isinstance(each, Known) and isinstance(each.value, UnknownText) for each in arguments):
+            raise self.refused(node, TELLS, "a state of an Enum")
+        if target is isinstance and (known := _kind_of(arguments[0])) and isinstance(arguments[1], Known):
+            return Known(issubclass(known, arguments[1].value))
         if not all(isinstance(each, Known) for each in arguments):
             raise self.refused(node, f"{target.__name__} of something that is not known when the code is generated")
         return Known(target(*(each.value for each in arguments)))  # type: ignore[union-attr]
@@ -463,6 +489,15 @@ class CallCode(ExpressionCode):
 
 
 ABSENT: Any = object()
+
+
+def _kind_of(term: Term) -> type | None:
+    """The class of a value that the controller computes."""
+    if not isinstance(term, Code):
+        return None
+    if isinstance(term.type, ArrayType):
+        return np.ndarray
+    return {REAL: float, INT: int, BOOL: bool}.get(term.type)
 
 
 def _dropped(*_: object) -> None:

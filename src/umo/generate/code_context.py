@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 from umo.generate.function_source import SourcedFunction
@@ -23,6 +23,9 @@ class CodeContext(Protocol):
 
     def place(self, owner: Atomic) -> str:
         """The text of an atomic object."""
+
+    def table(self, slots: Sequence[int]) -> str:
+        """The name of a table of the numbers of objects."""
 
     def fault(self, kind: type[BaseException], text: str, file: str, line: int) -> int:
         """The number of a fault."""

@@ -9,8 +9,9 @@ from collections.abc import Callable, Mapping, Sequence
 from types import FunctionType
 from typing import Any
 
+from umo.generate.c_text import array as c_array
 from umo.generate.c_text import comment, identifier
-from umo.generate.c_types import BOOL, NOTHING, REAL, CType, OptionalType, TupleType, is_number
+from umo.generate.c_types import BOOL, NOTHING, REAL, ArrayType, CType, OptionalType, TupleType, is_number
 from umo.generate.function_scope import INDENT, ZERO, FunctionScope, NoTranslation
 from umo.generate.function_source import NoSource, SourcedFunction, bound
 from umo.generate.live_fields import LiveFields, _hinted_parameter
@@ -33,8 +34,12 @@ from umo.objects.atomic import Atomic
 class TranslatedFunction:
     """A function in C, and what a call of it gives."""
 
-    def __init__(self, name: str, result: CType, live: Known | None, text: str) -> None:
+    def __init__(self, name: str, result: CType, live: Known | None, text: str, scope: Any = None) -> None:
         self.name, self.result, self.live, self.text = name, result, live, text
+        self.keeps = scope is not None and scope.keeps
+        """Whether an array that it is given is had by others afterwards."""
+        self.sole = scope is not None and scope.sole_result
+        """Whether nobody else has an array that it returns."""
 
 
 class CodeWorld:
@@ -57,6 +62,8 @@ class CodeWorld:
         self._names = {"plan", "traits", "stop_order", "output_objects", "conditioned", "init_objects", "main"}
         self._tests: dict[tuple[type[BaseException], ...], str] = {}
         self._kept: list[Any] = []
+        self._tables: dict[tuple[int, ...], str] = {}
+        """Names of tables of the numbers of objects."""
 
     # What functions ask for ----------------------------------------------------------------------------
 
@@ -106,7 +113,7 @@ class CodeWorld:
 
     # Functions -----------------------------------------------------------------------------------------
 
-    def invoke(self, caller: FunctionScope, source: SourcedFunction, terms: Mapping[str, Term], node: ast.AST) -> Term:
+    def invoke(self, caller: Any, source: SourcedFunction, terms: Mapping[str, Term], node: ast.AST) -> Term:
         """A call of a function: its result. The function is translated if it is not yet."""
         hints = source.function.__annotations__
         given: dict[str, CType | Known] = {}
@@ -116,7 +123,10 @@ class CodeWorld:
             given[name] = of
             if not isinstance(of, Known):
                 texts.append(caller.as_type(term, of, node))
+        shared = [term for term in terms.values() if caller.is_array(term)]
         found = self.translated(source, given, node, caller)
+        for term in shared if found.keeps else []:
+            caller.share(term)
         if found.live is not None and not found.text:
             return found.live
         call = f"{found.name}({', '.join(['m', *texts])}"
@@ -125,10 +135,12 @@ class CodeWorld:
             return found.live or Known(None)
         result = caller.temporary(found.result)
         caller.called(f"{call}, &{result})")
+        if found.sole:
+            caller.sole.add(result)
         return Code(found.result, result, stable=True)
 
     def _parameter(
-        self, caller: FunctionScope, function: FunctionType, name: str, term: Term, hints: Mapping[str, Any]
+        self, caller: StatementCode, function: FunctionType, name: str, term: Term, hints: Mapping[str, Any]
     ) -> CType | Known:
         hinted = _hinted_parameter(function, name) if name in hints else None
         if isinstance(term, Known):
@@ -182,9 +194,7 @@ class CodeWorld:
         for name, of in given.items():
             scope.names[name] = of
             if not isinstance(of, Known):
-                scope.parameters[name] = of
-                self.memory.learn(self.memory.locals, (key, name), of, lambda: None)
-                scope.names[name] = self.memory.locals[key, name]
+                scope.add_parameter(name, of, self.memory.learn(self.memory.locals, (key, name), of, lambda: None))
         statements = source.tree.body
         if isinstance(statements, ast.expr):
             statements = [ast.copy_location(ast.Return(statements), statements)]
@@ -204,11 +214,13 @@ class CodeWorld:
                     scope.line(f"*out = {self.result_of(scope, Known(None), node)};")
             scope.line("return UMO_OK;", pure=True)
         result = self.memory.results.get(key, NOTHING)
+        for of in (*scope.temporaries.values(), *scope.given.values(), result):
+            self.fields.use(of)
         live = self._live_result(scope, result)
         text = (
             "" if live is not None and _is_empty(scope) else _function_text(scope, source, given, result, self.target)
         )
-        return TranslatedFunction(scope.c_name, result, live, text)
+        return TranslatedFunction(scope.c_name, result, live, text, scope)
 
     def _told(self, scope: FunctionScope, refused: NoTranslation, before: int) -> None:
         """What does not translate, told once for each place; what follows from it is not told."""
@@ -242,10 +254,14 @@ class CodeWorld:
 
     # The texts -----------------------------------------------------------------------------------------
 
+    def table(self, slots: Sequence[int]) -> str:
+        return self._tables.setdefault(tuple(slots), f"vector_{len(self._tables)}")
+
     def source(self) -> str:
+        tables = "".join(c_array("int16_t", name, list(map(str, slots))) for slots, name in self._tables.items())
         bodies = "\n".join(each.text for each in self.functions.values() if each.text)
         tests = "\n".join(map(self._test, self._tests))
-        return "\n".join(part for part in (tests, bodies) if part)
+        return "\n".join(part for part in (tables, tests, bodies) if part)
 
     def _test(self, kinds: tuple[type[BaseException], ...]) -> str:
         name = self._tests[kinds]
@@ -268,6 +284,9 @@ def _is_code(term: Term | None) -> bool:
 
 
 def _identity(value: Any) -> Any:
+    """What tells two live values apart; a tuple is made anew in each pass."""
+    if type(value) is tuple:
+        return tuple(map(_identity, value))
     return value if value is None or isinstance(value, str | bytes) else id(value)
 
 
@@ -289,15 +308,13 @@ def _function_text(
     target: ControllerTarget,
 ) -> str:
     """The function as text."""
-    parameters = [f"{of.name} {scope.c_local(name)}" for name, of in scope.parameters.items()]
+    parameters = [f"{of.name} {name}" for name, of in scope.given.items()]
     out = [] if result == NOTHING else [f"{result.name} *out"]
     line = source.function.__code__.co_firstlineno
     head = f"static umo_fault {scope.c_name}({', '.join(['umo_machine *m', *parameters, *out])})"
     body = "\n".join(scope.lines)
-    declared = [
-        f"{INDENT}{_declared(name, of)}" for name, of in scope.temporaries.items() if name not in scope.parameters
-    ]
-    read = {name: _is_read(name, body) for name in (*scope.temporaries, *map(scope.c_local, scope.parameters), "m")}
+    declared = [f"{INDENT}{_declared(name, of)}" for name, of in scope.temporaries.items() if name not in scope.given]
+    read = {name: _is_read(name, body) for name in (*scope.temporaries, *scope.given, "m")}
     unused = [f"{INDENT}(void){name};" for name, yes in read.items() if not yes]
     lines = [
         f"/* {comment(source.name)}: {comment(source.file)}:{line} */",
@@ -314,7 +331,11 @@ def _function_text(
 def _declared(name: str, of: CType) -> str:
     if name == "fault":
         return "umo_fault fault = UMO_OK;"
-    zero = "{0}" if isinstance(of, TupleType | OptionalType) else ZERO.get(of, "0")
+    if isinstance(of, ArrayType):
+        return f"{of.name} {name} = {{{{0}}}};"
+    if isinstance(of, OptionalType):
+        return f"{of.name} {name} = {{.has = false}};"
+    zero = "{0}" if isinstance(of, TupleType) else ZERO.get(of, "0")
     return f"{of.name} {name} = {zero};"
 
 

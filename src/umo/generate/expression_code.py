@@ -8,9 +8,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from umo.generate.c_types import BOOL, INT, REAL, ArrayType, CType, OptionalType, StateType, TupleType, joined
-from umo.generate.function_scope import TELLS, FunctionScope
+from umo.generate.function_scope import TELLS, FunctionScope, NoTranslation
 from umo.generate.function_source import ABSENT
-from umo.generate.terms import TEXT, Code, Known, Many, Present, Term, UnknownText
+from umo.generate.terms import TEXT, Code, Elements, Known, Many, Present, Term, UnknownText
 
 FOLDED: dict[type[ast.AST], Callable[..., Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
@@ -33,6 +33,21 @@ class ExpressionCode(FunctionScope):
         raise NotImplementedError
 
     def call(self, node: ast.Call) -> Term:
+        raise NotImplementedError
+
+    def is_array(self, term: Term) -> bool:
+        raise NotImplementedError
+
+    def of_arrays(self, sign: ast.operator, left: Term, right: Term, node: ast.AST) -> Code:
+        raise NotImplementedError
+
+    def of_array(self, sign: ast.unaryop, term: Term, node: ast.AST) -> Code:
+        raise NotImplementedError
+
+    def compared_arrays(self, sign: ast.cmpop, left: Term, right: Term, node: ast.AST) -> Code:
+        raise NotImplementedError
+
+    def attribute_of_array(self, code: Code, name: str, node: ast.AST) -> Term:
         raise NotImplementedError
 
     def term(self, node: ast.AST) -> Term:
@@ -71,7 +86,7 @@ class ExpressionCode(FunctionScope):
         if isinstance(found, Known):
             return found
         if found is not None:
-            return Code(found, self.c_local(node.id))
+            return Code(found, self.same.get(node.id) or self.c_local(node.id))
         if node.id in self.source.function.__code__.co_varnames:
             raise self.refused(node, "it is used before it has a value on every way", "give it a value first")
         value = self.source.meaning(node.id)
@@ -83,6 +98,8 @@ class ExpressionCode(FunctionScope):
         base = self.term(node.value)
         if isinstance(base, Known):
             return self.attribute(base, node.attr, node)
+        if self.is_array(base):
+            return self.attribute_of_array(base, node.attr, node)  # type: ignore[arg-type]
         if isinstance(base, Many) and node.attr in base.names:
             return base.terms[base.names.index(node.attr)]
         if isinstance(base, Code) and isinstance(base.type, TupleType) and node.attr in dict(base.type.members):
@@ -109,7 +126,8 @@ class ExpressionCode(FunctionScope):
             name, of = base.type.members[index.value]
             return Code(of, f"{self.place(base).text}.{name}")
         if isinstance(base, Code) and isinstance(base.type, ArrayType):
-            return Code(base.type.of, f"{base.text}[{self.index(base.type, index, node)}]")
+            place = self.kept(base).text if isinstance(base, Elements) else base.text
+            return Code(base.type.of, f"{place}.at[{self.index(base.type, index, node)}]")
         raise self.refused(node, "an element of something that is not a list of numbers")
 
     def index(self, of: ArrayType, index: Term, node: ast.AST) -> str:
@@ -131,6 +149,8 @@ class ExpressionCode(FunctionScope):
             return Known(not truth) if isinstance(truth, bool) else Code(BOOL, f"!({truth})")
         if isinstance(term, Known) and type(term.value) in NUMBERS and type(node.op) in FOLDED:
             return Known(FOLDED[type(node.op)](term.value))
+        if self.is_array(term):
+            return self.of_array(node.op, term, node)
         if isinstance(node.op, ast.Invert):
             raise self.refused(node, "~ does not translate", "`not`")
         code = self.number(term, node.operand)
@@ -149,6 +169,8 @@ class ExpressionCode(FunctionScope):
             except ArithmeticError as error:
                 self.raises(type(error), node)
                 return Known(0.0)
+        if self.is_array(left) or self.is_array(right):
+            return self.of_arrays(node.op, left, right, node)
         return self.arithmetic(node.op, self.number(left, node.left), self.number(right, node.right), node)
 
     def arithmetic(self, sign: ast.operator, left: Code, right: Code, node: ast.AST) -> Code:
@@ -246,6 +268,8 @@ class ExpressionCode(FunctionScope):
         none = [each for each in (left, right) if isinstance(each, Known) and each.value is None]
         if none and (identity or isinstance(sign, ast.Eq | ast.NotEq)):
             return self._is_none(right if none[0] is left else left, equal)
+        if self.is_array(left) or self.is_array(right):
+            return self.compared_arrays(sign, left, right, left_node)
         if isinstance(left, Known) and isinstance(right, Known):
             if identity:
                 return Known((left.value is right.value) is equal)
@@ -347,6 +371,8 @@ class ExpressionCode(FunctionScope):
         is_bool = _is_bool(first) and (isinstance(other, bool) or _is_bool(second))
         if not is_bool and not (isinstance(first, Code) and isinstance(second, Code)):
             is_bool = True  # only whether it is true can be known
+        if is_bool and not rest and isinstance(other, bool):
+            return Known(other) if other is not both else Code(BOOL, truth)
         if is_bool and not rest:
             text = str(other).lower() if isinstance(other, bool) else other
             return Code(BOOL, f"({truth} {'&&' if both else '||'} {text})")
@@ -368,7 +394,12 @@ class ExpressionCode(FunctionScope):
             raise self.refused(node, "one of two values of different types", "one type for both") from None
 
     def _IfExp(self, node: ast.IfExp) -> Term:
-        truth = self.truth(self.term(node.test), node.test)
+        try:
+            truth = self.truth(self.term(node.test), node.test)
+        except NoTranslation as refused:
+            if refused.reason == TELLS and all(map(_is_text, (node.body, node.orelse))):
+                return Known(TEXT)
+            raise
         if isinstance(truth, bool):
             return self.term(node.body if truth else node.orelse)
         before, impure = set(self.known), self.impure
@@ -387,7 +418,8 @@ class ExpressionCode(FunctionScope):
         if isinstance(one, Known) and isinstance(other, Known):
             raise self.refused(node, "it stands for None either way")
         of = self._type_of_two(one, other, node)
-        a, b = self.as_type(one, of, node.body), self.as_type(other, of, node.orelse)
+        a, one_lines = self._finished(one, one_lines, of, node.body)
+        b, other_lines = self._finished(other, other_lines, of, node.orelse)
         if not one_lines and not other_lines:
             return Code(of, f"({truth} ? {a} : {b})")
         result = self.temporary(of, "v")
@@ -400,6 +432,15 @@ class ExpressionCode(FunctionScope):
         self.depth -= 1
         self.line("}", pure=True)
         return Code(of, result, stable=True)
+
+    def _finished(self, term: Term, lines: list[str], of: CType, node: ast.AST) -> tuple[str, list[str]]:
+        """The text of one of two values, with the lines that it needs."""
+        at, self.lines = len(self.lines), [*self.lines, *lines]
+        self.depth += 1
+        text = self.as_type(term, of, node)
+        self.depth -= 1
+        found, self.lines = self.lines[at:], self.lines[:at]
+        return text, found
 
     def _type_of_two(self, one: Term, other: Term, node: ast.AST) -> CType:
         from umo.generate.c_types import NOTHING
@@ -464,6 +505,10 @@ def plain_type(of: CType) -> CType:
 def plain_kind(code: Code) -> Any:
     of = plain_type(code.type)
     return of.kind if isinstance(of, StateType) else None
+
+
+def _is_text(node: ast.AST) -> bool:
+    return isinstance(node, ast.JoinedStr) or (isinstance(node, ast.Constant) and isinstance(node.value, str))
 
 
 def _is_tuple(term: Term) -> bool:

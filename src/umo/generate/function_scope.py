@@ -14,6 +14,7 @@ from umo.generate.c_types import (
     INT,
     MASK,
     REAL,
+    ArrayType,
     CType,
     OptionalType,
     StateType,
@@ -110,6 +111,8 @@ class FunctionScope:
         self.names: dict[str, CType | Known] = {}
         """Local names: their types, or the live object that each stands for."""
         self.parameters: dict[str, CType] = {}
+        self.given: dict[str, CType] = {}
+        """The parameters in C."""
         self.results: list[Term | None] = []
         self.handlers: list[TryBlock] = []
         self.impure = 0
@@ -118,6 +121,16 @@ class FunctionScope:
         """Expressions that are not None here."""
         self.loops: list[tuple[str, str, int]] = []
         """The labels to which `continue` and `break` lead, "": C's own; and how many handlers there are around."""
+        self.shared: set[str] = set()
+        """Texts of arrays that have several names."""
+        self.same: dict[str, str] = {}
+        """Names that stand for the array of another local name, as long as the function runs."""
+        self.sole: set[str] = set()
+        """Temporary arrays that nobody else has."""
+        self.sole_result = True
+        """Whether nobody else has an array that the function returns."""
+        self.keeps = False
+        """Whether an array that it was given is had by others after it."""
         self._labels = 0
 
     # Lines ---------------------------------------------------------------------------------------------
@@ -154,6 +167,22 @@ class FunctionScope:
         name = self.temporary(code.type, what)
         self.line(f"{name} = {code.text};", pure=True)
         return Code(code.type, name, stable=True)
+
+    def add_parameter(self, name: str, given: CType, of: CType) -> None:
+        """A parameter; it has another type inside where the function assigns to it what it was not given."""
+        self.parameters[name] = self.names[name] = of
+        text = self.c_local(name)
+        if of == given:
+            self.given[text] = given
+            return
+        self.given[f"{text}_given"] = given
+        self.temporaries[text] = of
+        value = self.as_type(Code(given, f"{text}_given", stable=True), of, self.source.tree)
+        self.line(f"{text} = {value};", pure=True)
+
+    @property
+    def c_parameters(self) -> list[str]:
+        return [self.c_local(name) for name in self.parameters]
 
     def c_local(self, name: str) -> str:
         return f"{name}_" if name in TAKEN else name.lstrip("_") or "unused"
@@ -206,6 +235,11 @@ class FunctionScope:
             of = self.world.fields.type_of_value(value)
             if of is not None and (is_number(of) or isinstance(of, StateType)):
                 return Code(of, self.literal(value, of, node), stable=True)
+            if isinstance(of, ArrayType):
+                name = self.temporary(of)
+                for number, each in enumerate(value):
+                    self.line(f"{name}.at[{number}] = {self.literal(each, of.of, node)};", pure=True)
+                return Code(of, name, stable=True)
             if isinstance(of, TupleType):
                 return self.made(Many(tuple(map(Known, value)), tuple(n for n, _ in of.members), of.kind), of, node)
             raise self.refused(node, f"{_told(value)} is not a number or a state on the controller")
@@ -231,7 +265,7 @@ class FunctionScope:
         """The text of a term as a value of this type."""
         if isinstance(term, Known):
             if isinstance(of, OptionalType) and term.value is None:
-                return f"({of.name}){{false, {'{0}' if isinstance(of.of, TupleType) else '0'}}}"
+                return f"({of.name}){{.has = false}}"
             if of == MASK:
                 return f"{mask_of(term.value)}u"
             if of == REAL and type(term.value) in (int, float, bool):
@@ -293,7 +327,8 @@ class FunctionScope:
                 zeros = [n for n, each in enumerate(term.type.kind) if not each]
                 return f"{_enclosed(term.text)} != {zeros[0]}" if zeros else True
             return True
-        raise self.refused(node, "whether it is true is not known on the controller")
+        nearest = "any(), all()" if isinstance(term.type, ArrayType) else ""
+        raise self.refused(node, "whether it is true is not known on the controller", nearest)
 
 
 def _enclosed(text: str) -> str:

@@ -22,6 +22,7 @@ from umo.generate.c_types import (
     OptionalType,
     StateType,
     TupleType,
+    array,
     joined,
     optional,
     state,
@@ -55,6 +56,8 @@ class LiveFields:
         self.structs: dict[int, LiveStruct] = {}
         self._names: set[str] = set()
         self.tuples: dict[str, TupleType] = {}
+        self.lengths: set[int] = set()
+        """Of the arrays that translated code computes."""
 
     def known(self, owner: Any, path: str) -> LiveStruct:
         """The struct of an object; `path` is its path if it is new."""
@@ -89,6 +92,8 @@ class LiveFields:
         return found
 
     def type_of_value(self, value: Any) -> CType | None:
+        if isinstance(value, np.generic):
+            value = value.item()
         kind = type(value)
         if kind in PLAIN:
             return PLAIN[kind]
@@ -96,13 +101,13 @@ class LiveFields:
             return NOTHING
         if isinstance(value, Enum):
             return state(type(value))
-        if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "fbi":
-            return ArrayType("", {"f": REAL, "b": BOOL, "i": INT}[value.dtype.kind], len(value))
+        if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "fbi" and len(value):
+            return array({"f": REAL, "b": BOOL, "i": INT}[value.dtype.kind], len(value))
         if isinstance(value, list) and value:
             of = {self.type_of_value(each) for each in value}
             (first, *more) = of
             if not more and first is not None and (first in PLAIN.values() or isinstance(first, TupleType)):
-                return ArrayType("", first, len(value))
+                return array(first, len(value))
         if isinstance(value, tuple) and value:
             return self.tuple_type([self.type_of_value(each) for each in value], getattr(kind, "_fields", ()), kind)
         return None
@@ -111,9 +116,9 @@ class LiveFields:
         """The type of a tuple of numbers; None if it has others. Those of a NamedTuple are as it declares them."""
         if names:
             types = [_hinted(kind, name) or each for name, each in zip(names, types, strict=True)]
-        if not all(each in PLAIN.values() or isinstance(each, StateType) for each in types):
+        if not all(each in PLAIN.values() or isinstance(each, StateType | ArrayType) for each in types):
             return None
-        letters = "".join({REAL: "r", INT: "i", BOOL: "b"}.get(each, "s") for each in types)  # type: ignore[arg-type]
+        letters = "".join(map(_letter, types))
         name = f"machine_{identifier(kind.__name__)}" if names else f"machine_tuple_{letters}"
         members = tuple(zip(names or [f"_{n}" for n in range(len(types))], types, strict=True))
         found = TupleType(name, members, kind if names else None)  # type: ignore[arg-type]
@@ -128,15 +133,36 @@ class LiveFields:
     # The texts -----------------------------------------------------------------------------------------
 
     def header(self) -> str:
-        """Structs, one for each tuple and each object."""
-        parts = []
-        for name, each in self.tuples.items():
-            parts += [_struct(name, each.members), _struct(optional(each).name, [("has", BOOL), ("value", each)])]
+        """Structs, one for each kind of array, each tuple and each object."""
+        parts = [_structs(each) for each in self._arrays() if not isinstance(each.of, TupleType)]
+        parts += map(_structs, self.tuples.values())
+        parts += [_structs(each) for each in self._arrays() if isinstance(each.of, TupleType)]
         for live in self.filled:
             parts.append(f"/* {live.path or 'the machine'}: {type(live.owner).__qualname__} */\n")
             members = [(identifier(name), of) for name, of in live.fields.items()]
             parts.append(_struct(f"machine_of_{live.member}", members))
         return "\n".join(parts)
+
+    def use(self, of: CType) -> None:
+        """The C has something of this type."""
+        if isinstance(of, OptionalType):
+            self.use(of.of)
+        elif isinstance(of, TupleType):
+            for _, each in of.members:
+                self.use(each)
+        elif isinstance(of, ArrayType):
+            self.lengths.add(of.length)
+
+    def _arrays(self) -> list[ArrayType]:
+        """Every kind of array that there may be: those of numbers have a kind for each length."""
+        for each in self.filled:
+            for of in each.fields.values():
+                self.use(of)
+        lengths = sorted(self.lengths)
+        of_numbers = [array(of, length) for length in lengths for of in (REAL, INT, BOOL)]
+        fields = (of for each in self.filled for of in each.fields.values())
+        others = [of for of in fields if isinstance(of, ArrayType) and of not in of_numbers]
+        return [*of_numbers, *dict.fromkeys(others)]
 
     def members(self) -> str:
         return "".join(f"    machine_of_{each.member} {each.member};\n" for each in self.filled)
@@ -161,7 +187,7 @@ class LiveFields:
                 each.path,
                 each.member,
                 name,
-                of.name if not isinstance(of, ArrayType) else f"{of.of.name}[{of.length}]",
+                of.name,
                 "STATE" if (id(each.owner), name) in self._memory.assigned else "INPUT",
             )
             for each in self.filled
@@ -175,10 +201,11 @@ class LiveFields:
     def _set(self, place: str, of: CType, value: Any) -> list[str]:
         """Statements that give a field its value."""
         if isinstance(of, ArrayType):
-            return [line for n, each in enumerate(value) for line in self._set(f"{place}[{n}]", of.of, each)]
+            each = list(value) * (of.length // len(value))  # one element is taken for each
+            return [line for n, one in enumerate(each) for line in self._set(f"{place}.at[{n}]", of.of, one)]
         if isinstance(of, TupleType):
-            members = zip(of.members, value, strict=True)
-            return [line for (name, kind), each in members for line in self._set(f"{place}.{name}", kind, each)]
+            pairs = zip(of.members, value, strict=True)
+            return [line for (name, kind), each in pairs for line in self._set(f"{place}.{name}", kind, each)]
         if isinstance(of, OptionalType):
             if value is None:
                 return [f"{place}.has = false;"]
@@ -210,11 +237,24 @@ def mask_of(accept: Any) -> int:
     return sum(1 << each for each in Quality if (each is accept if one else each in accept))
 
 
+def _structs(of: CType) -> str:
+    """A type of several numbers, and the same or None."""
+    if isinstance(of, ArrayType):
+        own = f"typedef struct {{\n    {of.of.name} at[{of.length}];\n}} {of.name};\n"
+    else:
+        assert isinstance(of, TupleType)
+        own = _struct(of.name, of.members)
+    return own + _struct(optional(of).name, [("has", BOOL), ("value", of)])
+
+
+def _letter(of: CType | None) -> str:
+    if isinstance(of, ArrayType):
+        return f"_{of.name.removeprefix('machine_')}_"
+    return {REAL: "r", INT: "i", BOOL: "b"}.get(of, "s")  # type: ignore[arg-type]
+
+
 def _struct(name: str, members: Any) -> str:
-    lines = []
-    for each, of in members:
-        array = isinstance(of, ArrayType)
-        lines.append(f"    {(of.of if array else of).name} {each}{f'[{of.length}]' if array else ''};\n")
+    lines = [f"    {of.name} {each};\n" for each, of in members]
     return f"typedef struct {{\n{''.join(lines)}}} {name};\n"
 
 

@@ -7,10 +7,13 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from umo.generate.c_types import BOOL, INT, NOTHING, ArrayType, CType
+import numpy as np
+
+from umo.generate.c_types import BOOL, INT, NOTHING, ArrayType, CType, array, plain
 from umo.generate.call_code import CallCode
 from umo.generate.function_scope import TELLS, NoTranslation, TryBlock
-from umo.generate.terms import Code, Known, Many, Present, Term
+from umo.generate.terms import Code, Elements, Known, Many, Present, Term
+from umo.objects import Quality
 
 MOST_UNROLLED = 256
 """Turns of a loop over objects, each written out."""
@@ -52,6 +55,8 @@ class StatementCode(CallCode):
 
     def _Assign(self, node: ast.Assign) -> None:
         term = self.term(node.value)
+        if isinstance(term, Code) and ast.dump(node.value) in self.known:
+            term = self.present(term, node.value)
         if len(node.targets) > 1 or not isinstance(node.targets[0], ast.Name):
             term = self._settled(term)
         for each in node.targets:
@@ -59,7 +64,9 @@ class StatementCode(CallCode):
 
     def _settled(self, term: Term) -> Term:
         """The same, which no assignment changes any longer."""
-        if isinstance(term, Code) and not isinstance(term.type, ArrayType):
+        if isinstance(term, Code):
+            if not isinstance(term, Elements) and isinstance(plain(term.type), ArrayType):
+                self.share(term)
             return self.kept(term)
         if isinstance(term, Many):
             return Many(tuple(map(self._settled, term.terms)), term.names, term.kind)
@@ -72,6 +79,10 @@ class StatementCode(CallCode):
     def _AugAssign(self, node: ast.AugAssign) -> None:
         load = ast.copy_location(_loaded(node.target), node.target)
         left, right = self.ordered([load, node.value])
+        if self.is_array(left):
+            place = self.array(left, node.target)
+            self.overwrite(place, self.of_arrays(node.op, place, right, node), node)
+            return
         result = self.arithmetic(node.op, self.number(left, node.target), self.number(right, node.value), node)
         self.store(node.target, result, node)
 
@@ -95,6 +106,10 @@ class StatementCode(CallCode):
             self.known.add(ast.dump(_loaded(target)))
 
     def _store_local(self, name: str, term: Term, node: ast.AST) -> None:
+        if isinstance(term, Many) and term.terms and all(map(_is_quality, term.terms)):
+            term = Known(tuple(each.value for each in term.terms))  # type: ignore[union-attr]
+            self.names[name] = term
+            return
         of = self.type_of(term)
         key = (self.key, name)
         before = self.world.memory.locals.get(key)
@@ -108,13 +123,32 @@ class StatementCode(CallCode):
             raise self.refused(node, f"{name!r} stands for different objects", "a name for each")
         of = self.world.memory.learn(self.world.memory.locals, key, of, lambda: self._odd(name, node))
         self.names[name] = of
+        if isinstance(of, ArrayType) and isinstance(term, Code) and self._is_same(name, term):
+            self.same[name] = term.text
+            return
         text = self.c_local(name)
-        if name not in self.parameters:
+        if text not in self.given:
             self.temporaries.setdefault(text, of)
             self.temporaries[text] = of
+        if not (isinstance(term, Code) and term.text in self.sole):
+            self.share(term)
+            if isinstance(term, Code) and not isinstance(term, Elements) and isinstance(plain(of), ArrayType):
+                self.share(Code(of, text))
+        if isinstance(of, ArrayType) and isinstance(term, Elements):
+            self.fill(text, Elements(of, self.at(term, of.of, of.length)))
+            self.impure += 1
+            return
         value = self.as_type(term, of, node)
         if value != text:
             self.line(f"{text} = {value};")
+
+    def _is_same(self, name: str, term: Code) -> bool:
+        """Whether both names stand for one array from here on: each is assigned once, and not in a loop or a branch."""
+        others = [each for each in self.names if self.c_local(each) == term.text and each != name]
+        if not others or self.depth > 1 or term.text in self.given:
+            return False
+        assigned = [each.id for each in _assigned(self.source.tree)]
+        return all(assigned.count(each) == 1 for each in (name, *others))
 
     def _odd(self, name: str, node: ast.AST) -> None:
         raise self.refused(node, f"{name!r} has values of different types", "one type for each name")
@@ -122,14 +156,14 @@ class StatementCode(CallCode):
     def type_of(self, term: Term) -> CType | None:
         """The type of what a term is; None: it is no value of a controller."""
         if isinstance(term, Code):
-            return None if isinstance(term.type, ArrayType) else term.type
+            return term.type
         if isinstance(term, Many):
             types = [self.type_of(each) for each in term.terms]
             return self.world.fields.tuple_type(types, term.names, term.kind or tuple)
         if isinstance(term, Present):
             return None
         found = self.world.fields.type_of_value(term.value)
-        return None if isinstance(found, ArrayType) else found
+        return None if isinstance(found, ArrayType) and not isinstance(term.value, np.ndarray) else found
 
     def _store_field(self, target: ast.Attribute, term: Term, node: ast.AST) -> None:
         base = self.term(target.value)
@@ -151,8 +185,16 @@ class StatementCode(CallCode):
         place = self.field(owner, name, base, target)
         if not isinstance(place, Code):
             return  # in the next pass it is a field
-        if isinstance(place.type, ArrayType):
-            raise self.refused(node, "a list is assigned as a whole", "its elements, one by one")
+        if isinstance(plain(place.type), ArrayType):
+            if isinstance(getattr(owner, name), list):
+                raise self.refused(node, "a list is assigned as a whole", "its elements, one by one")
+            if isinstance(term, Code) and not isinstance(term, Elements):
+                self.share(term)
+                self.share(place)
+            if isinstance(place.type, ArrayType) and isinstance(term, Elements):
+                self.fill(place.text, Elements(place.type, self.at(term, place.type.of, place.type.length)))
+                self.impure += 1
+                return
         self.line(f"{place.text} = {self.as_type(term, place.type, node)};")
 
     def _store_element(self, target: ast.Subscript, term: Term, node: ast.AST) -> None:
@@ -162,7 +204,11 @@ class StatementCode(CallCode):
             raise self.refused(node, "an element of something that is not a list of numbers")
         if isinstance(target.value, ast.Attribute) and isinstance(owner := self.term(target.value.value), Known):
             self.world.memory.assign(owner.value, target.value.attr)
-        self.line(f"{base.text}[{self.index(base.type, index, node)}] = {self.as_type(term, base.type.of, node)};")
+        self.check_sole(base, node)
+        if isinstance(index, Code) and index.type == array(BOOL, base.type.length):
+            self.overwrite(base, term, node, where=index)
+            return
+        self.line(f"{base.text}.at[{self.index(base.type, index, node)}] = {self.as_type(term, base.type.of, node)};")
 
     # Ways ----------------------------------------------------------------------------------------------
 
@@ -241,7 +287,7 @@ class StatementCode(CallCode):
             return
         term = self.term(node.iter)
         if isinstance(term, Code) and isinstance(term.type, ArrayType):
-            self._each(node, term)
+            self._each(node, self.kept(term) if isinstance(term, Elements) else term)
             return
         self._unroll(node, self.elements(term, node.iter))
 
@@ -270,12 +316,12 @@ class StatementCode(CallCode):
             self.store(node.target, Code(INT, turn), node)
             self._turn(node.body, "", "")
 
-    def _each(self, node: ast.For, array: Code) -> None:
-        assert isinstance(array.type, ArrayType)
+    def _each(self, node: ast.For, values: Code) -> None:
+        assert isinstance(values.type, ArrayType)
         turn = self.temporary(INT, "i")
         self._forget(node.body)
-        with self.block(f"for ({turn} = 0; {turn} < {array.type.length}; {turn}++)"):
-            self.store(node.target, Code(array.type.of, f"{array.text}[{turn}]"), node)
+        with self.block(f"for ({turn} = 0; {turn} < {values.type.length}; {turn}++)"):
+            self.store(node.target, Code(values.type.of, f"{values.text}.at[{turn}]"), node)
             self._turn(node.body, "", "")
 
     def _unroll(self, node: ast.For, elements: list[Term]) -> None:
@@ -339,6 +385,8 @@ class StatementCode(CallCode):
     def _Return(self, node: ast.Return) -> bool:
         term = Known(None) if node.value is None else self.term(node.value)
         self.results.append(term)
+        self.sole_result = self.sole_result and self.is_sole(term)
+        self.share(term)
         result = self.world.result_of(self, term, node)
         if result:
             self.line(f"*out = {result};")
@@ -465,6 +513,17 @@ class StatementCode(CallCode):
                 tried = ast.Try(node.body, [ast.copy_location(handler, node)], [], [])
                 return self._Try(ast.copy_location(tried, node))
         raise self.refused(node, "`with` does not translate", "with suppress(...)")
+
+
+def _is_quality(term: Term) -> bool:
+    return isinstance(term, Known) and isinstance(term.value, Quality)
+
+
+def _assigned(tree: ast.AST) -> list[ast.Name]:
+    """The names to which a function assigns; what is changed in place is not among them."""
+    changed = {id(each.target) for each in ast.walk(tree) if isinstance(each, ast.AugAssign)}
+    names = (each for each in ast.walk(tree) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store))
+    return [each for each in names if id(each) not in changed]
 
 
 def _loaded(target: ast.AST) -> ast.expr:

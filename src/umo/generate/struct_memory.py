@@ -6,9 +6,16 @@ from collections.abc import Iterator, Sequence
 from ctypes import POINTER, Structure, c_bool, c_double, c_float, c_int32, c_uint8, c_uint32, cast
 from typing import Any
 
+import numpy as np
+
 from umo.generate.c_text import identifier
 from umo.generate.c_types import BOOL, INT, MASK, REAL, ArrayType, CType, OptionalType, StateType, TupleType
 from umo.generate.live_fields import LiveStruct, mask_of
+
+
+def _listed(values: Any) -> list[Any] | None:
+    """The numbers of an array as Python's own."""
+    return values if values is None else [each.item() if isinstance(each, np.generic) else each for each in values]
 
 
 class StructMemory:
@@ -44,8 +51,10 @@ class StructMemory:
             here, there = self.read(name), getattr(self._struct.owner, name)
             if of == MASK:
                 there = mask_of(there)
-            elif isinstance(of, ArrayType):
-                here, there = list(here), list(there)
+            elif isinstance(of, ArrayType) or isinstance(there, np.ndarray):
+                here, there = _listed(here), _listed(there)
+                if there is not None and here is not None and len(there) == 1:
+                    there = there * len(here)  # one element is taken for each
             elif of == REAL:
                 there = float(there)
             if repr(here) != repr(there) and not (
@@ -83,7 +92,7 @@ class StructMemory:
 
     def _set(self, of: CType, owner: Any, name: str, value: Any) -> None:
         if isinstance(of, ArrayType):
-            for number, each in enumerate(value):
+            for number, each in enumerate(list(value) * (of.length // len(value))):
                 self._set_element(of.of, getattr(owner, name), number, each)
         elif isinstance(of, TupleType):
             for (member, each), part in zip(of.members, value, strict=True):

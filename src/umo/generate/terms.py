@@ -18,6 +18,11 @@ class Code:
     """Whether it is the same whatever is computed before it is used: a literal, or a name that nothing assigns."""
 
 
+@dataclass(frozen=True)
+class Elements(Code):
+    """An array that is computed element by element: `text` is one element, with `@` for its place."""
+
+
 @dataclass(frozen=True, eq=False)
 class Known:
     """Something that is known when the code is generated."""

@@ -19,6 +19,8 @@ class TranslationMemory:
     assigned: set[tuple[int, str]] = field(default_factory=set)
     texts: set[tuple[int, str]] = field(default_factory=set)
     """Fields to which a text is assigned: they do not exist on a controller."""
+    shared: set[Any] = field(default_factory=set)
+    """Arrays that may have several names: texts of fields; function and name of local ones, where it is in a loop."""
     fields: dict[tuple[int, str], CType] = field(default_factory=dict)
     locals: dict[tuple[Any, str], CType | Known] = field(default_factory=dict)
     results: dict[Any, CType] = field(default_factory=dict)
@@ -27,6 +29,11 @@ class TranslationMemory:
     def assign(self, owner: object, name: str) -> None:
         if (id(owner), name) not in self.assigned:
             self.assigned.add((id(owner), name))
+            self.changed = True
+
+    def share(self, place: object) -> None:
+        if place not in self.shared:
+            self.shared.add(place)
             self.changed = True
 
     def learn(self, where: dict[Any, Any], key: Any, new: CType, refuse: Callable[[], None]) -> CType:

@@ -26,12 +26,14 @@ typedef float umo_real;
 #define umo_floor floorf
 #define umo_copysign copysignf
 #define umo_expm1 expm1f
+#define UMO_LARGEST FLT_MAX
 #else
 typedef double umo_real;
 #define umo_fabs fabs
 #define umo_floor floor
 #define umo_copysign copysign
 #define umo_expm1 expm1
+#define UMO_LARGEST DBL_MAX
 #endif
 
 #if defined(__AVR__) && !defined(__cplusplus)
@@ -217,6 +219,10 @@ umo_real umo_slew_rate(const umo_object *o); /* infinite: there is none */
 bool umo_has_slew_rate(const umo_object *o);
 bool umo_inhibited(const umo_object *o);
 umo_fault umo_object_reset(umo_object *o);
+umo_fault umo_values_of(
+    umo_machine *m, const UMO_FLASH int16_t *objects, int16_t n, uint32_t accept_mask, const bool *where, umo_real *out);
+umo_fault umo_write_many(
+    umo_machine *m, const UMO_FLASH int16_t *objects, int16_t n, const umo_real *values, const bool *where, bool *taken);
 umo_real umo_now(const umo_machine *m);
 umo_real umo_dt(const umo_machine *m);
 umo_real umo_period(const umo_machine *m);
@@ -245,6 +251,7 @@ umo_fault umo_set_reading(umo_object *o, umo_real value);
 
 /* Inside the runtime ------------------------------------------------------------------------------------- */
 
+umo_fault umo_command(umo_object *o, umo_real value, bool *taken);
 umo_real umo_curve_at(const UMO_FLASH umo_curve *curve, umo_real x);
 umo_real umo_round_even(umo_real x);
 umo_real umo_since(const umo_core *c, umo_tick tick);

@@ -69,7 +69,7 @@ umo_fault umo_velocity(umo_object *o, umo_real *out)
 /* Actuators ---------------------------------------------------------------------------------------------- */
 
 /* CommandStage.accept: whether a value within the range is taken. */
-static umo_fault command(umo_object *o, umo_real value, bool *taken)
+umo_fault umo_command(umo_object *o, umo_real value, bool *taken)
 {
     umo_output *output = o->output;
     *taken = false;
@@ -94,13 +94,13 @@ umo_fault umo_digital_write(umo_object *o, umo_real value, bool *taken)
 {
     umo_real minimum = o->traits->minimum, maximum = o->traits->maximum;
     if (minimum <= value && value <= maximum)
-        return command(o, value, taken);
+        return umo_command(o, value, taken);
     *taken = false;
     if (!isfinite(value))
         return umo_failed(o, UMO_NOT_FINITE);
     if (!is(o, UMO_CLAMPS))
         return umo_failed(o, UMO_OUTSIDE);
-    umo_fault fault = command(o, value < minimum ? minimum : maximum, taken);
+    umo_fault fault = umo_command(o, value < minimum ? minimum : maximum, taken);
     *taken = false;
     return fault;
 }
@@ -110,7 +110,7 @@ umo_fault umo_binary_write(umo_object *o, uint8_t number, bool *taken)
     *taken = false;
     if (number > 1)
         return umo_failed(o, UMO_NO_STATE);
-    return command(o, number == o->traits->one ? 1 : 0, taken);
+    return umo_command(o, number == o->traits->one ? 1 : 0, taken);
 }
 
 umo_real umo_pending(const umo_object *o)

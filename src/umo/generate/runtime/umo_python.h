@@ -71,6 +71,27 @@ static inline int32_t umo_min_int(int32_t a, int32_t b)
     return b < a ? b : a;
 }
 
+/* np.maximum and np.minimum: NaN if one is. */
+static inline umo_real umo_np_max(umo_real a, umo_real b)
+{
+    return a >= b || isnan(a) ? a : b;
+}
+
+static inline umo_real umo_np_min(umo_real a, umo_real b)
+{
+    return a <= b || isnan(a) ? a : b;
+}
+
+/* np.nan_to_num */
+static inline umo_real umo_nan_to_num(umo_real x)
+{
+    if (isnan(x))
+        return 0;
+    return isfinite(x) ? x : umo_copysign(UMO_LARGEST, x);
+}
+
+umo_real umo_sum(const umo_real *x, int16_t n);
+
 /* a // b and a % b of floats, b not 0 (float_floor_div and float_rem of CPython). */
 static inline umo_real umo_mod(umo_real a, umo_real b)
 {

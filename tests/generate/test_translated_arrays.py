@@ -1,0 +1,308 @@
+"""Arrays of numpy, translated: the same numbers to the bit, and the same errors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import numpy as np
+import pytest
+
+from helpers.generating import needs_a_compiler
+from helpers.machines import timer
+from helpers.tiers import some
+from umo import Compound, DigitalSensor
+from umo.errors import RangeError
+from umo.generate.code_world import translate
+from umo.generate.compiled_machine import CompiledMachine, compiled
+from umo.generate.controller_folder import TARGETS, files_of, write_folder
+from umo.generate.controller_model import laid_out
+from umo.generate.translation import Translation
+from umo.testing import VirtualTimer
+
+COUNT = 11
+WORDS = [0.0, -0.0, 1.0, -1.0, 2.5, math.nan, math.inf, -math.inf, 1e308, 5e-324]
+GAINS = np.array([0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0])
+
+
+def _zeros() -> Any:
+    return np.zeros(COUNT)
+
+
+@dataclass(eq=False)
+class Arrays:
+    """`a`, `b`, `n`, `m` and `x` are given; the others are results."""
+
+    a: Any = field(default_factory=_zeros)
+    b: Any = field(default_factory=_zeros)
+    n: Any = field(default_factory=lambda: np.zeros(COUNT, np.int64))
+    m: Any = field(default_factory=lambda: np.zeros(COUNT, np.bool_))
+    x: float = 0.0
+    out: Any = field(default_factory=lambda: np.zeros(1))
+    mask: Any = field(default_factory=lambda: np.zeros(1, np.bool_))
+    whole: Any = field(default_factory=lambda: np.zeros(1, np.int64))
+    last: Any = None
+    number: float = 0.0
+    count: int = 0
+    yes: bool = False
+
+    def clear(self) -> None:
+        self.out, self.mask, self.whole = np.zeros(1), np.zeros(1, np.bool_), np.zeros(1, np.int64)
+        self.last, self.number, self.count, self.yes = None, 0.0, 0, False
+
+    def arithmetic(self) -> None:
+        self.out = (self.a + self.b) * self.x - self.a / 3.0 + -self.b * self.n
+
+    def divided(self) -> None:
+        self.out = self.a / self.b
+
+    def with_constants(self) -> None:
+        self.out = GAINS * self.a + GAINS[2] * self.b**2
+
+    def whole_numbers(self) -> None:
+        self.whole = self.n * 2 + 1 - -self.n
+
+    def conditions(self) -> None:
+        self.mask = (self.a < self.b) & ~self.m | (self.n == 3) ^ self.m
+        self.yes = bool((self.a > 0.0).any() and not np.all(self.m))
+
+    def chosen(self) -> None:
+        self.out = np.where(self.m, self.a, np.where(self.a > self.b, 0, self.n))
+
+    def extremes(self) -> None:
+        self.out = np.maximum(self.a, self.b) + np.minimum(self.a, 0.5) + np.clip(self.b, -1.0, self.x)
+
+    def extremes_of_whole_numbers(self) -> None:
+        self.whole = np.maximum(self.n, 2) + np.minimum(self.n, -self.n)
+
+    def functions(self) -> None:
+        self.out = np.abs(self.a) + np.sqrt(np.abs(self.b)) + np.floor(self.a) - np.ceil(self.b) + abs(self.b)
+        self.mask = np.isfinite(self.a) & np.logical_not(np.isnan(self.b))
+
+    def repaired(self) -> None:
+        self.out = np.nan_to_num(self.a / self.b)
+
+    def reduced(self) -> None:
+        self.number = float(self.a.max()) + float(np.min(self.b))
+        self.count = int(self.m.sum()) + int(self.n.sum()) + int(np.count_nonzero(self.a)) + int(self.n.max())
+
+    def summed(self) -> None:
+        self.number = float(self.a.sum())
+
+    def summed_in_part(self) -> None:
+        few = np.zeros(5)
+        for i in range(5):
+            few[i] = self.a[i]
+        self.number = float(np.sum(few))
+
+    def elements(self) -> None:
+        first, last = self.a[0], self.a[-1]
+        total = 0.0
+        for each in self.b:
+            total += each
+        for i in range(len(self.n)):
+            if self.n[i] > 0:
+                self.count += 1
+        self.number = first - last + total
+        self.yes = self.a.size == self.b.shape[0]
+
+    def own_element(self) -> None:
+        self.out = self.a * self.a[2] - self.a[0]
+
+    def in_place(self) -> None:
+        total = self.a + self.b
+        total += self.x
+        total *= self.b
+        np.minimum(total, 100.0, out=total)
+        rest = np.subtract(total, self.b, out=total)
+        rest[rest > 3.0] = 3.0
+        rest[0] = self.x
+        self.out = rest
+
+    def in_a_loop(self) -> None:
+        found = np.full(len(self.a), self.x)
+        for i in range(1, len(self.a)):
+            found[i] = found[i - 1] * 0.5 + self.a[i]
+        self.out = found
+
+    def remembered(self) -> None:
+        if self.last is not None:
+            self.out = self.a - self.last
+        self.last = self.a.copy()
+        if self.x > 0.0:
+            self.last = None
+
+    def helped(self, values: Any, factor: float = 2.0) -> tuple[Any, Any]:
+        return values * factor, np.zeros_like(values)
+
+    def with_help(self) -> None:
+        twice, nothing = self.helped(self.a)
+        half, _ = self.helped(self.b, factor=self.x)
+        self.out = twice + half + nothing
+
+    def broadcast(self) -> None:
+        one = np.ones(1) * self.x
+        self.out = one + self.a
+        self.mask = np.zeros(len(self.a), dtype=bool) | (one > 0.0)
+
+    def or_a_number(self) -> None:
+        offset: Any = self.x
+        if self.x > 0.0:
+            offset = self.b
+        self.out = self.a + offset
+
+    def converted(self) -> None:
+        self.out = (self.a > 0.0).astype(float) + self.n.astype(np.float64)
+        self.mask = self.a.astype(bool)
+
+    def listed(self) -> None:
+        self.out = np.array([self.x, 1.0, self.a[1], 2, self.x, 0.0, 0.0, 0.0, 0.0, 0.0, 1])
+
+    def told(self) -> None:
+        bad = ~np.isfinite(self.a)
+        if bad.any():
+            places = np.flatnonzero(bad)
+            more = f", and {len(places) - 1} more" if len(places) > 1 else ""
+            raise RangeError(f"element {places[0]}{more} is not finite")
+        self.number = 1.0
+
+    def kinds(self) -> None:
+        given: Any = self.a
+        self.yes = isinstance(given, np.ndarray) and not isinstance(self.x, np.ndarray) and isinstance(self.x, float)
+
+
+METHODS = [
+    name for name, each in vars(Arrays).items() if callable(each) and name[0] != "_" and name not in ("clear", "helped")
+]
+QUICK = "arithmetic", "in_place", "remembered", "conditions", "extremes"
+
+
+def machine_of(work: Any) -> Compound:
+    class Calculator(Compound):
+        timer: DigitalSensor
+
+        def setup(self) -> None:
+            self.law = Arrays()
+
+        def control(self) -> None:
+            work(self.law)
+
+    return Calculator(timer=timer())
+
+
+def translated(machine: Compound, folder: Path | None = None) -> Translation:
+    wiring = {"drivers": {"clock": VirtualTimer()}, "wire": {"timer": {"driver": "clock", "period": "1 ms"}}}
+    with laid_out(machine, wiring) as model:
+        translation = translate(machine, model.conditions, model.steps, TARGETS["host"])
+        if folder is not None:
+            write_folder(files_of(model, translation, TARGETS["host"]), folder)
+        return translation
+
+
+def give(law: Arrays, random: Random) -> None:
+    law.clear()
+    for name in ("a", "b"):
+        share = random.choice((0.0, 0.3))
+        numbers = (random.choice(WORDS) if random.random() < share else random.uniform(-4, 4) for _ in range(COUNT))
+        setattr(law, name, np.array(list(numbers)))
+    law.n = np.array([random.randint(-5, 5) for _ in range(COUNT)])
+    law.m = np.array([random.random() < 0.5 for _ in range(COUNT)])
+    law.x = random.choice((random.choice(WORDS), random.uniform(-4.0, 4.0)))
+
+
+def differences(memory: Any, law: Arrays) -> list[str]:
+    """What differs. All NaN are one: their signs are the processor's."""
+    return [line for line in memory.differences() if line.replace("-nan", "nan") and not _same(memory, law, line)]
+
+
+def _same(memory: Any, law: Arrays, line: str) -> bool:
+    name = line.split(":")[0].rpartition(".")[2]
+    return repr(memory.read(name)).replace("-nan", "nan") == repr(getattr(law, name)).replace("-nan", "nan")
+
+
+@needs_a_compiler
+@pytest.mark.parametrize("name", some(lambda name: name in QUICK, METHODS))
+def test_it_is_what_numpy_does(name: str, tmp_path: Path) -> None:
+    random, work = Random(name), getattr(Arrays, name)
+    machine: Any = machine_of(work)
+    translation = translated(machine, tmp_path)
+    c = CompiledMachine(compiled(tmp_path), 0, 0)
+    kinds = {each.number: each.kind for each in translation.faults} | {0: None}
+    memory = next(c.struct(n, each) for n, each in enumerate(translation.structs) if each.path == "law")
+    law = machine.law
+    c.begin([])
+    for _ in range(500):
+        give(law, random)
+        memory.push()
+        for _ in range(2):
+            told = None
+            try:
+                with np.errstate(all="ignore"):
+                    work(law)
+            except RangeError as error:
+                told = type(error).__name__
+            assert kinds[c.step(1, [])] == told
+            assert (law, differences(memory, law)) == (law, [])
+
+
+class Refused:
+    """What is refused, each with a word of the reason."""
+
+    def alias(self, law: Arrays) -> None:
+        """may have another name"""
+        here = law.a
+        here += 1.0
+
+    def parameter(self, law: Arrays) -> None:
+        """may have another name"""
+        self.changed(law.a)
+
+    def changed(self, values: Any) -> None:
+        values[0] = 1.0
+
+    def kept(self, law: Arrays) -> None:
+        """may have another name"""
+        new = law.a + 1.0
+        law.out = new
+        new += 1.0
+
+    def kept_in_a_loop(self, law: Arrays) -> None:
+        """may have another name"""
+        new = law.a + 1.0
+        for _ in range(3):
+            new += 1.0
+            law.out = new
+
+    def lengths(self, law: Arrays) -> None:
+        """elements"""
+        law.out = law.a + np.zeros(3)
+
+    def truth(self, law: Arrays) -> None:
+        """any\\(\\)"""
+        if law.a > 0.0:  # type: ignore[truthy-bool]
+            law.x = 1.0
+
+    def unknown(self, law: Arrays) -> None:
+        """has no translation"""
+        law.out = np.sort(law.a)
+
+    def method(self, law: Arrays) -> None:
+        """any, all, sum"""
+        law.number = law.a.mean()
+
+    def long_sum(self, law: Arrays) -> None:
+        """at most 128"""
+        law.number = np.zeros(200).sum()
+
+
+@pytest.mark.parametrize("name", [name for name in vars(Refused) if name[0] != "_" and name != "changed"])
+def test_what_would_not_be_the_same_is_refused(name: str) -> None:
+    work = getattr(Refused(), name)
+    problems = translated(machine_of(work)).problems
+    assert len(problems) == 1
+    import re
+
+    assert re.search(work.__doc__, str(problems[0])), problems
