@@ -246,7 +246,8 @@ def test_a_plot_of_many_objects_has_fewer_periods(recorded: Path, monkeypatch: p
 
 
 def test_to_0_is_nothing_and_not_everything(umo: Umo, recorded: Path) -> None:
-    assert "run.csv: 0 periods" in umo("export", str(recorded), "run.csv", "--to", "0 s").stdout
+    for nothing in ("0", "0 s", "0s", "0.0"):
+        assert "run.csv: 0 periods" in umo("export", str(recorded), "run.csv", "--to", nothing).stdout
 
 
 def test_the_span_without_a_timer_is_that_of_its_periods(tmp_path: Path) -> None:

@@ -73,9 +73,10 @@ def order_of(
         {key: value for key, value in changes.items() if value is not None}, settings_of(table or {})
     )
     path = default if file is None else file.with_name(file.name if file.suffix == SUFFIX else file.name + SUFFIX)
-    for each, name in ((path, "such a file"), (part_name(path, 2), part_name(path, 2))):  # where it is rotated to
-        if each.exists():
-            raise OptionError(f"--record {path}: there is {name} already; a recording never overwrites one")
+    if path.exists():
+        raise OptionError(f"--record {path}: there is such a file already; a recording never overwrites one")
+    if (second := part_name(path, 2)).exists():
+        raise OptionError(f"--record {path}: there is {second} already, where it would go on; give another name")
     if not path.parent.is_dir():
         raise OptionError(f"--record {path}: there is no folder {path.parent}")
     return RecordOrder(path, settings.plain)
@@ -128,9 +129,9 @@ class RecordBeside:
 
     def look(self) -> None:
         """Tell what the process says, and once that it has ended before the run."""
-        self._look("the machine runs on, and is recorded no longer")
+        self._look(run_is_over=False)
 
-    def _look(self, consequence: str) -> None:
+    def _look(self, run_is_over: bool) -> None:
         if self._process is None:
             return
         status = self._process.poll()
@@ -142,7 +143,11 @@ class RecordBeside:
             if status == ExitStatus.NOT_RECORDED:  # it has said why
                 self.complete = False
             elif status:
-                self._miss(f"the recorder has ended ({how}); {consequence}")
+                self._miss(
+                    f"the recorder has ended ({how}); what it had not written is lost"
+                    if run_is_over
+                    else f"the recorder has ended ({how}); the machine runs on, and is recorded no longer"
+                )
 
     def _miss(self, text: str) -> None:
         self.complete = False
@@ -174,4 +179,4 @@ class RecordBeside:
                 process.kill()
                 with suppress(subprocess.TimeoutExpired):
                     process.wait(KILL_TIMEOUT)
-            self._look("what it had not written is lost")
+            self._look(run_is_over=True)

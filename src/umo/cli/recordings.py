@@ -17,7 +17,7 @@ from umo.presentation.run_facts import title
 from .console import err, out, say
 from .progress_line import OneLine
 from .record_beside import check_installed
-from .values import check_picture, duration
+from .values import between, check_picture
 
 MAX_NUMBERS = 1 << 25
 """Numbers that are held for a plot at most, about."""
@@ -127,11 +127,7 @@ def _drawn(values: Any, line: OneLine) -> Any:
 def _values(recording: Any, wanted: WhatIsWanted) -> Any:
     from umo.tables.recorded_values import RecordedValues
 
-    return RecordedValues(recording, wanted.paths, _moment("--from", wanted.start), _moment("--to", wanted.stop))
-
-
-def _moment(name: str, text: str | None) -> float | None:
-    return None if text is None else 0.0 if text.strip() in ("0", "0 s") else duration(name, text)
+    return RecordedValues(recording, wanted.paths, *between("--from", wanted.start, "--to", wanted.stop))
 
 
 def _tell_bare(bare: int) -> None:

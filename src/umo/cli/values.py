@@ -37,13 +37,22 @@ def number(name: str, text: str, unit: str) -> float:
 
 def duration(name: str, text: str) -> float:
     """A time in s, from a number of seconds or a text such as "5 min"; RangeError if it is none, or 0."""
-    try:
-        value = seconds(float(text) if re.fullmatch(r"\s*[-+.\deE]+\s*", text) else text)
-    except (DeclarationError, ValueError) as error:
-        raise RangeError(f"{name}: {error}") from None
+    value = _time(name, text)
     if not value:
         raise RangeError(f"{name}: it must be more than 0 s")
     return value
+
+
+def between(first: str, start: str | None, second: str, stop: str | None) -> tuple[float | None, float | None]:
+    """Two times on the machine's clock, s, where 0 is a time too; None: it is not given. RangeError if one is none."""
+    return None if start is None else _time(first, start), None if stop is None else _time(second, stop)
+
+
+def _time(name: str, text: str) -> float:
+    try:
+        return seconds(float(text) if re.fullmatch(r"\s*[-+.\deE]+\s*", text) else text)
+    except (DeclarationError, ValueError) as error:
+        raise RangeError(f"{name}: {error}") from None
 
 
 SIZES = {"kB": 10**3, "MB": 10**6, "GB": 10**9}
