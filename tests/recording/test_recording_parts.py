@@ -14,7 +14,7 @@ from umo.recording import Recording
 from umo.recording.copying import join
 from umo.recording.mcap_reader import McapReader
 from umo.recording.part_names import part_name
-from umo.recording.record_settings import RecordSettings
+from umo.recording.record_settings import RecordSettings, settings_of
 from umo.recording.recording_file import RecordingFile
 from umo.recording.recording_parts import RecordingParts
 
@@ -81,3 +81,10 @@ def test_a_file_in_the_place_of_the_second_part_is_refused_before_the_run(tmp_pa
     part_name(path, 2).write_bytes(b"another recording")
     with pytest.raises(OptionError, match=r"run\.2\.mcap already"):
         order_of(path, {}, None, path)
+
+
+@pytest.mark.parametrize("size", ["9" * 400 + " GB", "1 TB", "-1 MB", "99 kB", 5, None])
+def test_what_is_no_size_of_a_file_is_told(size: object) -> None:
+    table = {"size": size} if size is not None else {"keep": float("nan")}
+    with pytest.raises(OptionError, match=r"is not a size|is less than 100 kB"):
+        settings_of(table)

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from umo.byte_size import byte_size
 from umo.duration import seconds
 from umo.errors import DeclarationError, OptionError, RangeError, StateError
 from umo.objects.units import convert
@@ -55,18 +56,12 @@ def _time(name: str, text: str) -> float:
         raise RangeError(f"{name}: {error}") from None
 
 
-SIZES = {"kB": 10**3, "MB": 10**6, "GB": 10**9}
-
-
 def size(name: str, text: str, least: int) -> int:
     """A number of bytes from a text such as "200 MB"; RangeError if it is none, or less than `least`."""
-    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(kB|MB|GB)\s*", text)
-    if match is None:
-        raise RangeError(f"{name}: {text!r} is not a size such as '200 MB'; units: {', '.join(SIZES)}")
-    value = round(float(match[1]) * SIZES[match[2]])
-    if value < least:
-        raise RangeError(f"{name}: {text!r} is less than {least // 10**6} MB")
-    return value
+    try:
+        return byte_size(text, least)
+    except DeclarationError as error:
+        raise RangeError(f"{name}: {error}") from None
 
 
 def state(name: str, text: str, states: Sequence[str]) -> str:
