@@ -16,7 +16,7 @@ from typer.testing import Result
 
 import umo as umo_package
 from tests.helpers.recorded import block_at_random, layout_of
-from umo.cli import recordings
+from umo.cli import recordings, replay_shrink
 from umo.cli.console import err
 from umo.cli.progress_line import OneLine
 from umo.cycle.events import CommandState, Event
@@ -24,6 +24,7 @@ from umo.errors import FramesError, OptionError, PathError, RangeError
 from umo.frames.reader import NumberedEvent
 from umo.recording import Recording, copying
 from umo.recording.recording_file import RecordingFile
+from umo.replay.closed_loop import Trial
 from umo.scope.history import samples
 from umo.tables.recorded_values import RecordedValues
 from umo.tables.recording_export import export
@@ -275,3 +276,12 @@ def test_objects_may_have_the_names_of_what_each_period_has(tmp_path: Path) -> N
     arrays = np.load(tmp_path / "run.npz")
     assert arrays["time.value"].tolist() == pytest.approx(values, nan_ok=True)
     assert len(set(arrays.files)) == len(arrays.files) and arrays["number"].tolist() == [1, 2, 3, 4, 5]
+
+
+def test_options_are_told_as_they_are_given(recorded: Path) -> None:
+    with Recording(recorded) as recording:
+        facts = facts_of(recording) | {"options": {"dry_run": True, "safe": False, "fault": ["a b", "c"], "size": 2.0}}
+    told = "--dry-run --no-safe --fault 'a b' --fault c --size 2.0"
+    assert dict(lines_of(facts))["options"] == told
+    trial = Trial("conveyor", options=facts["options"])
+    assert replay_shrink._command(trial, {}) == f"umo run conveyor {told}"

@@ -20,6 +20,7 @@ from umo.replay.opening import opened, other_hash_seed
 from umo.replay.shrinking import ReplayedError, Shrinking, ShrunkTape, periods_left
 from umo.replay.tape import NotReplayable, Tape
 from umo.text import shown_path
+from umo.wiring.parameters import option_words
 
 from .console import err, out, say
 from .progress_line import OneLine
@@ -135,7 +136,7 @@ def _command(trial: Trial, job: Any) -> str:
     words += [word for each in trial.faults for word in ("--fault", each)]
     if trial.faults and trial.fixed.get("fault_seed"):
         words += ["--fault-seed", str(trial.fixed["fault_seed"])]
-    words += [word for name, value in trial.options.items() for word in (f"--{name.replace('_', '-')}", str(value))]
+    words += [word for name, value in trial.options.items() for word in option_words(name, value)]
     return shlex.join(words)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from umo.presentation.durations import duration
 from umo.recording import Recording
+from umo.wiring.parameters import option_words
 
 NAMED = ("umo", "python", "numpy", "platform")
 
@@ -52,7 +53,7 @@ def lines_of(facts: dict[str, Any]) -> list[tuple[str, str]]:
     started = facts["started"]
     when = "" if started is None else time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(float(started)))
     kind = "in real time" if facts["realtime"] else "in virtual time"
-    options = " ".join(_option(name, value) for name, value in facts["options"].items())
+    options = shlex.join(word for name, value in facts["options"].items() for word in option_words(name, value))
     period = float(facts["period"] or 0.0)
     each = f" of {duration(period)}" if period else ""
     lost = "none" if not facts["lost"] else f"{facts['lost']:,} in {_count(len(facts['gaps']), 'gap')}"
@@ -86,13 +87,6 @@ def _boxes(boxes: list[dict[str, Any]]) -> str:
     last = boxes[-1]
     why = " ".join(last["text"].splitlines()[-1:]) or last["reason"]
     return f"{len(boxes):,} (umo why --file), the last one at {last['time']:g} s: {why}"
-
-
-def _option(name: str, value: Any) -> str:
-    flag = f"--{name.replace('_', '-')}"
-    if isinstance(value, list):
-        return " ".join(_option(name, each) for each in value)
-    return flag if value is True else f"{flag} {shlex.quote(str(value))}"
 
 
 def _count(number: int, noun: str) -> str:
