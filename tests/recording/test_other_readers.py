@@ -221,3 +221,25 @@ def test_a_name_that_is_no_utf_8_costs_no_record(tmp_path: Path) -> None:
     with open(tmp_path / "run.mcap", "rb") as stream:
         ((schema, _, message),) = make_reader(stream).iter_messages(["commands"])
     assert decoded(schema, message.data).who == "?"
+
+
+@pytest.mark.parametrize(
+    "paths",
+    [
+        ["machine.valve", "machine.motor"],
+        ["a_parts", "a", "a.b"],
+        ["a", "a_parts", "a.b.c", "a.b"],
+        ["a_parts.x", "a", "a.x"],
+    ],
+)
+def test_names_of_parts_may_be_those_that_the_message_needs(tmp_path: Path, paths: list[str]) -> None:
+    layout = layout_of(len(paths), 0)
+    for entry, path in zip(layout.objects, paths, strict=True):
+        entry["path"] = path
+    file = RecordingFile(tmp_path / "run.mcap", layout, ProtobufChannels(layout))
+    file.add([block := block_at_random(layout, 0, 1, 1)])
+    file.close()
+    with open(tmp_path / "run.mcap", "rb") as stream:
+        ((schema, _, message),) = make_reader(stream).iter_messages(["machine"])
+    found = re.findall(r": ([-\d.e]+)", str(decoded(schema, message.data)))
+    assert sorted(map(float, found)) == pytest.approx(sorted(block.frames["values"][0]))
