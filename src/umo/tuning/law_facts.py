@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import Any
 
+from umo.control.loops import SETTINGS
 from umo.errors import PathError
 from umo.text import did_you_mean
 from umo.tuning.margins import Gains
-
-SETTINGS = ("gain", "integral_time", "derivative_time", "filter_time")
 
 
 @dataclass(frozen=True)
