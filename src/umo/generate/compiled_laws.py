@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from math import isfinite
 from types import MethodType
 from typing import Any
+from weakref import proxy
 
 import numpy as np
 
@@ -252,18 +253,19 @@ class CompiledLaws:
     # What only Python does -----------------------------------------------------------------------------
 
     def _columns_of(self) -> Columns:
-        columns = self._image.columns
+        columns, image = self._image.columns, self._image
+        here = proxy(self)  # what C calls is not collected in a circle
         return Columns(
             c_void_p(columns.values.ctypes.data),
             c_void_p(columns.raws.ctypes.data),
             c_void_p(columns.quality.ctypes.data),
             c_void_p(columns.restrictions.ctypes.data),
             c_void_p(columns.pending.ctypes.data),
-            WRITE(self._write),
-            WRITE_MANY(self._write_many),
-            READ(lambda slot, out: self._read(self._image.velocity, slot, out)),
-            READ(lambda slot, out: self._read(self._image.read_now, slot, out)),
-            HOST_CALL(self._host_call),
+            WRITE(lambda *given: here._write(*given)),
+            WRITE_MANY(lambda *given: here._write_many(*given)),
+            READ(lambda slot, out: here._read(image.velocity, slot, out)),
+            READ(lambda slot, out: here._read(image.read_now, slot, out)),
+            HOST_CALL(lambda *given: here._host_call(*given)),
         )
 
     def _done(self, work: Callable[[], Any]) -> int:
