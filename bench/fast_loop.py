@@ -84,3 +84,4 @@ def serve(file: str, name: str, period: str, compiled: str) -> None:
             wait_busily(connection.wired, busy_wait)
             there.send_bytes(slice_of(m, ticker, periods).tobytes())
         there.send("python" if laws is None else laws.state)
+    os._exit(0)  # nothing of a process without garbage collection is to be told

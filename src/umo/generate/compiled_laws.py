@@ -43,7 +43,7 @@ from umo.objects.atomic import Binary
 from umo.wiring.wired import Wired
 
 log = logging.getLogger("umo")
-COMPARED = 50
+COMPARED = 20
 """Periods in which each law is compared."""
 BAD_INPUT, NEVER_READ, NO_HOST = 6, 7, 10
 NUMBERS: tuple[tuple[type[BaseException], int], ...] = (
