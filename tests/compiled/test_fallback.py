@@ -52,8 +52,8 @@ class Pump(Compound):
         self.motor.write(min(level * self.gain, 10.0))
 
 
-def pump() -> Pump:
-    return Pump(
+def pump(kind: type[Pump] = Pump) -> Pump:
+    return kind(
         timer=timer(),
         level=DigitalSensor("mm", minimum=0.0, maximum=100.0, resolution=0.5),
         motor=DigitalActuator("V", default=0.0, minimum=0.0, maximum=10.0, resolution=0.01),
@@ -120,6 +120,19 @@ def test_a_value_of_another_kind_gives_the_laws_back_to_python(name: str, value:
         setattr(run.m, name, {"gain": 1.0, "total": 0.0, "table": [1.0, 2.0], "weights": np.ones(2)}[name])
         run.step()
         assert isinstance(run.m.table, list)
+
+
+def test_the_class_of_a_bound_object_is_not_told_of_the_one_below_it() -> None:
+    told: list[type] = []
+
+    class Told(Pump):
+        def __init_subclass__(cls, **given: Any) -> None:
+            told.append(cls)
+            super().__init_subclass__(**given)
+
+    with Running(pump(Told)) as run:
+        assert run.laws.state == "compiled" and type(run.m) is not Told and told == []
+        assert type(run.m)._settings is Told._settings
 
 
 def test_a_list_that_grows_gives_the_laws_back_to_python() -> None:

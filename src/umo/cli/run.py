@@ -200,7 +200,7 @@ def _drive(plan: Plan, result: RunSummary, observers: list[Any], recorded: Recor
         with connection as machine:
             for text in kept_values.tell(connection):
                 say(text)
-            start_compiled(plan.prepared, connection.machine)
+            start_compiled(plan.prepared, connection.machine, say)
             events, faults = connection.machine.events, result.equipment_faults
             connection.machine.observers += [*observers, lambda frame: faults.add_new(events)]
             if plan.job.until is not None:

@@ -209,7 +209,7 @@ class Control:
         with connection as machine:
             for text in kept_values.tell(connection):
                 self._channel.send("notice", text=text)
-            start_compiled(plan.prepared, connection.machine)
+            start_compiled(plan.prepared, connection.machine, lambda text: self._channel.send("notice", text=text))
             try:
                 with self._published(connection) as ring, self._commanded(connection, ring):
                     connection.machine.observers.append(self.each_period)
