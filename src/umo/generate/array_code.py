@@ -69,7 +69,7 @@ class ArrayCode(ExpressionCode):
             text = code.text if isinstance(code, Elements) else f"{self.kept_place(code)}.at[{HERE}]"
             if code.type.length == 1 < length:
                 text = text.replace(HERE, "0")
-        if kind == of or (of == REAL and kind == BOOL):
+        if kind == of:
             return text
         return f"({of.name})({text})"
 
@@ -195,8 +195,9 @@ class ArrayCode(ExpressionCode):
         if target is np.where and len(arguments) == 3:
             return self._where(arguments[0], arguments[1], arguments[2], node)
         if target is np.clip and len(arguments) == 3:
-            above = self._extreme_of("umo_np_max", arguments[:2], node)
-            return self._extreme_of("umo_np_min", [above, arguments[2]], node)
+            ends = "" if any(map(self.is_array, arguments[1:])) else "_keeping"  # numpy keeps zeros at constant bounds
+            above = self._extreme_of(f"umo_np_max{ends}", arguments[:2], node)
+            return self._extreme_of(f"umo_np_min{ends}", [above, arguments[2]], node)
         if target in REDUCED and len(arguments) == 1:
             return self.reduced(REDUCED[target], self.array(arguments[0], node), node)
         return None
@@ -206,7 +207,10 @@ class ArrayCode(ExpressionCode):
         n, kinds = self.length((a, b), node), {self.of(a), self.of(b)}
         if REAL in kinds:
             return Elements(array(REAL, n), f"{name}({self.at(a, REAL, n)}, {self.at(b, REAL, n)})")
-        name = name.replace("_np_", "_") + "_int"
+        if kinds == {BOOL}:
+            sign = "||" if name == "umo_np_max" else "&&"
+            return Elements(array(BOOL, n), f"({self.at(a, BOOL, n)} {sign} {self.at(b, BOOL, n)})")
+        name = name.replace("_np_", "_").removesuffix("_keeping") + "_int"
         return Elements(array(INT, n), f"{name}({self.at(a, INT, n)}, {self.at(b, INT, n)})")
 
     def _where(self, condition: Term, one: Term, other: Term, node: ast.AST) -> Code:

@@ -7,7 +7,7 @@ import operator
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from umo.generate.c_types import BOOL, INT, REAL, ArrayType, CType, OptionalType, StateType, TupleType, joined
+from umo.generate.c_types import BOOL, INT, NOTHING, REAL, ArrayType, CType, OptionalType, StateType, TupleType, joined
 from umo.generate.function_scope import TELLS, FunctionScope, NoTranslation
 from umo.generate.function_source import ABSENT
 from umo.generate.terms import TEXT, Code, Elements, Known, Many, Present, Term, UnknownText
@@ -369,27 +369,35 @@ class ExpressionCode(FunctionScope):
         rest, self.lines, self.depth, self.known = self.lines[at:], self.lines[:at], depth, known
         other = self.truth(second, node)
         is_bool = _is_bool(first) and (isinstance(other, bool) or _is_bool(second))
-        if not is_bool and not (isinstance(first, Code) and isinstance(second, Code)):
-            is_bool = True  # only whether it is true can be known
+        second = self._as_value(second, node)
+        only_truth = not is_bool and not (isinstance(first, Code) and (isinstance(second, Code) or _is_none(second)))
         if is_bool and not rest and isinstance(other, bool):
             return Known(other) if other is not both else Code(BOOL, truth)
-        if is_bool and not rest:
-            text = str(other).lower() if isinstance(other, bool) else other
-            return Code(BOOL, f"({truth} {'&&' if both else '||'} {text})")
-        of = BOOL if is_bool else self._one_type(first, second, whole)
+        second_truth = str(other).lower() if isinstance(other, bool) else other
+        if (is_bool or only_truth) and not rest:
+            text = f"({truth} {'&&' if both else '||'} {second_truth})"
+            return Code(BOOL, text) if is_bool else Present(text)
+        of = BOOL if is_bool or only_truth else self._one_type(first, second, whole)
+        is_bool |= only_truth
         result = self.temporary(of, "c")
         value = truth if is_bool else self.as_type(first, of, first_node)
         self.line(f"{result} = {value};", pure=True)
         condition = result if is_bool else truth
         with self.block(f"if ({condition})" if both else f"if (!({condition}))"):
             self.lines += rest
-            second_text = str(other).lower() if is_bool else self.as_type(second, of, node)
+            second_text = second_truth if is_bool else self.as_type(second, of, node)
             self.line(f"{result} = {second_text};", pure=self.impure == before)
-        return Code(of, result, stable=True)
+        return Present(result) if only_truth else Code(of, result, stable=True)
+
+    def _as_value(self, term: Term, node: ast.AST) -> Term:
+        """A number or a state that is known, as a value in C."""
+        if isinstance(term, Known) and term.value is not None and self.world.fields.type_of_value(term.value) is not None:
+            return self.code(term, node)
+        return term
 
     def _one_type(self, first: Term, second: Term, node: ast.AST) -> CType:
         try:
-            return joined(self.code(first, node).type, self.code(second, node).type)
+            return joined(self.code(first, node).type, NOTHING if _is_none(second) else self.code(second, node).type)
         except TypeError:
             raise self.refused(node, "one of two values of different types", "one type for both") from None
 
@@ -443,8 +451,6 @@ class ExpressionCode(FunctionScope):
         return text, found
 
     def _type_of_two(self, one: Term, other: Term, node: ast.AST) -> CType:
-        from umo.generate.c_types import NOTHING
-
         types = [NOTHING if isinstance(each, Known) else self.code(each, node).type for each in (one, other)]
         try:
             return joined(*types)
@@ -513,6 +519,10 @@ def _is_text(node: ast.AST) -> bool:
 
 def _is_tuple(term: Term) -> bool:
     return isinstance(term, Many) or (isinstance(term, Code) and isinstance(plain_type(term.type), TupleType))
+
+
+def _is_none(term: Term) -> bool:
+    return isinstance(term, Known) and term.value is None
 
 
 def _is_bool(term: Term) -> bool:

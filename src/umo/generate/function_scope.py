@@ -280,7 +280,7 @@ class FunctionScope:
         if isinstance(code.type, OptionalType):
             return self.as_type(self.present(code, node), of, node)
         if is_number(of) and is_number(code.type):
-            return code.text if of == REAL and code.type == BOOL else f"({of.name}){_enclosed(code.text)}"
+            return _enclosed(code.text) if of == REAL and code.type == BOOL else f"({of.name}){_enclosed(code.text)}"
         if of == MASK and code.type == state(Quality):
             return f"(uint32_t)1 << {_enclosed(code.text)}"
         if isinstance(of, TupleType) and isinstance(code.type, TupleType):
