@@ -5,9 +5,23 @@ from __future__ import annotations
 import ast
 import operator
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
-from umo.generate.c_types import BOOL, INT, NOTHING, REAL, ArrayType, CType, OptionalType, StateType, TupleType, joined
+from umo.generate.c_types import (
+    BOOL,
+    INT,
+    NOTHING,
+    REAL,
+    ArrayType,
+    CType,
+    NumpyNumber,
+    OptionalType,
+    StateType,
+    TupleType,
+    joined,
+    numpy_number,
+)
 from umo.generate.function_scope import TELLS, FunctionScope, NoTranslation
 from umo.generate.function_source import ABSENT
 from umo.generate.terms import TEXT, Code, Elements, Known, Many, Present, Term, UnknownText
@@ -127,7 +141,7 @@ class ExpressionCode(FunctionScope):
             return Code(of, f"{self.place(base).text}.{name}")
         if isinstance(base, Code) and isinstance(base.type, ArrayType):
             place = self.kept(base).text if isinstance(base, Elements) else base.text
-            return Code(base.type.of, f"{place}.at[{self.index(base.type, index, node)}]")
+            return Code(of_element(base.type), f"{place}.at[{self.index(base.type, index, node)}]")
         raise self.refused(node, "an element of something that is not a list of numbers")
 
     def index(self, of: ArrayType, index: Term, node: ast.AST) -> str:
@@ -157,7 +171,8 @@ class ExpressionCode(FunctionScope):
         if isinstance(node.op, ast.UAdd):
             return code if code.type != BOOL else Code(INT, code.text)
         if code.type == REAL:
-            return Code(REAL, f"-({code.text})")
+            of = term.type if isinstance(term, Code) and _is_of_numpy(term) else REAL
+            return Code(of, f"-({code.text})")
         return self.arithmetic(ast.Sub(), Code(INT, "0", True), code, node)
 
     def _BinOp(self, node: ast.BinOp) -> Term:
@@ -171,7 +186,22 @@ class ExpressionCode(FunctionScope):
                 return Known(0.0)
         if self.is_array(left) or self.is_array(right):
             return self.of_arrays(node.op, left, right, node)
-        return self.arithmetic(node.op, self.number(left, node.left), self.number(right, node.right), node)
+        return self.of_numbers(node.op, left, right, (node.left, node.right), node)
+
+    def of_numbers(
+        self, sign: ast.operator, left: Term, right: Term, nodes: tuple[ast.AST, ast.AST], node: ast.AST
+    ) -> Code:
+        """An operator between numbers; between those of numpy nothing is raised."""
+        a, b = self.number(left, nodes[0]), self.number(right, nodes[1])
+        if not (_is_of_numpy(left) or _is_of_numpy(right)):
+            return self.arithmetic(sign, a, b, node)
+        sure = any(isinstance(each, Code) and getattr(each.type, "sure", False) for each in (left, right))
+        if isinstance(sign, ast.Div) and sure:
+            return Code(numpy_number(REAL), f"({self.as_type(a, REAL, node)} / {self.as_type(b, REAL, node)})")
+        if type(sign) not in CHECKED:
+            raise self.refused(node, "numbers of numpy and of Python differ here where the divisor is 0", "float(...)")
+        found = self.arithmetic(sign, a, b, node)
+        return replace(found, type=numpy_number(found.type, sure))
 
     def arithmetic(self, sign: ast.operator, left: Code, right: Code, node: ast.AST) -> Code:
         if isinstance(sign, ast.Div) or REAL in (left.type, right.type):
@@ -391,7 +421,7 @@ class ExpressionCode(FunctionScope):
 
     def _as_value(self, term: Term, node: ast.AST) -> Term:
         """A number or a state that is known, as a value in C."""
-        if isinstance(term, Known) and term.value is not None and self.world.fields.type_of_value(term.value) is not None:
+        if isinstance(term, Known) and self.world.fields.type_of_value(term.value) not in (None, NOTHING):
             return self.code(term, node)
         return term
 
@@ -519,6 +549,14 @@ def _is_text(node: ast.AST) -> bool:
 
 def _is_tuple(term: Term) -> bool:
     return isinstance(term, Many) or (isinstance(term, Code) and isinstance(plain_type(term.type), TupleType))
+
+
+def of_element(of: ArrayType) -> CType:
+    return of.of if of.listed else numpy_number(of.of)
+
+
+def _is_of_numpy(term: Term) -> bool:
+    return isinstance(term, Code) and isinstance(term.type, NumpyNumber)
 
 
 def _is_none(term: Term) -> bool:
