@@ -20,7 +20,7 @@ from umo.control.profile import Profile
 from umo.cycle.clock import Clock
 from umo.errors import StateError
 from umo.generate.array_code import ArrayMethod
-from umo.generate.c_types import BOOL, INT, MASK, NOTHING, REAL, ArrayType, CType, TupleType, state
+from umo.generate.c_types import BOOL, INT, MASK, NOTHING, REAL, ArrayType, CType, TupleType, numpy_number, state
 from umo.generate.expression_code import NUMBERS
 from umo.generate.function_scope import TELLS
 from umo.generate.function_source import NoSource, bound
@@ -99,7 +99,8 @@ class CallCode(VectorCode):
                 )
             self.world.fields.known(value, self._path(owner, base, name)) if hasattr(value, "__dict__") else None
             return Known(value, owner, name)
-        return Code(of, self.world.fields.field(owner, name, of, self._path(owner, base, "")))
+        text = self.world.fields.field(owner, name, of, self._path(owner, base, ""))
+        return Code(numpy_number(of, sure=False) if (id(owner), name) in self.world.memory.of_numpy else of, text)
 
     def _path(self, owner: Any, base: Known, name: str) -> str:
         path = self.world.fields.known(owner, base.name or type(owner).__name__).path

@@ -123,7 +123,7 @@ class CodeWorld:
             given[name] = of
             if not isinstance(of, Known):
                 texts.append(caller.as_type(term, of, node))
-        shared = [term for term in terms.values() if caller.is_array(term)]
+        shared = [term for term in terms.values() if isinstance(term, Code)]
         found = self.translated(source, given, node, caller)
         for term in shared if found.keeps else []:
             caller.share(term)
