@@ -15,7 +15,7 @@ from umo.drivers.streams import Host, Serial, place_of
 from umo.errors import ChannelsFailed, DriverError, WiringError
 from umo.generate.controller_generator import target_of
 from umo.objects import Compound
-from umo.split.link_bodies import Kind, Mode, State
+from umo.split.link_bodies import ControllerMode, ControllerState, FrameKind
 from umo.split.link_host import LinkHost, late
 from umo.split.part_mirror import PartMirror
 from umo.split.part_plan import PartPlan, plan_of
@@ -75,7 +75,7 @@ class Controller(Driver[Channel]):
         self._number = 0
         self._ends = self._rested = False
         self._places: dict[str, int] = {}
-        self._seen: State | None = None
+        self._seen: ControllerState | None = None
 
     def channel(self, text: str) -> Channel:
         return Channel(text, Direction.BOTH, 32, signed=True)
@@ -140,7 +140,7 @@ class Controller(Driver[Channel]):
         if self._mirror is not None:
             self._mirror.clear()
         link = self._link
-        if link is not None and link.state is not None and link.state.mode is not Mode.RUNNING:
+        if link is not None and link.state is not None and link.state.mode is not ControllerMode.RUNNING:
             link.close()
 
     def reset(self, channel: Channel, default: int | None) -> None:
@@ -153,9 +153,9 @@ class Controller(Driver[Channel]):
             link.greet(deadline)
         count = len(self._plan.model.outputs) if self._plan is not None else 0
         while True:
-            number = link.send(Kind.STOP, [False] * count)
+            number = link.send(FrameKind.STOP, [False] * count)
             try:
-                if link.wait(number, min(deadline, monotonic() + self.host_timeout / 2)).mode is Mode.RESTING:
+                if link.wait(number, min(deadline, monotonic() + self.host_timeout / 2)).mode is ControllerMode.RESTING:
                     break
             except TimeoutError:
                 if monotonic() >= deadline:
@@ -176,7 +176,7 @@ class Controller(Driver[Channel]):
             out[i] = state.raws_in[place]
             if state.failed[place]:
                 failed[channel.text] = "the controller could not read it"
-        if state.mode is not Mode.RUNNING and not self._ends:
+        if state.mode is not ControllerMode.RUNNING and not self._ends:
             raise ChannelsFailed(dict.fromkeys((each.text for each in channels), self._fault_text(state)))
         if failed:
             raise ChannelsFailed(failed)
@@ -193,7 +193,7 @@ class Controller(Driver[Channel]):
 
     # The exchange ------------------------------------------------------------------------------------------
 
-    def _heard(self) -> State:
+    def _heard(self) -> ControllerState:
         """The last answer of the controller, which is started if it was not."""
         link, mirror = self._connected(), self._mirror
         assert mirror is not None
@@ -210,6 +210,7 @@ class Controller(Driver[Channel]):
             if not link.awaited:
                 mirror.confirm()
             mirror.take(state)
+            mirror.plan(state)
             assert self._machine is not None and self._plan is not None
             for part, fault in mirror.new_faults(state):
                 self._machine.fail(part, DriverError(self._text_of(fault)))
@@ -223,7 +224,7 @@ class Controller(Driver[Channel]):
             if not link.offered:
                 link.greet(deadline)
             inhibited = mirror.inhibited()
-            number = link.send(Kind.START, inhibited, mirror.changes(inhibited, all_of_it=True))
+            number = link.send(FrameKind.START, inhibited, mirror.changes(inhibited, all_of_it=True))
             try:
                 link.wait(number, min(deadline, monotonic() + self.host_timeout / 2))
             except TimeoutError:
@@ -242,12 +243,12 @@ class Controller(Driver[Channel]):
             self._heard()
         if link.session and link.may_send:
             inhibited = mirror.inhibited()
-            link.send(Kind.EXCHANGE, inhibited, mirror.changes(inhibited))
+            link.send(FrameKind.EXCHANGE, inhibited, mirror.changes(inhibited))
 
-    def _fault_text(self, state: State) -> str:
-        if state.mode is Mode.HOST_GONE:
+    def _fault_text(self, state: ControllerState) -> str:
+        if state.mode is ControllerMode.HOST_GONE:
             return "the controller has stopped: it had not heard this host in time"
-        if state.mode is Mode.RESTING:
+        if state.mode is ControllerMode.RESTING:
             return "the controller was stopped"
         return self._text_of(state.fault, state.fault_object)
 

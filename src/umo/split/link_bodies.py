@@ -15,7 +15,7 @@ from umo.split.part_plan import PartPlan, bits_of, share_of
 VERSION = 1
 
 
-class Kind(IntEnum):
+class FrameKind(IntEnum):
     """The first byte of a body."""
 
     HELLO = 1
@@ -26,7 +26,7 @@ class Kind(IntEnum):
     STATE = 6
 
 
-class Item(IntEnum):
+class FrameItem(IntEnum):
     """What an item of a START or an EXCHANGE is."""
 
     FIELD = 1
@@ -34,9 +34,10 @@ class Item(IntEnum):
     REFERENCE = 3
     CLEAR = 4
     ACKNOWLEDGE = 5
+    PLANNED = 6
 
 
-class Mode(IntEnum):
+class ControllerMode(IntEnum):
     """What the controller does."""
 
     RESTING = 0
@@ -46,7 +47,7 @@ class Mode(IntEnum):
 
 
 HELLO, WELCOME = Struct("<BI"), Struct("<BIBIBH")
-HEAD, ITEM, STATE = Struct("<BHH"), Struct("<BH"), Struct("<BHHBhhI")
+HEAD, ITEM, STATE = Struct("<BHH"), Struct("<BH"), Struct("<BHHBhhIHBB")
 
 
 class Welcome(NamedTuple):
@@ -60,17 +61,22 @@ class Welcome(NamedTuple):
     session: int
 
 
-class State(NamedTuple):
+class ControllerState(NamedTuple):
     """What a controller tells of itself."""
 
     session: int
     heard: int
     """The number of the last frame of the host that it has carried out."""
-    mode: Mode
+    mode: ControllerMode
     fault: int
     fault_object: int
     number: int
     """Its periods since the start, modulo 2**32."""
+    asks: int
+    """The number of what the host is asked to plan; 0: nothing."""
+    call: int
+    """Which of `Translation.host_calls` it is."""
+    numbers: Sequence[float]
     raws_in: Sequence[int]
     failed: Sequence[bool]
     pending: Sequence[float]
@@ -83,21 +89,23 @@ class State(NamedTuple):
 
 
 def hello(nonce: int) -> bytes:
-    return HELLO.pack(Kind.HELLO, nonce)
+    return HELLO.pack(FrameKind.HELLO, nonce)
 
 
 def welcome_of(body: bytes) -> Welcome | None:
     """A WELCOME; None for anything else."""
-    if len(body) != WELCOME.size or body[0] != Kind.WELCOME:
+    if len(body) != WELCOME.size or body[0] != FrameKind.WELCOME:
         return None
     return Welcome(*WELCOME.unpack(body))
 
 
-def item(kind: Item, number: int, data: bytes = b"") -> bytes:
+def item(kind: FrameItem, number: int, data: bytes = b"") -> bytes:
     return ITEM.pack(kind, number) + data
 
 
-def request(kind: Kind, session: int, number: int, inhibited: Iterable[bool], items: Iterable[bytes] = ()) -> bytes:
+def request(
+    kind: FrameKind, session: int, number: int, inhibited: Iterable[bool], items: Iterable[bytes] = ()
+) -> bytes:
     """A START, an EXCHANGE or a STOP."""
     bits = list(inhibited)
     packed = sum(1 << place for place, yes in enumerate(bits) if yes).to_bytes(share_of(len(bits)), "little")
@@ -111,25 +119,29 @@ class StateReader:
         self._inputs, self._outputs = plan.model.inputs, len(plan.model.outputs)
         real = "d" if plan.real_size == 8 else "f"
         bits_in, bits_out = bits_of(self._inputs), bits_of(self._outputs)
-        parts = f"{self._inputs}i{bits_in}s{self._outputs}{real}{self._outputs}i{bits_out}s{len(plan.model.equipment)}h"
+        equipment = len(plan.model.equipment)
+        parts = f"2{real}{self._inputs}i{bits_in}s{self._outputs}{real}{self._outputs}i{bits_out}s{equipment}h"
         self._objects = Struct(f"<{parts}")
         self._size = STATE.size + self._objects.size + sum(each.size for each in plan.fields if each.changes)
 
-    def read(self, body: bytes) -> State | None:
+    def read(self, body: bytes) -> ControllerState | None:
         """None for what is no STATE of this part."""
-        if len(body) != self._size or body[0] != Kind.STATE or body[5] not in Mode.__members__.values():
+        if len(body) != self._size or body[0] != FrameKind.STATE or body[5] not in ControllerMode.__members__.values():
             return None
-        _, session, heard, mode, fault, fault_object, number = STATE.unpack_from(body)
-        found = self._objects.unpack_from(body, STATE.size)
+        _, session, heard, mode, fault, fault_object, number, asks, call, count = STATE.unpack_from(body)
+        numbers, found = (each := self._objects.unpack_from(body, STATE.size))[:2], each[2:]
         inputs, outputs = self._inputs, self._outputs
         at = inputs + 1 + outputs
-        return State(
+        return ControllerState(
             session,
             heard,
-            Mode(mode),
+            ControllerMode(mode),
             fault,
             fault_object,
             number,
+            asks,
+            call,
+            numbers[:count],
             found[:inputs],
             _bits(found[inputs], inputs),
             found[inputs + 1 : at],

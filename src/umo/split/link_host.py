@@ -10,7 +10,7 @@ from umo.drivers.streams import Lost, Stream, TimedOut
 from umo.drivers.streams.stream import Dial
 from umo.errors import DeviceTimeout, DriverError
 from umo.presentation.durations import duration
-from umo.split.link_bodies import VERSION, Kind, State, StateReader, Welcome, hello, request, welcome_of
+from umo.split.link_bodies import VERSION, ControllerState, FrameKind, StateReader, Welcome, hello, request, welcome_of
 from umo.split.link_frames import FrameReader, framed
 from umo.split.part_plan import PartPlan
 
@@ -37,7 +37,7 @@ class LinkHost:
         """The session that the controller has offered; 0: none."""
         self.awaited = False
         """Whether the last request was not answered."""
-        self.state: State | None = None
+        self.state: ControllerState | None = None
         self.arrived = 0.0
         self._retry = plan.host_timeout / 5
 
@@ -90,14 +90,14 @@ class LinkHost:
 
     # Exchange --------------------------------------------------------------------------------------------
 
-    def send(self, kind: Kind, inhibited: Iterable[bool], items: Iterable[bytes] = ()) -> int:
+    def send(self, kind: FrameKind, inhibited: Iterable[bool], items: Iterable[bytes] = ()) -> int:
         """Send a request; its number."""
         if self._stream is None:
             raise DriverError("it is not connected")
-        if kind is Kind.START:
+        if kind is FrameKind.START:
             self.session, self._number, self.state = self.offered, 0, None
         self._number = (self._number + 1) & 0xFFFF
-        session = self.offered if kind is Kind.STOP and not self.session else self.session
+        session = self.offered if kind is FrameKind.STOP and not self.session else self.session
         self._sent, self.awaited = self._now(), True
         try:
             self._stream.send(framed(request(kind, session, self._number, inhibited, items)), self._sent + self._retry)
@@ -120,7 +120,7 @@ class LinkHost:
         except Lost as error:
             self._lost(error, "no answer")
 
-    def wait(self, number: int, deadline: float) -> State:
+    def wait(self, number: int, deadline: float) -> ControllerState:
         """The answer to a request. DeviceTimeout if there is none by then."""
         while self.state is None or self.state.heard != number or self.awaited:
             if self._stream is None:
@@ -160,7 +160,7 @@ class LinkHost:
         self.close()
         raise WrongController(f"the controller {self._name} {text}")
 
-    def _told(self, state: State) -> None:
+    def _told(self, state: ControllerState) -> None:
         wanted = self.session or self.offered
         if state.session != wanted:
             return

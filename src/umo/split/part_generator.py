@@ -27,7 +27,7 @@ for {timeout:g} s, {ticks} periods, every output goes to its default, and nothin
 
 
 def part_files(
-    root: Compound, wiring: Path | str | Mapping[str, Any], name: str, target: ControllerTarget
+    root: Compound, wiring: Path | str | Mapping[str, Any] | None, name: str, target: ControllerTarget
 ) -> dict[str, str]:
     """The files by name, for the controller of this name in the wiring. NotTranslated lists everything that is in the
     way. No device is opened."""
@@ -76,5 +76,7 @@ def _files(plan: PartPlan) -> dict[str, str]:
 
 def _with_link(makefile: str) -> str:
     """The Makefile of a board, for its loop with the link."""
-    text = makefile.replace("MAIN = main.c", "MAIN = main_link.c").replace("SOURCES = machine.c", "SOURCES = machine.c machine_link.c")
+    text = makefile.replace("MAIN = main.c", "MAIN = main_link.c").replace(
+        "SOURCES = machine.c", "SOURCES = machine.c machine_link.c"
+    )
     return text.replace("io_board.c machine.h", "io_board.c io_link.c machine.h")

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from struct import Struct
-from typing import Any
+from typing import Any, cast
 
 from umo.cycle.machine import ConnectedMachine
 from umo.objects import Compound, DigitalSensor, Quality, walk
-from umo.split.link_bodies import Item, State, item
+from umo.split.link_bodies import ControllerState, FrameItem, item
 from umo.split.part_plan import PartPlan
 
 
@@ -22,10 +22,15 @@ class PartMirror:
         self._outputs = [slots[objects[slot].path] for slot in plan.model.outputs]
         """The slots on the host, by places of the controller."""
         inputs = [slots[each.path] for each in objects[: plan.model.inputs]]
-        self._references = [(n, slot) for n, slot in enumerate(inputs) if isinstance(self._image.items[slot], DigitalSensor)]
+        self._references = [
+            (n, slot) for n, slot in enumerate(inputs) if isinstance(self._image.items[slot], DigitalSensor)
+        ]
         nodes = {each._path: each for each in (part, *walk(part))}
-        self._equipment = [nodes[each.path] for each in plan.model.equipment]
+        self._equipment = [cast(Compound, nodes[each.path]) for each in plan.model.equipment]
         self._real = Struct("<d" if plan.real_size == 8 else "<f")
+        owners = {each.path: each.owner for each in plan.translation.structs}
+        named = (each.rpartition(".") for each in plan.translation.host_calls)
+        self._calls = [(owners[path], name) for path, _, name in named]
         self.forget()
 
     def forget(self) -> None:
@@ -38,6 +43,8 @@ class PartMirror:
         self._inhibited = [False] * len(self._outputs)
         self._faults = [0] * len(self._equipment)
         self._clears = False
+        self._planned = 0
+        """The number of what was planned last."""
 
     # To the controller -----------------------------------------------------------------------------------
 
@@ -57,19 +64,21 @@ class PartMirror:
         for number, each in enumerate(self._plan.fields):
             if (live := each.live()) != self._fields[number]:
                 self._given.append((self._fields, number, live))
-                found.append(item(Item.FIELD, number, live))
+                found.append(item(FrameItem.FIELD, number, live))
         for place, slot in enumerate(self._outputs):
             wanted = self._real.pack(self._image.pending[slot])
             if wanted != self._pending[place]:
                 self._given.append((self._pending, place, wanted))
                 if not all_of_it:
-                    found.append(item(Item.COMMAND, place, wanted))
+                    found.append(item(FrameItem.COMMAND, place, wanted))
         found += self._changed_references()
         if any(was and not now for was, now in zip(self._inhibited, inhibited, strict=True)):
-            found.append(item(Item.ACKNOWLEDGE, 0))
+            found.append(item(FrameItem.ACKNOWLEDGE, 0))
         self._inhibited = inhibited
         if self._clears:
-            found.append(item(Item.CLEAR, 0xFFFF))
+            found.append(item(FrameItem.CLEAR, 0xFFFF))
+        if self._planned:
+            found.append(item(FrameItem.PLANNED, self._planned))
         return found
 
     def _changed_references(self) -> Iterator[bytes]:
@@ -79,7 +88,7 @@ class PartMirror:
             data = bytes((known,)) + self._real.pack(float(image.scales.zero_offset[slot]))
             if data != self._known.get(number):
                 self._given.append((self._known, number, data))
-                yield item(Item.REFERENCE, number, data)
+                yield item(FrameItem.REFERENCE, number, data)
 
     def confirm(self) -> None:
         """The controller has carried out what was sent last."""
@@ -94,7 +103,7 @@ class PartMirror:
 
     # From the controller ---------------------------------------------------------------------------------
 
-    def take(self, state: State) -> None:
+    def take(self, state: ControllerState) -> None:
         """What the host has not changed becomes what the controller has."""
         at = 0
         for number, each in enumerate(self._plan.fields):
@@ -113,7 +122,14 @@ class PartMirror:
                 pending[slot] = value
                 self._pending[place] = self._real.pack(value)
 
-    def new_faults(self, state: State) -> Iterator[tuple[Compound, int]]:
+    def plan(self, state: ControllerState) -> None:
+        """Plan what the controller has asked for, once. The attributes that this changes go with the next frame."""
+        if state.asks and state.asks != self._planned:
+            self._planned = state.asks
+            owner, name = self._calls[state.call]
+            getattr(owner, name)(*state.numbers)
+
+    def new_faults(self, state: ControllerState) -> Iterator[tuple[Compound, int]]:
         """The equipment that has come into fault on the controller, and the number of its fault."""
         for number, fault in enumerate(state.equipment):
             if fault and not self._faults[number]:

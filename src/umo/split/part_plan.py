@@ -100,7 +100,8 @@ class PartPlan:
             "typedef struct {\n    uint16_t offset;\n    uint8_t size;\n} umo_link_place;\n"
             "extern const UMO_FLASH umo_link_place link_places[]; /* the numbers of the fields */\n"
             "extern const UMO_FLASH uint16_t link_first[];        /* the first number of each field, and the end */\n"
-            "extern const UMO_FLASH uint8_t link_changes[];       /* whether machine_step changes the field */\n\n#endif\n"
+            "extern const UMO_FLASH uint8_t link_changes[];       /* whether machine_step changes the field */\n"
+            "\n#endif\n"
         )
         text = "/* machine_link.c: the fields of the link, as docs/split-protocol.md says. Made by umo generate. */\n"
         return {"machine_link.h": header, "machine_link.c": f'{text}#include "machine_link.h"\n\n{self._tables()}'}

@@ -3,6 +3,8 @@
 
 #include "umo_link.h"
 
+static umo_link *the_link; /* of ask_host, which is given the machine */
+
 static uint16_t u16(const uint8_t *at)
 {
     return (uint16_t)(at[0] | at[1] << 8);
@@ -39,7 +41,26 @@ void umo_link_begin(umo_link *l, umo_machine *m, int32_t *raws_in, uint8_t *fail
     l->failed_in = failed_in;
     l->raws_out = raws_out;
     l->fault_object = -1;
+    the_link = l;
     umo_frame_begin(&l->reader, l->in, sizeof l->in);
+}
+
+/* The host is asked to plan, and the law goes on meanwhile. */
+static umo_fault ask_host(umo_machine *m, uint16_t call, uint16_t object, umo_real *numbers, uint16_t count)
+{
+    umo_link *l = the_link;
+    (void)m;
+    (void)object;
+    if (count > LINK_NUMBERS || (l->asking && l->call != call))
+        return UMO_NO_HOST;
+    l->asking = true;
+    if (++l->asks == 0)
+        l->asks = 1; /* 0: nothing */
+    l->call = (uint8_t)call;
+    l->count = (uint8_t)count;
+    for (uint16_t i = 0; i < count; i++)
+        l->numbers[i] = numbers[i];
+    return UMO_OK;
 }
 
 /* What the host asks for ------------------------------------------------------------------------------------ */
@@ -106,7 +127,7 @@ static uint16_t size_of(uint8_t kind, uint16_t number)
         return sizeof(umo_real);
     if (kind == LINK_REFERENCE && number < MACHINE_INPUTS)
         return 1 + sizeof(umo_real);
-    return kind == LINK_CLEAR || kind == LINK_ACKNOWLEDGE ? 0 : 0xFFFF;
+    return kind >= LINK_CLEAR && kind <= LINK_PLANNED ? 0 : 0xFFFF;
 }
 
 static void carry_out(umo_link *l, uint8_t kind, uint16_t number, const uint8_t *from)
@@ -119,6 +140,8 @@ static void carry_out(umo_link *l, uint8_t kind, uint16_t number, const uint8_t 
         reference(l, number, from);
     else if (kind == LINK_CLEAR)
         (void)machine_clear(l->machine, (int16_t)number);
+    else if (kind == LINK_PLANNED)
+        l->asking = l->asking && number != l->asks;
     else
         machine_acknowledge(l->machine);
 }
@@ -154,6 +177,8 @@ static void start(umo_link *l)
     machine_init(l->machine);
     memset(l->inhibits, 0, sizeof l->inhibits);
     l->machine->core.inhibits = l->inhibits;
+    l->machine->core.host_call = ask_host;
+    l->asking = false;
     l->fault = machine_begin(l->machine, l->raws_in, l->failed_in, l->raws_out);
     l->fault_object = l->machine->core.fault_object;
     l->mode = l->fault ? LINK_FAULTED : LINK_RUNNING;
@@ -262,6 +287,10 @@ void umo_link_answer(umo_link *l)
     put_u16(l, (uint16_t)l->fault);
     put_u16(l, (uint16_t)l->fault_object);
     put(l, &number, 4);
+    put_u16(l, l->asking ? l->asks : 0);
+    put_byte(l, l->call);
+    put_byte(l, l->count);
+    put(l, l->numbers, sizeof l->numbers);
     put_objects(l);
     for (uint16_t f = 0; f < LINK_FIELDS; f++)
         for (uint16_t i = link_first[f]; link_changes[f] && i < link_first[f + 1]; i++)

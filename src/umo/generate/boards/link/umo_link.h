@@ -10,7 +10,8 @@
 
 enum { LINK_VERSION = 1 };
 enum link_kinds { LINK_HELLO = 1, LINK_WELCOME, LINK_START, LINK_EXCHANGE, LINK_STOP, LINK_STATE };
-enum link_items { LINK_FIELD = 1, LINK_COMMAND, LINK_REFERENCE, LINK_CLEAR, LINK_ACKNOWLEDGE };
+enum link_items { LINK_FIELD = 1, LINK_COMMAND, LINK_REFERENCE, LINK_CLEAR, LINK_ACKNOWLEDGE, LINK_PLANNED };
+enum { LINK_NUMBERS = 2 }; /* of what the host is asked to plan, at most */
 enum link_modes { LINK_RESTING, LINK_RUNNING, LINK_FAULTED, LINK_HOST_GONE };
 
 /* The board's line. link_get: the next byte, -1: none has come. link_put never waits for long: what does not fit is
@@ -33,6 +34,10 @@ typedef struct {
     int16_t fault_object;
     uint8_t mode;
     bool asked;                 /* the host waits for an answer */
+    uint16_t asks;              /* the number of what the host is asked to plan; it is `asking` */
+    uint8_t call, count;
+    bool asking;
+    umo_real numbers[LINK_NUMBERS];
     uint8_t inhibits[LINK_BITS(MACHINE_OUTPUTS)];
 } umo_link;
 
