@@ -148,19 +148,11 @@ class Controller(Driver[Channel]):
         exchange says what is inhibited."""
         if default is None or self._rested or not (self._ends or self._mirror is None):
             return
-        link, deadline = self._connected(), monotonic() + self.timeout
+        link, deadline = self._connected(), monotonic() + max(self.timeout, self.host_timeout)
         if not link.session and not link.offered:
             link.greet(deadline)
-        count = len(self._plan.model.outputs) if self._plan is not None else 0
-        while True:
-            number = link.send(FrameKind.STOP, [False] * count)
-            try:
-                if link.wait(number, min(deadline, monotonic() + self.host_timeout / 2)).mode is ControllerMode.RESTING:
-                    break
-            except TimeoutError:
-                if monotonic() >= deadline:
-                    raise
-                link.greet(deadline)
+        if not link.stop(0 if self._plan is None else len(self._plan.model.outputs), deadline):
+            raise DriverError(f"the controller {self._name} does not rest")
         self._rested = True
 
     def read(self, channel: Channel) -> int:

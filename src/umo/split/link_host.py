@@ -10,7 +10,17 @@ from umo.drivers.streams import Lost, Stream, TimedOut
 from umo.drivers.streams.stream import Dial
 from umo.errors import DeviceTimeout, DriverError
 from umo.presentation.durations import duration
-from umo.split.link_bodies import VERSION, ControllerState, FrameKind, StateReader, Welcome, hello, request, welcome_of
+from umo.split.link_bodies import (
+    VERSION,
+    ControllerMode,
+    ControllerState,
+    FrameKind,
+    StateReader,
+    Welcome,
+    hello,
+    request,
+    welcome_of,
+)
 from umo.split.link_frames import FrameReader, framed
 from umo.split.part_plan import PartPlan
 
@@ -130,6 +140,21 @@ class LinkHost:
             except Lost as error:
                 self._lost(error, "no answer")
         return self.state
+
+    def stop(self, outputs: int, deadline: float) -> bool:
+        """Stop the controller: whether it rests, with so many outputs at their defaults. The request is sent again and
+        again until the deadline; DeviceTimeout if there is no answer by then."""
+        while True:
+            number = self.send(FrameKind.STOP, [False] * outputs)
+            until = min(deadline, self._now() + self._retry)
+            try:
+                while self.state is None or self.state.heard != number or self.awaited:
+                    assert self._stream is not None
+                    self._take(self._stream.receive(until))
+                return self.state.mode is ControllerMode.RESTING
+            except Lost as error:
+                if not isinstance(error, TimedOut) or self._now() >= deadline:
+                    self._lost(error, "no answer")
 
     @property
     def age(self) -> float:
