@@ -395,6 +395,7 @@ class CallCode(VectorCode):
 
     def _static(self, target: Any, arguments: list[Term], node: ast.Call) -> Term:
         if target is len and isinstance(arguments[0], Code) and isinstance(arguments[0].type, ArrayType):
+            self.check_length(arguments[0].type, node)
             return Known(arguments[0].type.length)
         if target is len and isinstance(arguments[0], Many):
             return Known(len(arguments[0].terms))

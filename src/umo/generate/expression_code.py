@@ -55,6 +55,9 @@ class ExpressionCode(FunctionScope):
     def of_arrays(self, sign: ast.operator, left: Term, right: Term, node: ast.AST) -> Code:
         raise NotImplementedError
 
+    def check_length(self, of: ArrayType, node: ast.AST) -> None:
+        raise NotImplementedError
+
     def of_array(self, sign: ast.unaryop, term: Term, node: ast.AST) -> Code:
         raise NotImplementedError
 
@@ -140,6 +143,7 @@ class ExpressionCode(FunctionScope):
             name, of = base.type.members[index.value]
             return Code(of, f"{self.place(base).text}.{name}")
         if isinstance(base, Code) and isinstance(base.type, ArrayType):
+            self.check_length(base.type, node)
             place = self.kept(base).text if isinstance(base, Elements) else base.text
             return Code(of_element(base.type), f"{place}.at[{self.index(base.type, index, node)}]")
         raise self.refused(node, "an element of something that is not a list of numbers")

@@ -212,9 +212,10 @@ class StatementCode(CallCode):
         if isinstance(target.value, ast.Attribute) and isinstance(owner := self.term(target.value.value), Known):
             self.world.memory.assign(owner.value, target.value.attr)
         self.check_sole(base, node)
-        if isinstance(index, Code) and index.type == array(BOOL, base.type.length):
+        if isinstance(index, Code) and index.type.name == array(BOOL, base.type.length).name:
             self.overwrite(base, term, node, where=index)
             return
+        self.check_length(base.type, node)
         if not base.type.listed and base.type.of != REAL and plain_number(self.code(term, node).type) == REAL:
             raise self.refused(node, "numbers of another type are set in the array", "int(...)")
         self.line(f"{base.text}.at[{self.index(base.type, index, node)}] = {self.as_type(term, base.type.of, node)};")
@@ -327,6 +328,7 @@ class StatementCode(CallCode):
 
     def _each(self, node: ast.For, values: Code) -> None:
         assert isinstance(values.type, ArrayType)
+        self.check_length(values.type, node)
         turn = self.temporary(INT, "i")
         self._forget(node.body)
         with self.block(f"for ({turn} = 0; {turn} < {values.type.length}; {turn}++)"):
