@@ -244,9 +244,14 @@ class ArrayCode(ExpressionCode):
         of = kinds.pop() if len(kinds) == 1 else REAL if REAL in kinds else INT
         return Elements(array(of, n), f"({self.at(chosen, BOOL, n)} ? {self.at(a, of, n)} : {self.at(b, of, n)})")
 
-    def _created(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Code:
+    def _created(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term:
         value, like = CREATED[target]
         terms = list(arguments)
+        rows = terms[0].value if isinstance(terms[0], Known) else None
+        if isinstance(terms[0], Many) and all(isinstance(each, Known) for each in terms[0].terms):
+            rows = tuple(each.value for each in terms[0].terms)  # type: ignore[union-attr]
+        if isinstance(rows, tuple) and len(rows) == 2:  # rows that get a name each
+            return Many((self._created(target, [Known(rows[1]), *terms[1:]], named, node),) * rows[0])
         first = terms.pop(0)
         filled: Term = Known(value) if value is not None else terms.pop(0)
         dtype = named.get("dtype", terms[0] if terms else None)
