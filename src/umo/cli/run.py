@@ -192,7 +192,7 @@ def _recording(plan: Plan, record: Record, folder: RunFolder | None) -> RecordOr
 
 def _drive(plan: Plan, result: RunSummary, observers: list[Any], recorded: RecordedVirtual) -> None:
     """The run itself, in this process. Its error is stored in the result; the actuators are reset before it returns."""
-    prepared = prepare_if_asked(plan.machine, plan.wired, say)
+    plan.prepared = prepare_if_asked(plan.machine, plan.wired, say)
     connection = connect(plan.machine, plan.wired, acknowledge=plan.job.acknowledge)
     connection.kept = kept_values.copy(plan, say)
     outcome = result.outcome
@@ -200,7 +200,7 @@ def _drive(plan: Plan, result: RunSummary, observers: list[Any], recorded: Recor
         with connection as machine:
             for text in kept_values.tell(connection):
                 say(text)
-            start_compiled(prepared, connection.machine)
+            start_compiled(plan.prepared, connection.machine, say)
             events, faults = connection.machine.events, result.equipment_faults
             connection.machine.observers += [*observers, lambda frame: faults.add_new(events)]
             if plan.job.until is not None:

@@ -68,8 +68,7 @@ class BoundFields:
         self._class = kind = type(owner)
         self._bound = False
         names = {name: self._property(name, of) for name, of in memory.fields.items()}
-        self._below = type(kind.__name__, (kind,), {"__slots__": (), "__module__": kind.__module__, **names})
-        self._below.__qualname__ = kind.__qualname__
+        self._below = _below(kind, names)
 
     def bind(self) -> None:
         """The fields have the values of the object; from now on they are its attributes."""
@@ -174,6 +173,30 @@ class BoundFields:
             self._memory.write(name, value)
 
         return get, put
+
+
+class _Untold:
+    """A class below this one is made without a word to those above (`__init_subclass__`)."""
+
+    __slots__ = ()
+
+    def __init_subclass__(cls) -> None:
+        """Nothing."""
+
+
+def _is_told(kind: type) -> bool:
+    """Whether a class wants to know of those below it; what typing has does nothing."""
+    own = (each for each in kind.__mro__[:-1] if "__init_subclass__" in vars(each))
+    return any(each.__module__ != "typing" for each in own)
+
+
+def _below(kind: type, names: dict[str, property]) -> type:
+    """A class below another one: the same in all but these names. TypeError where there can be none."""
+    inside = {"__slots__": (), "__module__": kind.__module__, "__doc__": kind.__doc__, **names}
+    bases = (_Untold, kind) if _is_told(kind) else (kind,)
+    found: type = type(kind)(kind.__name__, bases, inside)
+    found.__qualname__ = kind.__qualname__
+    return found
 
 
 def _own(value: Any) -> Any:

@@ -213,6 +213,9 @@ class CallCode(VectorCode):
         if isinstance(target, type) and issubclass(target, tuple) and hasattr(target, "_fields"):
             given = dict(zip(target._fields, arguments, strict=False)) | named
             return Many(tuple(given[name] for name in target._fields), target._fields, target)
+        if target in (zip, enumerate) and all(isinstance(each, Known) for each in (*arguments, *named.values())):
+            given = {name: each.value for name, each in named.items()}  # type: ignore[union-attr]
+            return Known(list(target(*(each.value for each in arguments), **given)))  # type: ignore[union-attr]
         if not named and (found := self._of_python(target, arguments, node)) is not None:
             return found
         if target is typing.cast:

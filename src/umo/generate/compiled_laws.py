@@ -13,12 +13,14 @@ from collections.abc import Callable
 from contextlib import suppress
 from ctypes import c_void_p
 from dataclasses import dataclass, replace
+from math import isfinite
 from types import MethodType
 from typing import Any
+from weakref import proxy
 
 import numpy as np
 
-from umo.cycle.columns import ASKED, FREE
+from umo.cycle.columns import Source
 from umo.cycle.machine import ConnectedMachine
 from umo.errors import BadInput, DeclarationError, DriverError, Interlocked, RangeError, StateError, text_of
 from umo.generate.bound_fields import WRONG, BoundFields
@@ -41,7 +43,7 @@ from umo.objects.atomic import Binary
 from umo.wiring.wired import Wired
 
 log = logging.getLogger("umo")
-COMPARED = 50
+COMPARED = 20
 """Periods in which each law is compared."""
 BAD_INPUT, NEVER_READ, NO_HOST = 6, 7, 10
 NUMBERS: tuple[tuple[type[BaseException], int], ...] = (
@@ -251,18 +253,19 @@ class CompiledLaws:
     # What only Python does -----------------------------------------------------------------------------
 
     def _columns_of(self) -> Columns:
-        columns = self._image.columns
+        columns, image = self._image.columns, self._image
+        here = proxy(self)  # what C calls is not collected in a circle
         return Columns(
             c_void_p(columns.values.ctypes.data),
             c_void_p(columns.raws.ctypes.data),
             c_void_p(columns.quality.ctypes.data),
             c_void_p(columns.restrictions.ctypes.data),
             c_void_p(columns.pending.ctypes.data),
-            WRITE(self._write),
-            WRITE_MANY(self._write_many),
-            READ(lambda slot, out: self._read(self._image.velocity, slot, out)),
-            READ(lambda slot, out: self._read(self._image.read_now, slot, out)),
-            HOST_CALL(self._host_call),
+            WRITE(lambda *given: here._write(*given)),
+            WRITE_MANY(lambda *given: here._write_many(*given)),
+            READ(lambda slot, out: here._read(image.velocity, slot, out)),
+            READ(lambda slot, out: here._read(image.read_now, slot, out)),
+            HOST_CALL(lambda *given: here._host_call(*given)),
         )
 
     def _done(self, work: Callable[[], Any]) -> int:
@@ -279,10 +282,9 @@ class CompiledLaws:
         return 0
 
     def _write(self, slot: int, value: float, taken: Any) -> int:
+        if self.state == "compared":
+            return self._foresee([(slot, value)], taken)
         item = self._image.items[slot]
-        if self.state == "compared" and self._is_taken(slot, value):
-            self._shadow[slot], taken[0] = value, True
-            return 0
 
         def work() -> None:
             given = (item.one if value else item.zero) if isinstance(item, Binary) else value
@@ -290,19 +292,9 @@ class CompiledLaws:
 
         return self._done(work)
 
-    def _is_taken(self, slot: int, value: float) -> bool:
-        """Whether the command stage will take a value as it is."""
-        item: Any = self._image.items[slot]
-        within = isinstance(item, Binary) or item.minimum <= value <= item.maximum
-        return within and self._image.restrictions[slot] in (FREE, ASKED)
-
     def _write_many(self, slots: Any, count: int, values: Any, where: Any, taken: Any) -> int:
-        given = [(slots[n], values[n]) for n in range(count) if not where or where[n]]
-        if self.state == "compared" and all(self._is_taken(slot, value) for slot, value in given):
-            for slot, value in given:
-                self._shadow[slot] = value
-            taken[0] = True
-            return 0
+        if self.state == "compared":
+            return self._foresee([(slots[n], values[n]) for n in range(count) if not where or where[n]], taken)
 
         def work() -> None:
             key = tuple(slots[:count])
@@ -312,6 +304,33 @@ class CompiledLaws:
             taken[0] = self._vectors[key].write(np.array(values[:count]), where=mask)
 
         return self._done(work)
+
+    def _foresee(self, given: list[tuple[int, float]], taken: Any) -> int:
+        """What Python will do with these values, in the copy of what is pending; nothing is done."""
+        taken[0] = True
+        try:
+            values = [(slot, self._limited(slot, value, taken)) for slot, value in given]
+            admitted = [self._is_admitted(slot, value) for slot, value in values]
+        except (RangeError, Interlocked) as error:
+            return next(number for kind, number in NUMBERS if isinstance(error, kind))
+        for (slot, value), yes in zip(values, admitted, strict=True):
+            if yes:
+                self._shadow[slot] = value
+        taken[0] = taken[0] and all(admitted)
+        return 0
+
+    def _limited(self, slot: int, value: float, taken: Any) -> float:
+        item: Any = self._image.items[slot]
+        if isinstance(item, Binary) or item.minimum <= value <= item.maximum:
+            return value
+        if item.limits != "clamp" or not isfinite(value):
+            raise RangeError("the value is outside the range")
+        taken[0] = False
+        return min(max(value, item.minimum), item.maximum)  # type: ignore[no-any-return]
+
+    def _is_admitted(self, slot: int, value: float) -> bool:
+        command = self._machine.commands.by_slot.get(slot)
+        return command is None or command.admits(value, Source.PROGRAM)
 
     def _read(self, read: Callable[[int], float], slot: int, out: Any) -> int:
         def work() -> None:

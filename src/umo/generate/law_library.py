@@ -133,9 +133,21 @@ def library_of(source: str) -> Path:
     folder = _cache()
     parts = [source, " ".join(FLAGS), _version(cc), *(file.read_text("utf-8") for file in _files())]
     path = folder / f"{hashlib.sha256(chr(0).join(parts).encode()).hexdigest()[:32]}.so"
-    if not path.exists():
+    if not _is_sound(path):
         _compile(cc, source, path)
     return path
+
+
+def _is_sound(path: Path) -> bool:
+    """Whether the library is there and can be loaded: a power cut may have left a part of it."""
+    if not path.exists():
+        return False
+    try:
+        PyDLL(str(path))
+    except OSError:
+        path.unlink(missing_ok=True)
+        return False
+    return True
 
 
 def _files() -> list[Path]:

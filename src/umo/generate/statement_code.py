@@ -371,6 +371,9 @@ class StatementCode(CallCode):
             for each, part in zip(target.elts, self.parts(term, target), strict=True):
                 if isinstance(each, ast.Name) and isinstance(part, Known):
                     self.names[each.id] = part
+                elif isinstance(each, ast.Tuple):
+                    with self.bound_to(each, part):
+                        continue
                 else:
                     self.store(each, part, target)
         elif isinstance(target, ast.Name) and isinstance(term, Known):

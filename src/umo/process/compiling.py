@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from umo.cycle.machine import ConnectedMachine
-from umo.errors import DeclarationError
+from umo.errors import DeclarationError, text_of
 from umo.objects import Compound
 from umo.wiring.wired import Wired
 
@@ -28,9 +28,13 @@ def prepare_if_asked(root: Compound, wired: Wired, say: Callable[[str], object])
         return None
 
 
-def start_compiled(prepared: PreparedLaws | None, machine: ConnectedMachine) -> None:
+def start_compiled(prepared: PreparedLaws | None, machine: ConnectedMachine, say: Callable[[str], object]) -> None:
     """The machine is connected: its laws are compared, then run compiled."""
-    if prepared is not None:
-        from umo.generate.compiled_laws import CompiledLaws
+    if prepared is None:
+        return
+    from umo.generate.compiled_laws import CompiledLaws
 
+    try:
         CompiledLaws(prepared, machine)
+    except (TypeError, OSError) as error:  # a class that has none below it, a library that was removed
+        say(f"the laws run in Python, not compiled: {text_of(error)}")
