@@ -28,7 +28,8 @@ from umo.generate.c_types import (
     plain,
     plain_number,
 )
-from umo.generate.expression_code import CHECKED, SIGNS, ExpressionCode
+from umo.generate.condition_code import ConditionCode
+from umo.generate.expression_code import CHECKED, SIGNS
 from umo.generate.terms import Code, Elements, Known, Many, Present, Term
 
 MOST_SUMMED = 128
@@ -45,7 +46,7 @@ class ArrayMethod:
     name: str
 
 
-class ArrayCode(ExpressionCode):
+class ArrayCode(ConditionCode):
     """The part of a function that computes with arrays."""
 
     # Elements ------------------------------------------------------------------------------------------
