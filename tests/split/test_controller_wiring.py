@@ -30,7 +30,7 @@ def test_a_part_on_a_controller_needs_no_line_for_its_objects() -> None:
 @pytest.mark.parametrize(
     ("lines", "text"),
     [
-        ({"thata": {"controller": "drive"}}, 'wire."thata": the machine has no such part (did you mean \'theta\'?)'),
+        ({"thata": {"controller": "drive"}}, "wire.\"thata\": the machine has no such part (did you mean 'theta'?)"),
         ({"theta.step": {"controller": "drive"}}, 'wire."theta.step": is an object; a part runs on a controller'),
         ({"z": {"controller": "drive"}}, "drive already runs another part: one part for each controller"),
         ({"theta": {"controller": "drive", "period": 1}}, 'must be { controller = "NAME" } and nothing else'),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from time import monotonic
 from typing import NoReturn
 
@@ -12,7 +12,6 @@ from umo.errors import DeviceTimeout, DriverError
 from umo.presentation.durations import duration
 from umo.split.link_bodies import (
     VERSION,
-    ControllerMode,
     ControllerState,
     FrameKind,
     StateReader,
@@ -104,13 +103,12 @@ class LinkHost:
         """Send a request; its number."""
         if self._stream is None:
             raise DriverError("it is not connected")
-        if kind is FrameKind.START:
-            self.session, self._number, self.state = self.offered, 0, None
         self._number = (self._number + 1) & 0xFFFF
-        session = self.offered if kind is FrameKind.STOP and not self.session else self.session
         self._sent, self.awaited = self._now(), True
         try:
-            self._stream.send(framed(request(kind, session, self._number, inhibited, items)), self._sent + self._retry)
+            self._stream.send(
+                framed(request(kind, self.session, self._number, inhibited, items)), self._sent + self._retry
+            )
         except Lost as error:
             self._lost(error, "not taken")
         return self._number
@@ -130,28 +128,18 @@ class LinkHost:
         except Lost as error:
             self._lost(error, "no answer")
 
-    def wait(self, number: int, deadline: float) -> ControllerState:
-        """The answer to a request. DeviceTimeout if there is none by then."""
-        while self.state is None or self.state.heard != number or self.awaited:
-            if self._stream is None:
-                raise DriverError("it is not connected")
-            try:
-                self._take(self._stream.receive(deadline))
-            except Lost as error:
-                self._lost(error, "no answer")
-        return self.state
-
-    def stop(self, outputs: int, deadline: float) -> bool:
-        """Stop the controller: whether it rests, with so many outputs at their defaults. The request is sent again and
-        again until the deadline; DeviceTimeout if there is no answer by then."""
+    def ask(
+        self, kind: FrameKind, inhibited: Sequence[bool], items: Sequence[bytes], deadline: float
+    ) -> ControllerState:
+        """Send a START or a STOP again and again, until it is answered. DeviceTimeout if it is not by then."""
+        self.session = self.session if kind is FrameKind.STOP and self.session else self.offered
         while True:
-            number = self.send(FrameKind.STOP, [False] * outputs)
-            until = min(deadline, self._now() + self._retry)
+            number, until = self.send(kind, inhibited, items), self._now() + self._plan.host_timeout
             try:
                 while self.state is None or self.state.heard != number or self.awaited:
                     assert self._stream is not None
-                    self._take(self._stream.receive(until))
-                return self.state.mode is ControllerMode.RESTING
+                    self._take(self._stream.receive(min(deadline, until)))
+                return self.state
             except Lost as error:
                 if not isinstance(error, TimedOut) or self._now() >= deadline:
                     self._lost(error, "no answer")
@@ -186,8 +174,7 @@ class LinkHost:
         raise WrongController(f"the controller {self._name} {text}")
 
     def _told(self, state: ControllerState) -> None:
-        wanted = self.session or self.offered
-        if state.session != wanted:
+        if state.session != self.session:
             return
         if self.state is not None and 0 < (self.state.heard - state.heard) & 0xFFFF < 0x8000:
             return  # an answer that was overtaken

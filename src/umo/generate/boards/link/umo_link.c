@@ -191,9 +191,7 @@ static void take(umo_link *l, const uint8_t *body, uint16_t length)
     if (length < FIRST || !items(l, body, FIRST, length, true))
         return;
     uint16_t session = u16(&body[1]), number = u16(&body[3]);
-    if (body[0] == LINK_START) {
-        if (session != l->offered || session == l->session)
-            return;
+    if (body[0] == LINK_START && session && session == l->offered && session != l->session) {
         l->session = session;
         start(l);
     } else if (body[0] == LINK_STOP && session && session == l->offered && session != l->session) {
