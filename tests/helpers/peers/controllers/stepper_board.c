@@ -38,7 +38,8 @@ static void put_number(long value)
 static void record(void)
 {
     bool changed = mode != machine_link.mode;
-    silent = heard == machine_link.heard && session == machine_link.session ? silent + 1 : 0;
+    bool same = heard == machine_link.heard && (session == machine_link.session || !machine_link.session);
+    silent = same ? silent + 1 : 0;
     heard = machine_link.heard;
     session = machine_link.session;
     mode = machine_link.mode;
