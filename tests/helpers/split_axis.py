@@ -4,6 +4,7 @@ record of its outputs. Between it and its host a line may lose, repeat, delay an
 from __future__ import annotations
 
 import os
+import re
 import select
 import shutil
 import socket
@@ -16,6 +17,7 @@ from threading import Thread
 from time import monotonic
 from typing import Any, NamedTuple
 
+from helpers.boards import need
 from umo.generate.controller_folder import write_folder
 from umo.generate.controller_generator import target_of
 from umo.objects import atoms
@@ -30,7 +32,7 @@ HOST_GONE = 3
 PERIOD, TIMEOUT_PERIODS = "2 ms", 50
 
 
-def theta_wiring(port: int, **options: Any) -> dict[str, Any]:
+def theta_wiring(port: int | None, **options: Any) -> dict[str, Any]:
     """Theta on a controller, all else simulated."""
     others = [each.path for each in atoms(find("ztheta").machine()) if not each.path.startswith("theta.")]
     wire: dict[str, Any] = {path: {"driver": "simulated"} for path in others}
@@ -45,10 +47,27 @@ def theta_wiring(port: int, **options: Any) -> dict[str, Any]:
 def theta_program(folder: Path) -> Path:
     """The controller's program. Warnings are errors."""
     write_folder(part_files(find("ztheta").machine(), theta_wiring(1), "drive", target_of("host")), folder)
-    shutil.copy(PEERS / "stepper_board.c", folder)
+    _with_board(folder, "stepper_board.c", "record_stdout.c")
     cc = f"CC=cc -Werror -DCOUNTS_PER_STEP={COUNTS_PER_STEP}"
-    subprocess.run(["make", "-s", "-C", folder, "BOARD=stepper_board.c", cc], check=True)
+    subprocess.run(["make", "-s", "-C", folder, "BOARD=stepper_board.c record_stdout.c", cc], check=True)
     return folder / "machine"
+
+
+def _with_board(folder: Path, *files: str) -> None:
+    for each in files:
+        shutil.copy(PEERS / each, folder)
+
+
+def theta_firmware(folder: Path) -> Path:
+    """The same for an emulated Cortex-M3. Raises CannotRun."""
+    need("arm-none-eabi-gcc", "qemu-system-arm", "make")
+    write_folder(part_files(find("ztheta").machine(), theta_wiring(1), "drive", target_of("cortex-m")), folder)
+    _with_board(folder, "stepper_board.c", "stepper_mps2.c")
+    (folder / "stepper_board.c").replace(folder / "io_board.c")
+    (folder / "stepper_mps2.c").replace(folder / "io_link.c")
+    cc = f"CC=arm-none-eabi-gcc -Werror -DCOUNTS_PER_STEP={COUNTS_PER_STEP}"
+    subprocess.run(["make", "-s", "-C", folder, "machine.elf", cc], check=True)
+    return folder / "machine.elf"
 
 
 class Recorded(NamedTuple):
@@ -83,6 +102,27 @@ def theta_controller(program: Path) -> Iterator[ThetaController]:
     with subprocess.Popen([program], stdout=subprocess.PIPE, text=True, env=environment) as process:
         try:
             yield ThetaController(process)
+        finally:
+            process.kill()
+
+
+class EmulatedTheta(ThetaController):
+    """The same on an emulated board. `serial` is where its host finds it."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self._process = process
+        assert process.stdout is not None
+        self._lines = process.stdout
+        self.serial = re.search(r"/dev/pts/\d+", self._lines.readline())[0]  # type: ignore[index]
+
+
+@contextmanager
+def emulated_theta(elf: Path) -> Iterator[EmulatedTheta]:
+    ports = ["-display", "none", "-monitor", "none", "-serial", "pty", "-serial", "stdio"]
+    command = ["qemu-system-arm", "-M", "mps2-an385", *ports, "-kernel", elf]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield EmulatedTheta(process)
         finally:
             process.kill()
 

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from helpers.generating import needs_a_compiler
+from helpers.peers.text_devices import CannotRun
 from helpers.split_axis import (
     COUNTS_PER_STEP,
     DEFAULTS,
@@ -18,7 +19,9 @@ from helpers.split_axis import (
     TIMEOUT_PERIODS,
     BadLine,
     ThetaController,
+    emulated_theta,
     theta_controller,
+    theta_firmware,
     theta_program,
     theta_wiring,
 )
@@ -40,7 +43,9 @@ def controller(program: Path) -> Iterator[ThetaController]:
         yield found
 
 
-def move(port: int, *positions: float, raws: set[int] | None = None, after: Any = None, **options: Any) -> list[float]:
+def move(
+    port: int | None, *positions: float, raws: set[int] | None = None, after: Any = None, **options: Any
+) -> list[float]:
     """Move the axis from one position to the next; what the encoder reads at the end of each motion."""
     reached: list[float] = []
     with connect(find("ztheta").machine(), theta_wiring(port, **options), acknowledge=True) as m:
@@ -134,3 +139,28 @@ def test_on_a_bad_line_no_value_is_wrong_and_the_axis_arrives(controller: ThetaC
         line.close()
     assert min(line.treated.values()) > 0
     assert {raw % COUNTS_PER_STEP for raw in raws} == {0}
+
+
+def test_the_same_on_an_emulated_board_over_a_serial_line(tmp_path: Path) -> None:
+    try:
+        elf = theta_firmware(tmp_path)
+    except CannotRun as error:
+        pytest.skip(str(error))
+    with emulated_theta(elf) as board:
+        assert move(None, 229.0, 226.0, serial=board.serial, timeout="3 s") == pytest.approx([229.0, 226.0], abs=0.2)
+        host = os.fork()
+        if not host:
+            try:
+                move(None, *[200.0, 260.0] * 50, serial=board.serial, timeout="3 s")
+            finally:
+                os._exit(1)
+        record = board.recorded()
+        rested = next(each for each in record if each.mode == 0 and each.period > 20)
+        assert rested.outputs == DEFAULTS
+        moved = 0
+        while moved < 5:
+            moved += next(record).outputs[0]
+        os.kill(host, signal.SIGKILL)
+        os.waitpid(host, 0)
+        gone = next(each for each in record if each.mode == HOST_GONE)
+        assert (gone.outputs, gone.silent <= TIMEOUT_PERIODS) == (DEFAULTS, True)

@@ -148,10 +148,11 @@ class Controller(Driver[Channel]):
         exchange says what is inhibited."""
         if default is None or self._rested or not (self._ends or self._mirror is None):
             return
-        link, deadline = self._connected(), monotonic() + max(self.timeout, self.host_timeout)
+        link, deadline = self._connected(), monotonic() + max(self.timeout, 5 * self.host_timeout)
         if not link.session and not link.offered:
             link.greet(deadline)
-        if not link.stop(0 if self._plan is None else len(self._plan.model.outputs), deadline):
+        outputs = 0 if self._plan is None else len(self._plan.model.outputs)
+        if link.ask(FrameKind.STOP, [False] * outputs, (), deadline).mode is not ControllerMode.RESTING:
             raise DriverError(f"the controller {self._name} does not rest")
         self._rested = True
 
@@ -210,20 +211,12 @@ class Controller(Driver[Channel]):
 
     def _start(self, link: LinkHost, mirror: PartMirror) -> None:
         """Everything that the host has goes to the controller, which begins to act. Its answer is waited for."""
-        deadline = monotonic() + max(self.timeout, self.host_timeout)
+        deadline = monotonic() + max(self.timeout, 5 * self.host_timeout)
         mirror.forget()
-        while True:
-            if not link.offered:
-                link.greet(deadline)
-            inhibited = mirror.inhibited()
-            number = link.send(FrameKind.START, inhibited, mirror.changes(inhibited, all_of_it=True))
-            try:
-                link.wait(number, min(deadline, monotonic() + self.host_timeout / 2))
-            except TimeoutError:
-                if monotonic() >= deadline:
-                    raise
-                continue
-            return
+        if not link.offered:
+            link.greet(deadline)
+        inhibited = mirror.inhibited()
+        link.ask(FrameKind.START, inhibited, mirror.changes(inhibited, all_of_it=True), deadline)
 
     def _exchange(self) -> None:
         """Send what the host has changed, unless an answer is still awaited."""

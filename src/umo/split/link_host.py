@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from time import monotonic
+from collections.abc import Callable, Iterable, Sequence
+from time import monotonic, sleep
 from typing import NoReturn
 
 from umo.drivers.streams import Lost, Stream, TimedOut
@@ -12,7 +12,6 @@ from umo.errors import DeviceTimeout, DriverError
 from umo.presentation.durations import duration
 from umo.split.link_bodies import (
     VERSION,
-    ControllerMode,
     ControllerState,
     FrameKind,
     StateReader,
@@ -23,6 +22,9 @@ from umo.split.link_bodies import (
 )
 from umo.split.link_frames import FrameReader, framed
 from umo.split.part_plan import PartPlan
+
+PAUSE = 0.001
+"""Time in s between two attempts at a line that takes nothing."""
 
 
 class WrongController(DriverError):
@@ -40,7 +42,9 @@ class LinkHost:
         self._nonce = int(now() * 1e6) & 0xFFFFFFFF
         self._greeted = 0.0
         self._number = 0
-        self._sent = 0.0
+        self._sent = self._took = 0.0
+        self._unsent = bytearray()
+        """What the line has not taken yet."""
         self.session = 0
         """0: the controller was not started."""
         self.offered = 0
@@ -55,6 +59,7 @@ class LinkHost:
         if self._stream is not None:
             self._stream.close()
         self._stream, self.session, self.offered, self.state, self.awaited = None, 0, 0, None, False
+        self._unsent.clear()
 
     # Greeting --------------------------------------------------------------------------------------------
 
@@ -104,13 +109,11 @@ class LinkHost:
         """Send a request; its number."""
         if self._stream is None:
             raise DriverError("it is not connected")
-        if kind is FrameKind.START:
-            self.session, self._number, self.state = self.offered, 0, None
         self._number = (self._number + 1) & 0xFFFF
-        session = self.offered if kind is FrameKind.STOP and not self.session else self.session
         self._sent, self.awaited = self._now(), True
+        self._unsent += framed(request(kind, self.session, self._number, inhibited, items))
         try:
-            self._stream.send(framed(request(kind, session, self._number, inhibited, items)), self._sent + self._retry)
+            self._flush()
         except Lost as error:
             self._lost(error, "not taken")
         return self._number
@@ -118,40 +121,46 @@ class LinkHost:
     @property
     def may_send(self) -> bool:
         """Whether the last request was answered, or is given up: its answer is late."""
-        return not self.awaited or self._now() - self._sent >= self._retry
+        return not self._unsent and (not self.awaited or self._now() - self._sent >= self._patience)
+
+    @property
+    def _patience(self) -> float:
+        """Time in s for which an answer is waited for: longer on a slow line."""
+        return min(max(self._retry, 2 * self._took), self._plan.host_timeout / 2)
+
+    def _flush(self) -> None:
+        """Send what the line takes, without waiting."""
+        if self._unsent and self._stream is not None:
+            del self._unsent[: self._stream.give(bytes(self._unsent))]
 
     def receive(self) -> None:
         """Take what has come in, without waiting."""
         if self._stream is None:
             return
         try:
+            self._flush()
             while not self._stream.idle():
                 self._take(self._stream.waiting())
         except Lost as error:
             self._lost(error, "no answer")
 
-    def wait(self, number: int, deadline: float) -> ControllerState:
-        """The answer to a request. DeviceTimeout if there is none by then."""
-        while self.state is None or self.state.heard != number or self.awaited:
-            if self._stream is None:
-                raise DriverError("it is not connected")
-            try:
-                self._take(self._stream.receive(deadline))
-            except Lost as error:
-                self._lost(error, "no answer")
-        return self.state
-
-    def stop(self, outputs: int, deadline: float) -> bool:
-        """Stop the controller: whether it rests, with so many outputs at their defaults. The request is sent again and
-        again until the deadline; DeviceTimeout if there is no answer by then."""
+    def ask(
+        self, kind: FrameKind, inhibited: Sequence[bool], items: Sequence[bytes], deadline: float
+    ) -> ControllerState:
+        """Send a START or a STOP again and again, until it is answered. DeviceTimeout if it is not by then."""
+        self.session = self.session if kind is FrameKind.STOP and self.session else self.offered
         while True:
-            number = self.send(FrameKind.STOP, [False] * outputs)
-            until = min(deadline, self._now() + self._retry)
+            number = self.send(kind, inhibited, items) if not self._unsent else self._number
+            until = self._now() + self._plan.host_timeout
             try:
                 while self.state is None or self.state.heard != number or self.awaited:
                     assert self._stream is not None
-                    self._take(self._stream.receive(until))
-                return self.state.mode is ControllerMode.RESTING
+                    self._flush()
+                    if self._stream.idle() and self._unsent and self._now() < min(deadline, until):
+                        sleep(PAUSE)
+                    else:
+                        self._take(self._stream.receive(min(deadline, until)))
+                return self.state
             except Lost as error:
                 if not isinstance(error, TimedOut) or self._now() >= deadline:
                     self._lost(error, "no answer")
@@ -186,14 +195,13 @@ class LinkHost:
         raise WrongController(f"the controller {self._name} {text}")
 
     def _told(self, state: ControllerState) -> None:
-        wanted = self.session or self.offered
-        if state.session != wanted:
+        if state.session != self.session:
             return
         if self.state is not None and 0 < (self.state.heard - state.heard) & 0xFFFF < 0x8000:
             return  # an answer that was overtaken
         self.state, self.arrived = state, self._now()
-        if state.heard == self._number:
-            self.awaited = False
+        if self.awaited and state.heard == self._number:
+            self.awaited, self._took = False, self._now() - self._sent
 
     def _lost(self, error: Lost, what: str) -> NoReturn:
         self.close()

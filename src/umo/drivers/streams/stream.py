@@ -65,6 +65,13 @@ class Stream:
             raise TimedOut
         return self.waiting()
 
+    def give(self, data: bytes) -> int:
+        """Send what the stream takes without waiting; the number of bytes. Raises Gone."""
+        try:
+            return os.write(self._fd, data)
+        except OSError as error:
+            return len(_nothing(error))
+
     def send(self, data: bytes, deadline: float) -> None:
         """Send all of it. Raises TimedOut or Gone."""
         while True:

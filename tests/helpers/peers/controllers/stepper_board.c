@@ -1,11 +1,10 @@
 /* stepper_board.c: a stepper motor and its encoder behind a controller that has lost nothing, and a record of its
  * outputs: a line for each period in which something changes, `PERIOD MODE SILENT OUTPUTS...`. */
-#include <stdio.h>
-
 #include "io.h"
 #include "umo_link.h"
 
 void link_host_begin(void);
+void record_put(char c);
 extern umo_link machine_link;
 static int32_t outputs[MACHINE_OUTPUTS + 1], shown[MACHINE_OUTPUTS + 1];
 static int32_t position;
@@ -23,11 +22,24 @@ void io_watchdog(void)
 {
 }
 
+static void put_number(long value)
+{
+    char digits[12];
+    int n = 0;
+    do
+        digits[n++] = (char)('0' + value % 10);
+    while ((value /= 10) > 0);
+    while (n > 0)
+        record_put(digits[--n]);
+    record_put(' ');
+}
+
 /* The period before is over. */
 static void record(void)
 {
     bool changed = mode != machine_link.mode;
-    silent = heard == machine_link.heard && session == machine_link.session ? silent + 1 : 0;
+    bool same = heard == machine_link.heard && (session == machine_link.session || !machine_link.session);
+    silent = same ? silent + 1 : 0;
     heard = machine_link.heard;
     session = machine_link.session;
     mode = machine_link.mode;
@@ -37,11 +49,12 @@ static void record(void)
     }
     if (!changed)
         return;
-    printf("%ld %d %ld", period, mode, silent);
+    put_number(period);
+    put_number(mode);
+    put_number(silent);
     for (int16_t i = 0; i < MACHINE_OUTPUTS; i++)
-        printf(" %ld", (long)outputs[i]);
-    printf("\n");
-    (void)fflush(stdout);
+        put_number(outputs[i]);
+    record_put('\n');
 }
 
 void io_read(int32_t *raws_in, uint8_t *failed_in)
@@ -62,5 +75,6 @@ bool io_write(int16_t place, int32_t raw)
 
 void io_fault(umo_fault fault, int16_t object)
 {
-    fprintf(stderr, "fault %d of %d\n", fault, object);
+    (void)fault;
+    (void)object;
 }

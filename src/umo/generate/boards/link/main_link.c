@@ -3,6 +3,11 @@
 #include "io.h"
 #include "umo_link.h"
 
+#ifdef ARDUINO /* the sketch calls it */
+int umo_main(void);
+#define main umo_main
+#endif
+
 static umo_machine machine;
 umo_link machine_link; /* a board may show its mode */
 static int32_t raws_in[MACHINE_INPUTS + 1], raws_out[MACHINE_OUTPUTS + 1];

@@ -70,8 +70,11 @@ static void welcome(umo_link *l, const uint8_t *body, uint16_t length)
     static const uint32_t hash = LINK_HASH;
     if (length != 5)
         return;
-    if (++l->offered == 0)
-        l->offered = 1;
+    if (!l->offered || memcmp(l->nonce, &body[1], sizeof l->nonce) != 0) { /* else it is the same greeting again */
+        memcpy(l->nonce, &body[1], sizeof l->nonce);
+        if (++l->offered == 0)
+            l->offered = 1;
+    }
     l->length = 0;
     put_byte(l, LINK_WELCOME);
     put(l, &body[1], 4);
@@ -191,9 +194,7 @@ static void take(umo_link *l, const uint8_t *body, uint16_t length)
     if (length < FIRST || !items(l, body, FIRST, length, true))
         return;
     uint16_t session = u16(&body[1]), number = u16(&body[3]);
-    if (body[0] == LINK_START) {
-        if (session != l->offered || session == l->session)
-            return;
+    if (body[0] == LINK_START && session && session == l->offered && session != l->session) {
         l->session = session;
         start(l);
     } else if (body[0] == LINK_STOP && session && session == l->offered && session != l->session) {

@@ -28,6 +28,7 @@ typedef struct {
     uint8_t in[LINK_LONGEST + UMO_CRC_BYTES], out[LINK_LONGEST + UMO_CRC_BYTES];
     uint16_t length;            /* of what is in out */
     uint16_t offered, session;  /* 0: none */
+    uint8_t nonce[4];           /* of the greeting that offered was for */
     uint16_t heard;             /* the number of the last frame of the host */
     uint32_t silent;            /* periods since then */
     umo_fault fault;
