@@ -56,20 +56,24 @@ def generate(
     real: Annotated[
         str | None, typer.Option(metavar="double|float", help="Numbers; default: double, on avr and arduino float.")
     ] = None,
+    controller: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Only the part that runs on this controller of the wiring.")
+    ] = None,
 ) -> int:
     """Write the controller of a machine in C: objects, interlocks, rates, expiry and control laws, without a heap and
     without hardware, with a loop and a watchdog around it.
 
     Scales, ranges and defaults are those of the wiring, numbers those of the machine with its parameters. No device is
     opened. Everything that has no C is told at once, with file and line, and nothing is written. What a user has filled
-    in, io_board.c and the Makefile, is not written over. Sequences stay on the host. Options of the machine follow the
+    in, io_board.c and the Makefile, is not written over. With `--controller` the code is that of one part, and its host
+    is at the other end of a line (docs/howto-split.md). Sequences stay on the host. Options of the machine follow the
     station's name.
     """
     from umo.process.station import find
 
     from .generate_controller import generate_controller
 
-    return generate_controller(find(station), wiring, target, real, folder, context.args)
+    return generate_controller(find(station), wiring, target, real, folder, context.args, controller)
 
 
 @command(

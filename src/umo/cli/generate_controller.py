@@ -10,13 +10,20 @@ from umo.exit_status import ExitStatus
 from umo.generate.controller_folder import NotTranslated, write_folder
 from umo.generate.controller_generator import generated, target_of
 from umo.process.station import Station
+from umo.split.part_generator import part_files
 
 from .console import err, out
 from .station_options import machine_of
 
 
 def generate_controller(
-    station: Station, wiring: str | None, target: str, real: str | None, folder: Path, arguments: Sequence[str]
+    station: Station,
+    wiring: str | None,
+    target: str,
+    real: str | None,
+    folder: Path,
+    arguments: Sequence[str],
+    controller: str | None = None,
 ) -> int:
     """Write the folder, and say what was kept in it. What does not translate is told, a line each, and nothing is
     written."""
@@ -24,7 +31,11 @@ def generate_controller(
         raise OptionError(f"--real {real} is neither double nor float")
     chosen = target_of(target, real)  # type: ignore[arg-type]
     try:
-        files = generated(machine_of(station, arguments), station.wiring(wiring), chosen)
+        machine, lines = machine_of(station, arguments), station.wiring(wiring)
+        if controller is None:
+            files = generated(machine, lines, chosen)
+        else:
+            files = part_files(machine, lines, controller, chosen)
     except NotTranslated as error:
         for line in str(error).splitlines():
             err.print(line, soft_wrap=True, markup=False)

@@ -27,7 +27,7 @@ from umo.cycle.stopping import StopFlag
 from umo.cycle.transfer import UNCONTROLLED_TIMEOUT, settling, wait_for
 from umo.drivers.faults.wrapper import bare
 from umo.errors import DeclarationError, DriverError, Failure, StopError, text_of
-from umo.objects import Compound, Sensor, atoms
+from umo.objects import Compound, Sensor, atoms, walk
 from umo.objects.description import html_of
 from umo.system.device_record import DeviceClaim
 from umo.text import Moment, add_note
@@ -102,6 +102,8 @@ class connect(Generic[C]):
         self._restore: list[Callable[[], object]] = []
         self._opened: list[str] = []
         self._initialized: list[int] = []  # slots
+        self._controllers: dict[str, Any] = {}
+        """The drivers on which parts run (`umo.split.controller_driver`), by path of the part."""
         self._waiting: set[int] = set()
         """The slots that are still to be reset."""
         self.started = False
@@ -155,6 +157,10 @@ class connect(Generic[C]):
                 self.not_restored = restore(self.root, self.wired.parameters, self.kept, self._restore.append)
             else:
                 apply_parameters(self.root, self.wired.parameters, self._restore.append)
+            nodes = {node._path: node for node in walk(self.root)}
+            self._controllers = {path: bare(self.wired.drivers[name]) for path, name in self.wired.controllers.items()}
+            for path, driver in self._controllers.items():
+                driver.take_part(nodes[path], self.wired)
             clock = WallClock() if self.wired.period is None else Clock(self.wired.period)
             if self.wired.injection is not None:
                 self.wired.injection.clock = clock
@@ -167,6 +173,10 @@ class connect(Generic[C]):
             rates, injection = self.wired.rates, self.wired.injection
             self.machine = machine_of(self.root, image, rates, self.stop, injection, outputs)
             self.machine.random = Random(self.seed)
+            if self._controllers:
+                self.machine.leave_to_controllers(nodes[path] for path in self._controllers)
+                for path, driver in self._controllers.items():
+                    driver.meet(nodes[path], self.machine)
             commands = self.machine.commands
             self.machine.alarms = engine_of(alarms, image, commands, self.machine.equipment.all)
             if self.machine.alarms is not None:
@@ -273,6 +283,8 @@ class connect(Generic[C]):
         try:
             stopping = _error_of(self.machine.cancel_sequences)
             self.image.end()
+            for driver in self._controllers.values():
+                driver.end()
             found, late = self._reset()
             if self.wired.injection is not None and self.wired.injection.end():
                 hindered = found  # this is told; the machine is not left there

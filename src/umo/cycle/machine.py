@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, partial
 from random import Random
 from time import monotonic_ns
@@ -170,6 +170,8 @@ class ConnectedMachine:
         """The random numbers of control code, which a replay repeats."""
         self._slots: dict[int, _PartSlots] = {}
         self._acts: dict[int, list[MethodType]] = {}
+        self._elsewhere: set[int] = set()
+        """Ids of what runs on controllers."""
         self._laws: list[MethodType] = []
         self._after_laws: list[Callable[[], None]] = []
         self._started = 0
@@ -376,6 +378,12 @@ class ConnectedMachine:
     def _is_idle(self, law: MethodType) -> bool:
         return isinstance(law.__self__, Node) and self.equipment.is_in_fault(law.__self__)
 
+    def leave_to_controllers(self, parts: Iterable[Node]) -> None:
+        """The laws of these parts are not called here: they run on controllers."""
+        self._elsewhere = {id(node) for part in parts for node in (part, *walk(part))}
+        self._acts.clear()
+        self._choose_laws()
+
     def after_laws(self, call: Callable[[], None]) -> None:
         """Call it once, after the laws of this period."""
         if call not in self._after_laws:
@@ -516,7 +524,7 @@ class ConnectedMachine:
     def _overrides(self, part: Node) -> list[MethodType]:
         """The `control` of every class that has its own, in pre-order; collected once, called flat."""
         if id(part) not in self._acts:
-            nodes: list[Node] = [part, *walk(part)]
+            nodes = [node for node in (part, *walk(part)) if id(node) not in self._elsewhere]
             own = [(type(node).control, node) for node in nodes if type(node).control is not Node.control]
             # not node.control: that of a connected compound drives the whole part
             self._acts[id(part)] = [MethodType(control, node) for control, node in own]

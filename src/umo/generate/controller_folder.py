@@ -88,7 +88,7 @@ def write_folder(files: Mapping[str, str], folder: Path) -> list[str]:
 
 
 def _is_users(name: str) -> bool:
-    return name.startswith("io_board.") or name == "Makefile"
+    return name.startswith(("io_board.", "io_link.")) or name == "Makefile"
 
 
 def _faults_header(translation: Translation) -> str:

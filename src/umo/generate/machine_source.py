@@ -85,6 +85,7 @@ void machine_init(umo_machine *m)
     m->core.conditionings = m->conditionings;
     m->core.interlocks = m->interlocks;
     m->core.equipment = m->equipment;
+    m->core.inhibits = NULL;
     m->core.host_call = NULL;
     umo_start(&m->core);
     init_objects(m);

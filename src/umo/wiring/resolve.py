@@ -45,6 +45,7 @@ from umo.presentation.durations import duration
 from umo.presentation.value_text import measure, span
 from umo.signature import signature_of
 from umo.system.packages import station_of
+from umo.wiring.controller_table import check_controllers, give_to_controllers
 from umo.wiring.fault_binding import inject
 from umo.wiring.linearization_table import from_table
 from umo.wiring.off_cycle_table import OFF_CYCLE, check_shared_devices, own_period, take_off_cycle
@@ -105,6 +106,7 @@ class _Resolver:
         if not self.source.entries and self.source.mistakes and self.source.mistakes[0].key == "":
             return Wired({}, []), self.source.mistakes  # there was nothing to read
         origin = expand(self.source, self.items)
+        controllers = give_to_controllers(self.source, self.root, self.items)
         timer = self.items.get("timer")
         period = self._period(timer)
         rates = rates_of(self.root, period, partial(self.source.mistake, 'wire."timer".period'))
@@ -121,6 +123,7 @@ class _Resolver:
         injection = self._inject(wires, drivers, timer)
         take_off_cycle(self.source, wires, drivers, timer)
         check_shared_devices(self.source, drivers, self.hardware)
+        check_controllers(self.source, controllers, drivers, wires)
         paced = bool(self.realtime) and self._pace(wires, timer)
         for path in sorted(self.source.entries.keys() - self.items.keys()):
             self.source.mistake(f'wire."{path}"', f"the machine has no such object{self.source.near(path, self.items)}")
@@ -137,6 +140,7 @@ class _Resolver:
             rates=rates,
             faces=self.source.faces,
             record=self.source.record,
+            controllers=controllers,
         )
         self._check_time(wired)
         self._check_plants()

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from umo.wiring.schema import Entry
 
 SECTIONS = ("drivers", "wire", "parameters", "process", "faults", "fault_seed", "faces", "record")
+CONTROLLER = "controller"
+"""Key of a line of `[wire]` for a part that runs on a controller."""
 MAX_SUGGESTIONS = 10
 """Wrong names for which the nearest one is looked up, at most: it takes 20 ms among a hundred, and a generated file may
 have a thousand wrong."""
@@ -32,6 +34,8 @@ class WiringSource:
     refused: set[str] = field(default_factory=set)
     """Paths of the entries that are faulty."""
     drivers: dict[str, dict[str, Any]] = field(default_factory=dict)
+    controllers: dict[str, Any] = field(default_factory=dict)
+    """The controller of each part that runs on one, by path (`umo.wiring.controller_table`)."""
     parameters: dict[str, Any] = field(default_factory=dict)
     process: dict[str, Any] = field(default_factory=dict)
     faces: dict[str, Any] = field(default_factory=dict)
@@ -170,6 +174,9 @@ def _read_entry(source: WiringSource, path: str, table: Any) -> None:
     if not isinstance(table, Mapping):
         source.refused.add(path)
         source.mistake(key, f'must be a table such as {{ driver = "simulated" }}, not {table!r}')
+        return
+    if CONTROLLER in table:
+        source.controllers[path] = table
         return
     if path in source.entries:
         source.mistake(key, "is wired twice")

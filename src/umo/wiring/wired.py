@@ -257,6 +257,8 @@ class Wired:
     """The table of the station's faces, as written (`umo.faces.face_settings` reads it)."""
     record: Mapping[str, Any] | None = None
     """What is recorded of its runs, as written (`umo.recording.record_settings` reads it); None: nothing is."""
+    controllers: Mapping[str, str] = field(default_factory=dict)
+    """The driver of each part that runs on a controller, by path."""
 
     @property
     def devices(self) -> list[str]:

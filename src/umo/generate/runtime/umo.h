@@ -188,6 +188,7 @@ struct umo_core {
     umo_conditioning *conditionings;
     umo_interlock *interlocks;
     umo_equipment *equipment;
+    const uint8_t *inhibits; /* a bit for each place of raws_out that the host inhibits; NULL: there is no host */
     int32_t *raws_out;
     umo_tick number;   /* ticks since the start */
     int32_t ticks;     /* that the last step consumed */
@@ -250,6 +251,7 @@ bool umo_clear(umo_core *c, int16_t number);
 
 void umo_referenced(umo_object *o, bool known);
 umo_fault umo_set_reading(umo_object *o, umo_real value);
+void umo_shift(umo_object *o, umo_real zero_offset);
 
 /* Inside the runtime ------------------------------------------------------------------------------------- */
 

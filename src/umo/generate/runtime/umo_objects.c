@@ -205,17 +205,24 @@ umo_fault umo_set_reading(umo_object *o, umo_real value)
     if (of && of->has_reading)
         reading = of->reading;
     umo_real raw = umo_round_even((reading - o->zero_offset) / resolution);
-    umo_real zero_offset = value - raw * resolution, distance = zero_offset - o->zero_offset;
+    umo_shift(o, value - raw * resolution);
+    if (!of)
+        o->value = raw * resolution + o->zero_offset;
+    return UMO_OK;
+}
+
+/* The zero offset becomes this one; the last value moves with it. */
+void umo_shift(umo_object *o, umo_real zero_offset)
+{
+    umo_conditioning *of = o->conditioning;
+    umo_real distance = zero_offset - o->zero_offset;
     o->zero_offset = zero_offset;
-    if (!of) {
-        o->value = raw * resolution + zero_offset;
-        return UMO_OK;
-    }
+    o->value += distance;
+    if (!of)
+        return;
     of->last += distance;
     of->value += distance;
     of->reading += distance;
-    o->value += distance;
-    return UMO_OK;
 }
 
 /* The machine -------------------------------------------------------------------------------------------- */

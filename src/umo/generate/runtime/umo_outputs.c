@@ -92,6 +92,9 @@ void umo_restrict(umo_core *c)
             output->stopping = output->stopping || of->stops;
         }
     }
+    for (int16_t i = 0; c->inhibits && i < c->plan->outputs; i++)
+        if (c->inhibits[i / 8] >> i % 8 & 1)
+            c->outputs[i].inhibited = true;
     for (int16_t i = 0; c->plan->equipment && i < c->plan->outputs; i++)
         if (umo_in_fault(c, object_at(c, i)->traits->equipment)) {
             c->outputs[i].inhibited = true;

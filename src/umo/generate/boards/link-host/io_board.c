@@ -1,0 +1,34 @@
+/* io_board.c: the circuits of the controller. Fill in each function; umo generate does not write over it. */
+#include "io.h"
+
+void link_host_begin(void);
+
+bool io_begin(void)
+{
+    link_host_begin();
+    return true;
+}
+
+void io_watchdog(void)
+{
+}
+
+void io_read(int32_t *raws_in, uint8_t *failed_in)
+{
+    (void)raws_in;
+    for (int16_t place = 0; place < MACHINE_INPUTS; place++)
+        failed_in[place] = 1; /* nothing is read yet */
+}
+
+bool io_write(int16_t place, int32_t raw)
+{
+    (void)place;
+    (void)raw;
+    return false; /* nothing is written yet */
+}
+
+void io_fault(umo_fault fault, int16_t object)
+{
+    (void)fault;
+    (void)object;
+}

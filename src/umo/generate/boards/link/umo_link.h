@@ -1,0 +1,55 @@
+/* umo_link.h: a part of a machine on this controller, and its host at the other end of a line (docs/split-protocol.md).
+ *
+ * The part runs while its host is heard. After LINK_HOST_TIMEOUT without a frame every output goes to its default, and
+ * nothing runs until the host starts it again. */
+#ifndef UMO_LINK_H
+#define UMO_LINK_H
+
+#include "machine_link.h"
+#include "umo_frames.h"
+
+enum { LINK_VERSION = 1 };
+enum link_kinds { LINK_HELLO = 1, LINK_WELCOME, LINK_START, LINK_EXCHANGE, LINK_STOP, LINK_STATE };
+enum link_items { LINK_FIELD = 1, LINK_COMMAND, LINK_REFERENCE, LINK_CLEAR, LINK_ACKNOWLEDGE, LINK_PLANNED };
+enum { LINK_NUMBERS = 2 }; /* of what the host is asked to plan, at most */
+enum link_modes { LINK_RESTING, LINK_RUNNING, LINK_FAULTED, LINK_HOST_GONE };
+
+/* The board's line. link_get: the next byte, -1: none has come. link_put never waits for long: what does not fit is
+ * left out, and the host asks again. link_end: a frame is whole. */
+int link_get(void);
+void link_put(uint8_t byte);
+void link_end(void);
+
+typedef struct {
+    umo_machine *machine;
+    int32_t *raws_in, *raws_out;
+    uint8_t *failed_in;
+    umo_frame_reader reader;
+    uint8_t in[LINK_LONGEST + UMO_CRC_BYTES], out[LINK_LONGEST + UMO_CRC_BYTES];
+    uint16_t length;            /* of what is in out */
+    uint16_t offered, session;  /* 0: none */
+    uint16_t heard;             /* the number of the last frame of the host */
+    uint32_t silent;            /* periods since then */
+    umo_fault fault;
+    int16_t fault_object;
+    uint8_t mode;
+    bool asked;                 /* the host waits for an answer */
+    uint16_t asks;              /* the number of what the host is asked to plan; it is `asking` */
+    uint8_t call, count;
+    bool asking;
+    umo_real numbers[LINK_NUMBERS];
+    uint8_t inhibits[LINK_BITS(MACHINE_OUTPUTS)];
+} umo_link;
+
+void umo_link_begin(umo_link *l, umo_machine *m, int32_t *raws_in, uint8_t *failed_in, int32_t *raws_out);
+
+/* Once a period, before the inputs are read: what the host has sent. */
+void umo_link_receive(umo_link *l);
+
+/* Once a period, `ticks` after the last one: true, the host is gone from now on. */
+bool umo_link_count(umo_link *l, int32_t ticks);
+
+/* At the end of a period: the answer, if the host waits for one. */
+void umo_link_answer(umo_link *l);
+
+#endif

@@ -1,0 +1,254 @@
+"""A controller that a part of the machine runs on, as a driver of the host."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from time import monotonic
+from typing import Literal
+
+import numpy as np
+
+from umo.cycle.machine import ConnectedMachine
+from umo.drivers.contract import Channel, Direction, Driver, IntArray
+from umo.drivers.option_checks import duration, one_of
+from umo.drivers.streams import Host, Serial, place_of
+from umo.errors import ChannelsFailed, DriverError, WiringError
+from umo.generate.controller_generator import target_of
+from umo.objects import Compound
+from umo.split.link_bodies import ControllerMode, ControllerState, FrameKind
+from umo.split.link_host import LinkHost, late
+from umo.split.part_mirror import PartMirror
+from umo.split.part_plan import PartPlan, plan_of
+from umo.wiring.wired import Wired
+
+_DEFAULT = Host("127.0.0.1", 5327), Serial("", 115200, "none")
+TARGETS = {"double": "cortex-m", "float": "avr"}
+
+
+class Controller(Driver[Channel]):
+    """A controller with generated code (`umo generate --controller`), which runs a part of the machine.
+
+        [drivers.drive]
+        type = "controller"
+        serial = "/dev/ttyACM0"
+
+        [wire]
+        "theta" = { controller = "drive" }
+
+    Channels: any text; it tells the board which of its circuits is meant. The objects of the part are on this driver
+    without a line of their own; a line may change their scales.
+
+    Options:
+        host: where the controller is reached over TCP. Default: 127.0.0.1.
+        port: its TCP port. Default: 5327.
+        serial: the device file of a serial line, in place of host and port.
+        baudrate: of the serial line, in bit/s. Default: 115200.
+        real: the numbers of the controller: "double" or "float".
+        cycle: the controller's own period. Default: that of the machine.
+        host_timeout: the controller brings its outputs to their defaults when the host was silent for this time.
+    """
+
+    forms = ("any text",)
+
+    def __init__(
+        self,
+        *,
+        host: str | None = None,
+        port: int | None = None,
+        serial: str | None = None,
+        baudrate: int | None = None,
+        real: Literal["double", "float"] = "double",
+        cycle: str | float | None = None,
+        host_timeout: str | float = 0.1,
+    ) -> None:
+        self.place = place_of(_DEFAULT, host, port, serial, baudrate=baudrate)
+        self.real = one_of("real", real, ("double", "float"))
+        self._cycle = None if cycle is None else duration("cycle", cycle)
+        self.host_timeout = duration("host_timeout", host_timeout)
+        if not self.host_timeout > 0.0 or self._cycle == 0.0:
+            raise WiringError("host_timeout and cycle must be above 0 s")
+        self._prepared = self.place.prepared()
+        self._plan: PartPlan | None = None
+        self._link: LinkHost | None = None
+        self._mirror: PartMirror | None = None
+        self._machine: ConnectedMachine | None = None
+        self._number = 0
+        self._ends = self._rested = False
+        self._places: dict[str, int] = {}
+        self._seen: ControllerState | None = None
+
+    def channel(self, text: str) -> Channel:
+        return Channel(text, Direction.BOTH, 32, signed=True)
+
+    def devices(self) -> Sequence[str]:
+        """The host's addresses and port, or the device file."""
+        return self.place.devices()
+
+    # The part ----------------------------------------------------------------------------------------------
+
+    @property
+    def cycle(self) -> float:
+        """The controller's own period in s."""
+        return self._cycle or self.period
+
+    def take_part(self, part: Compound, wired: Wired) -> PartPlan:
+        """The part that runs on this controller, before the machine is connected. NotTranslated if it cannot."""
+        target = target_of(TARGETS[self.real], self.real)
+        plan = self._plan = plan_of(part, wired, self, self.cycle, target, self.host_timeout)
+        channels = {each.item.path: each.channel.text for each in wired.wires}
+        self._places = {channels[each.path]: n for n, each in enumerate(plan.model.objects[: plan.model.inputs])}
+        return plan
+
+    def meet(self, part: Compound, machine: ConnectedMachine) -> None:
+        """The machine is being connected: the part's attributes are kept in step from now on."""
+        assert self._plan is not None
+        self._machine, self._mirror = machine, PartMirror(self._plan, machine, part)
+        self._ends = self._rested = False
+
+    def end(self) -> None:
+        """The machine is brought to its end: the first reset stops the controller."""
+        self._ends = True
+
+    # The driver --------------------------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Connect, and see that the controller has this part."""
+        if not self._prepared:
+            raise DriverError('a serial line needs pyserial: pip install "umo[text]"')
+        if self._plan is None:
+            raise DriverError('no part is on it: write "PART" = { controller = "NAME" } in [wire]')
+        self._link = LinkHost(self.place.dial(), self._plan, self._name)
+        self._link.greet(monotonic() + max(self.timeout, self.host_timeout))
+        self._rested = False
+
+    def close(self) -> None:
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+
+    @property
+    def _name(self) -> str:
+        return next(iter(self.place.devices()), "")
+
+    def _connected(self) -> LinkHost:
+        if self._link is None:
+            raise DriverError("it is not open")
+        return self._link
+
+    def initialize(self, channel: Channel, default: int | None) -> None:
+        """Outputs are at their defaults until the controller is started. A fault of the controller is over."""
+        if self._mirror is not None:
+            self._mirror.clear()
+        link = self._link
+        if link is not None and link.state is not None and link.state.mode is not ControllerMode.RUNNING:
+            link.close()
+
+    def reset(self, channel: Channel, default: int | None) -> None:
+        """At the end all outputs go to their defaults at once, in the controller's stop order. Before, the next
+        exchange says what is inhibited."""
+        if default is None or self._rested or not (self._ends or self._mirror is None):
+            return
+        link, deadline = self._connected(), monotonic() + max(self.timeout, self.host_timeout)
+        if not link.session and not link.offered:
+            link.greet(deadline)
+        if not link.stop(0 if self._plan is None else len(self._plan.model.outputs), deadline):
+            raise DriverError(f"the controller {self._name} does not rest")
+        self._rested = True
+
+    def read(self, channel: Channel) -> int:
+        out = np.empty(1, np.int64)
+        self.read_many((channel,), out)
+        return int(out[0])
+
+    def read_many(self, channels: Sequence[Channel], out: IntArray) -> None:
+        state = self._heard()
+        failed = {}
+        for i, channel in enumerate(channels):
+            place = self._places[channel.text]
+            out[i] = state.raws_in[place]
+            if state.failed[place]:
+                failed[channel.text] = "the controller could not read it"
+        if state.mode is not ControllerMode.RUNNING and not self._ends:
+            raise ChannelsFailed(dict.fromkeys((each.text for each in channels), self._fault_text(state)))
+        if failed:
+            raise ChannelsFailed(failed)
+
+    def write(self, channel: Channel, raw: int) -> None:
+        channel.check(raw)
+        self._exchange()
+
+    def write_many(self, channels: Sequence[Channel], raws: IntArray) -> None:
+        self._exchange()
+
+    def look(self) -> bool | None:
+        return False if self._link is None else self._link.look()
+
+    # The exchange ------------------------------------------------------------------------------------------
+
+    def _heard(self) -> ControllerState:
+        """The last answer of the controller, which is started if it was not."""
+        link, mirror = self._connected(), self._mirror
+        assert mirror is not None
+        link.receive()
+        if not link.session:
+            self._start(link, mirror)
+        state = link.state
+        if state is None or link.age > max(self.timeout, self.host_timeout):
+            age = link.age
+            link.close()
+            raise late(self._name, age)
+        if state is not self._seen:
+            self._seen = state
+            if not link.awaited:
+                mirror.confirm()
+            mirror.take(state)
+            mirror.plan(state)
+            assert self._machine is not None and self._plan is not None
+            for part, fault in mirror.new_faults(state):
+                self._machine.fail(part, DriverError(self._text_of(fault)))
+        return state
+
+    def _start(self, link: LinkHost, mirror: PartMirror) -> None:
+        """Everything that the host has goes to the controller, which begins to act. Its answer is waited for."""
+        deadline = monotonic() + max(self.timeout, self.host_timeout)
+        mirror.forget()
+        while True:
+            if not link.offered:
+                link.greet(deadline)
+            inhibited = mirror.inhibited()
+            number = link.send(FrameKind.START, inhibited, mirror.changes(inhibited, all_of_it=True))
+            try:
+                link.wait(number, min(deadline, monotonic() + self.host_timeout / 2))
+            except TimeoutError:
+                if monotonic() >= deadline:
+                    raise
+                continue
+            return
+
+    def _exchange(self) -> None:
+        """Send what the host has changed, unless an answer is still awaited."""
+        link, mirror = self._connected(), self._mirror
+        if mirror is None or self._ends:
+            return
+        link.receive()
+        if self._seen is not link.state and link.state is not None:
+            self._heard()
+        if link.session and link.may_send:
+            inhibited = mirror.inhibited()
+            link.send(FrameKind.EXCHANGE, inhibited, mirror.changes(inhibited))
+
+    def _fault_text(self, state: ControllerState) -> str:
+        if state.mode is ControllerMode.HOST_GONE:
+            return "the controller has stopped: it had not heard this host in time"
+        if state.mode is ControllerMode.RESTING:
+            return "the controller was stopped"
+        return self._text_of(state.fault, state.fault_object)
+
+    def _text_of(self, number: int, slot: int = -1) -> str:
+        assert self._plan is not None
+        fault = self._plan.faults.get(number)
+        if fault is None:
+            return "the controller's watchdog has ended its last run" if number < 0 else f"fault {number}"
+        path = f"{self._plan.model.objects[slot].path}: " if slot >= 0 else ""
+        where = f" ({fault.file}:{fault.line})" if fault.line else ""
+        return f"{path}{fault.kind}: {fault.text}{where}"

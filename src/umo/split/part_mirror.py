@@ -1,0 +1,137 @@
+"""A part on the host, kept in step with its controller: attributes, what actuators are to be, references."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from struct import Struct
+from typing import Any, cast
+
+from umo.cycle.machine import ConnectedMachine
+from umo.objects import Compound, DigitalSensor, Quality, walk
+from umo.split.link_bodies import ControllerState, FrameItem, item
+from umo.split.part_plan import PartPlan
+
+
+class PartMirror:
+    """What the controller is known to have, and what of it the host has changed since."""
+
+    def __init__(self, plan: PartPlan, machine: ConnectedMachine, part: Compound) -> None:
+        self._plan, self._machine, self._image = plan, machine, machine.image
+        slots = {each.path: slot for slot, each in enumerate(machine.image.items)}
+        objects = plan.model.objects
+        self._outputs = [slots[objects[slot].path] for slot in plan.model.outputs]
+        """The slots on the host, by places of the controller."""
+        inputs = [slots[each.path] for each in objects[: plan.model.inputs]]
+        self._references = [
+            (n, slot) for n, slot in enumerate(inputs) if isinstance(self._image.items[slot], DigitalSensor)
+        ]
+        nodes = {each._path: each for each in (part, *walk(part))}
+        self._equipment = [cast(Compound, nodes[each.path]) for each in plan.model.equipment]
+        self._real = Struct("<d" if plan.real_size == 8 else "<f")
+        owners = {each.path: each.owner for each in plan.translation.structs}
+        named = (each.rpartition(".") for each in plan.translation.host_calls)
+        self._calls = [(owners[path], name) for path, _, name in named]
+        self.forget()
+
+    def forget(self) -> None:
+        """Nothing is known of the controller: everything is to be sent."""
+        self._fields: list[bytes | None] = [None] * len(self._plan.fields)
+        self._pending: list[bytes | None] = [None] * len(self._outputs)
+        self._known: dict[int, bytes | None] = {}
+        self._given: list[tuple[Any, int, bytes]] = []
+        """What was sent, and is not confirmed: where it is kept, its number, and its bytes."""
+        self._inhibited = [False] * len(self._outputs)
+        self._faults = [0] * len(self._equipment)
+        self._clears = False
+        self._planned = 0
+        """The number of what was planned last."""
+
+    # To the controller -----------------------------------------------------------------------------------
+
+    def inhibited(self) -> list[bool]:
+        """Which outputs the host inhibits: by its interlocks, faults and clients, and all in manual mode."""
+        if self._machine.is_manual:
+            return [True] * len(self._outputs)
+        return [self._machine.commands.inhibited(slot) is not None for slot in self._outputs]
+
+    def changes(self, inhibited: list[bool], *, all_of_it: bool = False) -> list[bytes]:
+        """The items that bring the controller to what the host has; at the start also what actuators are to be is the
+        controller's own."""
+        found = []
+        for where, number, _ in self._given:  # perhaps it was taken, and only the answer is lost
+            where[number] = None
+        self._given = []
+        for number, each in enumerate(self._plan.fields):
+            if (live := each.live()) != self._fields[number]:
+                self._given.append((self._fields, number, live))
+                found.append(item(FrameItem.FIELD, number, live))
+        for place, slot in enumerate(self._outputs):
+            wanted = self._real.pack(self._image.pending[slot])
+            if wanted != self._pending[place]:
+                self._given.append((self._pending, place, wanted))
+                if not all_of_it:
+                    found.append(item(FrameItem.COMMAND, place, wanted))
+        found += self._changed_references()
+        if any(was and not now for was, now in zip(self._inhibited, inhibited, strict=True)):
+            found.append(item(FrameItem.ACKNOWLEDGE, 0))
+        self._inhibited = inhibited
+        if self._clears:
+            found.append(item(FrameItem.CLEAR, 0xFFFF))
+        if self._planned:
+            found.append(item(FrameItem.PLANNED, self._planned))
+        return found
+
+    def _changed_references(self) -> Iterator[bytes]:
+        image = self._image
+        for number, slot in self._references:
+            known = image.base[slot] is not Quality.UNREFERENCED
+            data = bytes((known,)) + self._real.pack(float(image.scales.zero_offset[slot]))
+            if data != self._known.get(number):
+                self._given.append((self._known, number, data))
+                yield item(FrameItem.REFERENCE, number, data)
+
+    def confirm(self) -> None:
+        """The controller has carried out what was sent last."""
+        for where, number, data in self._given:
+            where[number] = data
+        self._given = []
+        self._clears = False
+
+    def clear(self) -> None:
+        """The equipment is cleared on the host."""
+        self._clears = any(self._faults)
+
+    # From the controller ---------------------------------------------------------------------------------
+
+    def take(self, state: ControllerState) -> None:
+        """What the host has not changed becomes what the controller has."""
+        at = 0
+        for number, each in enumerate(self._plan.fields):
+            if not each.changes:
+                continue
+            data = state.fields[at : at + each.size]
+            at += each.size
+            known = self._fields[number]
+            if data != known and known is not None and each.live() == known:
+                each.assign(data)
+                self._fields[number] = data
+        pending = self._image.pending
+        for place, value in enumerate(state.pending):
+            known, slot = self._pending[place], self._outputs[place]
+            if known is not None and self._real.pack(pending[slot]) == known:
+                pending[slot] = value
+                self._pending[place] = self._real.pack(value)
+
+    def plan(self, state: ControllerState) -> None:
+        """Plan what the controller has asked for, once. The attributes that this changes go with the next frame."""
+        if state.asks and state.asks != self._planned:
+            self._planned = state.asks
+            owner, name = self._calls[state.call]
+            getattr(owner, name)(*state.numbers)
+
+    def new_faults(self, state: ControllerState) -> Iterator[tuple[Compound, int]]:
+        """The equipment that has come into fault on the controller, and the number of its fault."""
+        for number, fault in enumerate(state.equipment):
+            if fault and not self._faults[number]:
+                yield self._equipment[number], fault
+        self._faults = list(state.equipment)

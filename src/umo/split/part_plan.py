@@ -1,0 +1,149 @@
+"""What a controller has of a part: its objects, its code in C, its fields, and the hash that both ends compare."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from math import ceil
+from zlib import crc32
+
+from umo.cycle.clock import Clock
+from umo.cycle.equipment import equipment_in
+from umo.cycle.machine import ConnectedMachine, axes_in
+from umo.cycle.off_cycle import image_of
+from umo.cycle.stopping import StopFlag
+from umo.drivers.contract import Driver
+from umo.drivers.faults.wrapper import bare
+from umo.generate.code_world import translate
+from umo.generate.controller_folder import check, faults_of
+from umo.generate.controller_model import ControllerModel, model_of
+from umo.generate.machine_source import header_of, source_of
+from umo.generate.translation import CodeFault, ControllerTarget, Translation
+from umo.objects import Compound
+from umo.split.field_bytes import FieldBytes
+from umo.wiring.wired import ProcessSettings, Wired
+
+LONGEST_HEAD = 64
+"""Bytes of a frame beside what depends on the part, at most."""
+
+
+@dataclass(frozen=True)
+class PartPlan:
+    """A part as both ends of the link know it."""
+
+    path: str
+    model: ControllerModel
+    translation: Translation
+    target: ControllerTarget
+    fields: Sequence[FieldBytes]
+    host_timeout: float
+    """Time in s without the host after which the controller brings its outputs to their defaults."""
+
+    @property
+    def real_size(self) -> int:
+        return 8 if self.target.real == "double" else 4
+
+    @property
+    def timeout_ticks(self) -> int:
+        """The same in periods of the controller: at least one."""
+        return max(int(self.host_timeout / self.model.period + 1e-9), 1)
+
+    @property
+    def longest(self) -> int:
+        """Bytes of the longest body of a frame: everything in one, so that what belongs together is taken at once."""
+        inputs, outputs = self.model.inputs, len(self.model.outputs)
+        items = sum(3 + each.size for each in self.fields)
+        items += outputs * (3 + self.real_size) + inputs * (4 + self.real_size) + 3 * (len(self.model.equipment) + 2)
+        answer = 5 * inputs + (5 + self.real_size) * outputs + 2 * len(self.model.equipment)
+        return LONGEST_HEAD + outputs + max(items, answer + sum(each.size for each in self.fields))
+
+    @property
+    def faults(self) -> dict[int, CodeFault]:
+        return {each.number: each for each in faults_of(self.translation)}
+
+    @property
+    def hash(self) -> int:
+        """Of all that both ends must agree on. What fields are at first is not in it: the host sends it."""
+        any_target = replace(self.target, name="any", exact_libm=False)
+        without_init = replace(self.translation, init="")
+        code = [header_of(self.model, self.translation, any_target), source_of(self.model, without_init, any_target)]
+        return crc32("\n".join([*code, self._tables(), str(self.timeout_ticks)]).encode())
+
+    def _tables(self) -> str:
+        """The table of the fields in C."""
+        members = [each.members() for each in self.fields]
+        first = [0]
+        for each in members:
+            first.append(first[-1] + len(each))
+        places = "".join(
+            f"    {{offsetof(umo_machine, {member}), sizeof(((umo_machine *)0)->{member})}},\n"
+            for each in members
+            for member in each
+        )
+        changes = ", ".join(str(int(each.changes)) for each in self.fields) or "0"
+        return (
+            f"const UMO_FLASH umo_link_place link_places[] = {{\n{places or '    {0, 0},'}}};\n"
+            f"const UMO_FLASH uint16_t link_first[] = {{{', '.join(map(str, first))}}};\n"
+            f"const UMO_FLASH uint8_t link_changes[] = {{{changes}}};\n"
+        )
+
+    def files(self) -> dict[str, str]:
+        """What the controller has besides its machine."""
+        header = (
+            f"/* machine_link.h: what host and controller agree on of {self.path}. Made by umo generate. */\n"
+            '#ifndef MACHINE_LINK_H\n#define MACHINE_LINK_H\n\n#include "machine.h"\n\n'
+            f"#define LINK_HASH {self.hash}u\n"
+            f"#define LINK_HOST_TIMEOUT {self.timeout_ticks}u /* periods of MACHINE_PERIOD */\n"
+            "#define LINK_BITS(count) ((count) / 8 + 1)\n"
+            f"enum {{ LINK_FIELDS = {len(self.fields)}, LINK_LONGEST = {self.longest} }};\n\n"
+            "typedef struct {\n    uint16_t offset;\n    uint8_t size;\n} umo_link_place;\n"
+            "extern const UMO_FLASH umo_link_place link_places[]; /* the numbers of the fields */\n"
+            "extern const UMO_FLASH uint16_t link_first[];        /* the first number of each field, and the end */\n"
+            "extern const UMO_FLASH uint8_t link_changes[];       /* whether machine_step changes the field */\n"
+            "\n#endif\n"
+        )
+        text = "/* machine_link.c: the fields of the link, as docs/split-protocol.md says. Made by umo generate. */\n"
+        return {"machine_link.h": header, "machine_link.c": f'{text}#include "machine_link.h"\n\n{self._tables()}'}
+
+
+@contextmanager
+def part_laid_out(part: Compound, wired: Wired, driver: Driver, period: float) -> Iterator[ControllerModel]:
+    """The model of a part alone, on this controller with this period; its calibrations are those of the wiring, and are
+    set. The machine is not connected."""
+    wires = [each for each in wired.wires if bare(each.driver) is driver or each.item is wired.timer]
+    alone = replace(wired, wires=wires, period=period, rates=(), process=ProcessSettings())
+    image = image_of(alone, Clock(period), len(equipment_in(part)), len(axes_in(part)))
+    machine = ConnectedMachine(part, image, StopFlag())
+    try:
+        model = model_of(machine, alone)
+        model.name = part._path
+        yield model
+    finally:
+        machine.disconnect()
+
+
+def plan_of(
+    part: Compound, wired: Wired, driver: Driver, period: float, target: ControllerTarget, host_timeout: float
+) -> PartPlan:
+    """The plan of a part. NotTranslated with everything that is in the way."""
+    with part_laid_out(part, wired, driver, period) as model:
+        translation = translate(part, model.conditions, model.steps, target)
+        check(model, translation)
+        owners = {(each.path, each.struct, each.name): each.owner for each in translation.layout}
+        fields = [
+            FieldBytes(live, name, of, owners[live.path, live.member, name] == "STATE", target.real)
+            for live in translation.structs
+            for name, of in live.fields.items()
+        ]
+        return PartPlan(part._path, model, translation, target, fields, host_timeout)
+
+
+def share_of(count: int) -> int:
+    """Bytes of so many bits, as LINK_BITS."""
+    return count // 8 + 1
+
+
+def bits_of(count: int) -> int:
+    """Bytes of so many bits in an answer."""
+    return ceil(count / 8)

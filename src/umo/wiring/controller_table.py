@@ -1,0 +1,66 @@
+"""The lines of `[wire]` that give a part to a controller: `"theta" = { controller = "drive" }`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from umo.drivers.contract import Driver
+from umo.drivers.faults.wrapper import bare
+from umo.drivers.off_cycle import OffCycle
+from umo.objects import Atomic, Compound, atoms, walk
+from umo.text import did_you_mean, some
+from umo.wiring.source import CONTROLLER, WiringSource
+from umo.wiring.wired import Wire
+
+ON_CONTROLLER = "take_part"
+"""The method that a driver has on which a part can run (`umo.split.controller_driver`)."""
+
+
+def give_to_controllers(source: WiringSource, root: Compound, items: Mapping[str, Atomic]) -> dict[str, str]:
+    """The controller of each part, by path. The objects of the part that have no line of their own get one."""
+    parts = {node._path: node for node in walk(root) if isinstance(node, Compound)}
+    found: dict[str, str] = {}
+    for path, table in source.controllers.items():
+        key, name = f'wire."{path}"', table[CONTROLLER]
+        if path not in parts:
+            is_object = "is an object; a part runs on a controller" if path in items else "the machine has no such part"
+            source.mistake(key, f"{is_object}{did_you_mean(path, parts)}")
+        elif not isinstance(name, str) or len(table) > 1:
+            source.mistake(key, f'must be {{ controller = "NAME" }} and nothing else, not {dict(table)!r}')
+        elif name in found.values():
+            source.mistake(f"{key}.{CONTROLLER}", f"{name} already runs another part: one part for each controller")
+        elif any(path.startswith(f"{other}.") or other.startswith(f"{path}.") for other in found):
+            source.mistake(key, "is within a part that runs on another controller, or around one")
+        else:
+            found[path] = name
+            from umo.wiring.schema import Entry
+
+            mine = (item.path for item in atoms(parts[path]))
+            source.entries |= {each: Entry(driver=name) for each in mine if each not in source.entries}
+    return found
+
+
+def check_controllers(
+    source: WiringSource, controllers: Mapping[str, str], drivers: Mapping[str, Driver[Any]], wires: list[Wire]
+) -> None:
+    """Each is a controller, and has the objects of its part, and no other."""
+    for path, name in controllers.items():
+        driver = drivers.get(name)
+        if driver is None:
+            continue  # it is reported
+        if not hasattr(bare(driver), ON_CONTROLLER):
+            source.mistake(
+                f'wire."{path}".{CONTROLLER}', f'{name} is no controller: its driver needs type = "controller"'
+            )
+        elif isinstance(driver, OffCycle):
+            source.mistake(f"drivers.{name}.off_cycle", "a part that runs on a controller needs it on the cycle")
+        on_it = [wire.item.path for wire in wires if bare(wire.driver) is bare(driver)]
+        away = [
+            each.item.path for each in wires if each.item.path.startswith(f"{path}.") and each.item.path not in on_it
+        ]
+        if away:
+            source.mistake(f'wire."{path}"', f"{some(away)} must be on {name}, as the part is")
+        others = [each for each in on_it if not each.startswith(f"{path}.")]
+        if others:
+            source.mistake(f'wire."{path}"', f"{some(others)} is not of this part, and cannot be on {name}")

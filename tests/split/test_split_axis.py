@@ -1,0 +1,136 @@
+"""The theta axis runs on a controller, a program of this computer, and the application on the host, unchanged."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from helpers.generating import needs_a_compiler
+from helpers.split_axis import (
+    COUNTS_PER_STEP,
+    DEFAULTS,
+    HOST_GONE,
+    TIMEOUT_PERIODS,
+    BadLine,
+    ThetaController,
+    theta_controller,
+    theta_program,
+    theta_wiring,
+)
+from umo.cycle.connect import connect
+from umo.errors import DriverError
+from umo.process.station import find
+
+pytestmark = [needs_a_compiler, pytest.mark.full]
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return theta_program(tmp_path_factory.mktemp("theta"))
+
+
+@pytest.fixture
+def controller(program: Path) -> Iterator[ThetaController]:
+    with theta_controller(program) as found:
+        yield found
+
+
+def move(port: int, *positions: float, raws: set[int] | None = None, after: Any = None, **options: Any) -> list[float]:
+    """Move the axis from one position to the next; what the encoder reads at the end of each motion."""
+    reached: list[float] = []
+    with connect(find("ztheta").machine(), theta_wiring(port, **options), acknowledge=True) as m:
+
+        async def application() -> None:
+            m.theta.encoder.referenced(True)
+            for position in positions:
+                await m.theta.move_to(position)
+                reached.append(m.theta.encoder.read())
+                if after is not None:
+                    after(m)
+
+        task = m.cycle.start(application())
+        while not task.done:
+            m.timer.read()
+            m.sample()
+            if raws is not None:
+                raws.add(m.theta.encoder.raw)
+            m.control()
+            m.update()
+    return reached
+
+
+def test_the_application_moves_an_axis_whose_law_runs_elsewhere(controller: ThetaController) -> None:
+    states = []
+    assert move(controller.port, 235.0, 225.0, after=lambda m: states.append(m.theta.state.name)) == pytest.approx(
+        [235.0, 225.0], abs=0.2
+    )
+    record = controller.recorded()
+    seen = [next(record) for _ in range(10)]
+    assert seen[0].outputs == DEFAULTS
+    assert len(states) == 2
+
+
+def test_at_the_end_of_a_run_the_outputs_are_at_their_defaults(controller: ThetaController) -> None:
+    move(controller.port, 229.0)
+    for each in controller.recorded():
+        if each.mode == 0 and each.period > 20:
+            assert each.outputs == DEFAULTS
+            return
+
+
+def test_a_tunable_reaches_the_law_and_a_fault_of_the_law_the_host(controller: ThetaController) -> None:
+    def tune(m: Any) -> None:
+        m.theta.following_error = 0.05  # less than a step
+
+    with pytest.raises(DriverError, match=r"AxisError: .* lost steps.*stepper_axis\.py"):
+        move(controller.port, 229.0, 235.0, after=tune)
+
+
+def test_another_version_of_the_part_is_refused(controller: ThetaController) -> None:
+    with pytest.raises(DriverError, match="has another theta, or another version of it: generate it again"):
+        move(controller.port, 229.0, host_timeout="50 ms")
+    with pytest.raises(DriverError, match='write real = "double"'):
+        move(controller.port, 229.0, real="float")
+
+
+@pytest.mark.parametrize("times", [3, 100])
+def test_when_the_host_is_killed_every_output_goes_to_its_default_in_time(
+    program: Path, controller: ThetaController, times: int
+) -> None:
+    record = controller.recorded()
+    for number in range(times):
+        host = os.fork()
+        if not host:
+            try:
+                move(controller.port, *[200.0, 260.0] * 50)
+            finally:
+                os._exit(1)
+        moved = 0
+        for each in record:  # it moves
+            moved += each.outputs[0]
+            if moved > 5 + number % 7 * 11:
+                break
+        os.kill(host, signal.SIGKILL)
+        os.waitpid(host, 0)
+        gone = next(each for each in record if each.mode == HOST_GONE)
+        assert gone.outputs == DEFAULTS
+        assert gone.silent <= TIMEOUT_PERIODS
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_on_a_bad_line_no_value_is_wrong_and_the_axis_arrives(controller: ThetaController, seed: int) -> None:
+    line, raws = BadLine(controller.port, seed, share=0.05), set[int]()
+    line.start()
+    try:
+        assert move(line.port, 240.0, 225.0, 230.0, raws=raws, host_timeout="100 ms") == pytest.approx(
+            [240.0, 225.0, 230.0], abs=0.2
+        )
+    finally:
+        line.close()
+    assert min(line.treated.values()) > 0
+    assert {raw % COUNTS_PER_STEP for raw in raws} == {0}
