@@ -18,7 +18,8 @@ import numpy as np
 from umo.control.inputs import state_of, value_of
 from umo.control.profile import Profile
 from umo.cycle.clock import Clock
-from umo.errors import StateError
+from umo.drivers.contract import Direction
+from umo.errors import RangeError, StateError
 from umo.generate.array_code import ArrayMethod
 from umo.generate.c_types import BOOL, INT, MASK, NOTHING, REAL, ArrayType, CType, TupleType, state
 from umo.generate.expression_code import NUMBERS
@@ -26,7 +27,7 @@ from umo.generate.function_scope import TELLS
 from umo.generate.function_source import NoSource, bound
 from umo.generate.terms import TEXT, Code, Known, Many, Present, Term, UnknownText
 from umo.generate.vector_code import VectorCode
-from umo.objects import Compound, Quality, Vector
+from umo.objects import Compound, DigitalSensor, Quality, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
 from umo.objects.link import Cycle
 
@@ -34,6 +35,8 @@ HOST_CALLS: frozenset[Any] = frozenset({Profile.to, Profile.at})
 """What only the host can do: it plans motions."""
 DROPPED = ("progress", "say")
 """Names of methods that only tell something."""
+OF_THE_HOST = ("sample", "update", "reset", "acknowledge", "control")
+"""Names of methods of a whole part that only the host calls."""
 OF_CLOCK = {"dt": (REAL, "umo_dt(m)"), "now": (REAL, "umo_now(m)"), "period": (REAL, "umo_period(m)")} | {
     "ticks": (INT, "umo_ticks(m)")
 }
@@ -61,12 +64,15 @@ class CallCode(VectorCode):
         if isinstance(owner, Atomic):
             return self._of_atomic(owner, name, node)
         if isinstance(owner, Vector):
+            self._object(owner[0], node)
             return self.attribute_of_vector(owner, name, node)
         if isinstance(owner, ModuleType | type):
             return Known(self._got(owner, name, node), owner, name)
         if isinstance(owner, Clock | Cycle):
             return self._of_time(owner, name, node)
         if isinstance(owner, Compound):
+            if name in OF_THE_HOST and name in vars(owner) | vars(Compound):
+                raise self.refused(node, f"`{name}` of a part is done by the host", "read, write, reset of an object")
             if name in ("dt", "now"):
                 return Code(*OF_CLOCK[name])
             if name == "cycle":
@@ -121,7 +127,9 @@ class CallCode(VectorCode):
         raise self.refused(node, f"`{name}` of the cycle is not known on a controller", nearest)
 
     def _of_atomic(self, owner: Atomic, name: str, node: ast.AST) -> Term:
-        place = self.world.place(owner)
+        place = self._object(owner, node)
+        if name == "time":
+            return Code(REAL, f"umo_time({place})")
         if name == "quality":
             return Code(state(Quality), f"umo_quality({place})")
         if name == "inhibited":
@@ -134,8 +142,20 @@ class CallCode(VectorCode):
             return Code(REAL, f"umo_pending({place})")
         if name == "velocity":
             return self._got_by(f"umo_velocity({place}, &%s)", REAL)
+        if isinstance(owner, DigitalSensor) and owner.incremental:  # homing changes it
+            if name == "zero_offset":
+                return Code(REAL, f"{place}->zero_offset")
+            if name == "calibration":
+                raise self.refused(node, "homing changes it", "minimum, maximum, resolution, zero_offset")
         value = self._got(owner, name, node)
         return Known(value, owner, name)
+
+    def _object(self, owner: Atomic, node: ast.AST) -> str:
+        """The object on the controller, which samples all that are synchronous."""
+        if owner.direction is Direction.INPUT and not owner.synchronous:
+            told = f"{owner.path} is asynchronous: it is not read on a controller"
+            raise self.refused(node, told, "a synchronous sensor")
+        return self.world.place(owner)
 
     def _got_by(self, call: str, of: CType) -> Code:
         """The result of a call that returns a fault."""
@@ -206,6 +226,7 @@ class CallCode(VectorCode):
         if isinstance(func.owner, Atomic):
             return self._call_atomic(func.owner, func.name, arguments, named, node)
         if target is value_of and isinstance(arguments[0], Known) and isinstance(arguments[0].value, Vector):
+            self._object(arguments[0].value[0], node)
             return self.values_of(arguments[0].value, arguments[1:], named, node)
         if target is value_of or target is state_of:
             return self._input(target, arguments, named, node)
@@ -245,7 +266,7 @@ class CallCode(VectorCode):
     def _call_atomic(
         self, owner: Atomic, name: str, arguments: list[Term], named: dict[str, Term], node: ast.Call
     ) -> Term:
-        place, terms = self.world.place(owner), [*arguments, *named.values()]
+        place, terms = self._object(owner, node), [*arguments, *named.values()]
         if name == "read":
             if isinstance(owner, Binary):
                 return self._got_by(f"umo_binary_read({place}, &%s)", state(owner.states))
@@ -255,14 +276,28 @@ class CallCode(VectorCode):
         if name == "reset":
             self.called(f"umo_object_reset({place})")
             return Known(None)
-        if name == "referenced" and len(terms) == 1 and not named:
-            known = self.truth(terms[0], node)
-            self.line(f"umo_referenced({place}, {str(known).lower() if isinstance(known, bool) else known});")
-            return Known(None)
+        if name == "referenced" and isinstance(owner, DigitalSensor):
+            return self._home(owner, place, dict(zip(("known",), arguments, strict=False)) | named, node)
         raise self.refused(node, f"`{name}` of an object does not translate", "read, write, reset, quality, pending")
+
+    def _home(self, owner: DigitalSensor, place: str, named: dict[str, Term], node: ast.Call) -> Term:
+        """`referenced` of an incremental sensor."""
+        known, at = self.truth(named.get("known", Known(True)), node), named.get("at", Known(None))
+        if not owner.incremental:
+            raise self.refused(node, f"{owner.path} is not declared incremental", "incremental=True")
+        if not (isinstance(at, Known) and at.value is None):
+            if owner.linearization is not None or known is not True:
+                told = "`at` is for what is referenced, and has no linearization"
+                raise self.refused(node, told, "referenced(at=...)")
+            self.called(f"umo_set_reading({place}, {self.as_type(at, REAL, node)})")
+        self.line(f"umo_referenced({place}, {str(known).lower() if isinstance(known, bool) else known});")
+        return Known(None)
 
     def _write(self, owner: Atomic, place: str, term: Term, node: ast.Call) -> Term:
         if isinstance(owner, Digital):
+            if self.code(term, node).type == BOOL:
+                self.raises(RangeError, node)
+                return Known(False)
             return self._got_by(f"umo_digital_write({place}, {self.as_type(term, REAL, node)}, &%s)", BOOL)
         assert isinstance(owner, Binary)
         code = self.code(term, node)
@@ -276,7 +311,7 @@ class CallCode(VectorCode):
         accept = arguments[1] if len(arguments) > 1 else named.get("accept", Known(()))
         if not (isinstance(sensor, Known) and isinstance(sensor.value, Atomic)):
             raise self.refused(node, "the sensor is not known when the code is generated")
-        place, mask = self.world.place(sensor.value), self.as_type(accept, MASK, node)
+        place, mask = self._object(sensor.value, node), self.as_type(accept, MASK, node)
         if which is state_of and isinstance(sensor.value, Binary):
             return self._got_by(f"umo_state_of({place}, {mask}, &%s)", state(sensor.value.states))
         return self._got_by(f"umo_value_of({place}, {mask}, &%s)", REAL)
