@@ -19,6 +19,7 @@ from rich.console import Console
 from bench import (
     against,
     alarms,
+    compiled,
     dead_device,
     endurance,
     faces,
@@ -89,6 +90,10 @@ def main() -> int:
         pairs = options.recording
         report.stream(console, recording.TITLE, recording.takes(pairs), partial(recording.measure, pairs))
         return 0
+    if options.compiled is not None:
+        takes = compiled.PAIR_TAKES * options.compiled
+        report.stream(console, compiled.TITLE, takes, partial(compiled.measure, options.compiled))
+        return 0
     if options.generated:
         report.stream(console, generated.TITLE, generated.takes(), generated.measure)
         return 0
@@ -119,6 +124,9 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="a rougher answer, sooner: without processes and frames")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures here too")
     alone = parser.add_mutually_exclusive_group()
+    alone.add_argument(
+        "--compiled", type=int, metavar="PAIRS", help="compiled laws beside Python and a C loop; 10 for a result"
+    )
     alone.add_argument(
         "--generated", action="store_true", help="generated controllers on emulated boards: cycles, flash and RAM"
     )

@@ -74,9 +74,9 @@ def _count(samples: Samples) -> int:
 
 
 @contextmanager
-def _station(found: Samples, busy_wait: str | int, most: int = 10**9) -> Iterator[None]:
+def _station(found: Samples, busy_wait: str | int, most: int = 10**9, compiled: bool = False) -> Iterator[None]:
     """One part, from homing to placing, or so many periods; then the block, in which its readers are still there."""
-    wiring = tomllib.loads(_wiring().read_text("utf-8")) | {"process": {"busy_wait": busy_wait}}
+    wiring = tomllib.loads(_wiring().read_text("utf-8")) | {"process": {"busy_wait": busy_wait, "compile": compiled}}
     with umo.start("ztheta", wiring, parts=1, realtime=True, acknowledge=True) as started:
         while started.frames is None and started.outcome is None:
             started.poll(0.1)

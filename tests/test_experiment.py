@@ -386,3 +386,43 @@ def test_a_part_with_a_rate_is_excited_at_its_rate_and_its_fault_ends_it() -> No
         operator.run(12)
         assert m.boiler.heater.read() == pytest.approx(30.0)
         assert "step" not in vars(m.boiler.servo)
+
+
+class SlowOven(Compound, every=10):
+    """A first order under a Servo, in every tenth period."""
+
+    heater: DigitalActuator
+    temperature: DigitalSensor
+    acts = True
+
+    def setup(self) -> None:
+        self.servo = Servo(self.temperature, self.heater, gain=2.0, integral_time=10.0)
+
+    def control(self) -> None:
+        if self.acts:
+            self.servo.control(GOAL, dt=self.dt)
+
+
+class Hall(Compound):
+    oven: SlowOven
+    timer: DigitalSensor
+
+
+@pytest.mark.parametrize("acts", [True, False])
+def test_a_law_at_a_rate_of_its_own_is_waited_for(acts: bool) -> None:
+    timer = DigitalSensor("sampling_period", minimum=0, maximum=99_999, resolution=1, synchronous=False)
+    wires: dict[str, Any] = {f"oven.{name}": {"driver": "simulated"} for name in parts()}
+    wires["timer"] = {"driver": "simulated", "period": PERIOD}
+    with connect(Hall(oven=SlowOven(**parts()), timer=timer), {"wire": wires}) as m:
+        m.oven.servo.integral = GOAL - REST
+        put(m.oven.temperature, GOAL)
+        operator = Operator(m, Mode.MANUAL)
+        operator.do("lease")
+        m.oven.acts = acts
+        assert json.loads(operator.call("oven.servo.law").text)["dt"] == 10 * PERIOD
+        arguments = {"kind": "step", "amplitude": 10.0, "duration": 30.0}
+        number = operator.send("call", "oven.servo.experiment", arguments=arguments)
+        operator.run(700)
+        events = [event for event in operator.events if event.command == number]
+        told = events[-1].text
+        assert ("its time was over" in told) if acts else ("the law does not act" in told), told

@@ -127,6 +127,8 @@ def test_a_short_run_leaves_figures_of_both_loops(
     assert found["umo"]["periods"] + found["umo"]["missed"] == 100
     assert found["umo_busy"]["periods"] + found["umo_busy"]["missed"] == 100
     assert (found["c"] is None) == (not compiler) or "no C compiler" in result.stderr
+    assert found["laws_us"] is None or found["laws_us"].keys() == {"python", "compiled"}
+    assert (found["laws_us"] is None) == ("`compile = true`" not in result.stdout)
     assert found["verdict"] in ("yes", "with care", "no")
     assert f"5 ms: {found['verdict']}. " in result.stdout
 

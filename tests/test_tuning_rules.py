@@ -13,10 +13,10 @@ from helpers.true_margins import true_margins
 from umo.control import PID
 from umo.errors import RangeError
 from umo.tuning.gain_rules import LEAST, gain_sets
-from umo.tuning.identification import identify
+from umo.tuning.identification import POOR_FIT, identify
 from umo.tuning.margins import Gains, margins
 from umo.tuning.measured_response import MeasuredResponse
-from umo.tuning.models import ProcessModel
+from umo.tuning.models import FIRST_ORDER, ProcessModel
 from umo.tuning.predicted_step import predicted_step
 from umo.tuning.relay_cycles import relay_cycles
 
@@ -171,3 +171,15 @@ def test_samples_without_values_are_left_out_and_too_few_refused() -> None:
 def test_gains_of_the_wrong_sign_are_refused() -> None:
     with pytest.raises(RangeError, match="away from its setpoint"):
         margins(PLANTS["lag"], Gains(-1.0), DT)
+
+
+@pytest.mark.parametrize("seed", [10, 85])
+def test_a_simple_model_that_fits_badly_is_not_taken_for_its_simplicity(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    count = int(random.integers(25, 60))
+    outputs = np.zeros(count)
+    outputs[count // 5 :] = 1.0
+    dead_time, lag = random.uniform(0, 0.3), random.uniform(0.1, 0.6)
+    measured = ProcessModel(FIRST_ORDER, 1.0, dead_time, (lag,)).response(outputs, 0.1)
+    drift = np.cumsum(random.normal(size=count)) * random.uniform(0.03, 0.12)
+    assert identify(MeasuredResponse(0.1, outputs, measured + drift), sign=1.0).fit >= POOR_FIT

@@ -39,6 +39,21 @@ class Pair(NamedTuple):
     second: float
 
 
+class Helper:
+    """An object that is no part of the machine."""
+
+    factor = 2.0
+
+    def __init__(self) -> None:
+        self.factor = 2.5
+
+    def scaled(self, number: float) -> float:
+        return number * self.factor
+
+
+HELPER = Helper()
+
+
 @dataclass
 class Calculation:
     """`a`, `b`, `i`, `j` and `colour` are given; `out` is the result."""
@@ -243,6 +258,25 @@ class Calculation:
     def any_of(self) -> None:
         if any(each > self.a for each in (1.0, 2.0, self.b)) and all(each < 100.0 for each in (self.a, self.b)):
             self.out = 1.0
+
+    def value_or_number(self) -> None:
+        self.out = self.a or 3.0
+        self.last = self.last or self.b or 2.5
+        self.steps = self.i and 7
+
+    def value_or_none(self) -> None:
+        self.last = self.a or None
+        self.out = -1.0 if self.last is None else self.last
+
+    def factor_that_is_a_comparison(self) -> None:
+        self.out = self.a * (self.b > 0.0) - (self.a > 1.0)
+
+    def best_of(self) -> None:
+        best: float | None = None
+        for each in (HELPER.scaled(self.a), HELPER.factor * self.b, self.a):
+            if best is None or each > best * HELPER.factor or each < -HELPER.factor:
+                best = each
+        self.out = best  # type: ignore[assignment]
 
     def walrus(self) -> None:
         if (excess := self.a - self.b) > 1.0:

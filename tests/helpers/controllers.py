@@ -9,6 +9,7 @@ from random import Random
 from typing import Any, Literal
 
 from helpers.boards import M3, M4F, MEASURED, avr, emulated, firmware, mps2, need
+from helpers.converter import converter
 from helpers.equipment_plant import plant
 from helpers.generating import KINDS, Fragile, everything, random_inputs, set_inputs, told_by, wired, wiring_of
 from helpers.translated_oven import oven, oven_wiring
@@ -42,6 +43,7 @@ MACHINES = {
     "laws": Tried(lambda: oven(0.5), oven_wiring),
     "equipment": Tried(lambda: plant(0.5), wired),
     "vectors": Tried(lambda: zones(0.5, count=2), wired),
+    "converter": Tried(converter, wired),
     "batch": Tried(lambda: find("batch").machine(), wired),
     "conveyor": Tried(lambda: find("conveyor").machine(), wired),
 }

@@ -77,7 +77,7 @@ class Oven(Compound):
             self.outer.reset()
         self.regulator.control()
         self.stepping.control(self.soft * 300.0)
-        for number, fan in enumerate(self.fans):
+        for number, (fan, _) in enumerate(zip(self.fans, self.fans, strict=True)):
             fan.least = 1.0 + (number + self.refused) % 3 if self.is_warm else 0.5
         if self.refused > 100_000:
             raise RangeError("the heater is refused for too long")

@@ -17,6 +17,7 @@ from typer.testing import Result
 from helpers.machines import bench, wired
 from helpers.waiting import until
 from umo import connect, published
+from umo.cli import record_beside
 from umo.cli.progress_line import OneLine
 from umo.cli.record_beside import RecordBeside, RecordOrder
 from umo.process import Started
@@ -288,3 +289,27 @@ def test_a_recorder_that_cannot_start_keeps_no_run_from_starting(capfd: pytest.C
     told = capfd.readouterr().err.replace("\n", " ")
     assert "the recorder has ended (status 1)" in told and "the recorder cannot be started" in told
     assert not beside.complete and not never.complete
+
+
+def test_a_recorder_that_does_not_end_after_the_run_is_ended_in_true_words(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(record_beside, "END_TIMEOUT", 0.02)
+    monkeypatch.setattr(record_beside, "START_TIMEOUT", 0.02)
+    patient = [sys.executable, "-c", "import time; time.sleep(60)"]
+    with RecordBeside(RecordOrder(Path("x.mcap"), {}), patient) as beside:
+        pass
+    told = capfd.readouterr().err.replace("\n", " ")
+    assert "the recorder has ended (signal 9); what it had not written is lost" in told
+    assert "runs on" not in told and not beside.complete
+
+
+def test_a_full_disk_leaves_no_folder_of_a_flight_recorder(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(path: Path, text: str) -> int:
+        raise OSError(errno.ENOSPC, "full")
+
+    before = set(flight_folder.place().iterdir())
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(OSError, match="full"):
+        flight_folder.new("press", 1, os.getpid())
+    assert set(flight_folder.place().iterdir()) == before

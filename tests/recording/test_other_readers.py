@@ -20,7 +20,7 @@ from mcap.reader import make_reader
 from helpers import npm
 from helpers.recorded import block_at_random, decoded, layout_of
 from umo.frames import Layout
-from umo.recording import Recording
+from umo.recording import Recording, TakenCommand
 from umo.recording.copying import repair
 from umo.recording.mcap_reader import McapReader
 from umo.recording.protobuf_channels import ProtobufChannels
@@ -211,3 +211,35 @@ def test_others_refuse_a_cut_file_or_read_no_more_than_umo_and_as_much_once_it_i
         if periods:
             assert counted(cut) == periods
     print(f"{refused} of 16 cut files are refused")
+
+
+def test_a_name_that_is_no_utf_8_costs_no_record(tmp_path: Path) -> None:
+    layout, command = layout_of(), TakenCommand(3, 0, b'{"do": "stop", "who": "\\udcff"}')
+    file = RecordingFile(tmp_path / "run.mcap", layout, ProtobufChannels(layout))
+    file.add([replace(block_at_random(layout, 0, 3, 1), commands=[command])])
+    file.close()
+    with open(tmp_path / "run.mcap", "rb") as stream:
+        ((schema, _, message),) = make_reader(stream).iter_messages(["commands"])
+    assert decoded(schema, message.data).who == "?"
+
+
+@pytest.mark.parametrize(
+    "paths",
+    [
+        ["machine.valve", "machine.motor"],
+        ["a_parts", "a", "a.b"],
+        ["a", "a_parts", "a.b.c", "a.b"],
+        ["a_parts.x", "a", "a.x"],
+    ],
+)
+def test_names_of_parts_may_be_those_that_the_message_needs(tmp_path: Path, paths: list[str]) -> None:
+    layout = layout_of(len(paths), 0)
+    for entry, path in zip(layout.objects, paths, strict=True):
+        entry["path"] = path
+    file = RecordingFile(tmp_path / "run.mcap", layout, ProtobufChannels(layout))
+    file.add([block := block_at_random(layout, 0, 1, 1)])
+    file.close()
+    with open(tmp_path / "run.mcap", "rb") as stream:
+        ((schema, _, message),) = make_reader(stream).iter_messages(["machine"])
+    found = re.findall(r": ([-\d.e]+)", str(decoded(schema, message.data)))
+    assert sorted(map(float, found)) == pytest.approx(sorted(block.frames["values"][0]))

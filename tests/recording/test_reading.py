@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import sys
+import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,15 +16,20 @@ from typer.testing import Result
 
 import umo as umo_package
 from tests.helpers.recorded import block_at_random, layout_of
+from umo.cli import recordings, replay_shrink
+from umo.cli.console import err
+from umo.cli.progress_line import OneLine
 from umo.cycle.events import CommandState, Event
 from umo.errors import FramesError, OptionError, PathError, RangeError
 from umo.frames.reader import NumberedEvent
-from umo.recording import Recording
+from umo.recording import Recording, copying
 from umo.recording.recording_file import RecordingFile
+from umo.replay.closed_loop import Trial
 from umo.scope.history import samples
 from umo.tables.recorded_values import RecordedValues
 from umo.tables.recording_export import export
 from umo.tables.recording_summary import facts_of, lines_of
+from umo.tuning.recorded_response import recorded_response
 
 Umo = Callable[..., Result]
 PATHS = ["part0.object0", "part1.object1", "part0.object2", "part0.signal0", "part0.signal1"]
@@ -170,3 +176,112 @@ def test_what_is_no_recording_is_told_in_one_line(umo: Umo, tmp_path: Path) -> N
     for words in (("info", "x.mcap"), ("info", "."), ("export", "x.mcap", "x.csv"), ("plot", "none.mcap")):
         result = umo(*words)
         assert result.exit_code == 2 and len(result.stderr.splitlines()) == 1 and "Errno" not in result.stderr
+
+
+@pytest.mark.parametrize("start", [None, 0.205])
+def test_what_was_told_before_the_values_that_are_written_counts(tmp_path: Path, start: float | None) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    tunable = {"path": "servo.gain", "unit": "", "minimum": 0.0, "maximum": 1.0}
+    layout = replace(layout_of(), tunables=(tunable,))
+    file = RecordingFile(tmp_path / "run.mcap", layout)
+    for number in range(3):  # the first one has only what replay needs, as in a flight recorder
+        block = replace(block_at_random(layout, 100 * number, 100, number), live={}, is_full=number > 0)
+        block.frames["missed"][50] = 2
+        file.add([replace(block, live={"mode": 1, "tunables": [0.25]}) if not number else block])
+    file.close()
+    target = tmp_path / "run.parquet"
+    with Recording(tmp_path / "run.mcap") as recording:
+        values = RecordedValues(recording, (), start)
+        export(values, target, lambda time: None)
+    found: dict[str, list[float]] = {}
+    for row in parquet.read_table(target).to_pylist():
+        found.setdefault(row["path"], []).append(row["value"])
+    missed = np.cumsum(np.tile(np.arange(100) == 50, 3) * 2)[205 if start else 100 :]
+    assert found["run:missed"] == missed.tolist()
+    assert set(found["tunable:servo.gain"]) == {0.25} and set(found["run:mode"]) == {1.0}
+
+
+def peak(work: Callable[[], object]) -> int:
+    """Bytes that are held at once while something works."""
+    tracemalloc.start()
+    try:
+        work()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_the_memory_for_a_few_columns_does_not_grow_with_all_objects(
+    umo: Umo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("xarray")
+    layout, path = layout_of(500), tmp_path / "run.mcap"
+    file = RecordingFile(path, layout)
+    for number in range(80):
+        file.add([replace(block_at_random(layout, 50 * number, 50, number), entries_lost=0)])
+    file.close()
+    frames = 4000 * layout.dtype.itemsize
+    monkeypatch.setattr(copying, "BATCH_BYTES", 1 << 20)
+    assert peak(lambda: umo_package.load(path, ["part0.object0"])) < frames / 4
+    assert peak(lambda: recorded_response(path, "part0.object0", "part1.object1")) < frames / 4
+    assert peak(lambda: umo("record", "--repair", str(path))) < frames / 4
+    assert peak(lambda: copying.thin(path)) < frames / 4
+    with Recording(path) as recording:
+        assert recording.periods == 4000 and recording.span == (0.0, pytest.approx(3.999))
+
+
+def test_a_plot_of_a_part_has_all_its_periods(recorded: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recordings, "MAX_ROWS", 100)
+    for start, stop, rows in (("0.01", "0.06", 50), (None, None, 80)):
+        with Recording(recorded) as recording:
+            values = recordings._values(recording, recordings.WhatIsWanted((), start, stop))
+            drawn = recordings._drawn(values, OneLine(err))
+        assert len(drawn.rows) == rows
+
+
+def test_a_plot_of_many_objects_has_fewer_periods(recorded: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recordings, "MAX_NUMBERS", 400)
+    with Recording(recorded) as recording:
+        drawn = recordings._drawn(RecordedValues(recording), OneLine(err))
+    assert drawn.rows.size <= 400
+
+
+def test_to_0_is_nothing_and_not_everything(umo: Umo, recorded: Path) -> None:
+    for nothing in ("0", "0 s", "0s", "0.0"):
+        assert "run.csv: 0 periods" in umo("export", str(recorded), "run.csv", "--to", nothing).stdout
+
+
+def test_the_span_without_a_timer_is_that_of_its_periods(tmp_path: Path) -> None:
+    layout = layout_of(period=None)
+    file = RecordingFile(tmp_path / "run.mcap", layout)
+    file.add([block_at_random(layout, 0, 100, 1)])
+    file.close()
+    with Recording(tmp_path / "run.mcap") as recording:
+        assert dict(lines_of(facts_of(recording)))["length"] == "99 ms: 0 s to 0.099 s"
+
+
+def test_objects_may_have_the_names_of_what_each_period_has(tmp_path: Path) -> None:
+    pytest.importorskip("xarray")
+    layout = replace(layout_of(3, 0), signals=({"path": "number", "unit": "s"},))
+    for entry, path in zip(layout.objects, ("time", "utc", "missed"), strict=True):
+        entry["path"] = path
+    file = RecordingFile(tmp_path / "run.mcap", layout)
+    file.add([block := block_at_random(layout, 0, 5, 1)])
+    file.close()
+    values = samples(block.frames)[:, 0].tolist()
+    found = umo_package.load(tmp_path / "run.mcap")
+    assert found["time.value"].values.tolist() == pytest.approx(values, nan_ok=True)
+    assert found["time"].values.tolist() == block.frames["time"].tolist()
+    written(tmp_path / "run.mcap", tmp_path / "run.npz")
+    arrays = np.load(tmp_path / "run.npz")
+    assert arrays["time.value"].tolist() == pytest.approx(values, nan_ok=True)
+    assert len(set(arrays.files)) == len(arrays.files) and arrays["number"].tolist() == [1, 2, 3, 4, 5]
+
+
+def test_options_are_told_as_they_are_given(recorded: Path) -> None:
+    with Recording(recorded) as recording:
+        facts = facts_of(recording) | {"options": {"dry_run": True, "safe": False, "fault": ["a b", "c"], "size": 2.0}}
+    told = "--dry-run --no-safe --fault 'a b' --fault c --size 2.0"
+    assert dict(lines_of(facts))["options"] == told
+    trial = Trial("conveyor", options=facts["options"])
+    assert replay_shrink._command(trial, {}) == f"umo run conveyor {told}"

@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 from helpers.recorded import block_at_random, layout_of
 from helpers.tiers import first
 from umo.errors import FramesError
-from umo.recording import Recording
+from umo.recording import Recording, mcap_records
 from umo.recording.copying import repair
 from umo.recording.mcap_reader import McapReader
 from umo.recording.protobuf_channels import ProtobufChannels
@@ -51,6 +51,28 @@ def test_a_file_is_whole_after_each_write(tmp_path: Path) -> None:
         assert others_read(tmp_path / "run.mcap") == 3 * number + 3
         with Recording(tmp_path / "run.mcap") as recording:
             assert recording.is_whole and len(recording.frames()) == 3 * number + 3
+    file.close()
+
+
+def test_a_file_that_is_opened_in_the_middle_of_a_write_has_what_was_there_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, put, looked = tmp_path / "run.mcap", os.pwrite, mcap_records.data_end
+    file = RecordingFile(path, LAYOUT)
+    for number in range(60):  # the end of the file is longer than a chunk
+        file.add([block_at_random(LAYOUT, 3 * number, 3, number)])
+
+    def write_and_look(data: memoryview) -> int | None:
+        end = looked(data)
+        monkeypatch.setattr(os, "pwrite", lambda file, view, at: put(file, bytes(view)[:200], at) and len(view))
+        file.add([block_at_random(LAYOUT, 180, 3, 60)])
+        return end
+
+    with monkeypatch.context() as patch:
+        patch.setattr(mcap_records, "data_end", write_and_look)
+        opened = McapReader(path)
+    assert opened.is_whole and len(opened.chunks) == 60
+    assert sum(len(list(opened.messages(at))) for at in opened.chunks) == 120
     file.close()
 
 

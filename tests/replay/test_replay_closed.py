@@ -13,7 +13,9 @@ from typing import Any
 import pytest
 from typer.testing import Result
 
-from helpers.tapes import recorded, save
+from helpers.recorded import block_at_random, layout_of
+from helpers.tapes import MemoryTape, recorded, save
+from umo.recording import TakenCommand
 from umo.replay.closed_loop import ClosedShrinking, Trial, recorded_trial
 from umo.replay.tape import NotReplayable
 from umo.text import shown_path
@@ -144,3 +146,14 @@ def test_a_wrong_file_is_told(umo: Umo, tmp_path: Path) -> None:
     for words in (["-o", "x.txt"], ["--closed", "-o", "x.mcap"]):
         done = umo("shrink", str(tmp_path / "none.mcap"), *words)
         assert done.exit_code == 2 and "write a test (.py)" in done.stderr
+
+
+def test_commands_after_lost_periods_come_at_their_ticks() -> None:
+    blocks = []
+    for first, lost in ((0, 0), (20, 10)):
+        block = block_at_random(layout_of(), first, 10, first)
+        commands = [TakenCommand(first + 1, first + 4, b'{"do": "stop"}'), TakenCommand(first + 2, -1, b'{"do": "x"}')]
+        blocks.append(replace(block, commands=commands, lost=lost))
+    tape = MemoryTape(layout_of(), {"station": "conveyor"})
+    tape.recorded = blocks
+    assert [tick for tick, _ in recorded_trial(tape).commands] == [5, 1, 25, 21]

@@ -62,6 +62,7 @@ def test_another_value_is_drawn_in_open_loop(umo: Umo, conveyor: Path, tmp_path:
         (["--set", "sorter.push_tim=1"], "did you mean 'sorter.push_time'"),
         (["--set", "sorter.push_time"], "write for example"),
         (["--set", "sorter.push_time=fast"], "push_time"),
+        (["--set", "sorter.push_time=0.09", "--plot", "plot.foo"], "a plot is a .png"),
         (["nowhere"], "no station 'nowhere'"),
         (["furnace"], "cannot be made: wiring: wire"),
     ],

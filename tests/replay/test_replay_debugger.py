@@ -269,6 +269,19 @@ def test_at_the_end_it_stops_where_the_error_was_raised(tmp_path: Path) -> None:
     assert sorted(tmp_path.iterdir()) == before
 
 
+@pytest.mark.slow
+def test_it_goes_back_with_a_driver_off_the_cycle(tmp_path: Path) -> None:
+    (tmp_path / "oven").mkdir()
+    (tmp_path / "oven" / "objects.py").write_text(SLOW_OVEN)
+    (tmp_path / "oven" / "application.py").write_text(HEATING)
+    (tmp_path / "oven" / "wiring").mkdir()
+    (tmp_path / "oven" / "wiring" / "simulated.toml").write_text(SLOW_WIRING)
+    file = save(recorded(str(tmp_path / "oven")), tmp_path / "oven.mcap")
+    said = session(file, "back 50\nback 40\nto 90\nto end\ncontinue\n", "--at", "90")
+    assert stops(said)[:4] == [90, 40, 0, 90]
+    assert "first difference" not in said and "identical" in said
+
+
 CONVEYOR = Path(umo.stations.__file__).parent / "conveyor"
 FAILING = """
 from umo.control import next_period
@@ -278,6 +291,27 @@ async def main(m):
         await next_period()
         if level == 7:
             raise ValueError("too high")
+"""
+SLOW_OVEN = OVEN.replace("    timer:", "    warmth: DigitalSensor\n    timer:", 1).replace(
+    "        timer=", "        warmth=DigitalSensor('degC', minimum=0, maximum=100, resolution=1),\n        timer=", 1
+)
+SLOW_WIRING = """
+[drivers.slow]
+type = "simulated"
+off_cycle = true
+period = "20 ms"
+
+[wire]
+"heater" = { driver = "simulated" }
+"warmth" = { driver = "slow" }
+"timer" = { driver = "simulated", period = "10 ms" }
+"""
+HEATING = """
+from umo.control import next_period
+async def main(m):
+    for level in range(100):
+        m.heater.write(level / 10.0)
+        await next_period()
 """
 
 

@@ -149,3 +149,9 @@ def test_a_shrunk_recording_gives_the_same_error_and_says_that_it_is_open_loop(u
 def test_other_runs_of_this_process_are_warned_after_it(umo: Umo, tmp_path: Path) -> None:
     assert umo("shrink", str(tmp_path / "none.mcap")).exit_code == 2
     assert logging.getLogger("umo").isEnabledFor(logging.WARNING)
+
+
+def test_a_folder_that_there_is_not_is_told_before_the_search(umo: Umo, tmp_path: Path) -> None:
+    (tmp_path / "run.mcap").write_bytes(b"")
+    result = umo("shrink", str(tmp_path / "run.mcap"), "-o", str(tmp_path / "none" / "short.mcap"))
+    assert result.exit_code == 2 and "there is no folder" in result.stderr.replace("\n", " ")

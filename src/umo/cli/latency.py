@@ -14,6 +14,7 @@ from rich.table import Table
 from umo.duration import seconds as seconds_of
 from umo.errors import RangeError
 from umo.latency import Samples, judge, measure
+from umo.latency.law_times import LawTimes, law_times
 from umo.latency.measure import Measured
 from umo.latency.verdict import advice, recommend
 from umo.presentation.digits import number_text
@@ -50,6 +51,9 @@ def latency(period: str, seconds: float, load: bool, file: Path | None) -> None:
         out.print(line)
     if advised := recommend(found):
         out.print(f"\n{advised}", soft_wrap=True)
+    laws = law_times()
+    if laws is not None:
+        out.print(f"\n{laws.advice(step)}", soft_wrap=True)
     lines = advice(found)
     if lines:
         out.print("\nWhat would help:")
@@ -58,7 +62,7 @@ def latency(period: str, seconds: float, load: bool, file: Path | None) -> None:
     answer = judge(found)
     out.print(f"\n{duration(step)}: {answer.word}. {answer.text}", style="bold", soft_wrap=True)
     if file is not None:
-        file.write_text(json.dumps(_as_json(found, load), indent=2) + "\n", encoding="utf-8")
+        file.write_text(json.dumps(_as_json(found, load, laws), indent=2) + "\n", encoding="utf-8")
 
 
 def _table(found: Measured, load: bool) -> Table:
@@ -107,7 +111,7 @@ def _bar(count: int, total: int) -> str:
     return "█" * max(1, round(room * log10(count + 1) / log10(total + 1))) + f" {count:,}"
 
 
-def _as_json(found: Measured, load: bool) -> dict[str, Any]:
+def _as_json(found: Measured, load: bool, laws: LawTimes | None) -> dict[str, Any]:
     answer = judge(found)
     loops = {"umo": found.umo, "umo_busy": found.umo_busy, "c": found.c, "c_busy": found.c_busy}
     return {
@@ -119,6 +123,7 @@ def _as_json(found: Measured, load: bool) -> dict[str, Any]:
         "verdict": answer.word,
         "why": answer.text,
         "recommendation": recommend(found),
+        "laws_us": None if laws is None else {"python": laws.python * 1e6, "compiled": laws.compiled * 1e6},
         "advice": advice(found),
     }
 

@@ -119,14 +119,13 @@ def _recorded(file: Path, second: Path | None) -> WatchedRecording:
     check_installed()
     from umo.page.watched_recording import WatchedRecording
     from umo.recording import Recording
-    from umo.tables.recorded_values import span_of
 
     with ExitStack() as opened, OneLine(err) as line:
         first, *others = [opened.enter_context(Recording(each)) for each in (file, second) if each is not None]
         for each in (first, *others):
             if not each.chunks:
                 raise FramesError(f"{each.path} has no periods")
-        length = span_of(first)[1]
+        length = first.span[1]
         recorded = WatchedRecording(
             first, lambda share: line.show(share * length, f"reading {file.name}", share), *others
         )

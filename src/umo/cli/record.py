@@ -78,8 +78,8 @@ def save_flight(station: str, file: Path | None) -> int:
     except OSError as error:
         raise UmoError(f"{order.file} could not be written: {text_of(error)}") from None
     with Recording(order.file) as recording:
-        frames = sum(len(block.frames) for block in recording.blocks(full=False))
-    out.print(f"saved: {order.file} ({frames} periods)", soft_wrap=True)
+        periods = recording.periods
+    out.print(f"saved: {order.file} ({periods} periods)", soft_wrap=True)
     if not folder.is_written:
         out.print("its recorder has ended: this is what it had written", soft_wrap=True)
     return 0
@@ -96,10 +96,10 @@ def repair_file(file: Path) -> int:
     except OSError as error:
         raise FramesError(f"{file} could not be repaired: {text_of(error)}") from None
     with Recording(file, later=False) as recording:
-        frames = recording.frames()
-    what = f"{chunks} chunks, {len(frames)} periods"
-    if len(frames):
-        what += f", {duration(float(frames['time'][-1]))} on the machine's clock"
+        periods, (_, last) = recording.periods, recording.span
+    what = f"{chunks} chunks, {periods} periods"
+    if periods:
+        what += f", {duration(last)} on the machine's clock"
     out.print(f"{file}: {f'repaired, {cut} bytes cut off' if cut else 'whole'}: {what}", soft_wrap=True)
     return 0
 

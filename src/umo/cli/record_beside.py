@@ -66,6 +66,7 @@ def order_of(
     """What the command line and the table `[record]` of the wiring ask for. OptionError for a mistake, for a file that
     is there already, or a folder that is not."""
     check_installed()
+    from umo.recording.part_names import part_name
     from umo.recording.record_settings import settings_of
 
     settings = settings_of(
@@ -74,6 +75,8 @@ def order_of(
     path = default if file is None else file.with_name(file.name if file.suffix == SUFFIX else file.name + SUFFIX)
     if path.exists():
         raise OptionError(f"--record {path}: there is such a file already; a recording never overwrites one")
+    if (second := part_name(path, 2)).exists():
+        raise OptionError(f"--record {path}: there is {second} already, where it would go on; give another name")
     if not path.parent.is_dir():
         raise OptionError(f"--record {path}: there is no folder {path.parent}")
     return RecordOrder(path, settings.plain)
@@ -126,6 +129,9 @@ class RecordBeside:
 
     def look(self) -> None:
         """Tell what the process says, and once that it has ended before the run."""
+        self._look(run_is_over=False)
+
+    def _look(self, run_is_over: bool) -> None:
         if self._process is None:
             return
         status = self._process.poll()
@@ -137,7 +143,11 @@ class RecordBeside:
             if status == ExitStatus.NOT_RECORDED:  # it has said why
                 self.complete = False
             elif status:
-                self._miss(f"the recorder has ended ({how}); the machine runs on, and is recorded no longer")
+                self._miss(
+                    f"the recorder has ended ({how}); what it had not written is lost"
+                    if run_is_over
+                    else f"the recorder has ended ({how}); the machine runs on, and is recorded no longer"
+                )
 
     def _miss(self, text: str) -> None:
         self.complete = False
@@ -169,4 +179,4 @@ class RecordBeside:
                 process.kill()
                 with suppress(subprocess.TimeoutExpired):
                     process.wait(KILL_TIMEOUT)
-            self.look()
+            self._look(run_is_over=True)

@@ -17,6 +17,10 @@ from umo.presentation.run_facts import title
 from .console import err, out, say
 from .progress_line import OneLine
 from .record_beside import check_installed
+from .values import between, check_picture
+
+MAX_NUMBERS = 1 << 25
+"""Numbers that are held for a plot at most, about."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +81,7 @@ def plot(file: Path, wanted: WhatIsWanted, target: Path | None) -> int:
     from .plot import save_plot
 
     target = file.with_suffix(".png") if target is None else target
-    if target.suffix != ".png":
-        raise OptionError(f"{target.name}: a plot is a .png")
+    check_picture(target)
     with Recording(file) as recording, OneLine(err) as line:
         values = _values(recording, wanted)
         drawn = _drawn(values, line)
@@ -95,13 +98,13 @@ def plot(file: Path, wanted: WhatIsWanted, target: Path | None) -> int:
 
 
 def _drawn(values: Any, line: OneLine) -> Any:
-    """At most `MAX_ROWS` rows of the recording, and its progress."""
+    """About `MAX_ROWS` rows of the recording at most, and its progress."""
     import numpy as np
 
     from .plot import Curve, Curves
 
-    total = sum(count for _, count in values.recording.block_starts)
-    stride, first = max(1, -(-total // MAX_ROWS)), 0
+    most = max(min(MAX_ROWS, MAX_NUMBERS // (3 + len(values.entries))), 1)
+    stride, first = max(1, -(-values.periods // most)), 0
     parts: list[Any] = []
     notes: list[tuple[float, str]] = []
     for frames, _ in values.parts():
@@ -124,15 +127,7 @@ def _drawn(values: Any, line: OneLine) -> Any:
 def _values(recording: Any, wanted: WhatIsWanted) -> Any:
     from umo.tables.recorded_values import RecordedValues
 
-    return RecordedValues(recording, wanted.paths, _moment("--from", wanted.start), _moment("--to", wanted.stop))
-
-
-def _moment(name: str, text: str | None) -> float | None:
-    from .values import duration
-
-    if text is None or text.strip() in ("0", "0 s"):
-        return None
-    return duration(name, text)
+    return RecordedValues(recording, wanted.paths, *between("--from", wanted.start, "--to", wanted.stop))
 
 
 def _tell_bare(bare: int) -> None:

@@ -20,6 +20,7 @@ from umo.replay.what_if import RawCurves
 from .console import err, out, say
 from .progress_line import OneLine
 from .shared import begin_again
+from .values import check_picture
 
 LOOK_PERIODS = 199
 """Periods between two looks at the progress."""
@@ -35,6 +36,7 @@ def replay_file(
 ) -> int:
     """Replay it; the exit status. `given`: PATH=VALUE, numbers that are to have other values. `at`, `condition`: where
     it stops in a debugger."""
+    check_picture(plot)
     settings = dict(map(setting, given))
     stop, expression = at and Stop.parse(at), condition and BreakCondition(condition)
     try:
@@ -127,6 +129,9 @@ def _debug(
 def _draw(curves: RawCurves, path: Path, settings: Mapping[str, Any]) -> None:
     from .replay_plot import save_what_if
 
+    if not curves.different():
+        say("no plot: what differs is no command of an actuator, or too short for a plot")
+        return
     try:
         save_what_if(curves, path, settings)
     except ImportError:

@@ -20,6 +20,7 @@ from umo.replay.opening import opened, other_hash_seed
 from umo.replay.shrinking import ReplayedError, Shrinking, ShrunkTape, periods_left
 from umo.replay.tape import NotReplayable, Tape
 from umo.text import shown_path
+from umo.wiring.parameters import option_words
 
 from .console import err, out, say
 from .progress_line import OneLine
@@ -67,6 +68,8 @@ def _mistake(target: Path | None, closed: bool) -> str | None:
     for each in {target, target if closed else target.with_suffix(RECORDING)}:
         if each.exists():
             return f"{each} exists already; give another file with -o"
+    if not target.parent.is_dir():
+        return f"{target}: there is no folder {target.parent}"
     return None
 
 
@@ -133,7 +136,7 @@ def _command(trial: Trial, job: Any) -> str:
     words += [word for each in trial.faults for word in ("--fault", each)]
     if trial.faults and trial.fixed.get("fault_seed"):
         words += ["--fault-seed", str(trial.fixed["fault_seed"])]
-    words += [word for name, value in trial.options.items() for word in (f"--{name.replace('_', '-')}", str(value))]
+    words += [word for name, value in trial.options.items() for word in option_words(name, value)]
     return shlex.join(words)
 
 
@@ -186,6 +189,9 @@ def _save(tape: ShrunkTape, target: Path) -> None:
     commands = [TakenCommand(each.number, each.period, each.data) for each in block.commands]
     events = [NumberedEvent(number, event) for number, event in enumerate(tape.events)]
     part = target.with_name(f".{target.name}.{os.getpid()}")
-    with closing(RecordingFile(part, tape.layout)) as file:
-        file.add([Block(block.frames, block.entries, commands, events=events)])
-    part.rename(target)
+    try:
+        with closing(RecordingFile(part, tape.layout)) as file:
+            file.add([Block(block.frames, block.entries, commands, events=events)])
+        part.rename(target)
+    finally:
+        part.unlink(missing_ok=True)

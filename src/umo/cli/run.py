@@ -18,6 +18,7 @@ from umo.cycle.trace import Statistics, Trace
 from umo.errors import text_of
 from umo.exit_status import ExitStatus
 from umo.process import kept_values
+from umo.process.compiling import prepare_if_asked, start_compiled
 from umo.process.job import Job, Plan
 from umo.process.outcome import Failed, Outcome, plain, plain_reports
 from umo.process.start import FIXED_HASHES, LINUX
@@ -191,6 +192,7 @@ def _recording(plan: Plan, record: Record, folder: RunFolder | None) -> RecordOr
 
 def _drive(plan: Plan, result: RunSummary, observers: list[Any], recorded: RecordedVirtual) -> None:
     """The run itself, in this process. Its error is stored in the result; the actuators are reset before it returns."""
+    plan.prepared = prepare_if_asked(plan.machine, plan.wired, say)
     connection = connect(plan.machine, plan.wired, acknowledge=plan.job.acknowledge)
     connection.kept = kept_values.copy(plan, say)
     outcome = result.outcome
@@ -198,6 +200,7 @@ def _drive(plan: Plan, result: RunSummary, observers: list[Any], recorded: Recor
         with connection as machine:
             for text in kept_values.tell(connection):
                 say(text)
+            start_compiled(plan.prepared, connection.machine, say)
             events, faults = connection.machine.events, result.equipment_faults
             connection.machine.observers += [*observers, lambda frame: faults.add_new(events)]
             if plan.job.until is not None:

@@ -30,7 +30,7 @@ from .progress_line import OneLine
 from .ps import readers
 from .station_options import parse
 from .tuning_told import tables_of, told_settings
-from .values import duration, number
+from .values import between, check_picture, duration, number
 
 LOW_FIT = 90.0
 """Fit in per cent below which it is said."""
@@ -68,8 +68,7 @@ class TuningOrder:
             raise OptionError(f"give one of {', '.join(sources)}" + (f", not {' and '.join(given)}" if given else ""))
         if self.file is None and (self.start or self.stop):
             raise OptionError("--start and --stop are for --from")
-        if self.picture is not None and self.picture.suffix != ".png":
-            raise OptionError(f"{self.picture.name}: a plot is a .png")
+        check_picture(self.picture)
 
 
 def tune_law(station: str, place: str, order: TuningOrder, options: Sequence[str]) -> int:
@@ -195,7 +194,7 @@ def _alone(
     numbers = ((path, each.declared) for path, each in numbers_of(first.machine).items())
     known = {path: (each.minimum, each.maximum) for path, each in numbers if each.tunable}
     if order.file is not None:
-        span = (_moment("--start", order.start), _moment("--stop", order.stop))
+        span = between("--start", order.start, "--stop", order.stop)
         return _found(order, facts, recorded_response(order.file, facts.sensor, facts.actuator, *span)), known
     if order.moves is not None:
         raise OptionError(f"{station} does not run: start it with `umo run {station} --manual`, or give --from TRACE")
@@ -211,7 +210,3 @@ def _alone(
         )
     _say_end(ended)
     return _found(order, facts, response), known
-
-
-def _moment(name: str, text: str | None) -> float | None:
-    return None if text is None else 0.0 if text.strip() in ("0", "0 s") else duration(name, text)

@@ -8,6 +8,7 @@ from math import inf, isfinite, isnan
 
 from rich.table import Table
 
+from umo.control.loops import SETTINGS
 from umo.presentation.digits import number_text, setting_text
 from umo.presentation.value_text import shown_unit
 from umo.tuning.gain_rules import GainSet
@@ -19,7 +20,6 @@ from .kept import toml_line
 
 LEAST_DEAD_TIME = 1e-3
 """Periods below which a dead time is told as 0."""
-SETTINGS = ("gain", "integral_time", "derivative_time", "filter_time")
 
 
 @dataclass

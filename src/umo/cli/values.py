@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from umo.byte_size import byte_size
 from umo.duration import seconds
-from umo.errors import DeclarationError, RangeError, StateError
+from umo.errors import DeclarationError, OptionError, RangeError, StateError
 from umo.objects.units import convert
 from umo.text import did_you_mean
 
@@ -37,27 +38,30 @@ def number(name: str, text: str, unit: str) -> float:
 
 def duration(name: str, text: str) -> float:
     """A time in s, from a number of seconds or a text such as "5 min"; RangeError if it is none, or 0."""
-    try:
-        value = seconds(float(text) if re.fullmatch(r"\s*[-+.\deE]+\s*", text) else text)
-    except (DeclarationError, ValueError) as error:
-        raise RangeError(f"{name}: {error}") from None
+    value = _time(name, text)
     if not value:
         raise RangeError(f"{name}: it must be more than 0 s")
     return value
 
 
-SIZES = {"kB": 10**3, "MB": 10**6, "GB": 10**9}
+def between(first: str, start: str | None, second: str, stop: str | None) -> tuple[float | None, float | None]:
+    """Two times on the machine's clock, s, where 0 is a time too; None: it is not given. RangeError if one is none."""
+    return None if start is None else _time(first, start), None if stop is None else _time(second, stop)
+
+
+def _time(name: str, text: str) -> float:
+    try:
+        return seconds(float(text) if re.fullmatch(r"\s*[-+.\deE]+\s*", text) else text)
+    except (DeclarationError, ValueError) as error:
+        raise RangeError(f"{name}: {error}") from None
 
 
 def size(name: str, text: str, least: int) -> int:
     """A number of bytes from a text such as "200 MB"; RangeError if it is none, or less than `least`."""
-    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(kB|MB|GB)\s*", text)
-    if match is None:
-        raise RangeError(f"{name}: {text!r} is not a size such as '200 MB'; units: {', '.join(SIZES)}")
-    value = round(float(match[1]) * SIZES[match[2]])
-    if value < least:
-        raise RangeError(f"{name}: {text!r} is less than {least // 10**6} MB")
-    return value
+    try:
+        return byte_size(text, least)
+    except DeclarationError as error:
+        raise RangeError(f"{name}: {error}") from None
 
 
 def state(name: str, text: str, states: Sequence[str]) -> str:
@@ -92,3 +96,9 @@ def check_file(option: str, file: Path | None) -> None:
         raise RangeError(f"{option} {file}: {'is a folder' if file.is_dir() else f'there is no folder {file.parent}'}")
     if not os.access(file if file.exists() else file.parent, os.W_OK):
         raise RangeError(f"{option} {file}: cannot be written")
+
+
+def check_picture(path: Path | None) -> None:
+    """OptionError unless a file for a plot is a .png."""
+    if path is not None and path.suffix != ".png":
+        raise OptionError(f"{path.name}: a plot is a .png")

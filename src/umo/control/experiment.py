@@ -42,6 +42,8 @@ class LoopExperiments:
         self._ended = self._failed = ""
         self._idle = 0
         """Looks at the law without a step of it."""
+        self._most_idle = PATIENCE + 1
+        """Such looks at most, of a law that acts."""
         self._dt = 0.0
         self._within = inf
         self._until = 0.0
@@ -56,7 +58,7 @@ class LoopExperiments:
         numbers = {name: value if isfinite(value) else None for name, value in loop.gains.items()}
         ends = {"sensor": loop.sensor, "actuator": loop.actuator}
         paths = {name: "" if each is None else each.path for name, each in ends.items()}
-        dt = self._dt or self._part.dt or self._part._machine.period
+        dt = self._dt or self._part._machine.period or self._part.dt
         return {"law": self._path, **paths, **numbers, "dt": dt, "axis": hasattr(type(self._part), "describe_axis")}
 
     @action(
@@ -97,8 +99,7 @@ class LoopExperiments:
         began = nan_time = -1.0
         try:
             while not (self._ended or self._failed):
-                await next_period()
-                self._look()
+                self._look((await next_period()).period)
                 if self._excitation is not None:
                     began = began if began != nan_time else self._part.now
                     self._part.cycle.progress(self._excitation.progress)
@@ -194,9 +195,12 @@ class LoopExperiments:
 
     # In each period ----------------------------------------------------------------------------------------
 
-    def _look(self) -> None:
-        """Whether the law still acts, and nobody else."""
+    def _look(self, period: float) -> None:
+        """Whether the law still acts, and nobody else. `period`: s between two looks; the law may have a rate of its
+        own."""
         self._idle += 1
+        each = max(self._dt, self._part._machine.period) / period if period else 1.0
+        self._most_idle = PATIENCE * max(round(each), 1) + 1
         if self._is_idle:
             self._failed = "the law does not act: nothing calls its `control`, or its sensor is not GOOD"
         actuator = self._loop.actuator
@@ -210,6 +214,4 @@ class LoopExperiments:
     @property
     def _is_idle(self) -> bool:
         """Whether the law has not acted for some of its periods."""
-        period = self._part._machine.period
-        each = max(round(self._dt / period), 1) if self._dt and period else 1
-        return self._idle > PATIENCE * each + 1
+        return self._idle > self._most_idle

@@ -365,6 +365,11 @@ class ConnectedMachine:
             if self._is_idle(law):
                 laws[number] = MethodType(_idle, law.__self__)
 
+    def replace_laws(self, laws: Sequence[MethodType]) -> None:
+        """Other functions for the laws of the whole machine, each of the same object, in the same order."""
+        self._acts[id(self.root)] = list(laws)
+        self._choose_laws()
+
     def _acting_laws(self) -> list[MethodType]:
         return [law for law in self._overrides(self.root) if not self._is_idle(law)]
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from umo.generate.array_functions import BINARY, CREATED, DTYPES, OF_ELEMENTS, REDUCED
-from umo.generate.c_types import BOOL, INT, REAL, ArrayType, CType, array, is_number, plain
+from umo.generate.c_types import BOOL, INT, REAL, ArrayType, CType, array, is_number, numpy_number, plain, plain_number
 from umo.generate.expression_code import CHECKED, SIGNS, ExpressionCode
 from umo.generate.terms import Code, Elements, Known, Many, Term
 
@@ -41,13 +41,15 @@ class ArrayCode(ExpressionCode):
     def is_array(self, term: Term) -> bool:
         if isinstance(term, Known):
             return isinstance(term.value, np.ndarray)
-        return isinstance(term, Code) and isinstance(plain(term.type), ArrayType)
+        of = plain(term.type) if isinstance(term, Code) else None
+        return isinstance(of, ArrayType) and not of.listed
 
     def array(self, term: Term, node: ast.AST) -> Code:
         """An array, or a number; TypeError where it is None."""
         if isinstance(term, Known) and isinstance(term.value, int) and not isinstance(term.value, bool):
             term = Known(int(term.value))  # a Quality beside numbers of qualities
         code = self.present(self.code(term, node), node)
+        code = replace(code, type=plain_number(code.type))
         if not isinstance(code.type, ArrayType) and not is_number(code.type):
             raise self.refused(node, "it is neither an array nor a number")
         return code
@@ -69,7 +71,7 @@ class ArrayCode(ExpressionCode):
             text = code.text if isinstance(code, Elements) else f"{self.kept_place(code)}.at[{HERE}]"
             if code.type.length == 1 < length:
                 text = text.replace(HERE, "0")
-        if kind == of or (of == REAL and kind == BOOL):
+        if kind == of:
             return text
         return f"({of.name})({text})"
 
@@ -195,8 +197,9 @@ class ArrayCode(ExpressionCode):
         if target is np.where and len(arguments) == 3:
             return self._where(arguments[0], arguments[1], arguments[2], node)
         if target is np.clip and len(arguments) == 3:
-            above = self._extreme_of("umo_np_max", arguments[:2], node)
-            return self._extreme_of("umo_np_min", [above, arguments[2]], node)
+            ends = "" if any(map(self.is_array, arguments[1:])) else "_keeping"  # numpy keeps zeros at constant bounds
+            above = self._extreme_of(f"umo_np_max{ends}", arguments[:2], node)
+            return self._extreme_of(f"umo_np_min{ends}", [above, arguments[2]], node)
         if target in REDUCED and len(arguments) == 1:
             return self.reduced(REDUCED[target], self.array(arguments[0], node), node)
         return None
@@ -206,7 +209,10 @@ class ArrayCode(ExpressionCode):
         n, kinds = self.length((a, b), node), {self.of(a), self.of(b)}
         if REAL in kinds:
             return Elements(array(REAL, n), f"{name}({self.at(a, REAL, n)}, {self.at(b, REAL, n)})")
-        name = name.replace("_np_", "_") + "_int"
+        if kinds == {BOOL}:
+            sign = "||" if name == "umo_np_max" else "&&"
+            return Elements(array(BOOL, n), f"({self.at(a, BOOL, n)} {sign} {self.at(b, BOOL, n)})")
+        name = name.replace("_np_", "_").removesuffix("_keeping") + "_int"
         return Elements(array(INT, n), f"{name}({self.at(a, INT, n)}, {self.at(b, INT, n)})")
 
     def _where(self, condition: Term, one: Term, other: Term, node: ast.AST) -> Code:
@@ -280,7 +286,8 @@ class ArrayCode(ExpressionCode):
         place = self.kept_place(code)
         name = f"umo_np_{what}" if of == REAL else f"umo_{what}_int"
         kind = REAL if of == REAL else INT
-        return self._loop(kind, f"{place}.at[0]", f"{{0}} = {name}({{0}}, {{1}})", f"{place}.at[{HERE}]", n)
+        found = self._loop(kind, f"{place}.at[0]", f"{{0}} = {name}({{0}}, {{1}})", f"{place}.at[{HERE}]", n)
+        return replace(found, type=numpy_number(kind))
 
     def _loop(self, kind: CType, start: str, step: str, text: str, n: int) -> Code:
         result, turn = self.temporary(kind, "r"), self.temporary(INT, "k")
@@ -294,7 +301,7 @@ class ArrayCode(ExpressionCode):
             if n > MOST_SUMMED:
                 raise self.refused(node, f"a sum of {n} numbers", f"at most {MOST_SUMMED}, or a loop")
             place = self.kept_place(code)
-            return self.kept(Code(REAL, f"umo_sum({place}.at, {n})"))
+            return self.kept(Code(numpy_number(REAL), f"umo_sum({place}.at, {n})"))
         if of == BOOL:
             return self._loop(INT, "0", "{0} += {1}", self.at(code, BOOL, n), n)
         result, turn = self.temporary(INT, "r"), self.temporary(INT, "k")
@@ -335,7 +342,7 @@ class ArrayCode(ExpressionCode):
         assert isinstance(place.type, ArrayType)
         of, n = place.type.of, place.type.length
         code = self.array(value, node)
-        if of != REAL and self.of(code) not in (of, BOOL):
+        if of != REAL and self.of(code) not in (of, BOOL):  # numpy cuts them in silence
             raise self.refused(node, "numbers of another type are set in the array", "a new array")
         if isinstance(code.type, ArrayType) and (code.type.length not in (1, n) or where is not None):
             raise self.refused(node, "an array of another length is set in it", "one number for all")
@@ -357,7 +364,8 @@ class ArrayCode(ExpressionCode):
 
     def is_sole(self, term: Term) -> bool:
         """Whether nobody else has an array."""
-        if not self.is_array(term) or isinstance(term, Elements):
+        is_list = isinstance(term, Code) and isinstance(plain(term.type), ArrayType)
+        if not (is_list or self.is_array(term)) or isinstance(term, Elements):
             return True
         return isinstance(term, Code) and (term.text in self.sole or not self.shares(term.text))
 

@@ -43,6 +43,17 @@ class ArrayType(CType):
 
     of: CType
     length: int
+    listed: bool = False
+    """Whether it is a list."""
+
+
+@dataclass(frozen=True)
+class NumpyNumber(CType):
+    """A number of numpy: divided by 0 it is infinite, and nothing is raised."""
+
+    of: CType
+    sure: bool = True
+    """False: it may be one of Python, too."""
 
 
 REAL, INT, BOOL = CType("umo_real"), CType("int32_t"), CType("bool")
@@ -60,6 +71,21 @@ def array(of: CType, length: int) -> ArrayType:
     return ArrayType(f"{stem}_{length}", of, length)
 
 
+def list_of(of: CType, length: int) -> ArrayType:
+    """The type of a list with so many elements."""
+    return ArrayType(f"{array(of, length).name}_list", of, length, listed=True)
+
+
+def numpy_number(of: CType, sure: bool = True) -> CType:
+    """The type of an element of an array."""
+    return NumpyNumber(of.name, of, sure) if of in (REAL, INT) else of
+
+
+def plain_number(of: CType) -> CType:
+    """The type in C of a number, whether it is one of numpy or of Python."""
+    return of.of if isinstance(of, NumpyNumber) else of
+
+
 def state(kind: type[Enum]) -> StateType:
     return StateType("uint8_t", kind)
 
@@ -68,6 +94,7 @@ def optional(of: CType) -> OptionalType:
     """The type of a value that may be None; TypeError for one that has none."""
     if isinstance(of, OptionalType):
         return of
+    of = plain_number(of)
     if isinstance(of, TupleType | ArrayType):
         return OptionalType(f"{of.name}_or_none", of)
     name = "umo_optional_state" if isinstance(of, StateType) else OPTIONALS.get(of)
@@ -82,6 +109,9 @@ def joined(one: CType, other: CType) -> CType:
         return one
     if NOTHING in (one, other):
         return optional(other if one == NOTHING else one)
+    if isinstance(one, NumpyNumber) or isinstance(other, NumpyNumber):
+        sure = all(isinstance(each, NumpyNumber) and each.sure for each in (one, other))
+        return numpy_number(joined(plain_number(one), plain_number(other)), sure)
     if isinstance(one, OptionalType) or isinstance(other, OptionalType):
         return optional(joined(plain(one), plain(other)))
     if {one, other} == {REAL, INT} or {one, other} == {REAL, BOOL}:
@@ -99,6 +129,8 @@ def joined(one: CType, other: CType) -> CType:
 
 def _joined_arrays(one: CType, other: CType) -> CType:
     """Arrays of one length; a number, and an array of one element, are taken for each."""
+    if any(isinstance(each, ArrayType) and each.listed for each in (one, other)):
+        raise TypeError
     lengths = {each.length for each in (one, other) if isinstance(each, ArrayType)}
     if len(lengths - {1}) > 1:
         raise TypeError

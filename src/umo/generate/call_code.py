@@ -21,7 +21,7 @@ from umo.cycle.clock import Clock
 from umo.drivers.contract import Direction
 from umo.errors import RangeError, StateError
 from umo.generate.array_code import ArrayMethod
-from umo.generate.c_types import BOOL, INT, MASK, NOTHING, REAL, ArrayType, CType, TupleType, state
+from umo.generate.c_types import BOOL, INT, MASK, NOTHING, REAL, ArrayType, CType, TupleType, numpy_number, state
 from umo.generate.expression_code import NUMBERS
 from umo.generate.function_scope import TELLS
 from umo.generate.function_source import NoSource, bound
@@ -105,7 +105,8 @@ class CallCode(VectorCode):
                 )
             self.world.fields.known(value, self._path(owner, base, name)) if hasattr(value, "__dict__") else None
             return Known(value, owner, name)
-        return Code(of, self.world.fields.field(owner, name, of, self._path(owner, base, "")))
+        text = self.world.fields.field(owner, name, of, self._path(owner, base, ""))
+        return Code(numpy_number(of, sure=False) if (id(owner), name) in self.world.memory.of_numpy else of, text)
 
     def _path(self, owner: Any, base: Known, name: str) -> str:
         path = self.world.fields.known(owner, base.name or type(owner).__name__).path
@@ -135,7 +136,7 @@ class CallCode(VectorCode):
         if name == "inhibited":
             return Present(f"umo_inhibited({place})")
         if name == "raw":
-            return Code(INT, f"{place}->raw")
+            return Code(INT, f"umo_raw({place})")
         if name == "pending":
             if isinstance(owner, Binary):
                 return Code(state(owner.states), f"umo_pending_state({place})")
@@ -233,6 +234,9 @@ class CallCode(VectorCode):
         if isinstance(target, type) and issubclass(target, tuple) and hasattr(target, "_fields"):
             given = dict(zip(target._fields, arguments, strict=False)) | named
             return Many(tuple(given[name] for name in target._fields), target._fields, target)
+        if target in (zip, enumerate) and all(isinstance(each, Known) for each in (*arguments, *named.values())):
+            given = {name: each.value for name, each in named.items()}  # type: ignore[union-attr]
+            return Known(list(target(*(each.value for each in arguments), **given)))  # type: ignore[union-attr]
         if not named and (found := self._of_python(target, arguments, node)) is not None:
             return found
         if target is typing.cast:

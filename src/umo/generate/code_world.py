@@ -123,7 +123,7 @@ class CodeWorld:
             given[name] = of
             if not isinstance(of, Known):
                 texts.append(caller.as_type(term, of, node))
-        shared = [term for term in terms.values() if caller.is_array(term)]
+        shared = [term for term in terms.values() if isinstance(term, Code)]
         found = self.translated(source, given, node, caller)
         for term in shared if found.keeps else []:
             caller.share(term)
@@ -370,6 +370,8 @@ def translate(
         layout=world.fields.layout(),
         structs=world.fields.filled,
         host_calls=[f"{world.fields.known(each, '').path}.{name}" for each, name in world.hosts],
+        kinds=world.kinds,
+        hosts=world.hosts,
         notes=world.notes,
         problems=world.problems,
     )

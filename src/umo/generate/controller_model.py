@@ -162,13 +162,13 @@ class ControllerModel:
 
 
 @contextmanager
-def laid_out(root: Compound, wiring: Path | str | Mapping[str, Any] | None = None) -> Iterator[ControllerModel]:
+def laid_out(root: Compound, wiring: Wired | Path | str | Mapping[str, Any] | None = None) -> Iterator[ControllerModel]:
     """The model of a machine with this wiring. Inside, the objects of the machine have their slots, calibrations and
     parameters as if they were connected; no device is opened, and nothing is read or written. Errors as of `connect`.
     """
     if root.cycle.connected:
         raise DeclarationError(f"{type(root).__name__} is already connected")
-    wired = resolve(root, wiring)
+    wired = wiring if isinstance(wiring, Wired) else resolve(root, wiring)
     undo: list[Callable[[], object]] = []
     machine: ConnectedMachine | None = None
     try:

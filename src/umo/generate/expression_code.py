@@ -5,9 +5,23 @@ from __future__ import annotations
 import ast
 import operator
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
-from umo.generate.c_types import BOOL, INT, REAL, ArrayType, CType, OptionalType, StateType, TupleType, joined
+from umo.generate.c_types import (
+    BOOL,
+    INT,
+    NOTHING,
+    REAL,
+    ArrayType,
+    CType,
+    NumpyNumber,
+    OptionalType,
+    StateType,
+    TupleType,
+    joined,
+    numpy_number,
+)
 from umo.generate.function_scope import TELLS, FunctionScope, NoTranslation
 from umo.generate.function_source import ABSENT
 from umo.generate.terms import TEXT, Code, Elements, Known, Many, Present, Term, UnknownText
@@ -127,7 +141,7 @@ class ExpressionCode(FunctionScope):
             return Code(of, f"{self.place(base).text}.{name}")
         if isinstance(base, Code) and isinstance(base.type, ArrayType):
             place = self.kept(base).text if isinstance(base, Elements) else base.text
-            return Code(base.type.of, f"{place}.at[{self.index(base.type, index, node)}]")
+            return Code(of_element(base.type), f"{place}.at[{self.index(base.type, index, node)}]")
         raise self.refused(node, "an element of something that is not a list of numbers")
 
     def index(self, of: ArrayType, index: Term, node: ast.AST) -> str:
@@ -157,7 +171,8 @@ class ExpressionCode(FunctionScope):
         if isinstance(node.op, ast.UAdd):
             return code if code.type != BOOL else Code(INT, code.text)
         if code.type == REAL:
-            return Code(REAL, f"-({code.text})")
+            of = term.type if isinstance(term, Code) and _is_of_numpy(term) else REAL
+            return Code(of, f"-({code.text})")
         return self.arithmetic(ast.Sub(), Code(INT, "0", True), code, node)
 
     def _BinOp(self, node: ast.BinOp) -> Term:
@@ -171,7 +186,22 @@ class ExpressionCode(FunctionScope):
                 return Known(0.0)
         if self.is_array(left) or self.is_array(right):
             return self.of_arrays(node.op, left, right, node)
-        return self.arithmetic(node.op, self.number(left, node.left), self.number(right, node.right), node)
+        return self.of_numbers(node.op, left, right, (node.left, node.right), node)
+
+    def of_numbers(
+        self, sign: ast.operator, left: Term, right: Term, nodes: tuple[ast.AST, ast.AST], node: ast.AST
+    ) -> Code:
+        """An operator between numbers; between those of numpy nothing is raised."""
+        a, b = self.number(left, nodes[0]), self.number(right, nodes[1])
+        if not (_is_of_numpy(left) or _is_of_numpy(right)):
+            return self.arithmetic(sign, a, b, node)
+        sure = any(isinstance(each, Code) and getattr(each.type, "sure", False) for each in (left, right))
+        if isinstance(sign, ast.Div) and sure:
+            return Code(numpy_number(REAL), f"({self.as_type(a, REAL, node)} / {self.as_type(b, REAL, node)})")
+        if type(sign) not in CHECKED:
+            raise self.refused(node, "numbers of numpy and of Python differ here where the divisor is 0", "float(...)")
+        found = self.arithmetic(sign, a, b, node)
+        return replace(found, type=numpy_number(found.type, sure))
 
     def arithmetic(self, sign: ast.operator, left: Code, right: Code, node: ast.AST) -> Code:
         if isinstance(sign, ast.Div) or REAL in (left.type, right.type):
@@ -369,27 +399,35 @@ class ExpressionCode(FunctionScope):
         rest, self.lines, self.depth, self.known = self.lines[at:], self.lines[:at], depth, known
         other = self.truth(second, node)
         is_bool = _is_bool(first) and (isinstance(other, bool) or _is_bool(second))
-        if not is_bool and not (isinstance(first, Code) and isinstance(second, Code)):
-            is_bool = True  # only whether it is true can be known
+        second = self._as_value(second, node)
+        only_truth = not is_bool and not (isinstance(first, Code) and (isinstance(second, Code) or _is_none(second)))
         if is_bool and not rest and isinstance(other, bool):
             return Known(other) if other is not both else Code(BOOL, truth)
-        if is_bool and not rest:
-            text = str(other).lower() if isinstance(other, bool) else other
-            return Code(BOOL, f"({truth} {'&&' if both else '||'} {text})")
-        of = BOOL if is_bool else self._one_type(first, second, whole)
+        second_truth = str(other).lower() if isinstance(other, bool) else other
+        if (is_bool or only_truth) and not rest:
+            text = f"({truth} {'&&' if both else '||'} {second_truth})"
+            return Code(BOOL, text) if is_bool else Present(text)
+        of = BOOL if is_bool or only_truth else self._one_type(first, second, whole)
+        is_bool |= only_truth
         result = self.temporary(of, "c")
         value = truth if is_bool else self.as_type(first, of, first_node)
         self.line(f"{result} = {value};", pure=True)
         condition = result if is_bool else truth
         with self.block(f"if ({condition})" if both else f"if (!({condition}))"):
             self.lines += rest
-            second_text = str(other).lower() if is_bool else self.as_type(second, of, node)
+            second_text = second_truth if is_bool else self.as_type(second, of, node)
             self.line(f"{result} = {second_text};", pure=self.impure == before)
-        return Code(of, result, stable=True)
+        return Present(result) if only_truth else Code(of, result, stable=True)
+
+    def _as_value(self, term: Term, node: ast.AST) -> Term:
+        """A number or a state that is known, as a value in C."""
+        if isinstance(term, Known) and self.world.fields.type_of_value(term.value) not in (None, NOTHING):
+            return self.code(term, node)
+        return term
 
     def _one_type(self, first: Term, second: Term, node: ast.AST) -> CType:
         try:
-            return joined(self.code(first, node).type, self.code(second, node).type)
+            return joined(self.code(first, node).type, NOTHING if _is_none(second) else self.code(second, node).type)
         except TypeError:
             raise self.refused(node, "one of two values of different types", "one type for both") from None
 
@@ -443,8 +481,6 @@ class ExpressionCode(FunctionScope):
         return text, found
 
     def _type_of_two(self, one: Term, other: Term, node: ast.AST) -> CType:
-        from umo.generate.c_types import NOTHING
-
         types = [NOTHING if isinstance(each, Known) else self.code(each, node).type for each in (one, other)]
         try:
             return joined(*types)
@@ -513,6 +549,18 @@ def _is_text(node: ast.AST) -> bool:
 
 def _is_tuple(term: Term) -> bool:
     return isinstance(term, Many) or (isinstance(term, Code) and isinstance(plain_type(term.type), TupleType))
+
+
+def of_element(of: ArrayType) -> CType:
+    return of.of if of.listed else numpy_number(of.of)
+
+
+def _is_of_numpy(term: Term) -> bool:
+    return isinstance(term, Code) and isinstance(term.type, NumpyNumber)
+
+
+def _is_none(term: Term) -> bool:
+    return isinstance(term, Known) and term.value is None
 
 
 def _is_bool(term: Term) -> bool:

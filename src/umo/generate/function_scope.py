@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
@@ -21,6 +21,7 @@ from umo.generate.c_types import (
     TupleType,
     is_number,
     plain,
+    plain_number,
     state,
 )
 from umo.generate.code_context import CodeContext
@@ -263,6 +264,7 @@ class FunctionScope:
 
     def as_type(self, term: Term, of: CType, node: ast.AST) -> str:
         """The text of a term as a value of this type."""
+        of = plain_number(of)
         if isinstance(term, Known):
             if isinstance(of, OptionalType) and term.value is None:
                 return f"({of.name}){{.has = false}}"
@@ -273,6 +275,7 @@ class FunctionScope:
         if isinstance(term, Many) and isinstance(of, TupleType):
             return self.made(term, of, node).text
         code = self.code(term, node)
+        code = replace(code, type=plain_number(code.type))
         if code.type == of:
             return code.text
         if isinstance(of, OptionalType):
@@ -280,7 +283,7 @@ class FunctionScope:
         if isinstance(code.type, OptionalType):
             return self.as_type(self.present(code, node), of, node)
         if is_number(of) and is_number(code.type):
-            return code.text if of == REAL and code.type == BOOL else f"({of.name}){_enclosed(code.text)}"
+            return _enclosed(code.text) if of == REAL and code.type == BOOL else f"({of.name}){_enclosed(code.text)}"
         if of == MASK and code.type == state(Quality):
             return f"(uint32_t)1 << {_enclosed(code.text)}"
         if isinstance(of, TupleType) and isinstance(code.type, TupleType):
@@ -300,6 +303,7 @@ class FunctionScope:
 
     def number(self, term: Term, node: ast.AST) -> Code:
         code = self.present(self.code(term, node), node)
+        code = replace(code, type=plain_number(code.type))
         if not is_number(code.type):
             raise self.refused(node, "it is not a number")
         return code
@@ -314,6 +318,7 @@ class FunctionScope:
             return term.text
         if isinstance(term, Many):
             return bool(term.terms)
+        term = replace(term, type=plain_number(term.type))
         if isinstance(term.type, OptionalType):
             code = term if _is_place(term.text) else self.kept(term)
             inner = self.truth(Code(term.type.of, f"{code.text}.value"), node)

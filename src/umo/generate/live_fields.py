@@ -24,7 +24,9 @@ from umo.generate.c_types import (
     TupleType,
     array,
     joined,
+    list_of,
     optional,
+    plain_number,
     state,
 )
 from umo.generate.translation import ControllerTarget, StructField
@@ -107,7 +109,7 @@ class LiveFields:
             of = {self.type_of_value(each) for each in value}
             (first, *more) = of
             if not more and first is not None and (first in PLAIN.values() or isinstance(first, TupleType)):
-                return array(first, len(value))
+                return list_of(first, len(value))
         if isinstance(value, tuple) and value:
             return self.tuple_type([self.type_of_value(each) for each in value], getattr(kind, "_fields", ()), kind)
         return None
@@ -116,6 +118,7 @@ class LiveFields:
         """The type of a tuple of numbers; None if it has others. Those of a NamedTuple are as it declares them."""
         if names:
             types = [_hinted(kind, name) or each for name, each in zip(names, types, strict=True)]
+        types = [each and plain_number(each) for each in types]
         if not all(each in PLAIN.values() or isinstance(each, StateType | ArrayType) for each in types):
             return None
         letters = "".join(map(_letter, types))

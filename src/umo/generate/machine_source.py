@@ -211,6 +211,11 @@ def _law(call: str, equipment: int) -> str:
     )
 
 
+def tables_of(model: ControllerModel, target: ControllerTarget) -> str:
+    """The numbers of the objects, as tables in C."""
+    return "".join(_tables(model, target))
+
+
 def _tables(model: ControllerModel, target: ControllerTarget) -> Iterator[str]:
     """The numbers of the objects."""
     for one in model.objects:

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from umo.generate.c_types import BOOL, INT, NOTHING, ArrayType, CType, array, plain
+from umo.generate.c_types import BOOL, INT, NOTHING, REAL, ArrayType, CType, NumpyNumber, array, plain, plain_number
 from umo.generate.call_code import CallCode
+from umo.generate.expression_code import of_element
 from umo.generate.function_scope import TELLS, NoTranslation, TryBlock
 from umo.generate.terms import Code, Elements, Known, Many, Present, Term
 from umo.objects import Quality
@@ -83,7 +84,10 @@ class StatementCode(CallCode):
             place = self.array(left, node.target)
             self.overwrite(place, self.of_arrays(node.op, place, right, node), node)
             return
-        result = self.arithmetic(node.op, self.number(left, node.target), self.number(right, node.value), node)
+        if self.is_array(right):
+            self.store(node.target, self.of_arrays(node.op, left, right, node), node)
+            return
+        result = self.of_numbers(node.op, left, right, (node.target, node.value), node)
         self.store(node.target, result, node)
 
     def store(self, target: ast.AST, term: Term, node: ast.AST) -> None:
@@ -181,7 +185,10 @@ class StatementCode(CallCode):
             raise self.refused(
                 node, f"{self.source.segment(target)} is no number or state", "numbers, states, tuples of them"
             )
-        self.world.memory.learn(self.world.memory.fields, key, new, lambda: self._odd(name, node))
+        if isinstance(new, NumpyNumber):
+            self.world.memory.changed |= key not in self.world.memory.of_numpy
+            self.world.memory.of_numpy.add(key)
+        self.world.memory.learn(self.world.memory.fields, key, plain_number(new), lambda: self._odd(name, node))
         place = self.field(owner, name, base, target)
         if not isinstance(place, Code):
             return  # in the next pass it is a field
@@ -208,6 +215,8 @@ class StatementCode(CallCode):
         if isinstance(index, Code) and index.type == array(BOOL, base.type.length):
             self.overwrite(base, term, node, where=index)
             return
+        if not base.type.listed and base.type.of != REAL and plain_number(self.code(term, node).type) == REAL:
+            raise self.refused(node, "numbers of another type are set in the array", "int(...)")
         self.line(f"{base.text}.at[{self.index(base.type, index, node)}] = {self.as_type(term, base.type.of, node)};")
 
     # Ways ----------------------------------------------------------------------------------------------
@@ -321,7 +330,7 @@ class StatementCode(CallCode):
         turn = self.temporary(INT, "i")
         self._forget(node.body)
         with self.block(f"for ({turn} = 0; {turn} < {values.type.length}; {turn}++)"):
-            self.store(node.target, Code(values.type.of, f"{values.text}.at[{turn}]"), node)
+            self.store(node.target, Code(of_element(values.type), f"{values.text}.at[{turn}]"), node)
             self._turn(node.body, "", "")
 
     def _unroll(self, node: ast.For, elements: list[Term]) -> None:
@@ -360,6 +369,9 @@ class StatementCode(CallCode):
             for each, part in zip(target.elts, self.parts(term, target), strict=True):
                 if isinstance(each, ast.Name) and isinstance(part, Known):
                     self.names[each.id] = part
+                elif isinstance(each, ast.Tuple):
+                    with self.bound_to(each, part):
+                        continue
                 else:
                     self.store(each, part, target)
         elif isinstance(target, ast.Name) and isinstance(term, Known):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from ctypes import POINTER, Structure, c_bool, c_double, c_float, c_int32, c_uint8, c_uint32, cast
 from typing import Any
 
@@ -33,6 +33,37 @@ class StructMemory:
         kind = type(f"Machine_{struct.member}", (Structure,), {"_fields_": fields})
         self._memory: Any = cast(address, POINTER(kind)).contents
 
+    @property
+    def fields(self) -> Mapping[str, CType]:
+        return self._struct.fields
+
+    @property
+    def path(self) -> str:
+        return self._struct.path
+
+    def _bytes(self, name: str) -> Any:
+        field = getattr(type(self._memory), identifier(name))
+        whole = memoryview(self._memory).cast("B")
+        return whole[field.offset : field.offset + field.size]
+
+    def view(self, name: str, kind: Any) -> Any:
+        """The memory of a field with one number, as a memoryview with this format."""
+        return self._bytes(name).cast(kind)
+
+    def array(self, name: str, of: ArrayType) -> Any:
+        """The memory of a field that is an array, as an array of numpy."""
+        return np.frombuffer(self._bytes(name), {REAL: np.float64, INT: np.int32, BOOL: np.bool_}[of.of])
+
+    def element(self, name: str, number: int) -> Any:
+        of = self._struct.fields[name]
+        assert isinstance(of, ArrayType)
+        return self._value(of.of, getattr(self._memory, identifier(name))[number])
+
+    def set_element(self, name: str, number: int, value: Any) -> None:
+        of = self._struct.fields[name]
+        assert isinstance(of, ArrayType)
+        self._set_element(of.of, getattr(self._memory, identifier(name)), number, value)
+
     def read(self, name: str) -> Any:
         return self._value(self._struct.fields[name], getattr(self._memory, identifier(name)))
 
@@ -49,6 +80,8 @@ class StructMemory:
         """The fields that are not what the live object has."""
         for name, of in self._struct.fields.items():
             here, there = self.read(name), getattr(self._struct.owner, name)
+            if here.__class__ is float and here == there and here != 0.0:
+                continue  # nearly always
             if of == MASK:
                 there = mask_of(there)
             elif isinstance(of, ArrayType) or isinstance(there, np.ndarray):

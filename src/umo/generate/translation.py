@@ -108,6 +108,10 @@ class Translation:
     """The structs of live objects (`umo.generate.live_fields.LiveStruct`), by the numbers of machine_struct."""
     host_calls: list[str] = field(default_factory=list)
     """What the host is asked for, by number."""
+    kinds: Mapping[int, type[BaseException]] = field(default_factory=dict)
+    """The class of each fault."""
+    hosts: list[tuple[Any, str]] = field(default_factory=list)
+    """Object and name of what the host is asked for, by number."""
     notes: list[str] = field(default_factory=list)
     """What is to be said of the C, such as a function that differs in its last bit."""
     problems: list[Untranslatable] = field(default_factory=list)

@@ -24,6 +24,8 @@ class TranslationMemory:
     fields: dict[tuple[int, str], CType] = field(default_factory=dict)
     locals: dict[tuple[Any, str], CType | Known] = field(default_factory=dict)
     results: dict[Any, CType] = field(default_factory=dict)
+    of_numpy: set[tuple[int, str]] = field(default_factory=set)
+    """Fields that numbers of numpy are assigned to."""
     changed: bool = False
 
     def assign(self, owner: object, name: str) -> None:

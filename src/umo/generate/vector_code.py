@@ -43,7 +43,7 @@ class VectorCode(ArrayCode):
         self, vector: Vector[Any], name: str, arguments: list[Term], named: dict[str, Term], node: ast.AST
     ) -> Term:
         if name == "read" and not arguments:
-            return self.of_each(vector, REAL, f"m->objects[{self.table(vector)}[{HERE}]].value")
+            return self.of_each(vector, REAL, f"umo_value(&m->objects[{self.table(vector)}[{HERE}]])")
         if name == "_located":
             return Known(vector._located())
         if name == "mask":

@@ -29,6 +29,7 @@ from umo.frames.memory import RunDescriptors
 from umo.frames.publish import tell
 from umo.objects.stop_order import stop_sequence
 from umo.process import kept_values
+from umo.process.compiling import start_compiled
 from umo.process.control_watch import WHERE_SIGNAL
 from umo.process.hang_detection import LOOK_INTERVAL, STARVED_LIMITS, guardian_limit
 from umo.process.job import Plan
@@ -208,6 +209,7 @@ class Control:
         with connection as machine:
             for text in kept_values.tell(connection):
                 self._channel.send("notice", text=text)
+            start_compiled(plan.prepared, connection.machine, lambda text: self._channel.send("notice", text=text))
             try:
                 with self._published(connection) as ring, self._commanded(connection, ring):
                     connection.machine.observers.append(self.each_period)

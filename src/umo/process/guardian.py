@@ -20,6 +20,7 @@ from umo.cycle.stopping import SIGNALS
 from umo.errors import text_of
 from umo.latency.blackbox import ON_DEMAND
 from umo.process import kept_values
+from umo.process.compiling import prepare_if_asked
 from umo.process.control_process import Control, drive_and_report
 from umo.process.control_watch import ControlWatch
 from umo.process.frame_watcher import FrameWatcher
@@ -64,6 +65,7 @@ def main(file: int, job_file: int) -> int:
             job = Job.load(opened.read())
         plan = Plan(job)
         name = plan.name
+        plan.prepared = prepare_if_asked(plan.machine, plan.wired, lambda text: channel.send("notice", text=text))
         device_claim = DeviceClaim(
             plan.wired.devices, plan.name, plan.wiring_name, acknowledge=job.acknowledge, launch=plan.launch
         )

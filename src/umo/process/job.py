@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from umo.cycle.run import Application
 from umo.errors import DeclarationError
@@ -22,6 +22,9 @@ from umo.process.station import declared, find
 from umo.user_code import told_as
 from umo.wiring import Wired, distribute_options, resolve
 from umo.wiring.json_values import as_plain
+
+if TYPE_CHECKING:
+    from umo.generate.compiled_laws import PreparedLaws
 
 MAIN_MODULE = "__umo_main__"
 """Name under which the user's own script is imported again in the new process."""
@@ -105,6 +108,8 @@ class Plan:
             self.name, self.place = type(self.machine).__name__, Path(job.script or inspect.getfile(make))
         actions_of(self.machine), numbers_of(self.machine)  # DeclarationError
         self.wired: Wired = resolve(self.machine, self.wiring, shares.wiring)
+        self.prepared: PreparedLaws | None = None
+        """The machine's laws, where they are compiled (`umo.process.compiling`)."""
 
     @property
     def wiring_name(self) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from umo.errors import FramesError
@@ -15,8 +15,8 @@ from umo.recording.mcap_writer import McapWriter, Messages
 from umo.recording.recording import METADATA, SPARSE_TOPICS
 
 BATCH, BATCH_BYTES = 64, 16 << 20
-"""Chunks, and bytes of chunks that are only copied, which are written at once: the end of the file is written with each
-of these writes, and has a row for each chunk."""
+"""Chunks and bytes that are held and written at once, at most: the end of the file is written with each of these
+writes, and has a row for each chunk."""
 Keep = Callable[[], bool]
 
 
@@ -37,7 +37,10 @@ def _new(path: Path, like: McapReader) -> Iterator[McapWriter]:
 
 def join(parts: Sequence[Path], path: Path) -> None:
     """All parts as one file, each as far as it is sound. OSError, FramesError."""
-    files = [McapReader(part) for part in parts]
+    files = [McapReader(parts[0])]
+    for part in parts[1:]:
+        with suppress(FramesError):  # it was cut in its first write, or that is under way: it has nothing
+            files.append(McapReader(part))
     try:
         with _new(path, files[0]) as writer:
             for file in files:
@@ -70,12 +73,25 @@ def thin(path: Path) -> None:
     kept = {channel.number for channel in file.channels.values() if channel.topic in SPARSE_TOPICS}
     try:
         with _new(path, file) as writer:
-            for at in range(0, len(file.chunks), BATCH):
-                found = list(_messages(file, file.chunks[at : at + BATCH], kept))
-                if found:
-                    writer.add(_by_channel(found))
+            for batch in _copies(file, kept):
+                writer.add(_by_channel(batch))
     finally:
         file.close()
+
+
+def _copies(file: McapReader, kept: set[int]) -> Iterator[list[McapMessage]]:
+    """The messages of these channels. They are copied: their chunks, which have much more, are not held."""
+    batch: list[McapMessage] = []
+    chunks = size = 0
+    for at in file.chunks:
+        found = [each._replace(data=memoryview(bytes(each.data))) for each in _messages(file, [at], kept)]
+        batch += found
+        chunks, size = chunks + 1, size + sum(len(each.data) for each in found)
+        if batch and (chunks >= BATCH or size >= BATCH_BYTES):
+            yield batch
+            batch, chunks, size = [], 0, 0
+    if batch:
+        yield batch
 
 
 def repair(path: Path) -> tuple[int, int]:

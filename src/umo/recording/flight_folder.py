@@ -79,7 +79,11 @@ def new(station: str, pid: int, recorder: int) -> FlightFolder:
     path = place() / f"{name}-{pid}-{time.monotonic_ns():x}"
     path.mkdir(mode=0o700)
     made = FlightFolder(path, station, pid, (recorder, identity(recorder)))
-    (path / ABOUT).write_text(json.dumps([station, pid, list(made.recorder)]))
+    try:
+        (path / ABOUT).write_text(json.dumps([station, pid, list(made.recorder)]))
+    except OSError:
+        made.remove()
+        raise
     return made
 
 

@@ -55,7 +55,8 @@ class McapReader:
         if bytes(self.data[: len(mcap_records.MAGIC)]) != mcap_records.MAGIC:
             self.close()
             raise FramesError(f"{path} is not a recording: it is no MCAP file")
-        self.is_whole = mcap_records.is_whole(self.data)
+        end = mcap_records.data_end(self.data)
+        self.is_whole = end is not None
         """Whether it ends as it should. One that is not was cut or torn; what it still holds is read."""
         self.metadata: dict[str, dict[str, str]] = {}
         self.schemas: dict[int, Schema] = {}
@@ -65,10 +66,11 @@ class McapReader:
         self.end = len(mcap_records.MAGIC)
         """Offset at which its sound data end."""
         with suppress(ValueError, struct.error, IndexError):
-            self._walk()
+            self._walk(self.data[:end])
 
-    def _walk(self) -> None:
-        for each in mcap_records.records(self.data, self.end):
+    def _walk(self, data: memoryview) -> None:
+        """`data`: of a whole file as far as its summary goes: what is behind may be written over at this moment."""
+        for each in mcap_records.records(data, self.end):
             if each.opcode == Opcode.DATA_END:
                 return
             if each.opcode == Opcode.CHUNK:

@@ -15,7 +15,7 @@ MESSAGE = struct.Struct("<HIQQ")
 """McapChannel, sequence, log time and publish time in ns since 1970; the data follow."""
 FOOTER = struct.Struct("<QQI")
 """Offsets of the summary and of its offsets, CRC-32 of the summary."""
-FOOTER_BYTES = HEAD.size + FOOTER.size + len(MAGIC)
+FOOTER_BYTES, DATA_END_BYTES = HEAD.size + FOOTER.size + len(MAGIC), HEAD.size + 4
 MESSAGE_INDEX = struct.Struct("<HI")
 """McapChannel and bytes of the rows that follow."""
 _CHUNK = struct.Struct("<QQQI")
@@ -173,13 +173,14 @@ def records(data: memoryview, at: int = 0) -> Iterator[RawRecord]:
         at = body + length
 
 
-def is_whole(data: memoryview) -> bool:
-    """Whether a file ends as it should, and its summary with its checksum."""
+def data_end(data: memoryview) -> int | None:
+    """Offset at which the data of a file end; None: it does not end as it should, with a summary and its checksum."""
     at = len(data) - FOOTER_BYTES
     if at < len(MAGIC) or bytes(data[-len(MAGIC) :]) != MAGIC or HEAD.unpack_from(data, at) != (2, FOOTER.size):
-        return False
+        return None
     start, _, checksum = FOOTER.unpack_from(data, at + HEAD.size)
-    return bool(start <= at and zlib.crc32(data[start : at + HEAD.size + 16]) == checksum)
+    whole = len(MAGIC) <= start <= at and zlib.crc32(data[start : at + HEAD.size + 16]) == checksum
+    return start - DATA_END_BYTES if whole else None
 
 
 def read_string(body: memoryview, at: int) -> tuple[str, int]:

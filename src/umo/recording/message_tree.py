@@ -122,7 +122,7 @@ class MessageTree:
         root = _Part()
         for path, leaf in leaves:
             _insert(root, path.split("."), leaf)
-        self._declare(root, ROOT)
+        self._declare(root, ROOT, is_root=True)
         self.template = self._fill(root, 0)
         self.runs = _runs(leaves)
 
@@ -131,14 +131,14 @@ class MessageTree:
         """The set of files that MCAP wants as a schema."""
         return bytes(pb.FileDescriptorSet(file=[self._file]).SerializeToString())
 
-    def _declare(self, part: _Part, name: str) -> str:
+    def _declare(self, part: _Part, name: str, is_root: bool = False) -> str:
         """The name of the type of a part; of parts that are alike the first one's."""
         message = pb.DescriptorProto()
         for number, (field_name, each) in enumerate(part.names.items(), 1):
             message.field.append(self._field(name, number, field_name, each))
         key = message.SerializeToString().hex()
         if key not in self._types:
-            self._types[key] = name if name == ROOT else _free(name, self._types.values())
+            self._types[key] = ROOT if is_root else _free(name, [ROOT, *self._types.values()])
             message.name = self._types[key]
             self._file.message_type.append(message)
         return self._types[key]
@@ -164,7 +164,7 @@ class MessageTree:
         enum = pb.EnumDescriptorProto(name="State", value=values)
         key = "enum " + enum.SerializeToString().hex()
         if key not in self._types:
-            self._types[key] = _free(_type_name(name, "") + "States", self._types.values())
+            self._types[key] = _free(_type_name(name, "") + "States", [ROOT, *self._types.values()])
             self._file.message_type.append(pb.DescriptorProto(name=self._types[key], enum_type=[enum]))
         return f"{self._types[key]}.State"
 
@@ -184,11 +184,11 @@ class MessageTree:
 
 
 def _insert(part: _Part, names: Sequence[str], leaf: Leaf) -> None:
-    for name in names[:-1]:
-        child = part.names.setdefault(_name(name), _Part())
-        if isinstance(child, Leaf):  # a number below a number
-            child = part.names.setdefault(_free(f"{_name(name)}_parts", ()), _Part())
-        assert isinstance(child, _Part)
+    for name in map(_name, names[:-1]):
+        child, number = part.names.setdefault(name, _Part()), 1
+        while isinstance(child, Leaf):  # a number below a number
+            more = f"{name}_parts" if number == 1 else f"{name}_parts_{number}"
+            child, number = part.names.setdefault(more, _Part()), number + 1
         part = child
     part.names[_free(_name(names[-1]), part.names)] = leaf
 

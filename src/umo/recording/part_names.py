@@ -15,9 +15,13 @@ def part_name(path: Path, number: int) -> Path:
     return path if number == 1 else path.with_name(f"{path.name.removesuffix(SUFFIX)}.{number}{SUFFIX}")
 
 
-def later_parts(path: Path) -> Iterator[Path]:
-    """The files that follow a part."""
-    found = _PART.fullmatch(path.name.removesuffix(SUFFIX))
-    base, number = (path.with_name(f"{found[1]}{SUFFIX}"), int(found[2])) if found else (path, 1)
+def later_parts(path: Path, number: int = 1) -> Iterator[Path]:
+    """The files that follow this one, which is the part of this number. A first part may be named `run.2.mcap` too."""
+    base = path
+    if number > 1:
+        found = _PART.fullmatch(path.name.removesuffix(SUFFIX))
+        if found is None or int(found[2]) != number:  # it was renamed
+            return
+        base = path.with_name(f"{found[1]}{SUFFIX}")
     while (part := part_name(base, number := number + 1)).exists():
         yield part

@@ -139,9 +139,8 @@ class ProtobufChannels:
         except (ValueError, TypeError):
             told = {}
         text = json.dumps(told)
-        made = self._kinds["Command"](
-            number=command.number, period=command.period, who=str(told.get("who", "")), text=text
-        )
+        who = str(told.get("who", "")).encode(errors="replace").decode()  # JSON has texts that are no UTF-8
+        made = self._kinds["Command"](number=command.number, period=command.period, who=who, text=text)
         return bytes(made.SerializeToString())
 
     def _box(self, box: BlackBox) -> bytes:

@@ -10,11 +10,11 @@ rate = 100           # messages a second for other people's tools
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from umo.byte_size import byte_size
 from umo.duration import seconds
 from umo.errors import DeclarationError, OptionError
 from umo.text import did_you_mean
@@ -22,7 +22,6 @@ from umo.text import did_you_mean
 ROTATE, SIZE = 3600.0, 1 << 30
 """s and bytes of a file, after which the next one is begun."""
 RATE = 100.0
-SIZES = {"kB": 10**3, "MB": 10**6, "GB": 10**9}
 LEAST_SIZE = 10**5
 
 
@@ -74,10 +73,7 @@ def _time(key: str, value: Any) -> float:
 
 
 def _size(key: str, value: Any) -> int:
-    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(kB|MB|GB)\s*", value) if isinstance(value, str) else None
-    if match is None:
-        raise OptionError(f"record: {key}: {value!r} is not a size such as '200 MB'; units: {', '.join(SIZES)}")
-    size = round(float(match[1]) * SIZES[match[2]])
-    if size < LEAST_SIZE:
-        raise OptionError(f"record: {key}: {value!r} is less than {LEAST_SIZE // 1000} kB")
-    return size
+    try:
+        return byte_size(value, LEAST_SIZE)
+    except DeclarationError as error:
+        raise OptionError(f"record: {key}: {error}") from None

@@ -62,23 +62,24 @@ class Recording:
         self._files = [McapReader(self.path)]
         try:
             self.about_file, self.layout = _described(self._files[0])
-            for part in later_parts(self.path) if later else ():
+            for part in later_parts(self.path, int(self.about_file.get("part", 1))) if later else ():
                 self._add(part)
         except BaseException:
             self.close()
             raise
         self._chunks = [_Place(file, at) for file in self._files for at in file.chunks]
-        self._damaged = 0
 
     def _add(self, path: Path) -> None:
-        """Add a later part, if it is of the same run."""
-        file = McapReader(path)
+        """Add a later part, if it is of the same run. One that was cut in its first write has nothing."""
+        try:
+            file = McapReader(path)
+        except FramesError:
+            return
         try:
             about, _ = _described(file)
         except FramesError:
-            file.close()
-            return
-        if about["run"] == self.about_file["run"]:
+            about = {}
+        if about.get("run") == self.about_file["run"]:
             self._files.append(file)
         else:
             file.close()
@@ -194,6 +195,20 @@ class Recording:
         """Of each block its time in s on the machine's clock, and how many frames it has."""
         return [(head.time, head.count) for head in self._all_heads]
 
+    @property
+    def periods(self) -> int:
+        """Number of its periods: counted without reading them."""
+        return sum(head.count for head in self._all_heads)
+
+    @cached_property
+    def span(self) -> tuple[float, float]:
+        """The times of the first and of the last period, s on the machine's clock; twice 0 without a period."""
+        for place in reversed(self._chunks):
+            for exact, _ in reversed(list(self._pairs(place))):
+                last = block_of(self.layout, exact, None).frames["time"][-1]
+                return next(self._heads()).time, float(last)
+        return 0.0, 0.0
+
     @cached_property
     def gaps(self) -> list[LostFrames]:
         """The frames that are missing between the first and the last one."""
@@ -231,7 +246,6 @@ class Recording:
         try:
             found = list(place.file.messages(place.at))
         except ValueError:
-            self._damaged += 1
             return
         rest = {message.sequence: message.data for message in found if columns and message.channel == columns}
         for message in found:
@@ -239,15 +253,17 @@ class Recording:
                 yield message.data, rest.get(message.sequence)
 
     def _before(self, start: float | None) -> int:
-        """The number of the last chunk that begins at or before a time."""
+        """The number of the last chunk that begins before a time."""
         if start is None:
             return 0
-        return max(bisect_left(self._chunks, start, key=self._time) - 1, 0)
+        return max(bisect_left(range(len(self._chunks)), start, key=self._time) - 1, 0)
 
-    def _time(self, place: _Place) -> float:
-        for exact, _ in self._pairs(place):
-            return float(headed(exact)[0]["time"])
-        return float("-inf")
+    def _time(self, number: int) -> float:
+        """The time at which a chunk begins; of a damaged one that of the next."""
+        for place in self._chunks[number:]:
+            for exact, _ in self._pairs(place):
+                return float(headed(exact)[0]["time"])
+        return float("inf")
 
     def close(self) -> None:
         for file in self._files:

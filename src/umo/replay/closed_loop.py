@@ -12,7 +12,7 @@ import os
 import select
 import signal
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -56,9 +56,11 @@ class Trial:
         ready, told = os.pipe()
         child = os.fork()
         if child == 0:
-            os.close(ready)
-            os.write(told, json.dumps(self._told()).encode())
-            os._exit(0)
+            try:
+                os.close(ready)
+                os.write(told, json.dumps(self._told()).encode())
+            finally:  # whatever happens, it does not go on as the process that it was forked from
+                os._exit(0)
         os.close(told)
         try:
             text = _received(ready)
@@ -125,9 +127,7 @@ def recorded_trial(tape: Tape, station: str | None = None) -> Trial:
     initial = dict(about.get("initial", {}))
     given = dict(job.get("options", {}).get("given", {}))
     options = {name: value for name, value in given.items() if name not in (*WIRING_OPTIONS, "realtime")}
-    numbers = {place: int(number) for place, number in enumerate(_numbers(tape))}
-    taken = [each for block in tape.blocks() for each in block.commands]
-    commands = [(numbers.get(each.period, 0), found) for each in taken if (found := _plain(each.data)) is not None]
+    commands = [(tick, found) for tick, data in _taken(tape) if (found := _plain(data)) is not None]
     ends = [event.time for event in events_of(tape) if event.is_end]
     fixed = {
         "seed": initial.get("seed", 0), "fault_seed": job.get("fault_seed"), "kept": initial.get("kept", {}),
@@ -214,8 +214,13 @@ def _now() -> float:
     return 1.0
 
 
-def _numbers(tape: Tape) -> list[int]:
-    return [number for block in tape.blocks() for number in block.frames["number"].tolist()]
+def _taken(tape: Tape) -> Iterator[tuple[int, bytes]]:
+    """The commands, each with the number of the tick at which it was taken; of a period that is lost the next one."""
+    for block in tape.blocks():
+        numbers = block.frames["number"].tolist()
+        first = int(block.frames["sequence"][0]) // 2 - 1
+        for each in block.commands:
+            yield numbers[max(each.period - first, 0)], each.data
 
 
 def _plain(data: bytes) -> Mapping[str, Any] | None:

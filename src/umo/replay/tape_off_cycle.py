@@ -25,6 +25,8 @@ class TapeOffCycle(OffCycle):
     """Answers for one driver off the cycle as it was in the recording. Stamps are numbers in order here; the times that
     they stand for are those of the recording, to the bit."""
 
+    shared = False  # a snapshot of the debugger keeps the values of its moment
+
     def __init__(self, driver: OffCycle, player: Player, slots: Mapping[int, int]) -> None:
         """`slots`: the recorded slot of each channel, by its id."""
         super().__init__(driver.driver, driver.own_period, driver.max_age)

@@ -11,8 +11,8 @@ import numpy.typing as npt
 from umo.cycle.frame import Frame
 from umo.replay.replaying import Replay
 
-MAX_POINTS = 20_000
-"""Points that are kept at most: beyond these every second one is dropped."""
+MAX_POINTS, MAX_NUMBERS = 20_000, 1 << 25
+"""Points, and numbers in them, that are kept at most: beyond these every second one is dropped."""
 
 
 @dataclass
@@ -40,9 +40,10 @@ class RawCurves:
         self._count += 1
         if period is None or self._count % self._stride:
             return
-        self._times.append(frame.time)
-        self._rows.append((period.raws, self._replay.comparison.replayed_raws().copy()))
-        if len(self._rows) >= MAX_POINTS:
+        outputs = self._replay.comparison.outputs
+        self._times.append(frame.time)  # copies: the raws of a period are a part of those of its block
+        self._rows.append((period.raws[outputs], self._replay.comparison.replayed_raws()[outputs]))
+        if len(self._rows) >= max(min(MAX_POINTS, MAX_NUMBERS // (2 * len(outputs) or 1)), 2):
             self._stride *= 2
             del self._rows[::2], self._times[::2]
 
@@ -56,7 +57,7 @@ class RawCurves:
         if not self._rows:
             return []
         outputs = self._replay.comparison.outputs
-        recorded, replayed = (np.array([row[side] for row in self._rows])[:, outputs] for side in (0, 1))
+        recorded, replayed = (np.array([row[side] for row in self._rows]) for side in (0, 1))
         counts = (recorded != replayed).sum(axis=0)
         order = [place for place in np.argsort(-counts, kind="stable").tolist() if counts[place]]
         return [self._curve(outputs[place], recorded[:, place], replayed[:, place]) for place in order]

@@ -31,16 +31,12 @@ def load(
         raise OptionError('umo.load needs xarray: pip install "umo[analysis]"') from None
     with Recording(path) as recording:
         values = RecordedValues(recording, only, start, stop)
-        frames = [part.frames for part in values.parts()]
-        rows = _joined([values.of(each) for each in frames], np.zeros((0, len(values.places))))
-        quality = _joined(
-            [each["quality"][:, values.objects] for each in frames], np.zeros((0, len(values.objects)), "u1")
-        )
-        utc = _joined([utc_of(values.layout, each) for each in frames], np.zeros(0, np.int64))
-        time = _joined([each["time"] for each in frames], np.zeros(0))
-        missed = _joined([each["missed"] for each in frames], np.zeros(0, np.int64))
+        parts = [_columns(values, np.zeros(0, values.layout.dtype))]
+        parts += [_columns(values, part.frames) for part in values.parts()]
+        rows, quality, utc, time, missed = map(np.concatenate, zip(*parts, strict=True))
         variables = {
-            str(about["path"]): ("time", rows[:, i], attributes(about)) for i, about in enumerate(values.entries)
+            name: ("time", rows[:, i], attributes(about))
+            for i, (name, about) in enumerate(zip(values.names, values.entries, strict=True))
         }
         for column, place in enumerate(values.objects):
             variables[f"{values.layout.objects[place]['path']}.quality"] = ("time", quality[:, column], QUALITY)
@@ -50,6 +46,12 @@ def load(
             "utc": ("time", utc.astype("datetime64[ns]"), {"long_name": "UTC"}),
         }
         return xarray.Dataset(variables, coordinates, _about(recording, values.bare))
+
+
+def _columns(values: RecordedValues, frames: Any) -> tuple[Any, ...]:
+    """Values, qualities, UTC, time and missed periods: copies, so that the frames are not held."""
+    quality, utc = frames["quality"][:, values.objects], utc_of(values.layout, frames)
+    return values.of(frames), quality, utc, frames["time"].copy(), frames["missed"].copy()
 
 
 QUALITY = {
@@ -78,7 +80,3 @@ def _about(recording: Recording, bare: int) -> dict[str, Any]:
     return told | {
         "periods_lost": lost, "periods_without_values": bare, "black_boxes": boxes, "recording": str(recording.path),
     }  # fmt: skip
-
-
-def _joined(parts: Sequence[Any], empty: Any) -> Any:
-    return np.concatenate(parts) if parts else empty

@@ -15,6 +15,8 @@ from umo.recording import Block, Recording
 from umo.scope.history import samples
 from umo.wiring.patterns import chosen
 
+OWN_NAMES = ("time", "utc", "number", "missed")
+"""What a period has beside values, in a table by name: an object or a signal of this path is `time.value` there."""
 TellTime = Callable[[float], None]
 """Told the time in s on the machine's clock up to which work is done."""
 
@@ -57,6 +59,11 @@ class RecordedValues:
     def paths(self) -> list[str]:
         return [str(each["path"]) for each in self.entries]
 
+    @property
+    def names(self) -> list[str]:
+        """The paths as names beside those of `OWN_NAMES`."""
+        return [f"{path}.value" if path in OWN_NAMES else path for path in self.paths]
+
     def parts(self) -> Iterator[RecordedPart]:
         """The frames that have values, in order."""
         self.bare = 0
@@ -75,18 +82,17 @@ class RecordedValues:
         """A row for each frame, a column for each of the chosen. NaN: the value was BAD, or there is none."""
         return samples(frames)[:, self.places]
 
+    @property
+    def periods(self) -> int:
+        """Number of the periods between the times, a block more at most at each end: counted without reading them."""
+        starts = self.recording.block_starts
+        ends = [*(time for time, _ in starts[1:]), np.inf]
+        low, high = -np.inf if self.start is None else self.start, np.inf if self.stop is None else self.stop
+        return sum(count for (time, count), end in zip(starts, ends, strict=True) if time < high and end > low)
+
     def share(self, time: float) -> float:
         """How much lies before a time, 0 to 1."""
-        first, last = span_of(self.recording)
+        first, last = self.recording.span
         first = first if self.start is None else max(first, self.start)
         last = last if self.stop is None else min(last, self.stop)
         return min(max((time - first) / max(last - first, 1e-9), 0.0), 1.0)
-
-
-def span_of(recording: Recording) -> tuple[float, float]:
-    """The times of the first and about the last period, s on the machine's clock; twice 0 without a period."""
-    starts = recording.block_starts
-    if not starts:
-        return 0.0, 0.0
-    time, count = starts[-1]
-    return starts[0][0], time + (count - 1) * float(recording.about.get("period") or 0.0)

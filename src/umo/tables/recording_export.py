@@ -104,10 +104,10 @@ def _write_npz(values: RecordedValues, file: Path, progress: TellTime) -> int:
     """An array for each column, uncompressed as of `numpy.savez`. They are collected in files beside it, one value
     after another, so that memory does not grow with the recording."""
     arrays = [("time", "<f8"), ("utc", "<i8"), ("number", "<i8"), ("missed", "<i8")]
-    paths = [(path, "<f8") for path in values.paths]
+    columns = [(name, "<f8") for name in values.names]
     qualities = [(f"{values.layout.objects[place]['path']}.quality", "|u1") for place in values.objects]
     with tempfile.TemporaryDirectory(prefix=f".{file.name}.", dir=file.parent) as folder:
-        kinds = {"plain": arrays, "values": paths, "quality": qualities}
+        kinds = {"plain": arrays, "values": columns, "quality": qualities}
         with ExitStack() as opened:
             parts = {name: opened.enter_context(Path(folder, name).open("wb")) for name in kinds}
             count = _collect(values, parts, progress)

@@ -6,7 +6,7 @@ The file is the table `values`; with it go the descriptions of what has a value,
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,18 +26,19 @@ ROWS = 1 << 20
 def write_parquet(values: RecordedValues, file: Path, progress: TellTime) -> int:
     """Write the file; how many periods."""
     about, count, waiting, size = values.layout.about, 0, [], 0
-    rows = RunValues(run_name(about), values.layout, _items(values))
+    items = _items(values)
+    rows = RunValues(run_name(about), values.layout, items)
     told = {"station": about.get("station"), "wiring": about.get("wiring"), "started": about.get("started")}
     told["objects"] = rows.objects().to_pylist()
     told["black_boxes"] = [box._asdict() for box in values.recording.black_boxes]
-    beside = _Beside(len(values.layout.tunables))
+    beside = _Beside(values.recording.blocks(full=False) if items is None else iter(()), len(values.layout.tunables))
     with pq.ParquetWriter(
         file, VALUES.with_metadata({"umo": json.dumps(told, default=str)}), compression="zstd"
     ) as out:
-        for frames, block in values.parts():
+        for frames, _ in values.parts():
             numbers = frames["sequence"].astype(np.int64) // 2 - 1
             utc = utc_of(values.layout, frames) // 1000
-            waiting.append(rows.table(frames, utc, numbers, beside.of(frames, block)))
+            waiting.append(rows.table(frames, utc, numbers, beside.of(frames)))
             size, count = size + len(waiting[-1]), count + len(frames)
             if size >= ROWS:
                 _write(out, waiting)
@@ -66,20 +67,35 @@ def _items(values: RecordedValues) -> Sequence[int] | None:
 
 
 class _Beside:
-    """What a run has beside its frames, as it was told last: tunable numbers, mode, missed periods."""
+    """What a run has beside its frames, as it was told last: tunable numbers, mode, missed periods. They are told where
+    they change, so that the blocks count of which no values are written."""
 
-    def __init__(self, tunables: int) -> None:
+    def __init__(self, blocks: Iterator[Block], tunables: int) -> None:
+        """`blocks`: those of the recording, from the first one on; none: nothing beside the frames is wanted."""
+        self._blocks = blocks
         self._tunables = np.full(tunables, np.nan)
         self._mode, self._missed = -1.0, 0
 
-    def of(self, frames: Any, block: Block) -> Any:
-        live = block.live
+    def of(self, frames: Any) -> Any:
+        """A row for each of these frames, which follow those of the last call."""
+        beside = np.empty((len(frames), len(self._tunables) + 2))
+        missed = self._missed_before(int(frames["sequence"][0]) // 2 - 1)
+        beside[:, :-2], beside[:, -2] = self._tunables, self._mode
+        beside[:, -1] = missed + np.cumsum(frames["missed"])
+        return beside
+
+    def _missed_before(self, first: int) -> int:
+        """The periods that were missed before the frame of a number. Reads the blocks as far as that one's."""
+        for block in self._blocks:
+            self._note(block.live)
+            missed, before = block.frames["missed"], self._missed
+            self._missed += int(missed.sum())
+            if block.stop > first:
+                return before + int(missed[: max(first - block.first, 0)].sum())
+        return self._missed
+
+    def _note(self, live: Mapping[str, Any]) -> None:
         if len(told := live.get("tunables") or ()) == len(self._tunables):
             self._tunables = np.array(told, np.float64)
         if (mode := live.get("mode")) is not None:
             self._mode = float(mode)
-        beside = np.empty((len(frames), len(self._tunables) + 2))
-        beside[:, :-2], beside[:, -2] = self._tunables, self._mode
-        beside[:, -1] = self._missed + np.cumsum(frames["missed"])
-        self._missed += int(frames["missed"].sum())
-        return beside

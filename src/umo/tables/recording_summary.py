@@ -8,7 +8,7 @@ from typing import Any
 
 from umo.presentation.durations import duration
 from umo.recording import Recording
-from umo.tables.recorded_values import span_of
+from umo.wiring.parameters import option_words
 
 NAMED = ("umo", "python", "numpy", "platform")
 
@@ -16,7 +16,7 @@ NAMED = ("umo", "python", "numpy", "platform")
 def facts_of(recording: Recording) -> dict[str, Any]:
     """As plain data. Times in s on the machine's clock, `started` in s since 1970, `size` in bytes."""
     about, job = recording.about, recording.job
-    first, last = span_of(recording)
+    first, last = recording.span
     end = next((event for _, event in reversed(recording.events) if event.is_end), None)
     return {
         "file": str(recording.path),
@@ -32,7 +32,7 @@ def facts_of(recording: Recording) -> dict[str, Any]:
         "period": about.get("period"),
         "first": first,
         "last": last,
-        "periods": sum(count for _, count in recording.block_starts),
+        "periods": recording.periods,
         "lost": sum(gap.count for gap in recording.gaps),
         "gaps": [[gap.first, gap.count] for gap in recording.gaps],
         "objects": len(recording.layout.objects),
@@ -53,7 +53,7 @@ def lines_of(facts: dict[str, Any]) -> list[tuple[str, str]]:
     started = facts["started"]
     when = "" if started is None else time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(float(started)))
     kind = "in real time" if facts["realtime"] else "in virtual time"
-    options = " ".join(_option(name, value) for name, value in facts["options"].items())
+    options = shlex.join(word for name, value in facts["options"].items() for word in option_words(name, value))
     period = float(facts["period"] or 0.0)
     each = f" of {duration(period)}" if period else ""
     lost = "none" if not facts["lost"] else f"{facts['lost']:,} in {_count(len(facts['gaps']), 'gap')}"
@@ -87,13 +87,6 @@ def _boxes(boxes: list[dict[str, Any]]) -> str:
     last = boxes[-1]
     why = " ".join(last["text"].splitlines()[-1:]) or last["reason"]
     return f"{len(boxes):,} (umo why --file), the last one at {last['time']:g} s: {why}"
-
-
-def _option(name: str, value: Any) -> str:
-    flag = f"--{name.replace('_', '-')}"
-    if isinstance(value, list):
-        return " ".join(_option(name, each) for each in value)
-    return flag if value is True else f"{flag} {shlex.quote(str(value))}"
 
 
 def _count(number: int, noun: str) -> str:

@@ -61,6 +61,7 @@ def identify(response: MeasuredResponse, kinds: Sequence[str] = tuple(LAGS), sig
     if best is None or best.fit < POOR_FIT:
         told = "" if best is None else f": the best describes {max(best.fit, 0.0):.0f} % of the response"
         raise RangeError(f"no model fits{told}; a longer response, a larger amplitude or less disturbance may help")
+    found = [each for each in found if each.fit >= POOR_FIT]
     share = max(_independent_share(thinned.measurements - best.predicted), LEAST_SHARE)
     chosen = found[0]
     for each in found[1:]:

@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import Any
 
+from umo.control.loops import SETTINGS
 from umo.errors import PathError
 from umo.text import did_you_mean
 from umo.tuning.margins import Gains
-
-SETTINGS = ("gain", "integral_time", "derivative_time", "filter_time")
 
 
 @dataclass(frozen=True)
@@ -42,6 +41,9 @@ class LawFacts:
         dt = float(told["dt"])
         if not (0.0 < dt < inf and isfinite(present.gain)):
             raise ValueError(f"no law has a period of {dt:g} s and a gain of {present.gain:g}")
+        times = present.derivative_time, present.filter_time
+        if not (present.integral_time > 0.0 and all(0.0 <= each < inf for each in times)):
+            raise ValueError(f"no law has the times {present}")
         return cls(str(told["law"]), *ends, present, dt, bool(told["axis"]))
 
     @property

@@ -23,9 +23,8 @@ def recorded_response(
     not have; RangeError if there are too few samples."""
     if not file.is_file():
         raise OptionError(f"--from {file}: {'is a folder' if file.is_dir() else 'there is no such file'}")
-    times, outputs, measurements = (
-        _of_recording(file, sensor, actuator) if file.suffix == ".mcap" else _of_trace(file, sensor, actuator)
-    )
+    of_file = _of_recording if file.suffix == ".mcap" else _of_trace
+    times, outputs, measurements = of_file(file, sensor, actuator)
     low, high = -np.inf if start is None else start, np.inf if stop is None else stop
     inside = (times >= low) & (times <= high)
     return MeasuredResponse.of(times[inside], outputs[inside], measurements[inside])
@@ -60,8 +59,7 @@ def _of_recording(file: Path, sensor: str, actuator: str) -> tuple[FloatArray, F
         raise OptionError('a recording needs mcap: pip install "umo[record]"') from None
     with Recording(file) as recording:
         values = RecordedValues(recording, [actuator, sensor])
-        frames = [part.frames for part in values.parts()]
-        order = [str(each["path"]) for each in values.entries]
-        rows = np.concatenate([np.zeros((0, len(order))), *(values.of(each) for each in frames)])
-        times = np.concatenate([np.zeros(0), *(each["time"] for each in frames)])
-    return times, rows[:, order.index(actuator)], rows[:, order.index(sensor)]
+        order = values.paths
+        parts = [np.column_stack([frames["time"], values.of(frames)]) for frames, _ in values.parts()]
+    rows = np.concatenate([np.zeros((0, 1 + len(order))), *parts])
+    return rows[:, 0], rows[:, 1 + order.index(actuator)], rows[:, 1 + order.index(sensor)]

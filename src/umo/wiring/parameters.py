@@ -37,3 +37,12 @@ def arguments_for(function: Callable[..., Any], taker: str, given: Mapping[str, 
 def flag(name: str) -> str:
     """The option of a parameter on the command line."""
     return f"--{name.replace('_', '-')}"
+
+
+def option_words(name: str, value: Any) -> list[str]:
+    """An option with a value as words of a command; of a list one after another."""
+    if isinstance(value, bool):
+        return [flag(name if value else f"no_{name}")]
+    if isinstance(value, list | tuple):
+        return [word for each in value for word in option_words(name, each)]
+    return [flag(name), str(value)]

@@ -32,6 +32,7 @@ def process_of(source: WiringSource, wired: Wired) -> ProcessSettings:
         None if cpu is None else source.whole("process.cpu", cpu, 0, 4095),
         _busy_wait(source, table.get("busy_wait", AUTO), wired),
         _outputs(source, table.get("outputs", AT_ONCE), wired),
+        _compile(source, table.get("compile", False)),
     )
 
 
@@ -74,6 +75,12 @@ def _outputs(source: WiringSource, given: Any, wired: Wired) -> str:
     if given == AT_NEXT_TICK and wired.timer is None:
         source.mistake("process.outputs", f'"{AT_NEXT_TICK}": the machine has no timer')
     return str(given)
+
+
+def _compile(source: WiringSource, given: Any) -> bool:
+    if not isinstance(given, bool):
+        source.mistake("process.compile", f"{given!r} is neither true nor false")
+    return given is True
 
 
 def remarks(wired: Wired) -> list[str]:

@@ -227,6 +227,8 @@ class ProcessSettings:
     outputs: str = AT_ONCE
     """Time at which `update` of the whole machine sends: "at once", or "at next tick": right after the next tick,
     before sampling."""
+    compile: bool = False
+    """Whether the control laws are compiled (`umo.generate.compiled_laws`). Of `umo run`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -56,6 +56,9 @@ class OffCycle(Driver[Any]):
     `defaults`: the raw integer of each channel that the machine uses, None for an input, by the channel's text.
     """
 
+    shared = True
+    """Whether a worker process has the same exchange."""
+
     def __init__(self, driver: Driver[Any], own_period: float, max_age: float) -> None:
         self.driver = driver
         self.own_period, self.max_age = own_period, max_age
@@ -78,7 +81,7 @@ class OffCycle(Driver[Any]):
 
     def meet(self, channels: Sequence[Channel], inputs: Sequence[Channel], outputs: Sequence[Channel]) -> None:
         """The channels of the machine; those that each transfer reads, and those that it writes."""
-        self.exchange = Exchange(channels)
+        self.exchange = Exchange(channels, self.shared)
         self.server = DeviceServer(self.driver, self.exchange, self.own_period)
         place = self.exchange.place
         self.server.assign([place[each.text] for each in inputs], [place[each.text] for each in outputs])

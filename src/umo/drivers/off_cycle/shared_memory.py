@@ -116,14 +116,16 @@ class Banks:
 class Exchange:
     """The shared memory of one driver and its channels."""
 
-    def __init__(self, channels: Sequence[Channel]) -> None:
+    def __init__(self, channels: Sequence[Channel], shared: bool = True) -> None:
+        """`shared`: whether processes that are forked have the same memory; else each has a copy."""
         self.channels = tuple(channels)
         self.place = {channel.text: number for number, channel in enumerate(self.channels)}
         """The number of each channel, by its text."""
         count = len(self.channels)
         banks = 2 * (len(Row) + len(Wanted)) * count
         words = len(Cell) + banks
-        self._memory = mmap.mmap(-1, 8 * words + TEXT_BYTES * (count + 1) + REQUEST_BYTES + ANSWER_BYTES)
+        size = 8 * words + TEXT_BYTES * (count + 1) + REQUEST_BYTES + ANSWER_BYTES
+        self._memory = mmap.mmap(-1, size) if shared else bytearray(size)
         numbers = np.frombuffer(self._memory, np.int64, words)
         numbers.fill(0)
         cells, rest = numbers[: len(Cell)], numbers[len(Cell) :]

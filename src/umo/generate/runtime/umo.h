@@ -205,6 +205,8 @@ umo_fault umo_digital_read(umo_object *o, umo_real *out);
 umo_fault umo_binary_read(umo_object *o, uint8_t *out);
 umo_fault umo_digital_write(umo_object *o, umo_real value, bool *taken);
 umo_fault umo_binary_write(umo_object *o, uint8_t state, bool *taken);
+umo_real umo_value(const umo_object *o);
+int32_t umo_raw(const umo_object *o);
 uint8_t umo_quality(const umo_object *o);
 umo_real umo_time(const umo_object *o);
 umo_fault umo_value_of(umo_object *o, uint32_t accept_mask, umo_real *out);

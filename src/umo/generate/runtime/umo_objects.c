@@ -35,6 +35,16 @@ umo_fault umo_binary_read(umo_object *o, uint8_t *out)
     return UMO_OK;
 }
 
+umo_real umo_value(const umo_object *o)
+{
+    return o->value;
+}
+
+int32_t umo_raw(const umo_object *o)
+{
+    return o->raw;
+}
+
 uint8_t umo_quality(const umo_object *o)
 {
     return o->quality;

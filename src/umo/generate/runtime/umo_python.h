@@ -74,10 +74,21 @@ static inline int32_t umo_min_int(int32_t a, int32_t b)
 /* np.maximum and np.minimum: NaN if one is. */
 static inline umo_real umo_np_max(umo_real a, umo_real b)
 {
-    return a >= b || isnan(a) ? a : b;
+    return a > b || isnan(a) ? a : b;
 }
 
 static inline umo_real umo_np_min(umo_real a, umo_real b)
+{
+    return a < b || isnan(a) ? a : b;
+}
+
+/* np.clip between two numbers: a zero at a bound of zero keeps its sign. */
+static inline umo_real umo_np_max_keeping(umo_real a, umo_real b)
+{
+    return a >= b || isnan(a) ? a : b;
+}
+
+static inline umo_real umo_np_min_keeping(umo_real a, umo_real b)
 {
     return a <= b || isnan(a) ? a : b;
 }

@@ -1,0 +1,87 @@
+"""A machine at a high rate in a process of its own, prepared as a control process is: slice by slice of its times."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from multiprocessing.connection import Connection, Pipe
+from pathlib import Path
+from typing import Any
+
+from umo.cycle import connect
+from umo.cycle.cache_warming import wait_busily
+from umo.latency.loop import ONE_THREAD, slice_of
+from umo.latency.native import Slice
+from umo.objects import Compound, atoms
+from umo.system import realtime
+from umo.wiring import resolve
+
+sys.path.append(str(Path(__file__).parents[1] / "tests"))  # the helpers import one another from there
+START = "import sys; from bench.fast_loop import serve; serve(*sys.argv[1:])"
+
+
+def machine_of(name: str) -> Compound:
+    if name == "converter":
+        from helpers.converter import converter
+
+        return converter()
+    from umo.process.station import find
+
+    return find(name).machine()
+
+
+class FastLoop:
+    """The process. `priority` and `cpu` are what it was granted; `state` is that of its compiled laws."""
+
+    def __init__(self, name: str, period: float, compiled: bool) -> None:
+        self._here, there = Pipe()
+        with there:
+            words = [there.fileno(), name, period, int(compiled)]
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", START, *map(str, words)],
+                pass_fds=[there.fileno()],
+                stdin=subprocess.DEVNULL,
+                env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))} | ONE_THREAD,
+            )
+        self.priority, self.cpu = self._here.recv()
+
+    def run(self, periods: int, busy_wait: float) -> Slice:
+        self._here.send((periods, busy_wait))
+        return Slice.of(self._here.recv_bytes())
+
+    def close(self) -> str:
+        """The state of the compiled laws."""
+        self._here.send(None)
+        state = str(self._here.recv())
+        self._here.close()
+        self._process.wait()
+        return state
+
+
+def serve(file: str, name: str, period: str, compiled: str) -> None:
+    """The process: slices as they are asked for, until it is told to end."""
+    from umo.generate.compiled_laws import CompiledLaws, prepare
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    realtime.die_with_parent(os.getppid(), signal.SIGKILL)
+    there = Connection(int(file))
+    machine: Any = machine_of(name)
+    wire: dict[str, Any] = {item.path: {"driver": "simulated"} for item in atoms(machine)}
+    wire["timer"] = {"driver": "timerfd", "period": float(period)}
+    wired = resolve(machine, {"wire": wire})
+    prepared = prepare(machine, wired) if int(compiled) else None
+    connection = connect(machine, wired)
+    with suppress(EOFError, ConnectionError), connection as m:
+        laws = None if prepared is None else CompiledLaws(prepared, connection.machine)
+        ticker = connection.wired.drivers["timerfd"].ticker  # type: ignore[attr-defined]
+        realtime.prepare(80, None)
+        there.send(realtime.granted())
+        while (asked := there.recv()) is not None:
+            periods, busy_wait = asked
+            wait_busily(connection.wired, busy_wait)
+            there.send_bytes(slice_of(m, ticker, periods).tobytes())
+        there.send("python" if laws is None else laws.state)
+    os._exit(0)  # nothing of a process without garbage collection is to be told

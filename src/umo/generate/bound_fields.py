@@ -1,0 +1,224 @@
+"""Attributes of live objects whose values are in the memory of a compiled library: read and set as before."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, MutableSequence
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from umo.generate.c_types import BOOL, INT, MASK, REAL, ArrayType, CType, OptionalType, StateType
+from umo.generate.struct_memory import StructMemory
+
+WRONG = (TypeError, ValueError, KeyError, OverflowError, AttributeError, IndexError)
+"""Errors of a value that a field cannot have."""
+FORMATS = {REAL: "d", INT: "i", BOOL: "?"}
+KINDS: dict[Any, tuple[type, ...]] = {
+    REAL: (float, int, np.floating, np.integer),
+    INT: (int, np.integer),
+    BOOL: (bool, np.bool_),
+}
+
+
+class BoundList(MutableSequence[Any]):
+    """A list whose elements are in the memory of a compiled library. Its length does not change: where somebody changes
+    it, `refused` is called, and the list of the object is changed."""
+
+    def __init__(self, memory: StructMemory, name: str, length: int, refused: Callable[[], list[Any]]) -> None:
+        self._memory, self._name, self._length, self._refused = memory, name, length, refused
+
+    def __len__(self) -> int:
+        return self._length
+
+    def __getitem__(self, place: Any) -> Any:
+        if isinstance(place, slice):
+            return [self[each] for each in range(*place.indices(self._length))]
+        return self._memory.element(self._name, range(self._length)[place])
+
+    def __setitem__(self, place: Any, value: Any) -> None:
+        try:
+            places = range(self._length)[place]
+            values = list(value) if isinstance(place, slice) else [value]
+            for each, one in zip(places if isinstance(place, slice) else [places], values, strict=True):
+                self._memory.set_element(self._name, each, one)
+        except WRONG:
+            self._refused()[place] = value
+
+    def __delitem__(self, place: Any) -> None:
+        del self._refused()[place]
+
+    def insert(self, place: int, value: Any) -> None:
+        self._refused().insert(place, value)
+
+    def __repr__(self) -> str:
+        return repr(list(self))
+
+
+Get: TypeAlias = Callable[[Any], Any]
+Set: TypeAlias = Callable[[Any, Any], None]
+
+
+class BoundFields:
+    """The fields of one live object. While they are bound the object has a class of its own, below its class; `refused`
+    is called, and releases them, where somebody sets what a field cannot have."""
+
+    def __init__(self, memory: StructMemory, owner: Any, states: set[str], refused: Callable[[str], None]) -> None:
+        """`states`: the fields that compiled code assigns. TypeError if an object of this class cannot be bound."""
+        self._memory, self._owner, self._refused, self._states = memory, owner, refused, states
+        self._class = kind = type(owner)
+        self._bound = False
+        names = {name: self._property(name, of) for name, of in memory.fields.items()}
+        self._below = _below(kind, names)
+
+    def bind(self) -> None:
+        """The fields have the values of the object; from now on they are its attributes."""
+        self._memory.push()
+        masks = {name: getattr(self._owner, name) for name, of in self._memory.fields.items() if of == MASK}
+        object.__setattr__(self._owner, "__class__", self._below)
+        for name in self._memory.fields:
+            vars(self._owner).pop(name, None)
+        self._bound = True
+        for name, accepted in masks.items():
+            setattr(self._owner, name, accepted)
+
+    def release(self) -> None:
+        """The object has its attributes itself again."""
+        if not self._bound:
+            return
+        values = {name: getattr(self._owner, name) for name in self._memory.fields}
+        object.__setattr__(self._owner, "__class__", self._class)
+        for name, value in values.items():
+            object.__setattr__(self._owner, name, _own(value))
+        self._bound = False
+
+    def _property(self, name: str, of: CType) -> property:
+        get, put = self._access(name, of)
+
+        def checked(owner: Any, value: Any) -> None:
+            try:
+                put(owner, value)
+            except WRONG:
+                self._refused(f"{self._memory.path}.{name} is set to {value!r:.60}")
+                setattr(owner, name, value)
+
+        return property(get, checked)
+
+    def _access(self, name: str, of: CType) -> tuple[Get, Set]:
+        if of in FORMATS:
+            return _of_number(self._memory.view(name, FORMATS[of]), KINDS[of])
+        if isinstance(of, StateType):
+            return _of_state(self._memory.view(name, "B"), list(of.kind))
+        if of == MASK:
+            return self._of_mask(name)
+        if isinstance(of, ArrayType) and isinstance(getattr(self._owner, name), list):
+            return self._of_list(name, of)
+        if isinstance(of, ArrayType):
+            return self._of_array(name, of)
+        return self._of_others(name, of)
+
+    def _of_mask(self, name: str) -> tuple[Get, Set]:
+        """Qualities that are accepted: Python has them as they were given."""
+        given: list[Any] = [()]
+
+        def put(_: Any, value: Any) -> None:
+            self._memory.write(name, value)
+            given[0] = value
+
+        return (lambda _: given[0]), put
+
+    def _of_list(self, name: str, of: ArrayType) -> tuple[Get, Set]:
+        def refused() -> Any:
+            self._refused(f"{self._memory.path}.{name} has another length")
+            return getattr(self._owner, name)
+
+        found = BoundList(self._memory, name, of.length, refused)
+
+        def put(_: Any, value: Any) -> None:
+            if len(value) != of.length:
+                raise ValueError
+            self._memory.write(name, value)
+
+        return (lambda _: found), put
+
+    def _of_array(self, name: str, of: ArrayType) -> tuple[Get, Set]:
+        """One that compiled code assigns is given as a copy that nobody changes: it is a new one in each period."""
+        view = self._memory.array(name, of)
+
+        def get(_: Any) -> Any:
+            copy = view.copy()
+            copy.flags.writeable = False
+            return copy
+
+        def put(_: Any, value: Any) -> None:
+            if not isinstance(value, np.ndarray) or (value.dtype.kind != view.dtype.kind and of.of != REAL):
+                raise TypeError
+            if value.shape not in ((1,), view.shape):
+                raise ValueError
+            view[:] = value
+
+        return (get if name in self._states else lambda _: view), put
+
+    def _of_others(self, name: str, of: CType) -> tuple[Get, Set]:
+        inner = of.of if isinstance(of, OptionalType) else of
+        is_array = isinstance(inner, ArrayType)
+
+        def get(_: Any) -> Any:
+            value = self._memory.read(name)
+            return np.array(value) if is_array and value is not None else value
+
+        def put(_: Any, value: Any) -> None:
+            kinds = KINDS.get(inner)
+            if kinds is not None and value is not None and not isinstance(value, kinds):
+                raise TypeError
+            self._memory.write(name, value)
+
+        return get, put
+
+
+class _Untold:
+    """A class below this one is made without a word to those above (`__init_subclass__`)."""
+
+    __slots__ = ()
+
+    def __init_subclass__(cls) -> None:
+        """Nothing."""
+
+
+def _is_told(kind: type) -> bool:
+    """Whether a class wants to know of those below it; what typing has does nothing."""
+    own = (each for each in kind.__mro__[:-1] if "__init_subclass__" in vars(each))
+    return any(each.__module__ != "typing" for each in own)
+
+
+def _below(kind: type, names: dict[str, property]) -> type:
+    """A class below another one: the same in all but these names. TypeError where there can be none."""
+    inside = {"__slots__": (), "__module__": kind.__module__, "__doc__": kind.__doc__, **names}
+    bases = (_Untold, kind) if _is_told(kind) else (kind,)
+    found: type = type(kind)(kind.__name__, bases, inside)
+    found.__qualname__ = kind.__qualname__
+    return found
+
+
+def _own(value: Any) -> Any:
+    """The same, with memory of its own."""
+    if isinstance(value, BoundList):
+        return list(value)
+    return value.copy() if isinstance(value, np.ndarray) else value
+
+
+def _of_number(view: Any, kinds: tuple[type, ...]) -> tuple[Get, Set]:
+    def put(_: Any, value: Any) -> None:
+        if not isinstance(value, kinds):
+            raise TypeError
+        view[0] = value
+
+    return (lambda _: view[0]), put
+
+
+def _of_state(view: Any, members: list[Any]) -> tuple[Get, Set]:
+    numbers = {member: number for number, member in enumerate(members)}
+
+    def put(_: Any, value: Any) -> None:
+        view[0] = numbers[value]
+
+    return (lambda _: members[view[0]]), put

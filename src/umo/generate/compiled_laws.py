@@ -1,0 +1,358 @@
+"""The laws of a connected machine, compiled (`[process] compile = true`).
+
+First Python drives, and the compiled laws are compared with it, one law a period: what they write, and every attribute.
+A difference keeps Python. Then the attributes of the laws are those of the compiled library (`bound_fields.py`), and
+the machine calls the library. Sequences, clients and faces read and set them as before. Whatever the library cannot do
+gives the laws back to Python, which is said.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from contextlib import suppress
+from ctypes import c_void_p
+from dataclasses import dataclass, replace
+from math import isfinite
+from types import MethodType
+from typing import Any
+from weakref import proxy
+
+import numpy as np
+
+from umo.cycle.columns import Source
+from umo.cycle.machine import ConnectedMachine
+from umo.errors import BadInput, DeclarationError, DriverError, Interlocked, RangeError, StateError, text_of
+from umo.generate.bound_fields import WRONG, BoundFields
+from umo.generate.code_world import translate
+from umo.generate.controller_folder import TARGETS
+from umo.generate.controller_model import ControllerModel, laid_out
+from umo.generate.law_library import (
+    HOST_CALL,
+    READ,
+    WRITE,
+    WRITE_MANY,
+    Columns,
+    LawLibrary,
+    library_of,
+    source_of_laws,
+)
+from umo.generate.translation import Translation
+from umo.objects import Compound, Quality, Vector
+from umo.objects.atomic import Binary
+from umo.wiring.wired import Wired
+
+log = logging.getLogger("umo")
+COMPARED = 20
+"""Periods in which each law is compared."""
+BAD_INPUT, NEVER_READ, NO_HOST = 6, 7, 10
+NUMBERS: tuple[tuple[type[BaseException], int], ...] = (
+    (Interlocked, 8),
+    (StateError, 9),
+    (BadInput, BAD_INPUT),
+    (RangeError, 4),
+    (DriverError, 2),
+)
+"""Faults of the runtime for errors of Python (umo.h)."""
+OWN_TEXTS: dict[type[BaseException], str] = {
+    ZeroDivisionError: "division by zero",
+    IndexError: "list index out of range",
+}
+
+
+@dataclass(frozen=True)
+class PreparedLaws:
+    """Laws that are compiled, and not in use yet."""
+
+    model: ControllerModel
+    translation: Translation
+    library: Any
+    """The path of the library."""
+
+
+def prepare(root: Compound, wired: Wired) -> PreparedLaws:
+    """Compile the laws of a machine, before it is connected. DeclarationError with what is in the way."""
+    if any(rate.every > 1 for rate in wired.rates):
+        raise DeclarationError("its parts have rates of their own")
+    with laid_out(root, wired) as model:
+        translation = translate(root, [], model.steps[: len(model.laws)], TARGETS["host"])
+        if translation.problems:
+            more = f", and {len(translation.problems) - 1} more" if len(translation.problems) > 1 else ""
+            raise DeclarationError(f"{translation.problems[0]}{more}")
+        if not any(struct.fields for struct in translation.structs) and not model.laws:
+            raise DeclarationError("it has no laws")
+        _check(translation)
+        model = replace(model, objects=[replace(each, linearization=None, invalid_raws=()) for each in model.objects])
+        source = source_of_laws(model, translation)
+    return PreparedLaws(model, translation, library_of(source))
+
+
+def _check(translation: Translation) -> None:
+    """What is translated, and cannot work on Python's memory."""
+    for struct in translation.structs:
+        if isinstance(struct.owner, type) or not hasattr(struct.owner, "__dict__"):
+            raise DeclarationError(f"{struct.path} is no object whose attributes can be elsewhere")
+    for word in ("umo_object_reset(", "umo_referenced("):
+        if word in translation.source:
+            raise DeclarationError("control code resets or references an object")
+
+
+class CompiledLaws:
+    """The compiled laws of one connected machine: `state` is "compared", "compiled" or "python"."""
+
+    def __init__(self, prepared: PreparedLaws, machine: ConnectedMachine) -> None:
+        self._prepared, self._machine = prepared, machine
+        self._image = machine.image
+        self._python = list(machine._overrides(machine.root))
+        self._columns = self._columns_of()
+        self._library = LawLibrary(prepared.library, self._columns)
+        structs = prepared.translation.structs
+        self._memories = self._library.structs(structs)
+        states = {(each.path, each.name) for each in prepared.translation.layout if each.owner == "STATE"}
+        self._fields = [
+            BoundFields(memory, struct.owner, {n for n in struct.fields if (struct.path, n) in states}, self.give_up)
+            for memory, struct in zip(self._memories, structs, strict=True)
+        ]
+        self._vectors: dict[tuple[int, ...], Vector[Any]] = {}
+        self._left = [COMPARED] * len(self._python)
+        """Comparisons of each law that are still to be made: one a period, in their order."""
+        self._period = -1
+        self._shadow: Any = None
+        self._asked = False
+        self._error: tuple[int, BaseException] | None = None
+        self.state = "compared"
+        machine.replace_laws([MethodType(self._comparing(n, law), law.__self__) for n, law in enumerate(self._python)])
+
+    # Python drives, and C is compared ------------------------------------------------------------------
+
+    def _comparing(self, number: int, law: MethodType) -> Callable[[Any], None]:
+        def act(_: Any) -> None:
+            now = self._machine.clock.number
+            if self.state != "compared" or not self._left[number] or self._period == now:
+                law()
+                return
+            self._period = now
+            fault = self._tried(number)
+            try:
+                law()
+            except BaseException as error:
+                self._judge(number, fault, error)
+                raise
+            self._judge(number, fault, None)
+
+        return act
+
+    def _tried(self, number: int) -> int | None:
+        """The fault of a compiled law, which works on copies; None: it asked for what only Python does."""
+        for memory in self._memories:
+            try:
+                memory.push()
+            except WRONG as error:
+                self.give_up(f"{memory.path}: {text_of(error)}")
+                return None
+        self._shadow, self._asked = self._image.columns.pending.copy(), False
+        self._columns.pending = self._shadow.ctypes.data
+        try:
+            fault = self._library.call(number, self._machine.clock)
+        finally:
+            self._columns.pending = self._image.columns.pending.ctypes.data
+        return None if self._asked else fault
+
+    def _judge(self, number: int, fault: int | None, error: BaseException | None) -> None:
+        """Whether the compiled law did what Python has done since."""
+        if fault is None or self.state != "compared":
+            return
+        kind = None if fault == 0 else self._kind(fault)
+        if (kind is None) != (error is None) or (kind is not None and not isinstance(error, kind)):
+            self._differs(number, f"Python {_told(error)}, C {_told(kind)}")
+            return
+        difference = next((line for each in self._memories for line in each.differences()), "")
+        if not difference and self._shadow.tobytes() != self._image.columns.pending.tobytes():
+            slots = np.flatnonzero(self._shadow != self._image.columns.pending)
+            difference = f"what is written to {self._image.items[slots[0]].path}" if len(slots) else ""
+        if difference:
+            self._differs(number, difference)
+            return
+        self._left[number] -= 1
+        if not any(self._left):
+            self._bind()
+
+    def _differs(self, number: int, what: str) -> None:
+        law = self._python[number]
+        self.give_up(f"{type(law.__self__).__name__}.control is not the same: {what}")
+
+    # C drives ------------------------------------------------------------------------------------------
+
+    def _bind(self) -> None:
+        try:
+            for each in self._fields:
+                each.bind()
+        except WRONG as error:
+            self.give_up(text_of(error))
+            return
+        self.state = "compiled"
+        self._machine.tell("", "the laws are compiled: they were the same as in Python so far")
+        self._machine.replace_laws([self._compiled(number, law) for number, law in enumerate(self._python)])
+
+    def _compiled(self, number: int, law: MethodType) -> MethodType:
+        clock = self._machine.clock
+        try:
+            from umo.cycle import _columns  # type: ignore[attr-defined]
+        except ImportError:
+
+            def act(_: Any) -> None:
+                if fault := self._library.call(number, clock):
+                    self._failed(fault)
+
+            return MethodType(act, law.__self__)
+        return MethodType(_columns.Law(*self._library.addresses, number, clock, self._failed).act, law.__self__)
+
+    def give_up(self, reason: str) -> None:
+        """The laws run in Python from now on."""
+        if self.state == "python":
+            return
+        self.state = "python"
+        for each in self._fields:
+            each.release()
+        self._machine.replace_laws(self._python)
+        text = f"the laws run in Python, not compiled: {reason}"
+        self._machine.tell("", text)
+        log.warning("%s", text)
+
+    def release(self) -> None:
+        """The machine is disconnected: its objects have their attributes themselves again."""
+        if self.state != "python":
+            self.state = "python"
+            for each in self._fields:
+                each.release()
+
+    # Errors --------------------------------------------------------------------------------------------
+
+    def _kind(self, fault: int) -> type[BaseException]:
+        runtime = {2: DriverError, 4: RangeError, BAD_INPUT: BadInput, NEVER_READ: BadInput, 8: Interlocked}
+        found = self._prepared.translation.kinds.get(fault) or runtime.get(fault)
+        return found or RuntimeError
+
+    def _failed(self, fault: int) -> None:
+        """Raise what Python would have raised, where it would have."""
+        stored, self._error = self._error, None
+        if stored is not None and stored[0] == fault:
+            raise stored[1]
+        slot = self._library.fault_object
+        if fault in (BAD_INPUT, NEVER_READ) and slot >= 0:
+            path, quality = self._image.items[slot].path, Quality(int(self._image.quality[slot]))
+            raise BadInput(path, quality, why="it was never read") if fault == NEVER_READ else BadInput(path, quality)
+        _raise(self._kind(fault), *self._place(fault))
+
+    def _place(self, fault: int) -> tuple[str, str, int]:
+        for each in self._prepared.translation.faults:
+            if each.number == fault:
+                return each.text, each.file, each.line
+        return f"fault {fault} of a compiled law", "", 0
+
+    # What only Python does -----------------------------------------------------------------------------
+
+    def _columns_of(self) -> Columns:
+        columns, image = self._image.columns, self._image
+        here = proxy(self)  # what C calls is not collected in a circle
+        return Columns(
+            c_void_p(columns.values.ctypes.data),
+            c_void_p(columns.raws.ctypes.data),
+            c_void_p(columns.quality.ctypes.data),
+            c_void_p(columns.restrictions.ctypes.data),
+            c_void_p(columns.pending.ctypes.data),
+            WRITE(lambda *given: here._write(*given)),
+            WRITE_MANY(lambda *given: here._write_many(*given)),
+            READ(lambda slot, out: here._read(image.velocity, slot, out)),
+            READ(lambda slot, out: here._read(image.read_now, slot, out)),
+            HOST_CALL(lambda *given: here._host_call(*given)),
+        )
+
+    def _done(self, work: Callable[[], Any]) -> int:
+        """The fault of work that Python does."""
+        if self.state == "compared":
+            self._asked = True
+            return NO_HOST
+        try:
+            work()
+        except BaseException as error:  # a signal's, too: it is raised once the law has returned
+            number = next((number for kind, number in NUMBERS if isinstance(error, kind)), NO_HOST)
+            self._error = number, error
+            return number
+        return 0
+
+    def _write(self, slot: int, value: float, taken: Any) -> int:
+        if self.state == "compared":
+            return self._foresee([(slot, value)], taken)
+        item = self._image.items[slot]
+
+        def work() -> None:
+            given = (item.one if value else item.zero) if isinstance(item, Binary) else value
+            taken[0] = item.write(given)  # type: ignore[attr-defined]
+
+        return self._done(work)
+
+    def _write_many(self, slots: Any, count: int, values: Any, where: Any, taken: Any) -> int:
+        if self.state == "compared":
+            return self._foresee([(slots[n], values[n]) for n in range(count) if not where or where[n]], taken)
+
+        def work() -> None:
+            key = tuple(slots[:count])
+            if key not in self._vectors:
+                self._vectors[key] = Vector([self._image.items[slot] for slot in key])
+            mask = np.array(where[:count]) if where else None
+            taken[0] = self._vectors[key].write(np.array(values[:count]), where=mask)
+
+        return self._done(work)
+
+    def _foresee(self, given: list[tuple[int, float]], taken: Any) -> int:
+        """What Python will do with these values, in the copy of what is pending; nothing is done."""
+        taken[0] = True
+        try:
+            values = [(slot, self._limited(slot, value, taken)) for slot, value in given]
+            admitted = [self._is_admitted(slot, value) for slot, value in values]
+        except (RangeError, Interlocked) as error:
+            return next(number for kind, number in NUMBERS if isinstance(error, kind))
+        for (slot, value), yes in zip(values, admitted, strict=True):
+            if yes:
+                self._shadow[slot] = value
+        taken[0] = taken[0] and all(admitted)
+        return 0
+
+    def _limited(self, slot: int, value: float, taken: Any) -> float:
+        item: Any = self._image.items[slot]
+        if isinstance(item, Binary) or item.minimum <= value <= item.maximum:
+            return value
+        if item.limits != "clamp" or not isfinite(value):
+            raise RangeError("the value is outside the range")
+        taken[0] = False
+        return min(max(value, item.minimum), item.maximum)  # type: ignore[no-any-return]
+
+    def _is_admitted(self, slot: int, value: float) -> bool:
+        command = self._machine.commands.by_slot.get(slot)
+        return command is None or command.admits(value, Source.PROGRAM)
+
+    def _read(self, read: Callable[[int], float], slot: int, out: Any) -> int:
+        def work() -> None:
+            out[0] = read(slot)
+
+        return self._done(work)
+
+    def _host_call(self, call: int, numbers: Any, count: int) -> int:
+        owner, name = self._prepared.translation.hosts[call]
+        return self._done(lambda: getattr(owner, name)(*numbers[:count]))
+
+
+def _told(error: Any) -> str:
+    if error is None:
+        return "has no error"
+    return f"raises {error.__name__ if isinstance(error, type) else type(error).__name__}"
+
+
+def _raise(kind: type[BaseException], text: str, file: str, line: int) -> None:
+    """Raise an error that comes from this line of a file."""
+    error: BaseException = RuntimeError(f"{kind.__name__}: {text}")
+    with suppress(TypeError):
+        error = kind(OWN_TEXTS.get(kind, text))
+    names = {"error": error}
+    exec(compile("\n" * max(0, line - 1) + "raise error", file or __file__, "exec"), names)

@@ -1,0 +1,234 @@
+"""The laws of a machine as a shared library that works on the memory of Python: its source, compiled once."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from ctypes import (
+    CFUNCTYPE,
+    POINTER,
+    PyDLL,
+    Structure,
+    c_bool,
+    c_double,
+    c_int16,
+    c_int32,
+    c_size_t,
+    c_uint16,
+    c_void_p,
+    create_string_buffer,
+)
+from pathlib import Path
+from typing import Any
+
+from umo.errors import DeclarationError
+from umo.generate.compiled_machine import FLAGS, compiler
+from umo.generate.controller_folder import RUNTIME, TARGET_HEADER, TARGETS
+from umo.generate.controller_model import ControllerModel
+from umo.generate.live_fields import LiveStruct
+from umo.generate.machine_source import tables_of
+from umo.generate.struct_memory import StructMemory
+from umo.generate.translation import Translation
+
+ON_HOST = Path(__file__).parent / "on_host"
+HEADERS = "umo.h", "umo_python.h"
+COMPILE_TIMEOUT = 120.0
+"""Time in s."""
+TAKEN = POINTER(c_bool)
+WRITE = CFUNCTYPE(c_int16, c_int32, c_double, TAKEN)
+WRITE_MANY = CFUNCTYPE(c_int16, POINTER(c_int16), c_int16, POINTER(c_double), POINTER(c_bool), TAKEN)
+READ = CFUNCTYPE(c_int16, c_int32, POINTER(c_double))
+HOST_CALL = CFUNCTYPE(c_int16, c_uint16, POINTER(c_double), c_uint16)
+SOURCE = """\
+#include "umo_columns.h"
+
+{structs}
+struct umo_machine {{
+    umo_core core; /* the first member */
+    umo_object objects[{objects_1}];
+{members}}};
+
+{source}
+{tables}{init}
+static const umo_plan plan = {{.period = {period}, .objects = {objects}, .traits = traits}};
+
+size_t law_size(void)
+{{
+    return sizeof(umo_machine);
+}}
+
+void law_begin(umo_machine *m, umo_columns *columns)
+{{
+    m->core.plan = &plan;
+    m->core.objects = m->objects;
+    m->core.outputs = (umo_output *)(void *)columns;
+    for (int16_t i = 0; i < {objects}; i++) {{
+        m->objects[i].core = &m->core;
+        m->objects[i].traits = &traits[i];
+    }}
+    init_objects(m);
+}}
+
+int16_t law_fault_object(const umo_machine *m)
+{{
+    return m->core.fault_object;
+}}
+
+int16_t law_call(umo_machine *m, int32_t law, double now, double dt, int32_t ticks)
+{{
+    m->core.now = now;
+    m->core.dt = dt;
+    m->core.ticks = ticks;
+    m->core.fault_object = -1;
+    switch (law) {{
+{cases}    default:
+        return UMO_NO_HOST;
+    }}
+}}
+"""
+
+
+class Columns(Structure):
+    """umo_columns of umo_columns.h."""
+
+    _fields_ = [
+        ("values", c_void_p),
+        ("raws", c_void_p),
+        ("quality", c_void_p),
+        ("restrictions", c_void_p),
+        ("pending", c_void_p),
+        ("write", WRITE),
+        ("write_many", WRITE_MANY),
+        ("velocity", READ),
+        ("read_now", READ),
+        ("host_call", HOST_CALL),
+    ]
+
+
+def source_of_laws(model: ControllerModel, translation: Translation) -> str:
+    """The source of the library, in C."""
+    calls = (translation.entry[law.control].call() for law in model.laws)
+    return SOURCE.format(
+        structs=translation.header,
+        objects=len(model.objects),
+        objects_1=max(1, len(model.objects)),
+        members=translation.members,
+        source=translation.source,
+        tables=tables_of(model, TARGETS["host"]),
+        init=translation.init,
+        period=repr(model.period),
+        cases="".join(f"    case {number}:\n        return {call};\n" for number, call in enumerate(calls)),
+    )
+
+
+def library_of(source: str) -> Path:
+    """The compiled library of a source: from the cache, if it was compiled before. DeclarationError with what the
+    compiler says, or if there is none."""
+    cc = compiler()
+    if cc is None:
+        raise DeclarationError("there is no C compiler: none of cc, gcc, clang was found")
+    folder = _cache()
+    parts = [source, " ".join(FLAGS), _version(cc), *(file.read_text("utf-8") for file in _files())]
+    path = folder / f"{hashlib.sha256(chr(0).join(parts).encode()).hexdigest()[:32]}.so"
+    if not _is_sound(path):
+        _compile(cc, source, path)
+    return path
+
+
+def _is_sound(path: Path) -> bool:
+    """Whether the library is there and can be loaded: a power cut may have left a part of it."""
+    if not path.exists():
+        return False
+    try:
+        PyDLL(str(path))
+    except OSError:
+        path.unlink(missing_ok=True)
+        return False
+    return True
+
+
+def _files() -> list[Path]:
+    return [*(RUNTIME / name for name in HEADERS), *sorted(ON_HOST.iterdir()), RUNTIME / "umo_sums.c"]
+
+
+def _version(cc: str) -> str:
+    return subprocess.run([cc, "--version"], capture_output=True, text=True, check=False).stdout
+
+
+def _cache() -> Path:
+    """A folder of this user's alone; where there can be none, a new one for this run."""
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    folder = base / "umo" / "laws"
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        status = folder.stat()
+        if status.st_uid == os.getuid() and not status.st_mode & 0o022 and os.access(folder, os.W_OK):
+            return folder
+    except OSError:
+        pass
+    return Path(tempfile.mkdtemp(prefix="umo-laws-"))
+
+
+def _compile(cc: str, source: str, path: Path) -> None:
+    """Into another name first: a file that is there is whole."""
+    with tempfile.TemporaryDirectory(dir=path.parent) as name:
+        folder = Path(name)
+        (folder / "laws.c").write_text(source, "utf-8")
+        (folder / "umo_target.h").write_text(TARGET_HEADER["double"], "utf-8")
+        for file in _files():
+            (folder / file.name).write_bytes(file.read_bytes())
+        sources = ["laws.c", *(file.name for file in _files() if file.suffix == ".c")]
+        command = [cc, *FLAGS, "-Wno-unused-function", "-fPIC", "-shared", "-o", "laws.so", *sources, "-lm"]
+        try:
+            done = subprocess.run(
+                command, cwd=folder, capture_output=True, text=True, check=False, timeout=COMPILE_TIMEOUT
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise DeclarationError(f"the compiler {cc} failed: {error}") from None
+        if done.returncode:
+            raise DeclarationError(f"the compiler {cc} refuses the laws: {done.stderr.strip()[:500]}")
+        os.replace(folder / "laws.so", path)
+
+
+class LawLibrary:
+    """The laws of one machine, loaded. `columns` is the memory on which they work."""
+
+    def __init__(self, path: Path, columns: Columns) -> None:
+        self._library = library = PyDLL(str(path))  # it calls Python back
+        library.law_size.restype = c_size_t
+        library.machine_struct.restype = c_void_p
+        library.law_call.restype = library.law_fault_object.restype = c_int16
+        library.law_call.argtypes = [c_void_p, c_int32, c_double, c_double, c_int32]
+        self._columns = columns
+        self._memory = create_string_buffer(library.law_size())
+        library.law_begin(self._memory, c_void_p(_address(columns)))
+
+    def structs(self, structs: Sequence[LiveStruct]) -> list[StructMemory]:
+        """The fields of the live objects."""
+        found = (int(self._library.machine_struct(self._memory, c_int16(n))) for n in range(len(structs)))
+        return [StructMemory(struct, address) for struct, address in zip(structs, found, strict=True)]
+
+    def call(self, law: int, clock: Any) -> int:
+        """One period of a law; its fault."""
+        return int(self._library.law_call(self._memory, law, clock.now, clock.dt, clock.ticks))
+
+    @property
+    def addresses(self) -> tuple[int, int]:
+        """Of the function `law_call`, and of the machine."""
+        function = c_void_p.from_buffer(self._library.law_call).value
+        assert function is not None
+        return function, _address(self._memory)
+
+    @property
+    def fault_object(self) -> int:
+        """The slot of the object of the last fault; -1: none."""
+        return int(self._library.law_fault_object(self._memory))
+
+
+def _address(memory: Any) -> int:
+    from ctypes import addressof
+
+    return addressof(memory)

@@ -1,0 +1,21 @@
+/* umo_columns.h: the memory of Python that laws work on (umo.cycle.columns), and what they ask of Python. */
+#ifndef UMO_COLUMNS_H
+#define UMO_COLUMNS_H
+
+#include "umo_python.h"
+
+enum { UMO_FREE = 0, UMO_ASKED = 254 }; /* values of the column `restrictions` */
+
+typedef struct {
+    const double *values;
+    const int64_t *raws;
+    const uint8_t *quality, *restrictions;
+    double *pending;
+    umo_fault (*write)(int32_t slot, double value, bool *taken);
+    umo_fault (*write_many)(const int16_t *slots, int16_t n, const double *values, const bool *where, bool *taken);
+    umo_fault (*velocity)(int32_t slot, double *out);
+    umo_fault (*read_now)(int32_t slot, double *out);
+    umo_fault (*host_call)(uint16_t call, double *numbers, uint16_t count);
+} umo_columns;
+
+#endif

@@ -1,0 +1,40 @@
+"""Compiled laws of a run, where its wiring asks for them: what compiles them is imported then only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from umo.cycle.machine import ConnectedMachine
+from umo.errors import DeclarationError, text_of
+from umo.objects import Compound
+from umo.wiring.wired import Wired
+
+if TYPE_CHECKING:
+    from umo.generate.compiled_laws import PreparedLaws
+
+
+def prepare_if_asked(root: Compound, wired: Wired, say: Callable[[str], object]) -> PreparedLaws | None:
+    """Compile the laws of a machine that is not connected yet. None: the wiring does not ask for it, or something is in
+    the way, which is said."""
+    if not wired.process.compile:
+        return None
+    from umo.generate.compiled_laws import prepare
+
+    try:
+        return prepare(root, wired)
+    except (DeclarationError, OSError) as error:
+        say(f"the laws run in Python, not compiled: {error}")
+        return None
+
+
+def start_compiled(prepared: PreparedLaws | None, machine: ConnectedMachine, say: Callable[[str], object]) -> None:
+    """The machine is connected: its laws are compared, then run compiled."""
+    if prepared is None:
+        return
+    from umo.generate.compiled_laws import CompiledLaws
+
+    try:
+        CompiledLaws(prepared, machine)
+    except (TypeError, OSError) as error:  # a class that has none below it, a library that was removed
+        say(f"the laws run in Python, not compiled: {text_of(error)}")

@@ -1,0 +1,216 @@
+"""What keeps laws in Python, or gives them back to it, is told, and the machine goes on as it was."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from helpers.generating import Fragile, needs_a_compiler, wired
+from helpers.machines import timer
+from umo import Compound, DigitalActuator, DigitalSensor
+from umo.control import value_of
+from umo.cycle.connect import connect
+from umo.errors import BadInput, DeclarationError, RangeError
+from umo.generate import compiled_laws, law_library
+from umo.generate.compiled_laws import CompiledLaws, prepare
+from umo.testing import VirtualTimer
+from umo.wiring import resolve
+
+Umo = Callable[..., Any]
+pytestmark = needs_a_compiler
+
+
+@pytest.fixture(autouse=True, scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    folder = tmp_path_factory.mktemp("cache")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(folder))
+        yield folder / "umo" / "laws"
+
+
+class Pump(Compound):
+    timer: DigitalSensor
+    level: DigitalSensor
+    motor: DigitalActuator
+
+    def setup(self) -> None:
+        self.gain: Any = 0.5
+        self.total = 0.0
+        self.table = [1.0, 2.0]
+        self.weights = np.array([1.0, 2.0])
+
+    def control(self) -> None:
+        level = value_of(self.level)
+        self.total += level * self.gain * self.table[0] + self.weights[1]
+        self.table[1] = level
+        if self.total > 1e6:
+            raise RangeError("too much")
+        self.motor.write(min(level * self.gain, 10.0))
+
+
+def pump(kind: type[Pump] = Pump) -> Pump:
+    return kind(
+        timer=timer(),
+        level=DigitalSensor("mm", minimum=0.0, maximum=100.0, resolution=0.5),
+        motor=DigitalActuator("V", default=0.0, minimum=0.0, maximum=10.0, resolution=0.01),
+    )
+
+
+class Running:
+    """A connected pump whose laws are compiled, past the comparison."""
+
+    def __init__(self, machine: Any, periods: int = 120) -> None:
+        self.box = Fragile()
+        self.box.set("level", 20)
+        wiring = resolve(machine, wired(machine, self.box, VirtualTimer()))
+        prepared = prepare(machine, wiring)
+        self.connection = connect(machine, wiring)
+        self.m = self.connection.__enter__()
+        self.laws = CompiledLaws(prepared, self.connection.machine)
+        self.step(periods)
+
+    def step(self, periods: int = 1) -> None:
+        for _ in range(periods):
+            self.m.timer.read()
+            self.m.sample()
+            self.m.control()
+            self.m.update()
+
+    def events(self) -> str:
+        return "; ".join(each.text for each in self.connection.machine.events)
+
+    def __enter__(self) -> Running:
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self.connection.__exit__(None, None, None)
+
+
+def test_attributes_are_read_and_set_as_before() -> None:
+    with Running(pump()) as run:
+        m = run.m
+        assert run.laws.state == "compiled" and "the laws are compiled" in run.events()
+        assert type(m).__name__ == "Pump" and isinstance(m, Pump)
+        m.gain, m.total = 0.25, 0.0
+        m.table[0] = 4.0
+        m.weights[1] = 8.0
+        run.step()
+        assert m.total == 10.0 * 0.25 * 4.0 + 8.0
+        assert (list(m.table), m.table[1], m.motor.pending) == ([4.0, 10.0], 10.0, 2.5)
+        m.weights = np.array([0.0, 1.0])
+        run.step()
+        assert m.total == 18.0 + 10.0 + 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("gain", None), ("total", "much"), ("table", [1.0]), ("weights", np.zeros(3))]
+)
+def test_a_value_of_another_kind_gives_the_laws_back_to_python(name: str, value: Any) -> None:
+    with Running(pump()) as run:
+        total = run.m.total
+        setattr(run.m, name, value)
+        assert run.laws.state == "python" and f"{name} is set to" in run.events()
+        assert repr(getattr(run.m, name)) == repr(value) and type(run.m) is Pump
+        if name != "total":
+            assert run.m.total == total
+        setattr(run.m, name, {"gain": 1.0, "total": 0.0, "table": [1.0, 2.0], "weights": np.ones(2)}[name])
+        run.step()
+        assert isinstance(run.m.table, list)
+
+
+def test_the_class_of_a_bound_object_is_not_told_of_the_one_below_it() -> None:
+    told: list[type] = []
+
+    class Told(Pump):
+        def __init_subclass__(cls, **given: Any) -> None:
+            told.append(cls)
+            super().__init_subclass__(**given)
+
+    with Running(pump(Told)) as run:
+        assert run.laws.state == "compiled" and type(run.m) is not Told and told == []
+        assert type(run.m)._settings is Told._settings
+
+
+def test_a_list_that_grows_gives_the_laws_back_to_python() -> None:
+    with Running(pump()) as run:
+        run.m.table.append(3.0)
+        assert run.laws.state == "python" and run.m.table == [1.0, 10.0, 3.0]
+        run.step()
+
+
+def test_a_difference_keeps_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    source = compiled_laws.source_of_laws
+
+    def other(*given: Any) -> str:
+        return source(*given).replace("* m->", "+ m->")
+
+    monkeypatch.setattr(compiled_laws, "source_of_laws", other)
+    with Running(pump(), periods=3) as run:
+        assert run.laws.state == "python" and "Pump.control is not the same" in run.events()
+        assert run.m.total == 3 * (10.0 * 0.5 + 2.0) and run.m.motor.read() == 5.0
+
+
+def test_errors_are_those_of_python_and_come_from_its_line() -> None:
+    with Running(pump()) as run:
+        run.box.set("level", 300)
+        with pytest.raises(BadInput, match="level is OUT_OF_RANGE"):
+            run.step()
+        run.box.set("level", 20)
+        run.m.total = 2e6
+        with pytest.raises(RangeError, match="too much") as told:
+            run.step()
+        last = told.traceback[-1]
+        line = Path(__file__).read_text().splitlines()[last.lineno]
+        assert Path(str(last.path)).name == "test_fallback.py" and "too much" in line
+
+
+def test_without_a_compiler_it_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    machine = pump()
+    with pytest.raises(DeclarationError, match="there is no C compiler"):
+        prepare(machine, resolve(machine, wired(machine, Fragile(), VirtualTimer())))
+
+
+def test_a_library_is_compiled_once_and_again_where_it_is_damaged(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def prepared() -> Any:
+        machine = pump()
+        return prepare(machine, resolve(machine, wired(machine, Fragile(), VirtualTimer())))
+
+    compiled: list[Any] = []
+    work = law_library._compile
+    monkeypatch.setattr(law_library, "_compile", lambda *given: (compiled.append(given), work(*given)))
+    library = prepared().library
+    before = len(compiled)
+    assert prepared().library == library and len(compiled) == before
+    assert cache.stat().st_mode & 0o777 == 0o700
+    damaged = library.with_name("x.so")
+    damaged.write_bytes(library.read_bytes()[:100])
+    assert law_library._is_sound(library) and not law_library._is_sound(damaged) and not damaged.exists()
+
+
+def test_what_does_not_translate_is_told_and_the_run_goes_on(umo: Umo, tmp_path: Path) -> None:
+    assert umo("new", "tank").exit_code == 0
+    control = tmp_path / "tank" / "control.py"
+    law = "        self.regulator.control()\n"
+    control.write_text(control.read_text().replace(law, f"{law}        self.seen = sorted([1])\n"))
+    wiring = tmp_path / "tank" / "wiring" / "simulated.toml"
+    wiring.write_text(wiring.read_text() + "\n[process]\ncompile = true\n")
+    result = umo("run", "tank", "--no-plot")
+    said = " ".join(result.stderr.split())
+    assert result.exit_code == 0 and "the laws run in Python, not compiled: tank/control.py:" in said
+    wiring.write_text(wiring.read_text().replace("compile = true", 'compile = "yes"'))
+    result = umo("run", "tank")
+    assert result.exit_code == 2 and "'yes' is neither true nor false" in result.stderr
+
+
+def test_a_compiled_run_is_replayed_in_python(umo: Umo, tmp_path: Path) -> None:
+    assert umo("new", "tank").exit_code == 0
+    wiring = tmp_path / "tank" / "wiring" / "simulated.toml"
+    wiring.write_text(wiring.read_text() + "\n[process]\ncompile = true\n")
+    assert umo("run", "tank", "--no-plot", "--record", "tank.mcap").exit_code == 0
+    replayed = umo("replay", "tank.mcap")
+    assert replayed.exit_code == 0 and replayed.stdout.startswith("identical: 831 periods")
