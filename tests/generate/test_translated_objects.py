@@ -106,7 +106,8 @@ def refusals(law: Callable[[Any], object] | None = None, condition: Callable[[An
     parts: dict[str, Any] = {"level": sensor(), "slow": sensor(synchronous=False), "bent": bent, "motor": actuator()}
     machine = Tried(timer=timer(), **parts)
     with laid_out(machine, wired(machine, Fragile(), VirtualTimer())) as model:
-        return "\n".join(map(str, translate(machine, model.conditions, model.steps, TARGETS["host"]).problems))
+        found = translate(machine, model.conditions, model.steps, TARGETS["host"])
+        return "\n".join(map(str, [*found.problems, *found.on_host]))
 
 
 LAWS: dict[str, Callable[[Any], object]] = {

@@ -26,6 +26,7 @@ from umo.generate.expression_code import NUMBERS
 from umo.generate.function_scope import TELLS
 from umo.generate.function_source import NoSource, bound
 from umo.generate.terms import TEXT, Code, Known, Many, Present, Term, UnknownText
+from umo.generate.translation import Untranslatable
 from umo.generate.vector_code import VectorCode
 from umo.objects import Compound, DigitalSensor, Quality, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
@@ -152,10 +153,11 @@ class CallCode(VectorCode):
         return Known(value, owner, name)
 
     def _object(self, owner: Atomic, node: ast.AST) -> str:
-        """The object on the controller, which samples all that are synchronous."""
+        """The object; a controller samples those that are synchronous."""
         if owner.direction is Direction.INPUT and not owner.synchronous:
             told = f"{owner.path} is asynchronous: it is not read on a controller"
-            raise self.refused(node, told, "a synchronous sensor")
+            at = self.source.file, getattr(node, "lineno", 0), self.source.segment(node)
+            self.world.on_host.append(Untranslatable(*at, told, "a synchronous sensor"))
         return self.world.place(owner)
 
     def _got_by(self, call: str, of: CType) -> Code:

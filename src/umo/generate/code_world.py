@@ -55,6 +55,7 @@ class CodeWorld:
         }
         self.problems: list[Untranslatable] = []
         self.notes: list[str] = []
+        self.on_host: list[Untranslatable] = []
         self.hosts: list[tuple[Any, str]] = []
         self.caught: list[str] = []
         """The faults that are being handled."""
@@ -374,6 +375,7 @@ def translate(
         hosts=world.hosts,
         notes=world.notes,
         problems=world.problems,
+        on_host=world.on_host,
     )
 
 
