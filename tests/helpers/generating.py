@@ -31,7 +31,7 @@ from umo.generate.controller_folder import TARGETS, files_of, write_folder
 from umo.generate.controller_model import ControllerModel, model_of
 from umo.generate.struct_memory import StructMemory
 from umo.generate.translation import RUNTIME_FAULTS, CodeFault
-from umo.objects import Quality, atoms
+from umo.objects import Quality, Sensor, atoms
 from umo.states import OnOff, PassFail
 from umo.testing import Scripted, VirtualTimer
 
@@ -167,6 +167,33 @@ class Beside:
         """The fields of the live objects of translated code."""
         self.inputs = [self.image.wires[slot].channel.text for slot in range(model.inputs)]
         self.outputs = [self.image.wires[slot].channel.text for slot in model.outputs]
+
+    @classmethod
+    def play(
+        cls,
+        machine: Compound,
+        folder: Path,
+        periods: int,
+        act: Callable[[Any, CompiledMachine], object] = lambda *_: None,
+    ) -> Counter[str | None]:
+        """Random periods of a machine in both, the same after each; `act` is what the host does then. How often the
+        machine told an error of each class."""
+        random, box = Random(1), Fragile()
+        missed = [random.choice((0, 0, 0, 0, 2, 5)) for _ in range(periods)]
+        running = connect(machine, wired(machine, box, VirtualTimer(missed)))
+        sensors = [each.path for each in atoms(machine) if isinstance(each, Sensor) and each.path != "timer"]
+        set_inputs(box, sensors, [0] * len(sensors), [False] * len(sensors))
+        with running as m:
+            both = cls.translated(running, box, folder)
+            assert both.difference() == ""
+            following = random_inputs(both.model, random)
+            for number in range(periods):
+                raws, failed = following()
+                both.step(max(missed[number], 1), raws, failed, [False] * len(both.outputs))
+                assert (number, both.difference()) == (number, "")
+                act(m, both.c)
+                assert (number, both.difference()) == (number, "")
+        return both.told
 
     @classmethod
     def translated(cls, running: connect[Any], box: Fragile, folder: Path) -> Beside:

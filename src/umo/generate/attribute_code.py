@@ -11,15 +11,19 @@ from types import FunctionType, ModuleType
 from typing import Any
 
 from umo.cycle.clock import Clock
+from umo.drivers.contract import Direction
 from umo.generate.builtin_code import BuiltinCode
 from umo.generate.c_types import INT, NOTHING, REAL, CType, numpy_number, state
 from umo.generate.terms import TEXT, Code, Known, Present, Term
-from umo.objects import Compound, Quality, Vector
+from umo.generate.translation import Untranslatable
+from umo.objects import Compound, DigitalSensor, Quality, Vector
 from umo.objects.atomic import Atomic, Binary
 from umo.objects.link import Cycle
 
 DROPPED = ("progress", "say")
 """Names of methods that only tell something."""
+OF_THE_HOST = ("sample", "update", "reset", "acknowledge", "control")
+"""Names of methods of a whole part that only the host calls."""
 OF_CLOCK = {"dt": (REAL, "umo_dt(m)"), "now": (REAL, "umo_now(m)"), "period": (REAL, "umo_period(m)")} | {
     "ticks": (INT, "umo_ticks(m)")
 }
@@ -38,12 +42,15 @@ class AttributeCode(BuiltinCode):
         if isinstance(owner, Atomic):
             return self._of_atomic(owner, name, node)
         if isinstance(owner, Vector):
+            self.object(owner[0], node)
             return self.attribute_of_vector(owner, name, node)
         if isinstance(owner, ModuleType | type):
             return Known(self._got(owner, name, node), owner, name)
         if isinstance(owner, Clock | Cycle):
             return self._of_time(owner, name, node)
         if isinstance(owner, Compound):
+            if name in OF_THE_HOST and name in vars(owner) | vars(Compound):
+                raise self.refused(node, f"`{name}` of a part is done by the host", "read, write, reset of an object")
             if name in ("dt", "now"):
                 return Code(*OF_CLOCK[name])
             if name == "cycle":
@@ -99,7 +106,9 @@ class AttributeCode(BuiltinCode):
         raise self.refused(node, f"`{name}` of the cycle is not known on a controller", nearest)
 
     def _of_atomic(self, owner: Atomic, name: str, node: ast.AST) -> Term:
-        place = self.world.place(owner)
+        place = self.object(owner, node)
+        if name == "time":
+            return Code(REAL, f"umo_time({place})")
         if name == "quality":
             return Code(state(Quality), f"umo_quality({place})")
         if name == "inhibited":
@@ -112,8 +121,21 @@ class AttributeCode(BuiltinCode):
             return Code(REAL, f"umo_pending({place})")
         if name == "velocity":
             return self._got_by(f"umo_velocity({place}, &%s)", REAL)
+        if isinstance(owner, DigitalSensor) and owner.incremental:  # homing changes it
+            if name == "zero_offset":
+                return Code(REAL, f"{place}->zero_offset")
+            if name == "calibration":
+                raise self.refused(node, "homing changes it", "minimum, maximum, resolution, zero_offset")
         value = self._got(owner, name, node)
         return Known(value, owner, name)
+
+    def object(self, owner: Atomic, node: ast.AST) -> str:
+        """The object; a controller samples those that are synchronous."""
+        if owner.direction is Direction.INPUT and not owner.synchronous:
+            told = f"{owner.path} is asynchronous: it is not read on a controller"
+            at = self.source.file, getattr(node, "lineno", 0), self.source.segment(node)
+            self.world.on_host.append(Untranslatable(*at, told, "a synchronous sensor"))
+        return self.world.place(owner)
 
     def _got_by(self, call: str, of: CType) -> Code:
         """The result of a call that returns a fault."""

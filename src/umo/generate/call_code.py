@@ -15,13 +15,13 @@ import numpy as np
 
 from umo.control.inputs import state_of, value_of
 from umo.control.profile import Profile
-from umo.errors import StateError
+from umo.errors import RangeError, StateError
 from umo.generate.array_code import ArrayMethod
 from umo.generate.attribute_code import AttributeCode, dropped
 from umo.generate.c_types import BOOL, MASK, REAL, TupleType, state
 from umo.generate.function_source import NoSource, bound
 from umo.generate.terms import TEXT, Code, Known, Many, Term
-from umo.objects import Vector
+from umo.objects import DigitalSensor, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
 
 HOST_CALLS: frozenset[Any] = frozenset({Profile.to, Profile.at})
@@ -92,6 +92,7 @@ class CallCode(AttributeCode):
         if isinstance(func.owner, Atomic):
             return self._call_atomic(func.owner, func.name, arguments, named, node)
         if target is value_of and isinstance(arguments[0], Known) and isinstance(arguments[0].value, Vector):
+            self.object(arguments[0].value[0], node)
             return self.values_of(arguments[0].value, arguments[1:], named, node)
         if target is value_of or target is state_of:
             return self._input(target, arguments, named, node)
@@ -134,7 +135,7 @@ class CallCode(AttributeCode):
     def _call_atomic(
         self, owner: Atomic, name: str, arguments: list[Term], named: dict[str, Term], node: ast.Call
     ) -> Term:
-        place, terms = self.world.place(owner), [*arguments, *named.values()]
+        place, terms = self.object(owner, node), [*arguments, *named.values()]
         if name == "read":
             if isinstance(owner, Binary):
                 return self._got_by(f"umo_binary_read({place}, &%s)", state(owner.states))
@@ -144,14 +145,28 @@ class CallCode(AttributeCode):
         if name == "reset":
             self.called(f"umo_object_reset({place})")
             return Known(None)
-        if name == "referenced" and len(terms) == 1 and not named:
-            known = self.truth(terms[0], node)
-            self.line(f"umo_referenced({place}, {str(known).lower() if isinstance(known, bool) else known});")
-            return Known(None)
+        if name == "referenced" and isinstance(owner, DigitalSensor):
+            return self._home(owner, place, dict(zip(("known",), arguments, strict=False)) | named, node)
         raise self.refused(node, f"`{name}` of an object does not translate", "read, write, reset, quality, pending")
+
+    def _home(self, owner: DigitalSensor, place: str, named: dict[str, Term], node: ast.Call) -> Term:
+        """`referenced` of an incremental sensor."""
+        known, at = self.truth(named.get("known", Known(True)), node), named.get("at", Known(None))
+        if not owner.incremental:
+            raise self.refused(node, f"{owner.path} is not declared incremental", "incremental=True")
+        if not (isinstance(at, Known) and at.value is None):
+            if owner.linearization is not None or known is not True:
+                told = "`at` is for what is referenced, and has no linearization"
+                raise self.refused(node, told, "referenced(at=...)")
+            self.called(f"umo_set_reading({place}, {self.as_type(at, REAL, node)})")
+        self.line(f"umo_referenced({place}, {str(known).lower() if isinstance(known, bool) else known});")
+        return Known(None)
 
     def _write(self, owner: Atomic, place: str, term: Term, node: ast.Call) -> Term:
         if isinstance(owner, Digital):
+            if self.code(term, node).type == BOOL:
+                self.raises(RangeError, node)
+                return Known(False)
             return self._got_by(f"umo_digital_write({place}, {self.as_type(term, REAL, node)}, &%s)", BOOL)
         assert isinstance(owner, Binary)
         code = self.code(term, node)
@@ -165,7 +180,7 @@ class CallCode(AttributeCode):
         accept = arguments[1] if len(arguments) > 1 else named.get("accept", Known(()))
         if not (isinstance(sensor, Known) and isinstance(sensor.value, Atomic)):
             raise self.refused(node, "the sensor is not known when the code is generated")
-        place, mask = self.world.place(sensor.value), self.as_type(accept, MASK, node)
+        place, mask = self.object(sensor.value, node), self.as_type(accept, MASK, node)
         if which is state_of and isinstance(sensor.value, Binary):
             return self._got_by(f"umo_state_of({place}, {mask}, &%s)", state(sensor.value.states))
         return self._got_by(f"umo_value_of({place}, {mask}, &%s)", REAL)

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 from umo.generate.function_source import SourcedFunction
 from umo.generate.live_fields import LiveFields
 from umo.generate.terms import Term
+from umo.generate.translation import Untranslatable
 from umo.generate.translation_memory import TranslationMemory
 from umo.objects.atomic import Atomic
 
@@ -20,6 +21,8 @@ class CodeContext(Protocol):
     fields: LiveFields
     caught: list[str]
     """The faults that are being handled."""
+    on_host: list[Untranslatable]
+    """What works on this computer only."""
 
     def place(self, owner: Atomic) -> str:
         """The text of an atomic object."""

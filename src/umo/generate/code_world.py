@@ -55,6 +55,7 @@ class CodeWorld:
         }
         self.problems: list[Untranslatable] = []
         self.notes: list[str] = []
+        self.on_host: list[Untranslatable] = []
         self.hosts: list[tuple[Any, str]] = []
         self.caught: list[str] = []
         """The faults that are being handled."""
@@ -374,6 +375,7 @@ def translate(
         hosts=world.hosts,
         notes=world.notes,
         problems=world.problems,
+        on_host=world.on_host,
     )
 
 
@@ -401,8 +403,17 @@ def _pass(
             line = getattr(refused.node, "lineno", 0)
             world.problems.append(Untranslatable(source.file, line, source.name, refused.reason, refused.nearest))
             continue
+        if number < len(conditions) and translated.text and translated.result not in (BOOL, NOTHING):
+            world.problems.append(_no_condition(found.source))
         entry[each] = _wrapped(world, translated, found.source.name, number < len(conditions))
     return entry
+
+
+def _no_condition(source: SourcedFunction) -> Untranslatable:
+    """In Python what is no bool counts as true."""
+    reason = "the condition of an interlock gives something that is not always True or False"
+    text = source.segment(source.tree.body) if isinstance(source.tree, ast.Lambda) else source.name
+    return Untranslatable(source.file, source.tree.lineno, text, reason, "a comparison, or bool(...)")
 
 
 def _wrapped(world: CodeWorld, translated: TranslatedFunction, what: str, is_condition: bool) -> CFunction:

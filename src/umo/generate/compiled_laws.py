@@ -94,9 +94,9 @@ def _check(translation: Translation) -> None:
     for struct in translation.structs:
         if isinstance(struct.owner, type) or not hasattr(struct.owner, "__dict__"):
             raise DeclarationError(f"{struct.path} is no object whose attributes can be elsewhere")
-    for word in ("umo_object_reset(", "umo_referenced("):
+    for word in ("umo_object_reset(", "umo_referenced(", "umo_set_reading(", "umo_time(", "->zero_offset"):
         if word in translation.source:
-            raise DeclarationError("control code resets or references an object")
+            raise DeclarationError("control code resets or references an object, or asks for its time or offset")
 
 
 class CompiledLaws:

@@ -46,7 +46,11 @@ class NotTranslated(DeclarationError):
 
 def check(model: ControllerModel, translation: Translation) -> None:
     """NotTranslated with everything that is in the way."""
-    problems: list[NotGenerated | Untranslatable] = [*model.problems, *translation.problems]
+    problems: list[NotGenerated | Untranslatable] = [
+        *model.problems,
+        *translation.problems,
+        *translation.on_host,
+    ]
     if problems:
         raise NotTranslated(model.name, list(dict.fromkeys(map(str, problems))))
 

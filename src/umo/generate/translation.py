@@ -115,3 +115,5 @@ class Translation:
     notes: list[str] = field(default_factory=list)
     """What is to be said of the C, such as a function that differs in its last bit."""
     problems: list[Untranslatable] = field(default_factory=list)
+    on_host: list[Untranslatable] = field(default_factory=list)
+    """What works in C on this computer only, and not on a controller."""

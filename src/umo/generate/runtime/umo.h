@@ -90,8 +90,8 @@ enum umo_flags {
 typedef struct {
     uint8_t flags;
     uint8_t one;                  /* binary: the number of the state of level 1 */
-    uint8_t invalid_count;
     uint8_t rollover_bits;        /* 0: the counter does not roll over */
+    int16_t invalid_count;
     int16_t equipment;            /* the innermost equipment around it; -1: none */
     umo_real resolution, zero_offset;
     umo_real minimum, maximum;
@@ -111,6 +111,7 @@ typedef struct {
     umo_real pending, sent;
     umo_tick stepped;  /* the last step of its rate */
     umo_tick written;  /* the last write that was admitted; UMO_NEVER after it has expired */
+    umo_tick unconfirmed; /* of an asynchronous one: the first attempt that was not accepted; UMO_NEVER: it was */
     int32_t sent_raw;
     int16_t place;     /* its index in raws_out */
     bool inhibited, stopping; /* by an interlock; by one with effect="stop" */
@@ -208,6 +209,7 @@ umo_fault umo_binary_write(umo_object *o, uint8_t state, bool *taken);
 umo_real umo_value(const umo_object *o);
 int32_t umo_raw(const umo_object *o);
 uint8_t umo_quality(const umo_object *o);
+umo_real umo_time(const umo_object *o);
 umo_fault umo_value_of(umo_object *o, uint32_t accept_mask, umo_real *out);
 umo_fault umo_state_of(umo_object *o, uint32_t accept_mask, uint8_t *out);
 umo_fault umo_velocity(umo_object *o, umo_real *out);
@@ -222,6 +224,8 @@ umo_real umo_slew_rate(const umo_object *o); /* infinite: there is none */
 bool umo_has_slew_rate(const umo_object *o);
 bool umo_inhibited(const umo_object *o);
 umo_fault umo_object_reset(umo_object *o);
+void umo_referenced(umo_object *o, bool known);
+umo_fault umo_set_reading(umo_object *o, umo_real value);
 umo_fault umo_values_of(
     umo_machine *m, const UMO_FLASH int16_t *objects, int16_t n, uint32_t accept_mask, const bool *where, umo_real *out);
 umo_fault umo_write_many(
@@ -249,8 +253,6 @@ bool umo_clear(umo_core *c, int16_t number);
 
 /* Called for the host ------------------------------------------------------------------------------------ */
 
-void umo_referenced(umo_object *o, bool known);
-umo_fault umo_set_reading(umo_object *o, umo_real value);
 void umo_shift(umo_object *o, umo_real zero_offset);
 
 /* Inside the runtime ------------------------------------------------------------------------------------- */
@@ -262,6 +264,7 @@ umo_real umo_since(const umo_core *c, umo_tick tick);
 umo_fault umo_failed(umo_object *o, umo_fault fault);
 uint8_t umo_judge(const umo_object *o, umo_real value);
 void umo_rest(umo_object *o);
+void umo_send(umo_object *o);
 void umo_restrict(umo_core *c);
 bool umo_contains(umo_object *o, umo_fault fault);
 void umo_forget_raised(umo_core *c);

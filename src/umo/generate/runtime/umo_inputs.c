@@ -19,7 +19,7 @@ static bool refused(const umo_object *o, int32_t raw)
 {
     if (o->traits->flags & UMO_BINARY)
         return raw != 0 && raw != 1;
-    for (uint8_t i = 0; i < o->traits->invalid_count; i++)
+    for (int16_t i = 0; i < o->traits->invalid_count; i++)
         if (o->traits->invalid_raws[i] == raw)
             return true;
     return false;
@@ -78,6 +78,7 @@ umo_fault umo_begin_period(umo_core *c, int32_t ticks, int32_t *raws_out)
 {
     c->raws_out = raws_out;
     c->fault_object = -1;
+    umo_forget_raised(c); /* of a period that the machine itself has ended */
     umo_fault fault = umo_sent(c, NULL);
     return fault ? fault : advance(c, ticks);
 }
@@ -86,7 +87,6 @@ umo_fault umo_begin_period(umo_core *c, int32_t ticks, int32_t *raws_out)
 umo_fault umo_sample(umo_core *c, const int32_t *raws_in, const uint8_t *failed_in)
 {
     umo_fault found = UMO_OK;
-    umo_forget_raised(c);
     for (int16_t i = 0; i < c->plan->inputs; i++) {
         umo_object *o = &c->objects[i];
         umo_fault fault = failed_in && failed_in[i] ? fail(o) : accept(o, raws_in[i]);

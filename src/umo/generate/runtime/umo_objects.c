@@ -50,6 +50,12 @@ uint8_t umo_quality(const umo_object *o)
     return o->quality;
 }
 
+/* Time of the value in s; NaN before the first one. */
+umo_real umo_time(const umo_object *o)
+{
+    return o->time == UMO_NEVER ? (umo_real)NAN : (umo_real)o->time * o->core->plan->period;
+}
+
 static umo_fault check(umo_object *o, uint32_t accept_mask)
 {
     uint32_t accepted = accept_mask | 1u << UMO_GOOD | 1u << UMO_STALE;
@@ -92,11 +98,8 @@ umo_fault umo_command(umo_object *o, umo_real value, bool *taken)
     output->written = o->core->number;
     output->pending = value;
     *taken = true;
-    if (is(o, UMO_ASYNCHRONOUS)) { /* sent at once: with this period's outputs, and read as accepted */
-        o->value = value;
-        o->time = o->core->number;
-        o->quality = UMO_GOOD;
-    }
+    if (is(o, UMO_ASYNCHRONOUS))
+        umo_send(o);
     return UMO_OK;
 }
 
@@ -180,7 +183,9 @@ umo_fault umo_object_reset(umo_object *o)
     return UMO_OK;
 }
 
-/* Homing, by the host ------------------------------------------------------------------------------------ */
+/* Homing ------------------------------------------------------------------------------------------------- */
+
+#define MAX_OFFSET_RAW (umo_real)4611686018427387904.0 /* the largest zero offset in raw integers */
 
 /* Slots.set_referenced */
 void umo_referenced(umo_object *o, bool known)
@@ -198,13 +203,15 @@ umo_fault umo_set_reading(umo_object *o, umo_real value)
 {
     umo_real resolution = o->traits->resolution, reading = o->value;
     umo_conditioning *of = o->conditioning;
-    if (o->quality == UMO_BAD)
-        return umo_failed(o, UMO_BAD_INPUT);
     if (!isfinite(value))
         return umo_failed(o, UMO_NOT_FINITE);
+    if (o->quality == UMO_BAD)
+        return umo_failed(o, UMO_BAD_INPUT);
     if (of && of->has_reading)
         reading = of->reading;
     umo_real raw = umo_round_even((reading - o->zero_offset) / resolution);
+    if (!(umo_fabs((value - raw * resolution) / resolution) < MAX_OFFSET_RAW))
+        return umo_failed(o, UMO_OUTSIDE);
     umo_shift(o, value - raw * resolution);
     if (!of)
         o->value = raw * resolution + o->zero_offset;

@@ -62,7 +62,8 @@ void umo_rest(umo_object *o)
 
 /* Interlocks --------------------------------------------------------------------------------------------- */
 
-/* Inhibition.ask: true if it begins to inhibit. A condition that cannot be evaluated counts as true. */
+/* Inhibition.ask: true if it begins to inhibit. A condition that cannot be evaluated counts as true. Those asked after
+ * it see what it inhibits. */
 static bool ask(umo_core *c, int16_t i)
 {
     umo_interlock *interlock = &c->interlocks[i];
@@ -76,6 +77,8 @@ static bool ask(umo_core *c, int16_t i)
     interlock->held = holds;
     interlock->latched = interlock->latched || (holds && of->latches && c->number > 0);
     interlock->inhibits = holds || interlock->latched;
+    if (interlock->inhibits != before)
+        umo_restrict(c);
     return !before && holds;
 }
 
@@ -110,7 +113,6 @@ static void interlocked(umo_core *c)
         for (int16_t k = 0; begins && k < of->count; k++)
             c->outputs[of->outputs[k]].due = true;
     }
-    umo_restrict(c);
 }
 
 /* CommandStage._expired */
@@ -185,11 +187,31 @@ void umo_give(umo_core *c)
     c->given = true;
 }
 
+/* An asynchronous actuator: its value is sent with the outputs of this period, and read as accepted. */
+void umo_send(umo_object *o)
+{
+    umo_output *output = o->output;
+    output->sent = output->pending;
+    output->sent_raw = raw_of(o, output->sent);
+    accepted(o);
+}
+
+/* Slots._is_sent_again: the tick from which max_age counts. */
+static umo_tick since(umo_object *o)
+{
+    umo_output *output = o->output;
+    if (!(o->traits->flags & UMO_ASYNCHRONOUS))
+        return o->time;
+    if (output->unconfirmed == UMO_NEVER)
+        output->unconfirmed = o->core->number;
+    return output->unconfirmed;
+}
+
 /* Slots._fail_output: with on_error="retry" the value is sent again for max_age. */
 static umo_fault fail(umo_object *o)
 {
     umo_real max_age = o->traits->max_age;
-    if (max_age >= 0 && umo_since(o->core, o->time) <= max_age) {
+    if (max_age >= 0 && umo_since(o->core, since(o)) <= max_age) {
         o->quality = UMO_STALE;
         return UMO_OK;
     }
@@ -207,8 +229,10 @@ umo_fault umo_sent(umo_core *c, const uint8_t *failed_out)
         umo_fault fault = UMO_OK;
         if (failed_out && failed_out[i])
             fault = fail(o);
-        else if (c->given)
+        else if (c->given) {
             accepted(o);
+            o->output->unconfirmed = UMO_NEVER;
+        }
         found = found ? found : fault;
     }
     c->given = false;
@@ -262,6 +286,7 @@ void umo_start(umo_core *c)
         memset(&c->outputs[i], 0, sizeof c->outputs[i]);
         o->output = &c->outputs[i];
         o->output->place = i;
+        o->output->unconfirmed = UMO_NEVER;
         umo_rest(o);
     }
 }
