@@ -27,6 +27,11 @@ ERRORS = ArithmeticError, ValueError, TypeError, LookupError, UmoError
 WORDS = [0.0, -0.0, 1.0, -1.0, 0.5, 2.5, math.nan, math.inf, -math.inf, 1e308, 5e-324]
 
 
+class Part:
+    def __init__(self, limit: float) -> None:
+        self.limit = limit
+
+
 class Law:
     """What is given, and what is the result."""
 
@@ -37,6 +42,7 @@ class Law:
         self.x, self.y, self.mask = np.zeros(3), np.zeros(3), np.zeros(3, np.bool_)
         self.flags, self.whole = np.zeros(3, np.bool_), np.zeros(3, np.int64)
         self.table = [1.0, 2.0, 4.0]
+        self.parts = [Part(-1.0), Part(0.5), Part(2.0)]
 
     def begin(self, random: Random) -> None:
         self.a, self.b, self.table[2] = _number(random), _number(random), _number(random)
@@ -161,6 +167,34 @@ def loop_over_one_or_many(c: Law) -> None:
     values = np.ones(1) if c.a > 0 else c.x
     for each in values:
         c.out += float(each)
+
+
+@equal
+def a_part_is_looked_for(c: Law) -> None:
+    for part in c.parts:
+        if part.limit < c.a:
+            continue
+        c.out = part.limit
+        if c.yes:
+            continue
+        c.n += 1
+        break
+
+
+@refused("before it has a value on every way")
+def the_part_at_which_a_loop_was_left(c: Law) -> None:
+    for part in c.parts:
+        if part.limit > c.a:
+            break
+    c.out = part.limit
+
+
+@refused("another object in the next turn")
+def a_part_that_is_another_in_the_next_turn(c: Law) -> None:
+    part = c.parts[0]
+    for _ in range(c.i):
+        c.out += part.limit
+        part = c.parts[1]
 
 
 @refused("another type")

@@ -132,6 +132,8 @@ class FunctionScope:
         """Whether nobody else has an array that the function returns."""
         self.keeps = False
         """Whether an array that it was given is had by others after it."""
+        self.left: dict[str, list[dict[str, CType | Known]]] = {}
+        """What names stood for where `break` and `continue` lead to each label."""
         self._labels = 0
 
     # Lines ---------------------------------------------------------------------------------------------

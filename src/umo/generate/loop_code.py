@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from typing import Any
 
 from umo.generate.assignment_code import AssignmentCode
 from umo.generate.c_types import INT, ArrayType
@@ -35,9 +36,26 @@ class LoopCode(AssignmentCode):
             self._turn(node.body, "", "")
 
     def _turn(self, statements: Sequence[ast.stmt], on: str, out: str) -> None:
+        before = dict(self.names)
         self.loops.append((on, out, len(self.handlers)))
         self.body(statements)
         self.loops.pop()
+        if not on:
+            self._end_turn(before, statements[0])
+
+    def _end_turn(self, before: dict[str, Any], node: ast.AST) -> None:
+        """A name that stands for an object does so in each turn, and after a loop of no turn."""
+        new = {name: each for name, each in self.names.items() if before.get(name) != each}
+        for name, each in new.items():
+            if isinstance(each, Known) and name in before:
+                raise self.refused(node, f"{name!r} stands for another object in the next turn", "a name for each")
+            if isinstance(each, Known):
+                del self.names[name]
+
+    def _meet(self, label: str) -> None:
+        """The ways that come here: what a name stands for on all of them."""
+        for names in self.left.pop(label, []):
+            self.names = {name: each for name, each in self.names.items() if names.get(name) == each}
 
     def _forget(self, statements: Sequence[ast.stmt]) -> None:
         """What is assigned in a loop is not known to be there at its beginning."""
@@ -103,8 +121,10 @@ class LoopCode(AssignmentCode):
                 self._turn(node.body, on, out)
             if any(f"goto {on};" in line for line in self.lines[at:]):
                 self.line(f"{on}:;", pure=True)
+            self._meet(on)
         if any(f"goto {out};" in line for line in self.lines[at:]):
             self.line(f"{out}:;", pure=True)
+        self._meet(out)
 
     def elements(self, term: Term, node: ast.AST) -> list[Term]:
         if isinstance(term, Many):
@@ -147,6 +167,8 @@ class LoopCode(AssignmentCode):
         if len(self.handlers) > loop[2]:
             raise self.refused(node, "it leaves a `try`", "a flag")
         label = loop[which]
+        if isinstance(label, str) and label:
+            self.left.setdefault(label, []).append(dict(self.names))
         self.line(f"goto {label};" if label else plain, pure=True)
         return False
 

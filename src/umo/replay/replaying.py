@@ -117,7 +117,7 @@ class Replay:
         except BaseException as error:  # SystemExit too: of control code; what leaving raises is in no recording
             if not self.connection.started:
                 raise NotReplayable(f"the machine cannot be connected: {text_of(error)}") from error
-        if self.connection.stop.signal in (signal.SIGINT, signal.SIGTERM):  # they ask a connected machine to stop
+        if self.connection.stop.signal == signal.SIGINT:  # Ctrl-C, which asks a connected machine to stop
             raise KeyboardInterrupt
         result.elapsed = time.perf_counter() - begun
         result.inexact = self.player.ended
