@@ -214,3 +214,12 @@ def test_a_compiled_run_is_replayed_in_python(umo: Umo, tmp_path: Path) -> None:
     assert umo("run", "tank", "--no-plot", "--record", "tank.mcap").exit_code == 0
     replayed = umo("replay", "tank.mcap")
     assert replayed.exit_code == 0 and replayed.stdout.startswith("identical: 831 periods")
+
+
+def test_without_the_extension_the_library_is_called_by_ctypes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiled_laws, "extension", None)
+    with Running(pump()) as run:
+        assert run.laws.state == "compiled"
+        run.m.total = 0.0
+        run.step()
+        assert run.m.total == 10.0 * 0.5 + 2.0

@@ -21,6 +21,7 @@ from weakref import proxy
 import numpy as np
 
 from umo.cycle.columns import Source
+from umo.cycle.conversion import extension
 from umo.cycle.machine import ConnectedMachine
 from umo.errors import BadInput, DeclarationError, DriverError, Interlocked, RangeError, StateError, text_of
 from umo.generate.bound_fields import WRONG, BoundFields
@@ -198,16 +199,15 @@ class CompiledLaws:
 
     def _compiled(self, number: int, law: MethodType) -> MethodType:
         clock = self._machine.clock
-        try:
-            from umo.cycle import _columns  # type: ignore[attr-defined]
-        except ImportError:
+        native = getattr(extension, "Law", None)
+        if native is not None:
+            return MethodType(native(*self._library.addresses, number, clock, self._failed).act, law.__self__)
 
-            def act(_: Any) -> None:
-                if fault := self._library.call(number, clock):
-                    self._failed(fault)
+        def act(_: Any) -> None:
+            if fault := self._library.call(number, clock):
+                self._failed(fault)
 
-            return MethodType(act, law.__self__)
-        return MethodType(_columns.Law(*self._library.addresses, number, clock, self._failed).act, law.__self__)
+        return MethodType(act, law.__self__)
 
     def give_up(self, reason: str) -> None:
         """The laws run in Python from now on."""
