@@ -15,9 +15,22 @@ from typing import Any
 import numpy as np
 
 from umo.generate.array_functions import BINARY, CREATED, DTYPES, OF_ELEMENTS, REDUCED
-from umo.generate.c_types import BOOL, INT, REAL, ArrayType, CType, array, is_number, numpy_number, plain, plain_number
-from umo.generate.expression_code import CHECKED, SIGNS, ExpressionCode
-from umo.generate.terms import Code, Elements, Known, Many, Term
+from umo.generate.c_types import (
+    BOOL,
+    INT,
+    REAL,
+    ArrayType,
+    CType,
+    Loose,
+    array,
+    is_number,
+    numpy_number,
+    plain,
+    plain_number,
+)
+from umo.generate.condition_code import ConditionCode
+from umo.generate.expression_code import CHECKED, SIGNS
+from umo.generate.terms import Code, Elements, Known, Many, Present, Term
 
 MOST_SUMMED = 128
 """Numbers that numpy sums in one block."""
@@ -33,7 +46,7 @@ class ArrayMethod:
     name: str
 
 
-class ArrayCode(ExpressionCode):
+class ArrayCode(ConditionCode):
     """The part of a function that computes with arrays."""
 
     # Elements ------------------------------------------------------------------------------------------
@@ -56,11 +69,19 @@ class ArrayCode(ExpressionCode):
 
     def length(self, codes: Sequence[Code], node: ast.AST) -> int:
         """The length of what is computed of these; numbers and arrays of one element are taken for each."""
-        found = {each.type.length for each in codes if isinstance(each.type, ArrayType)}
+        types = [each.type for each in codes if isinstance(each.type, ArrayType)]
+        found = {each.length for each in types}
         more = found - {1}
         if len(more) > 1:
             raise self.refused(node, f"arrays of {' and '.join(map(str, sorted(more)))} elements")
-        return next(iter(more or found))
+        length = next(iter(more or found))
+        strict = any(each.length == length and not each.loose for each in types)
+        return length if strict else Loose(length)
+
+    def check_length(self, of: ArrayType, node: ast.AST) -> None:
+        """The length is known."""
+        if of.loose:
+            raise self.refused(node, "it may have one element in Python, or more", "np.zeros(n), np.full(n, ...)")
 
     def at(self, code: Code, of: CType, length: int) -> str:
         """The text of an element, as this type."""
@@ -69,7 +90,7 @@ class ArrayCode(ExpressionCode):
         else:
             kind = code.type.of
             text = code.text if isinstance(code, Elements) else f"{self.kept_place(code)}.at[{HERE}]"
-            if code.type.length == 1 < length:
+            if code.type.length == 1 < length:  # one for all
                 text = text.replace(HERE, "0")
         if kind == of:
             return text
@@ -101,7 +122,7 @@ class ArrayCode(ExpressionCode):
         if not isinstance(of, ArrayType):
             return super().as_type(term, of, node)
         code = self.array(term, node)
-        if code.type == of and not isinstance(code, Elements):
+        if code.type.name == of.name and not isinstance(code, Elements):
             return code.text
         if isinstance(code.type, ArrayType) and code.type.length not in (1, of.length):
             raise self.refused(node, f"{code.type.length} elements where {of.length} were before")
@@ -177,7 +198,7 @@ class ArrayCode(ExpressionCode):
         self.overwrite(place, found, node)
         return place
 
-    def _of_numpy(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Code | None:
+    def _of_numpy(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term | None:
         if target in CREATED:
             return self._created(target, arguments, named, node)
         if target in (np.nan_to_num, np.array, np.asarray, np.copy) and len(arguments) == 1 and not named:
@@ -201,7 +222,8 @@ class ArrayCode(ExpressionCode):
             above = self._extreme_of(f"umo_np_max{ends}", arguments[:2], node)
             return self._extreme_of(f"umo_np_min{ends}", [above, arguments[2]], node)
         if target in REDUCED and len(arguments) == 1:
-            return self.reduced(REDUCED[target], self.array(arguments[0], node), node)
+            code = self.array(arguments[0], node)
+            return self.counted(code, node) if target is np.count_nonzero else self.reduced(REDUCED[target], code, node)
         return None
 
     def _extreme_of(self, name: str, arguments: Sequence[Term], node: ast.AST) -> Code:
@@ -223,9 +245,14 @@ class ArrayCode(ExpressionCode):
         of = kinds.pop() if len(kinds) == 1 else REAL if REAL in kinds else INT
         return Elements(array(of, n), f"({self.at(chosen, BOOL, n)} ? {self.at(a, of, n)} : {self.at(b, of, n)})")
 
-    def _created(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Code:
+    def _created(self, target: Any, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term:
         value, like = CREATED[target]
         terms = list(arguments)
+        rows = terms[0].value if isinstance(terms[0], Known) else None
+        if isinstance(terms[0], Many) and all(isinstance(each, Known) for each in terms[0].terms):
+            rows = tuple(each.value for each in terms[0].terms)  # type: ignore[union-attr]
+        if isinstance(rows, tuple) and len(rows) == 2:  # rows that get a name each
+            return Many((self._created(target, [Known(rows[1]), *terms[1:]], named, node),) * rows[0])
         first = terms.pop(0)
         filled: Term = Known(value) if value is not None else terms.pop(0)
         dtype = named.get("dtype", terms[0] if terms else None)
@@ -273,6 +300,12 @@ class ArrayCode(ExpressionCode):
         self.sole.add(result)
         return Code(kind, result, stable=True)
 
+    def counted(self, code: Code, node: ast.AST) -> Term:
+        """np.count_nonzero: of one element or more only whether there is one."""
+        found = self.reduced("count", code, node)
+        loose = isinstance(code.type, ArrayType) and code.type.loose
+        return Present(f"({found.text} != 0)") if loose else found
+
     def reduced(self, what: str, code: Code, node: ast.AST) -> Code:
         """One number of an array."""
         n, of = self.length((code,), node), self.of(code)
@@ -282,6 +315,7 @@ class ArrayCode(ExpressionCode):
             step = {"count": "{0} += {1} != 0", "any": "{0} = {0} || {1} != 0", "all": "{0} = {0} && {1} != 0"}[what]
             return self._loop(kind, start, step, text, n)
         if what == "sum":
+            self.check_length(array(of, n), node)
             return self._sum(code, n, of, node)
         place = self.kept_place(code)
         name = f"umo_np_{what}" if of == REAL else f"umo_{what}_int"
@@ -314,10 +348,9 @@ class ArrayCode(ExpressionCode):
     def attribute_of_array(self, code: Code, name: str, node: ast.AST) -> Term:
         kind = plain(code.type)
         assert isinstance(kind, ArrayType)
-        if name == "size":
-            return Known(kind.length)
-        if name == "shape":
-            return Known((kind.length,))
+        if name in ("size", "shape"):
+            self.check_length(kind, node)
+            return Known(kind.length if name == "size" else (kind.length,))
         return Known(ArrayMethod(self.present(code, node), name))
 
     def method_of_array(self, method: ArrayMethod, arguments: list[Term], node: ast.AST) -> Code:

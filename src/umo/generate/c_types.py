@@ -45,6 +45,8 @@ class ArrayType(CType):
     length: int
     listed: bool = False
     """Whether it is a list."""
+    loose: bool = False
+    """Whether it may have one element in Python, which stands for all."""
 
 
 @dataclass(frozen=True)
@@ -65,10 +67,14 @@ PLURALS = {REAL: "reals", INT: "ints", BOOL: "bools"}
 OPTIONALS = {REAL: "umo_optional_real", INT: "umo_optional_int", BOOL: "umo_optional_bool"}
 
 
+class Loose(int):
+    """The length of an array that may have one element in Python."""
+
+
 def array(of: CType, length: int) -> ArrayType:
     """The type of an array with so many elements."""
     stem = f"{of.name}s" if isinstance(of, TupleType) else f"machine_{PLURALS.get(of, 'states')}"
-    return ArrayType(f"{stem}_{length}", of, length)
+    return ArrayType(f"{stem}_{length}", of, length, loose=isinstance(length, Loose))
 
 
 def list_of(of: CType, length: int) -> ArrayType:
@@ -135,7 +141,9 @@ def _joined_arrays(one: CType, other: CType) -> CType:
     if len(lengths - {1}) > 1:
         raise TypeError
     of = joined(*(each.of if isinstance(each, ArrayType) else each for each in (one, other)))
-    return array(of, max(lengths))
+    strict = all(isinstance(each, ArrayType) and not each.loose for each in (one, other)) and len(lengths) == 1
+    length = max(lengths)
+    return array(of, length if strict or length == 1 else Loose(length))
 
 
 def plain(of: CType) -> CType:

@@ -32,7 +32,7 @@ from umo.generate.law_library import (
     READ,
     WRITE,
     WRITE_MANY,
-    Columns,
+    ColumnPointers,
     LawLibrary,
     library_of,
     source_of_laws,
@@ -74,6 +74,8 @@ def prepare(root: Compound, wired: Wired) -> PreparedLaws:
     """Compile the laws of a machine, before it is connected. DeclarationError with what is in the way."""
     if any(rate.every > 1 for rate in wired.rates):
         raise DeclarationError("its parts have rates of their own")
+    if wired.controllers:
+        raise DeclarationError("parts of it run on controllers")
     with laid_out(root, wired) as model:
         translation = translate(root, [], model.steps[: len(model.laws)], TARGETS["host"])
         if translation.problems:
@@ -252,10 +254,10 @@ class CompiledLaws:
 
     # What only Python does -----------------------------------------------------------------------------
 
-    def _columns_of(self) -> Columns:
+    def _columns_of(self) -> ColumnPointers:
         columns, image = self._image.columns, self._image
         here = proxy(self)  # what C calls is not collected in a circle
-        return Columns(
+        return ColumnPointers(
             c_void_p(columns.values.ctypes.data),
             c_void_p(columns.raws.ctypes.data),
             c_void_p(columns.quality.ctypes.data),

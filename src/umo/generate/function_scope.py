@@ -276,7 +276,7 @@ class FunctionScope:
             return self.made(term, of, node).text
         code = self.code(term, node)
         code = replace(code, type=plain_number(code.type))
-        if code.type == of:
+        if code.type == of or (isinstance(of, OptionalType) and code.type.name == of.name):
             return code.text
         if isinstance(of, OptionalType):
             return f"({of.name}){{true, {self.as_type(code, of.of, node)}}}"

@@ -91,7 +91,7 @@ int16_t law_call(umo_machine *m, int32_t law, double now, double dt, int32_t tic
 """
 
 
-class Columns(Structure):
+class ColumnPointers(Structure):
     """umo_columns of umo_columns.h."""
 
     _fields_ = [
@@ -196,7 +196,7 @@ def _compile(cc: str, source: str, path: Path) -> None:
 class LawLibrary:
     """The laws of one machine, loaded. `columns` is the memory on which they work."""
 
-    def __init__(self, path: Path, columns: Columns) -> None:
+    def __init__(self, path: Path, columns: ColumnPointers) -> None:
         self._library = library = PyDLL(str(path))  # it calls Python back
         library.law_size.restype = c_size_t
         library.machine_struct.restype = c_void_p

@@ -154,7 +154,7 @@ class LiveFields:
             for _, each in of.members:
                 self.use(each)
         elif isinstance(of, ArrayType):
-            self.lengths.add(of.length)
+            self.lengths.add(int(of.length))
 
     def _arrays(self) -> list[ArrayType]:
         """Every kind of array that there may be: those of numbers have a kind for each length."""
@@ -164,8 +164,8 @@ class LiveFields:
         lengths = sorted(self.lengths)
         of_numbers = [array(of, length) for length in lengths for of in (REAL, INT, BOOL)]
         fields = (of for each in self.filled for of in each.fields.values())
-        others = [of for of in fields if isinstance(of, ArrayType) and of not in of_numbers]
-        return [*of_numbers, *dict.fromkeys(others)]
+        others = [of for of in fields if isinstance(of, ArrayType)]
+        return [*{each.name: each for each in (*others, *of_numbers)}.values()]
 
     def members(self) -> str:
         return "".join(f"    machine_of_{each.member} {each.member};\n" for each in self.filled)

@@ -7,7 +7,7 @@ from typing import Any
 
 from umo.errors import StateError
 from umo.generate.array_code import HERE, ArrayCode
-from umo.generate.c_types import BOOL, INT, MASK, REAL, CType, OptionalType, array
+from umo.generate.c_types import BOOL, INT, MASK, REAL, ArrayType, CType, OptionalType, array
 from umo.generate.terms import Code, Elements, Known, Many, Term
 from umo.objects import Vector
 from umo.objects.atomic import Atomic, Binary
@@ -81,11 +81,22 @@ class VectorCode(ArrayCode):
         first = vector[0]
         kind = array(REAL, len(vector))
         code = self._levels(vector, values, node) if isinstance(first, Binary) else self.array(values, node)
+        self._check_values(vector, code, node)
         text = self.kept_place(Code(kind, self.as_type(code, kind, node)))
         chosen = self._chosen(vector, where, node)
         taken = self.temporary(BOOL)
         self.called(f"umo_write_many(m, {self.table(vector)}, {len(vector)}, {text}.at, {chosen}, &{taken})")
         return Code(BOOL, taken, stable=True)
+
+    def _check_values(self, vector: Vector[Any], values: Term, node: ast.AST) -> None:
+        """What `write` refuses in Python."""
+        of = values.type if isinstance(values, Code) else None
+        if isinstance(of, ArrayType):
+            self.check_length(of, node)
+            if of.length != len(vector):
+                raise self.refused(node, f"{of.length} values for {len(vector)} objects")
+        if not isinstance(vector[0], Binary) and (of == BOOL or (isinstance(of, ArrayType) and of.of == BOOL)):
+            raise self.refused(node, "booleans for objects with numbers", "astype(np.float64)")
 
     def _levels(self, vector: Vector[Any], values: Term, node: ast.AST) -> Term:
         """States, or an array of levels."""

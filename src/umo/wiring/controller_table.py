@@ -10,7 +10,6 @@ from umo.drivers.faults.wrapper import bare
 from umo.drivers.off_cycle import OffCycle
 from umo.objects import Atomic, Compound, atoms, walk
 from umo.text import did_you_mean, some
-from umo.wiring.schema import Entry
 from umo.wiring.source import CONTROLLER, WiringSource
 from umo.wiring.wired import Wire
 
@@ -35,6 +34,8 @@ def give_to_controllers(source: WiringSource, root: Compound, items: Mapping[str
             source.mistake(key, "is within a part that runs on another controller, or around one")
         else:
             found[path] = name
+            from umo.wiring.schema import Entry
+
             mine = (item.path for item in atoms(parts[path]))
             source.entries |= {each: Entry(driver=name) for each in mine if each not in source.entries}
     return found

@@ -1,0 +1,126 @@
+"""Attributes of live objects: fields of structs, what is known, and what the runtime gives."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from collections.abc import Callable, Sequence
+from enum import Enum
+from functools import cached_property
+from types import FunctionType, ModuleType
+from typing import Any
+
+from umo.cycle.clock import Clock
+from umo.generate.builtin_code import BuiltinCode
+from umo.generate.c_types import INT, NOTHING, REAL, CType, numpy_number, state
+from umo.generate.terms import TEXT, Code, Known, Present, Term
+from umo.objects import Compound, Quality, Vector
+from umo.objects.atomic import Atomic, Binary
+from umo.objects.link import Cycle
+
+DROPPED = ("progress", "say")
+"""Names of methods that only tell something."""
+OF_CLOCK = {"dt": (REAL, "umo_dt(m)"), "now": (REAL, "umo_now(m)"), "period": (REAL, "umo_period(m)")} | {
+    "ticks": (INT, "umo_ticks(m)")
+}
+
+
+class AttributeCode(BuiltinCode):
+    """The part of a function that is attributes."""
+
+    def function(
+        self, target: Callable[..., Any], arguments: Sequence[Term], named: dict[str, Term], node: ast.AST
+    ) -> Term:
+        raise NotImplementedError
+
+    def attribute(self, base: Known, name: str, node: ast.AST) -> Term:
+        owner = base.value
+        if isinstance(owner, Atomic):
+            return self._of_atomic(owner, name, node)
+        if isinstance(owner, Vector):
+            return self.attribute_of_vector(owner, name, node)
+        if isinstance(owner, ModuleType | type):
+            return Known(self._got(owner, name, node), owner, name)
+        if isinstance(owner, Clock | Cycle):
+            return self._of_time(owner, name, node)
+        if isinstance(owner, Compound):
+            if name in ("dt", "now"):
+                return Code(*OF_CLOCK[name])
+            if name == "cycle":
+                return Known(owner.cycle)
+        if (
+            not isinstance(owner, ModuleType | type)
+            and type(owner).__module__ in ("builtins",)
+            and not hasattr(owner, "__dict__")
+        ):
+            return Known(self._got(owner, name, node), owner, name)
+        static = inspect.getattr_static(type(owner), name, None)
+        if isinstance(static, property) and static.fget is not None:
+            return self.function(static.fget, [base], {}, node)
+        if isinstance(static, FunctionType | staticmethod | classmethod | cached_property):
+            return Known(self._got(owner, name, node), owner, name)
+        if isinstance(owner, Enum):
+            return Known(getattr(owner, name))
+        return self.field(owner, name, base, node)
+
+    def field(self, owner: Any, name: str, base: Known, node: ast.AST) -> Term:
+        """An attribute that is a number is a field; another one is known."""
+        if (id(owner), name) in self.world.memory.texts:
+            return Known(TEXT)
+        value = self._got(owner, name, node)
+        of = self.world.fields.type_of(owner, name, value)
+        if of is None or of == NOTHING:
+            if (id(owner), name) in self.world.memory.assigned and of is None:
+                raise self.refused(
+                    node, "it is assigned, and is not a number or a state", "numbers, states, tuples of numbers"
+                )
+            self.world.fields.known(value, self._path(owner, base, name)) if hasattr(value, "__dict__") else None
+            return Known(value, owner, name)
+        text = self.world.fields.field(owner, name, of, self._path(owner, base, ""))
+        return Code(numpy_number(of, sure=False) if (id(owner), name) in self.world.memory.of_numpy else of, text)
+
+    def _path(self, owner: Any, base: Known, name: str) -> str:
+        path = self.world.fields.known(owner, base.name or type(owner).__name__).path
+        return f"{path}.{name}".strip(".") if name else path
+
+    def _got(self, owner: Any, name: str, node: ast.AST) -> Any:
+        try:
+            return getattr(owner, name)
+        except AttributeError:
+            told = f"{type(owner).__name__} has no {name!r} now"
+        raise self.refused(node, told, "give it a value in `setup`")
+
+    def _of_time(self, owner: Any, name: str, node: ast.AST) -> Term:
+        if name in OF_CLOCK:
+            return Code(*OF_CLOCK[name])
+        if isinstance(owner, Cycle) and name in DROPPED:
+            return Known(dropped)
+        nearest = "dt, now, cycle.period"
+        raise self.refused(node, f"`{name}` of the cycle is not known on a controller", nearest)
+
+    def _of_atomic(self, owner: Atomic, name: str, node: ast.AST) -> Term:
+        place = self.world.place(owner)
+        if name == "quality":
+            return Code(state(Quality), f"umo_quality({place})")
+        if name == "inhibited":
+            return Present(f"umo_inhibited({place})")
+        if name == "raw":
+            return Code(INT, f"umo_raw({place})")
+        if name == "pending":
+            if isinstance(owner, Binary):
+                return Code(state(owner.states), f"umo_pending_state({place})")
+            return Code(REAL, f"umo_pending({place})")
+        if name == "velocity":
+            return self._got_by(f"umo_velocity({place}, &%s)", REAL)
+        value = self._got(owner, name, node)
+        return Known(value, owner, name)
+
+    def _got_by(self, call: str, of: CType) -> Code:
+        """The result of a call that returns a fault."""
+        name = self.temporary(of)
+        self.called(call % name)
+        return Code(of, name, stable=True)
+
+
+def dropped(*_: object) -> None:
+    """What only tells something."""

@@ -1,0 +1,203 @@
+"""Python's own functions and those of math, on numbers and lists."""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from umo.generate.c_types import BOOL, INT, REAL, ArrayType
+from umo.generate.expression_code import NUMBERS
+from umo.generate.function_scope import TELLS
+from umo.generate.terms import Code, Known, Many, Term, UnknownText
+from umo.generate.vector_code import VectorCode
+
+EXACT: dict[Any, str] = {math.fabs: "umo_fabs"}
+INEXACT: dict[Any, tuple[str, str]] = {
+    math.sin: ("umo_sin", "!umo_is_finite({0})"), math.cos: ("umo_cos", "!umo_is_finite({0})"),
+    math.tan: ("umo_tan", "!umo_is_finite({0})"), math.exp: ("umo_exp", ""), math.log: ("umo_log", "!({0} > 0)"),
+}  # fmt: skip
+WHOLE: dict[Any, str] = {
+    math.floor: "umo_floor",
+    math.ceil: "umo_ceil",
+    math.trunc: "umo_trunc",
+    int: "umo_trunc",
+    round: "umo_round_even",
+}
+
+
+class BuiltinCode(VectorCode):
+    """The part of a function that calls min, max, abs, round, len, any, math ..."""
+
+    def _of_python(self, target: Any, arguments: list[Term], node: ast.Call) -> Term | None:
+        """A function of Python itself, or of math; None: it is another one."""
+        if target in (isinstance, hasattr, getattr, len, callable, type, range, zip, enumerate, reversed, tuple, list):
+            return self._static(target, arguments, node)
+        if target in (min, max):
+            return self._extreme(target, arguments, node)
+        one = arguments[0] if len(arguments) == 1 else None
+        if one is None:
+            return self._of_two(target, arguments, node)
+        if (
+            isinstance(one, Known)
+            and type(one.value) in NUMBERS
+            and (target in WHOLE or target in (abs, float, bool, math.sqrt))
+        ):
+            try:
+                return Known(target(one.value))
+            except (ArithmeticError, ValueError) as error:
+                self.raises(type(error), node)
+                return Known(0.0)
+        return self._of_one(target, one, node)
+
+    def _of_one(self, target: Any, one: Term, node: ast.Call) -> Term | None:
+        if target is abs and self.is_array(one):
+            return self.of_numpy(np.abs, [one], {}, node)
+        if target is bool:
+            truth = self.truth(one, node)
+            return Known(truth) if isinstance(truth, bool) else Code(BOOL, f"({truth})")
+        known = target in WHOLE or target in (abs, float, math.isfinite, math.isnan, math.isinf, math.sqrt)
+        if not (known or target in EXACT or target in INEXACT):
+            return None
+        code = self.number(one, node)
+        if target is abs and code.type == INT:
+            kept = self.kept(code).text
+            self.raises(OverflowError, node, f"{kept} == INT32_MIN")
+            return Code(INT, f"({kept} < 0 ? -{kept} : {kept})")
+        if target in WHOLE:
+            return self._whole(target, code, node)
+        text = self.as_type(code, REAL, node)
+        if target is float:
+            return Code(REAL, text)
+        if target in (abs, math.fabs):
+            return Code(REAL, f"umo_fabs({text})")
+        if target is math.isinf:
+            kept = self.kept(Code(REAL, text)).text
+            return Code(BOOL, f"(!umo_is_finite({kept}) && !umo_is_nan({kept}))")
+        if target in (math.isfinite, math.isnan):
+            return Code(BOOL, f"umo_is_{'finite' if target is math.isfinite else 'nan'}({text})")
+        kept = self.kept(Code(REAL, text)).text
+        if target is math.sqrt:
+            self.raises(ValueError, node, f"{kept} < 0")
+            return Code(REAL, f"umo_sqrt({kept})")
+        return self._inexact(target, kept, node)
+
+    def _inexact(self, target: Any, kept: str, node: ast.Call) -> Code:
+        name, wrong = INEXACT[target]
+        self.world.note_inexact(target.__name__)
+        if wrong:
+            self.raises(
+                ValueError,
+                node,
+                f"!umo_is_nan({kept}) && {wrong.format(kept)}" if "finite" in wrong else wrong.format(kept),
+            )
+        result = self.kept(Code(REAL, f"{name}({kept})")).text
+        if target is math.exp:
+            self.raises(OverflowError, node, f"!umo_is_finite({result}) && umo_is_finite({kept})")
+        return Code(REAL, result, stable=True)
+
+    def _whole(self, target: Any, code: Code, node: ast.Call) -> Code:
+        if code.type != REAL:
+            return Code(INT, self.as_type(code, INT, node))
+        kept = self.kept(code).text
+        self.raises(ValueError, node, f"umo_is_nan({kept})")
+        cut = self.kept(Code(REAL, f"{WHOLE[target]}({kept})")).text
+        self.raises(OverflowError, node, f"!umo_fits_int({cut})")
+        return Code(INT, f"(int32_t){cut}")
+
+    def _of_two(self, target: Any, arguments: list[Term], node: ast.Call) -> Term | None:
+        if len(arguments) != 2:
+            return None
+        if target is math.copysign:
+            a, b = (self.as_type(self.number(each, node), REAL, node) for each in arguments)
+            return Code(REAL, f"umo_copysign({a}, {b})")
+        if target is math.atan2:
+            self.world.note_inexact("atan2")
+            a, b = (self.as_type(self.number(each, node), REAL, node) for each in arguments)
+            return Code(REAL, f"umo_atan2({a}, {b})")
+        return None
+
+    def _extreme(self, target: Any, arguments: list[Term], node: ast.Call) -> Term:
+        terms = self.parts(arguments[0], node) if len(arguments) == 1 else arguments
+        if all(isinstance(each, Known) for each in terms):
+            return Known(target(each.value for each in terms))  # type: ignore[union-attr]
+        codes = [self.number(each, node) for each in terms]
+        of = REAL if any(each.type == REAL for each in codes) else INT
+        texts = [self.as_type(each, of, node) for each in codes]
+        name = f"umo_{target.__name__}{'' if of == REAL else '_int'}"
+        found = texts[0]
+        for each in texts[1:]:
+            found = f"{name}({found}, {each})"
+        return Code(of, found)
+
+    def _static(self, target: Any, arguments: list[Term], node: ast.Call) -> Term:
+        if target is len and isinstance(arguments[0], Code) and isinstance(arguments[0].type, ArrayType):
+            self.check_length(arguments[0].type, node)
+            return Known(arguments[0].type.length)
+        if target is len and isinstance(arguments[0], Many):
+            return Known(len(arguments[0].terms))
+        if any(isinstance(each, Known) and isinstance(each.value, UnknownText) for each in arguments):
+            raise self.refused(node, TELLS, "a state of an Enum")
+        if target is isinstance and (known := _kind_of(arguments[0])) and isinstance(arguments[1], Known):
+            return Known(issubclass(known, arguments[1].value))
+        if not all(isinstance(each, Known) for each in arguments):
+            raise self.refused(node, f"{target.__name__} of something that is not known when the code is generated")
+        return Known(target(*(each.value for each in arguments)))  # type: ignore[union-attr]
+
+    def _over(self, target: Any, generator: ast.GeneratorExp, node: ast.Call) -> Term:
+        """any, all or sum of an expression over objects."""
+        first = generator.generators[0]
+        if len(generator.generators) != 1:
+            raise self.refused(node, "two loops in one expression", "a loop for each")
+        elements = self.elements(self.term(first.iter), first.iter)
+        of = INT if target is sum else BOOL
+        parts = []
+        if target is sum:
+            total: Term = Known(0)
+            for each in elements:
+                with self.bound_to(first.target, each):
+                    condition = self._all_of(first.ifs)
+                    if condition is not True:
+                        raise self.refused(node, "`if` in a sum", "a loop")
+                    total = self.arithmetic(
+                        ast.Add(), self.number(total, node), self.number(self.term(generator.elt), node), node
+                    )
+            return total
+        result = self.temporary(of, "c")
+        end = self.label("found")
+        self.line(f"{result} = {'false' if target is any else 'true'};", pure=True)
+        for each in elements:
+            with self.bound_to(first.target, each):
+                conditions = [self.truth(self.term(test), test) for test in first.ifs]
+                truth = self.truth(self.term(generator.elt), generator.elt)
+            text = str(truth).lower() if isinstance(truth, bool) else truth
+            wanted = text if target is any else f"!({text})"
+            both = " && ".join([*(f"({str(c).lower()})" for c in conditions), f"({wanted})"])
+            with self.block(f"if ({both})"):
+                self.line(f"{result} = {'true' if target is any else 'false'};", pure=True)
+                self.line(f"goto {end};", pure=True)
+            parts.append(text)
+        if elements:
+            self.line(f"{end}:;", pure=True)
+        return Code(BOOL, result, stable=True)
+
+    def _all_of(self, tests: Sequence[ast.AST]) -> bool:
+        return not tests
+
+    def elements(self, term: Term, node: ast.AST) -> list[Term]:
+        raise NotImplementedError
+
+    def bound_to(self, target: ast.AST, term: Term) -> Any:
+        raise NotImplementedError
+
+
+def _kind_of(term: Term) -> type | None:
+    """The class of a value that the controller computes."""
+    if not isinstance(term, Code):
+        return None
+    if isinstance(term.type, ArrayType):
+        return np.ndarray
+    return {REAL: float, INT: int, BOOL: bool}.get(term.type)

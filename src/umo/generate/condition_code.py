@@ -1,0 +1,327 @@
+"""Conditions: comparisons, and, or, one of two values; and what they prove."""
+
+from __future__ import annotations
+
+import ast
+from typing import Any
+
+from umo.generate.c_types import (
+    BOOL,
+    INT,
+    NOTHING,
+    REAL,
+    CType,
+    OptionalType,
+    StateType,
+    TupleType,
+    joined,
+)
+from umo.generate.expression_code import FOLDED, SIGNS, ExpressionCode
+from umo.generate.function_scope import TELLS, NoTranslation
+from umo.generate.terms import TEXT, Code, Known, Many, Present, Term, UnknownText
+
+
+class ConditionCode(ExpressionCode):
+    """The part of a function that is conditions."""
+
+    def _Compare(self, node: ast.Compare) -> Term:
+        if len(node.ops) == 1:
+            left, right = self.ordered([node.left, node.comparators[0]])
+            return self.compared(node.ops[0], left, right, node.left, node.comparators[0])
+        result = self.temporary(BOOL, "c")
+        self.line(f"{result} = false;", pure=True)
+        self._chained(node, 0, self.term(node.left), node.left, result)
+        return Code(BOOL, result, stable=True)
+
+    def _chained(self, node: ast.Compare, place: int, left: Term, left_node: ast.AST, result: str) -> None:
+        left = self.kept(left) if isinstance(left, Code) else left
+        right_node = node.comparators[place]
+        right = self.term(right_node)
+        right = self.kept(right) if isinstance(right, Code) else right
+        truth = self.truth(self.compared(node.ops[place], left, right, left_node, right_node), node)
+        if truth is False:
+            return
+        last = place == len(node.ops) - 1
+        if truth is True:
+            if last:
+                self.line(f"{result} = true;", pure=True)
+            else:
+                self._chained(node, place + 1, right, right_node, result)
+            return
+        if last:
+            self.line(f"{result} = {truth};", pure=True)
+            return
+        with self.block(f"if ({truth})"):
+            self._chained(node, place + 1, right, right_node, result)
+
+    def compared(self, sign: ast.cmpop, left: Term, right: Term, left_node: ast.AST, right_node: ast.AST) -> Term:
+        if isinstance(sign, ast.In | ast.NotIn):
+            return self._contained(isinstance(sign, ast.In), left, right, left_node, right_node)
+        if any(isinstance(each, Known) and isinstance(each.value, UnknownText) for each in (left, right)):
+            raise self.refused(left_node, TELLS, "a state of an Enum")
+        identity = isinstance(sign, ast.Is | ast.IsNot)
+        equal = isinstance(sign, ast.Is | ast.Eq)
+        none = [each for each in (left, right) if isinstance(each, Known) and each.value is None]
+        if none and (identity or isinstance(sign, ast.Eq | ast.NotEq)):
+            return self._is_none(right if none[0] is left else left, equal)
+        if self.is_array(left) or self.is_array(right):
+            return self.compared_arrays(sign, left, right, left_node)
+        if isinstance(left, Known) and isinstance(right, Known):
+            if identity:
+                return Known((left.value is right.value) is equal)
+            return Known(bool(FOLDED[type(sign)](left.value, right.value)))
+        states = [self.code(each, at) for each, at in ((left, left_node), (right, right_node)) if _is_state(each)]
+        if states:
+            if len(states) == 1 or not (identity or isinstance(sign, ast.Eq | ast.NotEq)):
+                return self._odd_state(sign, left, right, equal, left_node)
+            a, b = states
+            if plain_kind(a) is not plain_kind(b):
+                return Known(not equal)
+            return Code(BOOL, f"{self._state_text(a)} {'==' if equal else '!='} {self._state_text(b)}")
+        if identity:
+            raise self.refused(left_node, "`is` of numbers", "==")
+        if isinstance(sign, ast.Eq | ast.NotEq) and (_is_tuple(left) or _is_tuple(right)):
+            return self._of_tuples(equal, left, right, left_node, right_node)
+        a, b = self.number(left, left_node), self.number(right, right_node)
+        of = REAL if REAL in (a.type, b.type) else INT
+        return Code(BOOL, f"{self.as_type(a, of, left_node)} {SIGNS[type(sign)]} {self.as_type(b, of, right_node)}")
+
+    def _of_tuples(self, equal: bool, left: Term, right: Term, left_node: ast.AST, right_node: ast.AST) -> Term:
+        """Whether two tuples are equal; None is equal to no tuple."""
+        there = []
+        sides = []
+        for term, node in ((left, left_node), (right, right_node)):
+            term = self.kept(term) if isinstance(term, Code) else term
+            if isinstance(term, Code) and isinstance(term.type, OptionalType):
+                there.append(f"{term.text}.has")
+                term = Code(term.type.of, f"{term.text}.value", stable=True)
+            sides.append(
+                [each if isinstance(each, Known) else self.code(each, node) for each in self.parts(term, node)]
+            )
+        if len(sides[0]) != len(sides[1]):
+            return Known(not equal)
+        if any(isinstance(each, Code) and each.type == REAL for side in sides for each in side):
+            raise self.refused(left_node, "tuples of real numbers are compared", "number by number")
+        pairs = zip(*sides, strict=True)
+        truths = [self.truth(self.compared(ast.Eq(), a, b, left_node, right_node), left_node) for a, b in pairs]
+        if False in truths:
+            return Known(not equal)
+        text = " && ".join([*there, *(f"({each})" for each in truths if each is not True)])
+        return Code(BOOL, f"({text})" if equal else f"!({text})") if text else Known(equal)
+
+    def parts(self, term: Term, node: ast.AST) -> list[Term]:
+        raise NotImplementedError
+
+    def _state_text(self, code: Code) -> str:
+        return f"{code.text}.value" if isinstance(code.type, OptionalType) else code.text
+
+    def _odd_state(self, sign: ast.cmpop, left: Term, right: Term, equal: bool, node: ast.AST) -> Term:
+        """A state beside something else, or in an order: those with numbers are compared by these."""
+        if isinstance(sign, ast.Is | ast.IsNot):
+            return Known(not equal)
+        raise self.refused(
+            node, "a state is compared with something else, or by order", "`is`, with a state of the same Enum"
+        )
+
+    def _is_none(self, term: Term, equal: bool) -> Term:
+        if isinstance(term, Present):
+            return Code(BOOL, f"!{term.text}" if equal else term.text)
+        if isinstance(term, Code) and isinstance(term.type, OptionalType):
+            return Code(BOOL, f"{'!' if equal else ''}{self.place(term).text}.has")
+        return Known((isinstance(term, Known) and term.value is None) is equal)
+
+    def _contained(self, yes: bool, one: Term, among: Term, one_node: ast.AST, node: ast.AST) -> Term:
+        options = list(map(Known, among.value)) if isinstance(among, Known) else getattr(among, "terms", None)
+        if options is None:
+            raise self.refused(node, "`in` of something that is not known when the code is generated", "a tuple")
+        one = self.kept(one) if isinstance(one, Code) else one
+        truths = [self.truth(self.compared(ast.Eq(), one, each, one_node, node), node) for each in options]
+        if True in truths:
+            return Known(yes)
+        text = " || ".join(f"({each})" for each in truths if each is not False)
+        return Code(BOOL, f"({text})" if yes else f"!({text})") if text else Known(not yes)
+
+    def _BoolOp(self, node: ast.BoolOp) -> Term:
+        both = isinstance(node.op, ast.And)
+        first, rest = self.term(node.values[0]), node.values[1:]
+        for place, each in enumerate(rest, 1):
+            truth = self.truth(first, node.values[place - 1])
+            if isinstance(truth, bool):
+                if truth is not both:
+                    return first
+                first = self.term(each)
+                continue
+            first = self._joined(both, first, truth, node.values[place - 1], each, node)
+        return first
+
+    def _joined(self, both: bool, first: Term, truth: str, first_node: ast.AST, node: ast.AST, whole: ast.AST) -> Term:
+        """`first and second`; `first or second` with `both` False."""
+        known = set(self.known)
+        if both:
+            self.known |= self.proved(first_node)
+        at, depth, before = len(self.lines), self.depth, self.impure
+        self.depth += 1
+        second = self.term(node)
+        rest, self.lines, self.depth, self.known = self.lines[at:], self.lines[:at], depth, known
+        other = self.truth(second, node)
+        is_bool = _is_bool(first) and (isinstance(other, bool) or _is_bool(second))
+        second = self._as_value(second, node)
+        only_truth = not is_bool and not (isinstance(first, Code) and (isinstance(second, Code) or _is_none(second)))
+        if is_bool and not rest and isinstance(other, bool):
+            return Known(other) if other is not both else Code(BOOL, truth)
+        second_truth = str(other).lower() if isinstance(other, bool) else other
+        if (is_bool or only_truth) and not rest:
+            text = f"({truth} {'&&' if both else '||'} {second_truth})"
+            return Code(BOOL, text) if is_bool else Present(text)
+        of = BOOL if is_bool or only_truth else self._one_type(first, second, whole)
+        is_bool |= only_truth
+        result = self.temporary(of, "c")
+        value = truth if is_bool else self.as_type(first, of, first_node)
+        self.line(f"{result} = {value};", pure=True)
+        condition = result if is_bool else truth
+        with self.block(f"if ({condition})" if both else f"if (!({condition}))"):
+            self.lines += rest
+            second_text = second_truth if is_bool else self.as_type(second, of, node)
+            self.line(f"{result} = {second_text};", pure=self.impure == before)
+        return Present(result) if only_truth else Code(of, result, stable=True)
+
+    def _as_value(self, term: Term, node: ast.AST) -> Term:
+        """A number or a state that is known, as a value in C."""
+        if isinstance(term, Known) and self.world.fields.type_of_value(term.value) not in (None, NOTHING):
+            return self.code(term, node)
+        return term
+
+    def _one_type(self, first: Term, second: Term, node: ast.AST) -> CType:
+        try:
+            return joined(self.code(first, node).type, NOTHING if _is_none(second) else self.code(second, node).type)
+        except TypeError:
+            raise self.refused(node, "one of two values of different types", "one type for both") from None
+
+    def _IfExp(self, node: ast.IfExp) -> Term:
+        try:
+            truth = self.truth(self.term(node.test), node.test)
+        except NoTranslation as refused:
+            if refused.reason == TELLS and all(map(_is_text, (node.body, node.orelse))):
+                return Known(TEXT)
+            raise
+        if isinstance(truth, bool):
+            return self.term(node.body if truth else node.orelse)
+        before, impure = set(self.known), self.impure
+        parts = []
+        for each, proved in ((node.body, self.proved(node.test)), (node.orelse, self.disproved(node.test))):
+            at, self.known = len(self.lines), before | proved
+            self.depth += 1
+            term = self.term(each)
+            if isinstance(term, Known | Many) and not (isinstance(term, Known) and term.value is None):
+                term = self.code(term, each)
+            self.depth -= 1
+            parts.append((term, self.lines[at:]))
+            self.lines = self.lines[:at]
+        self.known = before
+        (one, one_lines), (other, other_lines) = parts
+        if isinstance(one, Known) and isinstance(other, Known):
+            raise self.refused(node, "it stands for None either way")
+        of = self._type_of_two(one, other, node)
+        a, one_lines = self._finished(one, one_lines, of, node.body)
+        b, other_lines = self._finished(other, other_lines, of, node.orelse)
+        if not one_lines and not other_lines:
+            return Code(of, f"({truth} ? {a} : {b})")
+        result = self.temporary(of, "v")
+        with self.block(f"if ({truth})", "} else {"):
+            self.lines += one_lines
+            self.line(f"{result} = {a};", pure=True)
+        self.depth += 1
+        self.lines += other_lines
+        self.line(f"{result} = {b};", pure=self.impure == impure)
+        self.depth -= 1
+        self.line("}", pure=True)
+        return Code(of, result, stable=True)
+
+    def _finished(self, term: Term, lines: list[str], of: CType, node: ast.AST) -> tuple[str, list[str]]:
+        """The text of one of two values, with the lines that it needs."""
+        at, self.lines = len(self.lines), [*self.lines, *lines]
+        self.depth += 1
+        text = self.as_type(term, of, node)
+        self.depth -= 1
+        found, self.lines = self.lines[at:], self.lines[:at]
+        return text, found
+
+    def _type_of_two(self, one: Term, other: Term, node: ast.AST) -> CType:
+        types = [NOTHING if isinstance(each, Known) else self.code(each, node).type for each in (one, other)]
+        try:
+            return joined(*types)
+        except TypeError:
+            raise self.refused(node, "two values of different types", "one type for both") from None
+
+    def _NamedExpr(self, node: ast.NamedExpr) -> Term:
+        term = self.term(node.value)
+        self.store(node.target, term, node)
+        return self._Name(node.target)
+
+    def store(self, target: ast.AST, term: Term, node: ast.AST) -> None:
+        raise NotImplementedError
+
+    def _Call(self, node: ast.Call) -> Term:
+        return self.call(node)
+
+    # What a condition proves ---------------------------------------------------------------------------
+
+    def proved(self, test: ast.AST) -> set[str]:
+        """What is not None where the condition holds."""
+        if isinstance(test, ast.BoolOp) and isinstance(test.op, ast.And):
+            return set().union(*map(self.proved, test.values))
+        if isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not):
+            return self.disproved(test.operand)
+        if _compares_none(test, ast.IsNot):
+            return {ast.dump(test.left)}  # type: ignore[attr-defined]
+        return {ast.dump(test)} if isinstance(test, ast.Name | ast.Attribute) else set()
+
+    def disproved(self, test: ast.AST) -> set[str]:
+        """What is not None where it does not hold."""
+        if isinstance(test, ast.BoolOp) and isinstance(test.op, ast.Or):
+            return set().union(*map(self.disproved, test.values))
+        if isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not):
+            return self.proved(test.operand)
+        return {ast.dump(test.left)} if _compares_none(test, ast.Is) else set()  # type: ignore[attr-defined]
+
+
+def _compares_none(test: ast.AST, sign: type[ast.cmpop]) -> bool:
+    if not (isinstance(test, ast.Compare) and len(test.ops) == 1 and isinstance(test.ops[0], sign)):
+        return False
+    other = test.comparators[0]
+    return isinstance(other, ast.Constant) and other.value is None
+
+
+def _is_state(term: Term) -> bool:
+    from enum import Enum
+
+    if isinstance(term, Known):
+        return isinstance(term.value, Enum)
+    return isinstance(term, Code) and isinstance(plain_type(term.type), StateType)
+
+
+def plain_type(of: CType) -> CType:
+    return of.of if isinstance(of, OptionalType) else of
+
+
+def plain_kind(code: Code) -> Any:
+    of = plain_type(code.type)
+    return of.kind if isinstance(of, StateType) else None
+
+
+def _is_text(node: ast.AST) -> bool:
+    return isinstance(node, ast.JoinedStr) or (isinstance(node, ast.Constant) and isinstance(node.value, str))
+
+
+def _is_tuple(term: Term) -> bool:
+    return isinstance(term, Many) or (isinstance(term, Code) and isinstance(plain_type(term.type), TupleType))
+
+
+def _is_none(term: Term) -> bool:
+    return isinstance(term, Known) and term.value is None
+
+
+def _is_bool(term: Term) -> bool:
+    if isinstance(term, Code):
+        return term.type == BOOL
+    return isinstance(term, Present) or (isinstance(term, Known) and isinstance(term.value, bool))
