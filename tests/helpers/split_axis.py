@@ -29,7 +29,8 @@ COUNTS_PER_STEP = 425
 DEFAULTS = [0, 1, 0]
 """Step, direction and encoder_zero at their defaults, as raw integers."""
 HOST_GONE = 3
-PERIOD, TIMEOUT_PERIODS = "2 ms", 50
+PERIOD, HOST_TIMEOUT, TIMEOUT_PERIODS = "2 ms", "300 ms", 150
+"""Longer than the default: other tests may load the computer."""
 
 
 def theta_wiring(port: int | None, **options: Any) -> dict[str, Any]:
@@ -39,7 +40,14 @@ def theta_wiring(port: int | None, **options: Any) -> dict[str, Any]:
     wire["timer"] = {"driver": "timerfd", "period": PERIOD}
     wire["theta"] = {"controller": "drive"}
     return {
-        "drivers": {"drive": {"type": "umo.split.controller_driver:Controller", "port": port, **options}},
+        "drivers": {
+            "drive": {
+                "type": "umo.split.controller_driver:Controller",
+                "host_timeout": HOST_TIMEOUT,
+                "port": port,
+                **options,
+            }
+        },
         "wire": wire,
     }
 

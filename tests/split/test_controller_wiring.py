@@ -47,7 +47,7 @@ def test_the_folder_is_that_of_the_part_alone(tmp_path: Path) -> None:
     files = part_files(find("ztheta").machine(), theta_wiring(1), "drive", target_of("cortex-m"))
     assert "OUT_theta_step = 0" in files["machine.h"]
     assert "z_motor" not in files["machine.h"]
-    assert "#define LINK_HOST_TIMEOUT 50u" in files["machine_link.h"]
+    assert "#define LINK_HOST_TIMEOUT 150u" in files["machine_link.h"]
     assert {"main_link.c", "umo_link.c", "io_link.c", "io_board.c"} <= files.keys()
     assert "main.c" not in files
     write_folder(files, tmp_path)

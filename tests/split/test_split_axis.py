@@ -132,9 +132,7 @@ def test_on_a_bad_line_no_value_is_wrong_and_the_axis_arrives(controller: ThetaC
     line, raws = BadLine(controller.port, seed, share=0.05), set[int]()
     line.start()
     try:
-        assert move(line.port, 240.0, 225.0, 230.0, raws=raws, host_timeout="100 ms") == pytest.approx(
-            [240.0, 225.0, 230.0], abs=0.2
-        )
+        assert move(line.port, 240.0, 225.0, 230.0, raws=raws) == pytest.approx([240.0, 225.0, 230.0], abs=0.2)
     finally:
         line.close()
     assert min(line.treated.values()) > 0

@@ -118,7 +118,7 @@ class Controller(Driver[Channel]):
         if self._plan is None:
             raise DriverError('no part is on it: write "PART" = { controller = "NAME" } in [wire]')
         self._link = LinkHost(self.place.dial(), self._plan, self._name)
-        self._link.greet(monotonic() + max(self.timeout, self.host_timeout))
+        self._link.greet(monotonic() + max(self.timeout, 5 * self.host_timeout))
         self._rested = False
 
     def close(self) -> None:
