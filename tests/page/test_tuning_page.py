@@ -85,6 +85,7 @@ def watching(client: Client) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_an_experiment_of_a_page_ends_with_its_gains(served: Served, tank: umo.RemoteStation) -> None:
     with opened(served.socket) as client:
         watching(client)
