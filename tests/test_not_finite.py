@@ -91,6 +91,7 @@ PARTS: dict[str, Callable[[Any], Any]] = {
     "Vector[DigitalActuator]": lambda m: Vector([m.motor]),
     "S": lambda m: OnOff.ON,
     "TwoState": lambda m: OnOff.ON,
+    "Servo": lambda m: Servo(m.encoder, m.motor, gain=1.0),
     "int": lambda m: 1,
 }
 """What a law is made of, by its annotation."""
@@ -150,12 +151,14 @@ def test_nothing_of_the_package_is_left_out() -> None:
     rest = {kind.__name__ for kind in classes()} - {kind.__name__ for kind in (*LAWS, *STRATEGIES, *AXES)}
     described = {"AxisState", "DescribedAxis"}
     experiments = {
+        "ActuatorOutput",
         "Baseline",
         "ControlLoop",
         "ElementLoop",
         "LawLoop",
         "LoopExperiments",
         "RelaySwitching",
+        "SetpointOutput",
         "StepChange",
     }
     others = {"Axis", "AxisSuspension", "Homing", "Met", "Segment", "Setpoint", "SuspendedAxis"}

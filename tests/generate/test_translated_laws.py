@@ -10,6 +10,7 @@ import pytest
 
 from helpers.generating import Beside, Fragile, needs_a_compiler, random_inputs, set_inputs, wired
 from helpers.tiers import some
+from helpers.translated_cascade import jacketed
 from helpers.translated_oven import oven, oven_wiring
 from helpers.vector_plant import zones
 from umo.cycle.connect import connect
@@ -61,3 +62,19 @@ def test_laws_of_vectors_are_equal_to_the_bit(seed: int, tmp_path: Path) -> None
         assert both.told.keys() >= {None, "DriverError", "Interlocked"}
         assert both.told[None] > steps / 4
         assert m.refused and m.unread and m.refused < steps and m.unread < steps
+
+
+@pytest.mark.parametrize("seed", some(lambda seed: seed < 1, range(3)))
+def test_a_cascade_is_equal_to_the_bit(seed: int, tmp_path: Path) -> None:
+    random, machine, box, steps = Random(seed), jacketed(), Fragile(), 10_000 if seed else 1_000
+    missed = [random.choice((0, 0, 0, 0, 0, 0, 2, 5)) for _ in range(steps)]
+    running = connect(machine, wired(machine, box, VirtualTimer(missed)))
+    set_inputs(box, ["vessel", "jacket"], [0] * 2, [False] * 2)
+    with running as m:
+        both = Beside.translated(running, box, tmp_path)
+        following = random_inputs(both.model, random)
+        for number in range(steps):
+            raws, failed = following()
+            both.step(max(missed[number], 1), raws, failed, [False] * len(both.outputs))
+            assert (number, both.difference()) == (number, "")
+        assert m.behind and m.unread and m.behind + m.unread < steps

@@ -22,7 +22,7 @@ from umo.tuning.law_facts import LawFacts
 from umo.tuning.measured_response import MeasuredResponse
 from umo.tuning.plain_result import as_data, finite
 from umo.tuning.recorded_response import recorded_response
-from umo.tuning.tuning_result import TuningResult, tuned, tuned_axis
+from umo.tuning.tuning_result import FASTER, TuningResult, tuned, tuned_axis
 
 from .commanding import hinting, leased
 from .console import err, out, say
@@ -88,6 +88,11 @@ def tune_law(station: str, place: str, order: TuningOrder, options: Sequence[str
     if result.identified is not None and result.identified.fit < LOW_FIT:
         better = "--moves" if result.facts.axis and result.axis is None else "a larger amplitude"
         say(f"the model describes only {result.identified.fit:.0f} % of the response; {better} may do better")
+    if result.faster is not None and result.faster < FASTER:
+        say(
+            f"{result.facts.inner}, the inner law, is only {result.faster:.1f} times faster than the rest of the "
+            f"process ({FASTER:g} at least, better 5): make it faster, and repeat this"
+        )
     told = told_settings(result, order.name, station, known)
     if order.as_json:
         out.print_json(json.dumps(as_data(result) | {"chosen": {"name": told.name, **finite(told.values)}}))
@@ -195,7 +200,7 @@ def _alone(
     known = {path: (each.minimum, each.maximum) for path, each in numbers if each.tunable}
     if order.file is not None:
         span = between("--start", order.start, "--stop", order.stop)
-        return _found(order, facts, recorded_response(order.file, facts.sensor, facts.actuator, *span)), known
+        return _found(order, facts, recorded_response(order.file, facts.columns, *span)), known
     if order.moves is not None:
         raise OptionError(f"{station} does not run: start it with `umo run {station} --manual`, or give --from TRACE")
     if order.at is None:

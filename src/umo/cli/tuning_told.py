@@ -95,6 +95,9 @@ def _model_table(result: TuningResult) -> Table:
         table.add_row("  gain, phase", f"{relay.ultimate_gain:.4g} {output} per {unit or 1}, {relay.phase:.0f} deg", "")
         if relay.uneven:
             table.add_row("  note", "its halves differ: the loop was not at rest", "")
+    if result.inner_time is not None:
+        faster = "" if result.faster is None else f"{result.faster:.1f} times faster"
+        table.add_row("inner loop", f"{result.inner_time:.4g} s", faster)
     if result.axis is not None:
         axis = result.axis
         for name in ("feed_forward", "inertia", "friction", "offset"):

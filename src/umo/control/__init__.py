@@ -2,6 +2,7 @@
 `PID` and `Profile` calculate with plain numbers."""
 
 from umo.control.axis import Axis, Homing, Met, move_together
+from umo.control.cascade import Cascade
 from umo.control.homing import EndStop, HomeSwitch, IndexPulse
 from umo.control.hysteresis import Hysteresis
 from umo.control.inputs import HOMING, Accept, state_of, value_of
@@ -22,6 +23,7 @@ __all__ = [
     "STEPS_PER_PERIOD",
     "Accept",
     "Axis",
+    "Cascade",
     "EndStop",
     "First",
     "HomeSwitch",

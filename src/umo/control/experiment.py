@@ -13,7 +13,7 @@ from math import inf, isfinite
 from typing import Any, Literal
 
 from umo.control.excitation import NOISE_FACTOR, Baseline, RelaySwitching, StepChange, room_for
-from umo.control.loops import ControlLoop
+from umo.control.loops import ControlLoop, Next
 from umo.cycle.sequences import next_period
 from umo.errors import Busy, CommandRefused, RangeError
 from umo.objects import Compound, Range, action
@@ -35,6 +35,8 @@ class LoopExperiments:
 
     def __init__(self, part: Compound, path: str, loop: ControlLoop) -> None:
         self._part, self._path, self._loop = part, path, loop
+        self._outer: list[ControlLoop] = []
+        """The loops that are held during the experiment."""
         self._base = Baseline()
         self._excitation: RelaySwitching | StepChange | None = None
         self._plan: Callable[[Baseline, float, float], RelaySwitching | StepChange] | None = None
@@ -56,10 +58,12 @@ class LoopExperiments:
         """What the law is made of."""
         loop = self._loop
         numbers = {name: value if isfinite(value) else None for name, value in loop.gains.items()}
-        ends = {"sensor": loop.sensor, "actuator": loop.actuator}
+        ends = {"sensor": loop.sensor, "actuator": loop.output}
         paths = {name: "" if each is None else each.path for name, each in ends.items()}
         dt = self._dt or self._part._machine.period or self._part.dt
-        return {"law": self._path, **paths, **numbers, "dt": dt, "axis": hasattr(type(self._part), "describe_axis")}
+        more = {} if loop.output is None else loop.output.told
+        axis = hasattr(type(self._part), "describe_axis")
+        return {"law": self._path, **paths, **more, **numbers, "dt": dt, "axis": axis}
 
     @action(
         amplitude=lambda each: each.amplitudes,
@@ -84,9 +88,11 @@ class LoopExperiments:
 
         Returns the old output and measurement, the noise, and the time at which the excitation began and ended.
         RangeError without room for the amplitude, or if the measurement leaves `within`; CommandRefused if the law does
-        not act, or if its actuator is inhibited or written by somebody else; Busy during another experiment.
+        not act, or if its actuator is inhibited or written by somebody else; Busy during another experiment. Laws whose
+        output is the setpoint of this one hold it for so long.
         """
-        if self._loop.is_taken:
+        self._outer = self._loop.outer
+        if any(each.is_taken for each in (self._loop, *self._outer)):
             raise Busy(f"{self._path}: an experiment is under way")
         if not amplitude or (kind == "relay" and amplitude < 0.0):
             raise RangeError(f"{self._path}: the amplitude of a {kind} is not {number_text(amplitude)}")
@@ -96,6 +102,8 @@ class LoopExperiments:
         self._ended = self._failed = ""
         self._idle = 0
         self._loop.take(self._next)
+        for each in self._outer:
+            each.take(_holding())
         began = nan_time = -1.0
         try:
             while not (self._ended or self._failed):
@@ -117,14 +125,16 @@ class LoopExperiments:
         """End the experiment: the old output, then the law."""
         if self._plan is None:
             return
+        for each in self._outer:
+            each.give_back()
         self._plan, self._until = None, self._part.now + (PATIENCE + 1) * max(self._dt, self._part._machine.period)
         if self._driven is None or self._is_idle:
             self._loop.give_back()
         if self._driven is None:
             return
-        actuator = self._loop.actuator
-        if actuator is not None and actuator.pending == self._driven:  # else somebody else is in charge
-            actuator.write(self._base.output)
+        output = self._loop.output
+        if output is not None and output.commanded == self._driven:  # else somebody else is in charge
+            output.write(self._base.output)
 
     @property
     def units(self) -> str:
@@ -133,12 +143,12 @@ class LoopExperiments:
 
     @property
     def amplitudes(self) -> Range:
-        """Of the output, in the units of the actuator."""
-        actuator = self._loop.actuator
-        if actuator is None:
+        """Of the output, in its units."""
+        output = self._loop.output
+        if output is None:
             return Range("", -inf, inf)
-        span = actuator.maximum - actuator.minimum
-        return Range(actuator.units, -span, span)
+        span = output.range[1] - output.range[0]
+        return Range(output.units, -span, span)
 
     # In each step of the law -------------------------------------------------------------------------------
 
@@ -182,8 +192,7 @@ class LoopExperiments:
     ) -> RelaySwitching | StepChange:
         room = room_for(base, amplitude, low, high, kind == "relay")
         if abs(amplitude) > room:
-            actuator = self._loop.actuator
-            units = "" if actuator is None else actuator.units
+            units = "" if self._loop.output is None else self._loop.output.units
             raise RangeError(
                 f"the output stands at {measure(base.output, units)}, in a range of {number_text(low)} to "
                 f"{measure(high, units)}: an amplitude of at most {measure(room, units)} fits"
@@ -203,15 +212,27 @@ class LoopExperiments:
         self._most_idle = PATIENCE * max(round(each), 1) + 1
         if self._is_idle:
             self._failed = "the law does not act: nothing calls its `control`, or its sensor is not GOOD"
-        actuator = self._loop.actuator
-        if actuator is None or self._driven is None or self._failed:
+        output = self._loop.output
+        if output is None or self._driven is None or self._failed:
             return
-        if (reason := actuator.inhibited) is not None:
-            self._failed = f"{actuator.path} is inhibited: {reason}"
-        elif actuator.pending != self._driven:
-            self._failed = f"{actuator.path} was written by somebody else"
+        if (reason := output.inhibited) is not None:
+            self._failed = reason
+        elif output.commanded != self._driven:
+            self._failed = f"{output.path} was written by somebody else"
 
     @property
     def _is_idle(self) -> bool:
         """Whether the law has not acted for some of its periods."""
         return self._idle > self._most_idle
+
+
+def _holding() -> Next:
+    """Keeps the first output of a law."""
+    held: list[float] = []
+
+    def next_(output: float, measurement: float, dt: float, low: float, high: float) -> float:
+        if not held:
+            held.append(output)
+        return min(max(held[0], low), high)
+
+    return next_

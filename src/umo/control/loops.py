@@ -8,7 +8,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from umo.objects import DigitalActuator, DigitalSensor
+from umo.control.loop_output import LoopOutput, outer_laws, output_of
+from umo.objects import Compound, DigitalSensor
 
 SETTINGS = ("gain", "integral_time", "derivative_time", "filter_time")
 Next = Callable[[float, float, float, float, float], float | None]
@@ -16,10 +17,10 @@ Next = Callable[[float, float, float, float, float], float | None]
 
 
 class ControlLoop(Protocol):
-    """One loop, with its sensor and its actuator where the law knows them."""
+    """One loop, with its sensor and its output where the law knows them."""
 
     sensor: DigitalSensor | None
-    actuator: DigitalActuator | None
+    output: LoopOutput | None
 
     @property
     def gains(self) -> dict[str, float]:
@@ -35,6 +36,10 @@ class ControlLoop(Protocol):
 
     @property
     def is_taken(self) -> bool: ...
+    @property
+    def outer(self) -> list[ControlLoop]:
+        """The loops whose output is its setpoint."""
+
     def bounds(self, low: float, high: float) -> tuple[float, float]:
         """The range of the output, without the slew rate: `low` and `high` are those of this period."""
 
@@ -48,9 +53,10 @@ class ControlLoop(Protocol):
 class _Loop:
     """What loops have in common."""
 
-    def __init__(self, law: Any, sensor: DigitalSensor | None, actuator: DigitalActuator | None) -> None:
-        self._law = law
-        self.sensor, self.actuator = sensor, actuator
+    def __init__(self, part: Compound, law: Any, sensor: DigitalSensor | None = None, end: Any = None) -> None:
+        """`end`: what the law gives its output to, an actuator or an inner law."""
+        self._law, self._part = law, part
+        self.sensor, self.output = sensor, output_of(part, law, end)
 
     @property
     def measured_range(self) -> float:
@@ -66,12 +72,12 @@ class _Loop:
     def is_taken(self) -> bool:
         return "step" in vars(self._law)
 
+    @property
+    def outer(self) -> list[ControlLoop]:
+        return [LawLoop(self._part, law, *law.loops()[""]) for law in outer_laws(self._part, self._law)]
+
     def bounds(self, low: float, high: float) -> tuple[float, float]:
-        actuator = self.actuator
-        if actuator is None:
-            return low, high
-        limit = getattr(self._law, "limit", inf)
-        return max(actuator.minimum, actuator.default - limit), min(actuator.maximum, actuator.default + limit)
+        return (low, high) if self.output is None else self.output.bounds(getattr(self._law, "limit", inf))
 
     def give_back(self) -> None:
         vars(self._law).pop("step", None)
@@ -111,8 +117,10 @@ class LawLoop(_Loop):
 class ElementLoop(_Loop):
     """The loop of one element of a `VectorPID`; the others go on."""
 
-    def __init__(self, law: Any, sensor: DigitalSensor | None, actuator: DigitalActuator | None, place: int) -> None:
-        super().__init__(law, sensor, actuator)
+    def __init__(
+        self, part: Compound, law: Any, place: int, sensor: DigitalSensor | None = None, end: Any = None
+    ) -> None:
+        super().__init__(part, law, sensor, end)
         self._place = place
 
     @property

@@ -71,7 +71,7 @@ class PID:
 
     def loops(self) -> Mapping[str, tuple[Any, ...]]:
         """Its loops by the ends of their paths ("": the law itself), with their sensors and actuators, if it has
-        any."""
+        any; of an outer law with its inner one instead."""
         return {"": ()}
 
     def experiments(self, part: Compound, path: str, loop: str) -> Any:
@@ -79,8 +79,7 @@ class PID:
         from umo.control.experiment import LoopExperiments
         from umo.control.loops import LawLoop
 
-        sensor, actuator = self.loops()[loop] or (None, None)
-        return LoopExperiments(part, path, LawLoop(self, sensor, actuator))
+        return LoopExperiments(part, path, LawLoop(part, self, *self.loops()[loop]))
 
     def take_over(self, output: float, setpoint: float, measurement: float, feed_forward: float = 0.0) -> None:
         """Clear the state, and set the integral so that control goes on from this output without a step (bumpless
@@ -193,8 +192,7 @@ class VectorPID:
         from umo.control.experiment import LoopExperiments
         from umo.control.loops import ElementLoop
 
-        sensor, actuator = self.loops()[loop] or (None, None)
-        return LoopExperiments(part, path, ElementLoop(self, sensor, actuator, int(loop)))
+        return LoopExperiments(part, path, ElementLoop(part, self, int(loop), *self.loops()[loop]))
 
     @property
     def largest_error(self) -> float:

@@ -38,7 +38,8 @@ def loops_in(root: Compound) -> Iterator[FoundLoop]:
     for part, path, law in laws_in(root):
         if callable(getattr(law.__class__, "experiments", None)) and callable(getattr(law.__class__, "loops", None)):
             for name, ends in law.loops().items():
-                yield FoundLoop(part, f"{path}.{name}".rstrip("."), law, name, ends)
+                nodes = tuple(each for each in ends if isinstance(each, Node))  # the other end may be an inner law
+                yield FoundLoop(part, f"{path}.{name}".rstrip("."), law, name, nodes)
 
 
 def loop_at(root: Compound, place: str) -> FoundLoop:

@@ -30,7 +30,7 @@ class TuningQuestion:
             facts = LawFacts.of(message["facts"])
         except (KeyError, TypeError, ValueError):
             raise BadRequest("facts must be those of a law") from None
-        self._part = HistoryPart.of(watched, message | {"paths": [facts.actuator, facts.sensor]})
+        self._part = HistoryPart.of(watched, message | {"paths": facts.columns})
         if self._part.stop - self._part.start > LONGEST:
             raise BadRequest(f"a response is {LONGEST:g} s long at most")
         try:
@@ -56,7 +56,7 @@ class TuningQuestion:
 
         part = self._part
         times, rows = part.watched.history.between(part.start, part.stop, part.columns)
-        result = tuned(self._facts, MeasuredResponse.of(times, *rows), self._relay)
+        result = tuned(self._facts, MeasuredResponse.of_rows(np.column_stack([times, *rows])), self._relay)
         response = result.response.thinned()
         curves = {"times": response.times, "measured": response.measurements}
         if result.identified is not None:

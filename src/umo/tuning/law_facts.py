@@ -31,6 +31,9 @@ class LawFacts:
     """Widths of the ranges of the measurement and of the output."""
     resolution: float = 0.0
     """Of the output."""
+    inner: str = ""
+    """Of the outer law of a cascade the inner one; its setpoint is the output."""
+    inner_sensor: str = ""
 
     @classmethod
     def of(cls, told: Mapping[str, Any], sensor: str = "", actuator: str = "") -> LawFacts:
@@ -44,7 +47,15 @@ class LawFacts:
         times = present.derivative_time, present.filter_time
         if not (present.integral_time > 0.0 and all(0.0 <= each < inf for each in times)):
             raise ValueError(f"no law has the times {present}")
-        return cls(str(told["law"]), *ends, present, dt, bool(told["axis"]))
+        low, high = told.get("low"), told.get("high")
+        span = inf if low is None or high is None else float(high) - float(low)
+        found = cls(str(told["law"]), *ends, present, dt, bool(told["axis"]), ranges=(inf, span))
+        return replace(found, inner=str(told.get("inner", "")), inner_sensor=str(told.get("inner_sensor", "")))
+
+    @property
+    def columns(self) -> list[str]:
+        """The paths of a response: the output, the measurement, of a cascade the inner measurement."""
+        return [self.actuator, self.sensor, *filter(None, [self.inner_sensor])]
 
     @property
     def base(self) -> str:
@@ -53,8 +64,8 @@ class LawFacts:
         return head if last.isdigit() and head else self.law
 
     def described(self, objects: Iterable[Mapping[str, Any]]) -> LawFacts:
-        """With units and ranges from the descriptions of the objects. PathError if sensor or actuator is none of
-        them."""
+        """With units and ranges from the descriptions of the objects and signals. PathError if sensor or actuator is
+        none of them."""
         known = {str(each["path"]): each for each in objects}
         found: list[Mapping[str, Any]] = []
         for what, path in (("sensor", self.sensor), ("actuator", self.actuator)):
@@ -65,9 +76,9 @@ class LawFacts:
             found.append(known[path])
         measured, output = found
         units = str(measured.get("unit", "")), str(output.get("unit", ""))
-        ranges = _width(measured), _width(output)
+        ranges = _width(measured, inf), _width(output, self.ranges[1])
         return replace(self, units=units, ranges=ranges, resolution=abs(float(output.get("resolution") or 0.0)))
 
 
-def _width(about: Mapping[str, Any]) -> float:
-    return float(about["maximum"]) - float(about["minimum"])
+def _width(about: Mapping[str, Any], otherwise: float) -> float:
+    return float(about["maximum"]) - float(about["minimum"]) if "maximum" in about else otherwise

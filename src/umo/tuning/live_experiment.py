@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from umo.errors import RangeError, UmoError
+from umo.frames.reader import Frames
 from umo.objects import Quality
 from umo.objects.scaling import FloatArray
 from umo.presentation.value_text import measure
@@ -40,15 +41,17 @@ class CollectedSamples:
         reader = self.station.reader
         self._reader = reader.again()
         self._reader.read()  # what was before is none of it
-        self._places = [reader.index(self.facts.actuator), reader.index(self.facts.sensor)]
+        layout = reader.layout
+        self._objects = len(layout.objects)
+        paths = [str(each["path"]) for each in (*layout.objects, *layout.signals)]
+        self._places = [paths.index(each) for each in self.facts.columns]
 
     def look(self) -> None:
         """Take the frames since the last look."""
         frames = self._reader.read()
         if not len(frames):
             return
-        values, quality = frames["values"][:, self._places], frames["quality"][:, self._places]
-        values = np.where(quality >= Quality.BAD, np.nan, values)
+        values = np.column_stack([self._column(frames, place) for place in self._places])
         kept = frames["number"] % self._stride == 0
         self._parts.append(np.column_stack([frames["time"], values])[kept])
         self._count += int(np.count_nonzero(kept))
@@ -59,9 +62,15 @@ class CollectedSamples:
 
     def response(self, start: float = -np.inf, stop: float = np.inf) -> MeasuredResponse:
         """Between these times, s. RangeError if there are too few samples."""
-        rows = np.concatenate([np.zeros((0, 3)), *self._parts])
+        rows = np.concatenate([np.zeros((0, 1 + len(self._places))), *self._parts])
         rows = rows[(rows[:, 0] >= start) & (rows[:, 0] <= stop)]
-        return MeasuredResponse.of(rows[:, 0], rows[:, 1], rows[:, 2])
+        return MeasuredResponse.of_rows(rows)
+
+    def _column(self, frames: Frames, place: int) -> FloatArray:
+        """An object, where it is bad NaN; or a signal."""
+        if place >= self._objects:
+            return frames["signals"][:, place - self._objects]
+        return np.where(frames["quality"][:, place] >= Quality.BAD, np.nan, frames["values"][:, place])
 
     def close(self) -> None:
         self._reader.close()
@@ -70,7 +79,8 @@ class CollectedSamples:
 def facts_of(station: RemoteStation, place: str, sensor: str = "", actuator: str = "") -> LawFacts:
     """What the law at this path is made of. It needs the lease. PathError if there is no law."""
     told = station.ask("call", f"{place}.law", arguments={})
-    return LawFacts.of(told, sensor, actuator).described(station.reader.layout.objects)
+    layout = station.reader.layout
+    return LawFacts.of(told, sensor, actuator).described([*layout.objects, *layout.signals])
 
 
 def experiment(

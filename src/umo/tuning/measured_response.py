@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,6 +28,14 @@ class MeasuredResponse:
     outputs: FloatArray
     """Of each sample the output that was held after it."""
     measurements: FloatArray
+    inner: MeasuredResponse | None = None
+    """Of a cascade the measurement of the inner law, whose setpoint the outputs are."""
+
+    @classmethod
+    def of_rows(cls, rows: FloatArray) -> MeasuredResponse:
+        """As `of`; columns: time, output, measurement, and of a cascade the inner measurement."""
+        found = cls.of(rows[:, 0], rows[:, 1], rows[:, 2])
+        return found if rows.shape[1] < 4 else replace(found, inner=cls.of(rows[:, 0], rows[:, 1], rows[:, 3]))
 
     @classmethod
     def of(cls, times: FloatArray, outputs: FloatArray, measurements: FloatArray) -> MeasuredResponse:

@@ -11,8 +11,10 @@ import numpy as np
 from umo.control import wait
 from umo.cycle import Frame, connect, drive
 from umo.cycle.client_experiments import loop_at
+from umo.cycle.frame import signals_of
 from umo.errors import CommandRefused, OptionError
-from umo.objects import Compound, Quality, atoms, described
+from umo.frames.layout import describe_signals
+from umo.objects import Compound, Quality, atoms, described, numbers_of
 from umo.process.job import Plan
 from umo.tuning.law_facts import LawFacts
 from umo.tuning.live_experiment import BEFORE
@@ -30,7 +32,8 @@ def declared_facts(plan: Plan, place: str, sensor: str = "", actuator: str = "")
         told: dict[str, Any] = loop.law.experiments(loop.part, loop.path, loop.name).law()
         if plan.wired.period is not None:
             told["dt"] = plan.wired.period * every.get(id(loop.part), 1)
-        return LawFacts.of(told, sensor, actuator).described(map(described, atoms(machine)))
+        signals = describe_signals(signals_of(numbers_of(machine)))
+        return LawFacts.of(told, sensor, actuator).described([*map(described, atoms(machine)), *signals])
 
 
 def own_experiment(
@@ -62,19 +65,25 @@ def own_experiment(
     def keep(frame: Frame) -> None:
         show(frame.time, frame.progress.text)
         if frame.time >= at - BEFORE * facts.dt:
-            numbers = (frame.values[place] if frame.quality[place] < Quality.BAD else np.nan for place in places)
-            rows.extend((frame.time, *numbers))
+            rows.extend((frame.time, *(_value(frame, place) for place in places)))
 
     connection = connect(plan.machine, plan.wired)
     with connection as machine:
-        paths = [item.path for item in connection.machine.image.items]
-        places = [paths.index(facts.actuator), paths.index(facts.sensor)]
+        frame = connection.machine.frame
+        paths = [*(item.path for item in frame.items), *(signal.path for signal in frame.signals)]
+        places = [paths.index(each) for each in facts.columns]
         connection.machine.observers.append(keep)
         drive(machine, application)
     if not ended:
         if connection.stop.signal is not None:
             raise KeyboardInterrupt
         raise CommandRefused("the run has ended before the experiment")
-    found = np.array(rows).reshape(-1, 3)
-    found = found[found[:, 0] <= ended["to"]]
-    return MeasuredResponse.of(found[:, 0], found[:, 1], found[:, 2]), ended
+    found = np.array(rows).reshape(-1, 1 + len(facts.columns))
+    return MeasuredResponse.of_rows(found[found[:, 0] <= ended["to"]]), ended
+
+
+def _value(frame: Frame, place: int) -> float:
+    """An object, NaN while it is bad; or a signal, which come after them."""
+    if place >= len(frame.items):
+        return frame.signal_values[place - len(frame.items)]
+    return float(frame.values[place]) if frame.quality[place] < Quality.BAD else np.nan

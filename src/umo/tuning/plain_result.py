@@ -41,6 +41,8 @@ def as_data(result: TuningResult) -> dict[str, Any]:
         found["model"] = {"kind": identified.model.kind, "fit": identified.fit, "parameters": known}
     if result.relay is not None:
         found["relay"] = asdict(result.relay)
+    if facts.inner:
+        found["inner"] = {"law": facts.inner, "time": result.inner_time, "times_faster": result.faster}
     if result.axis is not None:
         found["axis"] = {name: getattr(result.axis, name) for name in AXIS_NUMBERS}
     found["sets"] = [_set(result, each) for each in result.sets]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,32 +18,30 @@ TIME = "time_s"
 
 
 def recorded_response(
-    file: Path, sensor: str, actuator: str, start: float | None = None, stop: float | None = None
+    file: Path, columns: Sequence[str], start: float | None = None, stop: float | None = None
 ) -> MeasuredResponse:
-    """The response between these times, s. OptionError if the file cannot be read; PathError for an object that it does
-    not have; RangeError if there are too few samples."""
+    """The response between these times, s, from these columns (`LawFacts.columns`). OptionError if the file cannot be
+    read; PathError for an object that it does not have; RangeError if there are too few samples."""
     if not file.is_file():
         raise OptionError(f"--from {file}: {'is a folder' if file.is_dir() else 'there is no such file'}")
     of_file = _of_recording if file.suffix == ".mcap" else _of_trace
-    times, outputs, measurements = of_file(file, sensor, actuator)
+    rows = of_file(file, columns)
     low, high = -np.inf if start is None else start, np.inf if stop is None else stop
-    inside = (times >= low) & (times <= high)
-    return MeasuredResponse.of(times[inside], outputs[inside], measurements[inside])
+    return MeasuredResponse.of_rows(rows[(rows[:, 0] >= low) & (rows[:, 0] <= high)])
 
 
-def _of_trace(file: Path, sensor: str, actuator: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _of_trace(file: Path, paths: Sequence[str]) -> FloatArray:
     try:
         with file.open(newline="", encoding="utf-8") as lines:
             heads = next(csv.reader(lines), [])
             columns = {head.partition("[")[0]: place for place, head in enumerate(heads)}
             if TIME not in columns:
                 raise OptionError(f"--from {file}: it is no trace of a run: it has no column {TIME}")
-            places = [columns[TIME], *(_place(columns, each, file) for each in (actuator, sensor))]
+            places = [columns[TIME], *(_place(columns, each, file) for each in paths)]
             rows = [[row[place] for place in places] for row in csv.reader(lines) if len(row) == len(heads)]
-            found = np.array(rows, np.float64).reshape(-1, 3)
+            return np.array(rows, np.float64).reshape(-1, len(places))
     except (OSError, UnicodeError, ValueError, csv.Error) as error:
         raise OptionError(f"--from {file}: it cannot be read: {error}") from None
-    return found[:, 0], found[:, 1], found[:, 2]
 
 
 def _place(columns: dict[str, int], path: str, file: Path) -> int:
@@ -51,15 +50,15 @@ def _place(columns: dict[str, int], path: str, file: Path) -> int:
     return columns[path]
 
 
-def _of_recording(file: Path, sensor: str, actuator: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _of_recording(file: Path, paths: Sequence[str]) -> FloatArray:
     try:
         from umo.recording import Recording
         from umo.tables.recorded_values import RecordedValues
     except ImportError:
         raise OptionError('a recording needs mcap: pip install "umo[record]"') from None
     with Recording(file) as recording:
-        values = RecordedValues(recording, [actuator, sensor])
+        values = RecordedValues(recording, paths)
         order = values.paths
         parts = [np.column_stack([frames["time"], values.of(frames)]) for frames, _ in values.parts()]
     rows = np.concatenate([np.zeros((0, 1 + len(order))), *parts])
-    return rows[:, 0], rows[:, 1 + order.index(actuator)], rows[:, 1 + order.index(sensor)]
+    return rows[:, [0, *(1 + order.index(each) for each in paths)]]

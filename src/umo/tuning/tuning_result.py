@@ -12,7 +12,7 @@ from umo.tuning.identification import Identified, identify
 from umo.tuning.law_facts import LawFacts
 from umo.tuning.margins import LoopMargins, margins
 from umo.tuning.measured_response import MeasuredResponse
-from umo.tuning.models import ProcessModel
+from umo.tuning.models import FIRST_ORDER, SECOND_ORDER, ProcessModel
 from umo.tuning.predicted_step import PredictedStep, predicted_step
 from umo.tuning.relay_cycles import RelayCycles, relay_cycles
 
@@ -20,6 +20,9 @@ PRESENT = "present"
 """The name of the gains that the law has."""
 STEP_TIMES = 25.0
 """Duration of a predicted step in times of 1 / crossover."""
+FASTER = 3.0
+"""Times by which the inner loop of a cascade is to be faster at least; 5 is better (Astrom and Hagglund, PID
+Controllers: Theory, Design, and Tuning, 1995, section 7.2)."""
 UNKNOWN_MARGINS = LoopMargins(float("nan"), float("nan"))
 
 
@@ -34,6 +37,8 @@ class TuningResult:
     relay: RelayCycles | None
     sets: list[GainSet]
     """The present gains first, if they make a loop at all; then cautious, balanced and quick."""
+    inner: ProcessModel | None = None
+    """Of a cascade: from the inner setpoint to the inner measurement; None: it is not known."""
     axis: AxisModel | None = None
     """What moves the axis, if it is one; then the response is that of its velocity."""
 
@@ -43,6 +48,19 @@ class TuningResult:
         if self.axis is not None:
             return self.axis.position
         return None if self.identified is None else self.identified.model
+
+    @property
+    def inner_time(self) -> float | None:
+        """Average residence time of the closed inner loop, s; None: it is not known."""
+        return None if self.inner is None else residence_time(self.inner)
+
+    @property
+    def faster(self) -> float | None:
+        """How many times faster the inner loop is than the rest of the outer process; None: it is not known, or the
+        process integrates."""
+        if self.inner_time is None or self.model is None or self.model.integrates:
+            return None
+        return max(residence_time(self.model) - self.inner_time, 0.0) / max(self.inner_time, self.facts.dt)
 
     def set_of(self, name: str) -> GainSet:
         """One of the sets; RangeError if there is none of this name."""
@@ -74,10 +92,25 @@ def tuned(facts: LawFacts, response: MeasuredResponse, relay: bool = False, deri
     except RangeError:
         if cycles is None or not cycles.is_critical:
             raise
-        return TuningResult(facts, response, None, cycles, _by_relay(cycles, facts))
+        return TuningResult(facts, response, None, cycles, _by_relay(cycles, facts), _inner_loop(response))
     derivative = derivative or facts.present.derivative_time > 0.0
     sets = gain_sets(identified.model, facts.dt, identified.intervals["L"], derivative)
-    return TuningResult(facts, response, identified, cycles, [*_present(identified.model, facts), *sets])
+    sets = [*_present(identified.model, facts), *sets]
+    return TuningResult(facts, response, identified, cycles, sets, _inner_loop(response))
+
+
+def residence_time(model: ProcessModel) -> float:
+    """The average residence time of a process that does not integrate, s."""
+    return model.dead_time + sum(model.lags)
+
+
+def _inner_loop(response: MeasuredResponse) -> ProcessModel | None:
+    if response.inner is None:
+        return None
+    try:
+        return identify(response.inner, (FIRST_ORDER, SECOND_ORDER), sign=1.0).model
+    except RangeError:
+        return None
 
 
 def tuned_axis(facts: LawFacts, response: MeasuredResponse) -> TuningResult:
@@ -85,7 +118,7 @@ def tuned_axis(facts: LawFacts, response: MeasuredResponse) -> TuningResult:
     response.check_moved(facts.resolution, facts.actuator, facts.sensor)
     axis = identify_axis(response, facts.present.gain)
     sets = [*_present(axis.position, facts), *axis_sets(axis, facts.dt)]
-    return TuningResult(facts, axis.velocities, axis.identified, None, sets, axis)
+    return TuningResult(facts, axis.velocities, axis.identified, None, sets, axis=axis)
 
 
 def _present(model: ProcessModel, facts: LawFacts) -> list[GainSet]:

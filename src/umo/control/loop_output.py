@@ -1,0 +1,101 @@
+"""What a loop gives its output to: an actuator, or the setpoint of the inner law of a cascade."""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import Any
+
+from umo.objects import Compound, DigitalActuator, Node
+from umo.objects.laws import laws_in
+
+
+class ActuatorOutput:
+    """An actuator."""
+
+    def __init__(self, actuator: DigitalActuator) -> None:
+        self._actuator = actuator
+        self.path, self.units = actuator.path, actuator.units
+        self.range = actuator.minimum, actuator.maximum
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """Its range, of a setpoint the inner law and its sensor."""
+        return told_range(self.range)
+
+    def bounds(self, limit: float) -> tuple[float, float]:
+        """Its range, within this distance from its default."""
+        (low, high), default = self.range, self._actuator.default
+        return max(low, default - limit), min(high, default + limit)
+
+    @property
+    def inhibited(self) -> str | None:
+        """What inhibits it, in words; None: nothing."""
+        reason = self._actuator.inhibited
+        return None if reason is None else f"{self.path} is inhibited: {reason}"
+
+    @property
+    def commanded(self) -> float:
+        """What was commanded last."""
+        return float(self._actuator.pending)
+
+    def write(self, value: float) -> None:
+        self._actuator.write(value)
+
+
+class SetpointOutput:
+    """The setpoint of an inner law, within the limits of the outer one (`umo.control.cascade`)."""
+
+    def __init__(self, part: Compound, outer: Any) -> None:
+        self._inner = inner = outer.inner
+        self._law = next((path for _, path, each in laws_in(_root(part)) if each is inner), "")
+        self.path = f"{self._law}.setpoint" if self._law else ""
+        self.units: str = inner.sensor.units
+        self.range: tuple[float, float] = outer.low, outer.high
+
+    @property
+    def told(self) -> dict[str, Any]:
+        return {**told_range(self.range), "inner": self._law, "inner_sensor": self._inner.sensor.path}
+
+    def bounds(self, limit: float) -> tuple[float, float]:
+        return self.range
+
+    @property
+    def inhibited(self) -> str | None:
+        if "step" in vars(self._inner):
+            return f"the inner law of {self.path} is in an experiment"
+        return ActuatorOutput(self._inner.actuator).inhibited
+
+    @property
+    def commanded(self) -> float:
+        return float(self._inner.setpoint)
+
+    def write(self, value: float) -> None:
+        """The next `control` of the outer law gives it, and nothing else does."""
+
+
+LoopOutput = ActuatorOutput | SetpointOutput
+
+
+def output_of(part: Compound, law: Any, end: Any) -> LoopOutput | None:
+    """Of a law of this part; `end`: its actuator or its inner law, None: it is not known."""
+    if isinstance(end, DigitalActuator):
+        return ActuatorOutput(end)
+    return None if end is None else SetpointOutput(part, law)
+
+
+def outer_laws(part: Compound, law: Any) -> list[Any]:
+    """The laws of the machine whose output is the setpoint of this one, which is of this part."""
+    return [each for _, _, each in laws_in(_root(part)) if getattr(each, "inner", None) is law]
+
+
+def _root(part: Compound) -> Compound:
+    node: Node = part
+    while node._parent is not None:
+        node = node._parent
+    assert isinstance(node, Compound)
+    return node
+
+
+def told_range(range_: tuple[float, float]) -> dict[str, float | None]:
+    """As plain data; None: not finite."""
+    return {name: each if isfinite(each) else None for name, each in zip(("low", "high"), range_, strict=True)}
