@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from typer.testing import CliRunner, Result
 
+import umo
 from helpers import cascaded
 from helpers.true_margins import true_cascade_margins
+from helpers.waiting import until
 from umo.cli.app import app
+from umo.process.start import LINUX
 from umo.tuning.margins import Gains
 from umo.tuning.models import ProcessModel
+from umo.tuning.tried_gains import trying
 
 pytest.importorskip("scipy")
 pytest.importorskip("control")
+realtime = pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")
 SETTINGS = ("gain", "integral_time", "derivative_time", "filter_time")
 INNER = ProcessModel("first order", cascaded.INNER_GAIN, 0.0, (cascaded.INNER_LAG,))
 PRESENT = Gains(cascaded.GAIN, cascaded.INTEGRAL_TIME)
@@ -61,6 +71,92 @@ def test_an_inner_loop_that_is_too_slow_is_told(reactor: Path) -> None:
     slow = invoke(*words, "near", "--wiring", "slow")
     assert slow.exit_code == 0, slow.output
     assert "jacket_law, the inner law, is only" in " ".join(slow.output.split())
+
+
+def test_an_inner_law_at_its_limit_is_told(reactor: Path) -> None:
+    words = (reactor, "vessel_law", "--relay", "10%", "--at", "2", "--within", "80")
+    assert "at its limit" not in invoke(*words).output
+    limited = invoke(*words, "--wiring", "limited")
+    assert limited.exit_code == 0, limited.output
+    assert "jacket_law, the inner law, was at its limit in" in " ".join(limited.output.split())
+
+
+@pytest.mark.parametrize("process", cascaded.OUTER)
+def test_both_laws_are_tuned_and_the_outer_one_with_the_new_inner_gains(reactor: Path, process: str) -> None:
+    words = (reactor, "vessel_law", "--cascade", "--relay", "1%", "--at", "2", "--within", "40", "--process", process)
+    data = found(*words)
+    inner, outer = data["inner"], data["outer"]
+    assert (inner["law"], outer["law"]) == ("jacket_law", "vessel_law")
+    tried = Gains(**{name: inner["chosen"][name] for name in ("gain", "integral_time")})
+    gain, phase = true_cascade_margins(cascaded.OUTER[process], balanced(outer), INNER, tried, cascaded.PERIOD)
+    assert gain >= 2.0
+    assert phase >= 45.0
+    assert tried.gain > 2.0 * cascaded.GAIN
+    assert outer["inner"]["time"] < 0.15
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["jacket_law", "--relay", "5%", "--at", "1"], "jacket_law has no inner law; a `Cascade` has one"),
+        (["vessel_law", "--from", "trace.csv"], "--cascade is for --relay and --step"),
+        (["vessel_law", "--step", "5 K", "--at", "1"], "the amplitude is a share of both ranges"),
+        (["vessel_law", "--step", "5%", "--at", "1", "--sensor", "vessel"], "finds sensors and actuators itself"),
+        (["vessel_law", "--step", "5%"], "does not run"),
+    ],
+)
+def test_mistakes_with_a_cascade_are_told_in_a_line(reactor: Path, words: list[str], message: str) -> None:
+    result = invoke(reactor, *words, "--cascade")
+    assert result.exit_code == 2
+    assert message in " ".join(result.output.split())
+    assert "Traceback" not in result.output
+
+
+# A station that runs ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def running(reactor: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[umo.RemoteStation]:
+    monkeypatch.setenv("UMO_FRAMES", str(tmp_path / "frames"))
+    monkeypatch.setenv("UMO_STATE", str(tmp_path / "state"))
+    with umo.start(str(reactor), manual=True, realtime=True) as run:
+        until(lambda: run.poll(0.01) or (run.frames is not None and run.frames.head > 5))
+        with umo.attach("reactor") as station:
+            yield station
+
+
+@realtime
+@pytest.mark.slow
+@pytest.mark.full
+def test_both_laws_of_a_running_station_are_tuned_and_the_old_gains_are_back(running: Any) -> None:
+    data = found("reactor", "vessel_law", "--cascade", "--relay", "1%", "--cycles", "3", "--within", "40")
+    assert data["inner"]["chosen"]["gain"] > 2.0
+    assert data["outer"]["sets"][2]["gain_margin"] >= 2.0
+    assert running.tuned == {}
+    with pytest.raises(RuntimeError), running.lease("a test"), trying(running, "jacket_law", {"gain": 2.5}):
+        until(lambda: running.tuned == {"jacket_law.gain": 2.5})
+        raise RuntimeError
+    until(lambda: running.tuned == {})
+    assert running["jacket_law.setpoint"] == pytest.approx(50.0, abs=2.0)
+
+
+@realtime
+@pytest.mark.slow
+@pytest.mark.full
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_a_killed_client_leaves_the_old_setpoint_and_both_laws_in_control(running: Any, number: int) -> None:
+    words = ["tune-law", "reactor", "vessel_law", "--step", "20%", "--within", "100"]
+    command = [sys.executable, "-m", "umo_command", *words]
+    client = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ)
+    try:
+        until(lambda: running["jacket_law.setpoint"] > 70.0, 20.0)
+        client.send_signal(number)
+        until(lambda: running["jacket_law.setpoint"] < 60.0, 5.0)
+        until(lambda: abs(running.vessel.read() - 40.0) < 1.0, 60.0)
+    finally:
+        client.kill()
+        client.wait(10)
+    until(lambda: not running.reader.holder)
 
 
 def test_a_trace_of_a_run_gives_the_gains_of_the_outer_law(reactor: Path, tmp_path: Path) -> None:

@@ -148,11 +148,12 @@ hang_timeout = "5 s"
 
 
 def station(folder: Path, name: str = "reactor") -> Path:
-    """The folder of the station; in the wiring `slow` its inner law is slow."""
+    """The folder of the station; in the wiring `slow` its inner law is slow, in `limited` soon at its limit."""
     place = folder / name
     (place / "wiring").mkdir(parents=True)
     files = {"objects.py": OBJECTS, "application.py": APPLICATION, "plant.py": PLANT, "wiring/simulated.toml": WIRING}
     files["wiring/slow.toml"] = f'{WIRING}\n[parameters]\n"gain" = 0.2\n'
+    files["wiring/limited.toml"] = f'{WIRING}\n[parameters]\n"gain" = 20.0\n'
     for file, text in files.items():
         (place / file).write_text(text.lstrip())
     return place

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import umo
-from helpers import lagging
+from helpers import cascaded, lagging
 from umo.process.start import LINUX
 
 from .conftest import Client, Served, control, eventually, opened, serving, take_lease
@@ -143,3 +143,32 @@ def test_an_experiment_is_cancelled_in_a_browser(served: Served, tank: umo.Remot
     panel.get_by_role("button", name="Cancel").click()
     panel.get_by_text("cancelled").wait_for()
     eventually(lambda: tank.valve.read() < 34.0)
+
+
+@pytest.fixture
+def reactor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[umo.RemoteStation]:
+    """A cascade, in manual mode."""
+    monkeypatch.setenv("UMO_FRAMES", str(tmp_path / "frames"))
+    monkeypatch.setenv("UMO_STATE", str(tmp_path / "state"))
+    with umo.start(str(cascaded.station(tmp_path)), manual=True, realtime=True) as process:
+        eventually(lambda: process.stage.name == "RUNNING")
+        with umo.attach(process.pid) as station:
+            eventually(lambda: station.reader.head > 5)
+            yield station
+
+
+@pytest.mark.slow
+@pytest.mark.full
+def test_the_outer_law_of_a_cascade_is_tuned_in_a_browser(
+    reactor: umo.RemoteStation, page: Any, tmp_path: Path
+) -> None:
+    with serving() as served:
+        take_lease(page, served.url)
+        panel = control(page, "vessel_law").filter(has=page.get_by_role("button", name="Begin"))
+        panel.get_by_role("button", name="Begin").click()
+        panel.get_by_role("table").wait_for()
+        panel.screenshot(path=str(tmp_path / "tuned.png"))
+        assert "times faster" in panel.inner_text()
+        before = float(reactor["vessel_law.gain"])
+        panel.get_by_role("button", name="Accept").click()
+        eventually(lambda: reactor["vessel_law.gain"] != before)

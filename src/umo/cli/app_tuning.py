@@ -74,6 +74,12 @@ def tune_law(
     ] = False,
     sensor: Annotated[str, typer.Option(metavar="PATH", help="Of a law that does not know its sensor.")] = "",
     actuator: Annotated[str, typer.Option(metavar="PATH", help="Of a law that does not know its actuator.")] = "",
+    cascade: Annotated[
+        bool,
+        typer.Option(
+            "--cascade", help="Of an outer law: first its inner law, then, with the new inner gains, the outer one."
+        ),
+    ] = False,
     wiring: WiringName = None,
     picture: Annotated[Path | None, typer.Option("--out", metavar="FILE.png", help="Draw the result.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
@@ -83,13 +89,14 @@ def tune_law(
 
     The experiment needs manual mode and the lease. It keeps within the amplitude around the present output; an
     interlock, a fault, a bad sensor, the end of the lease and Ctrl-C end it. Then the old output is back, and the law
-    in control. Nothing is changed: the lines that are printed try the gains, and keep them.
+    in control. Nothing is changed: the lines that are printed try the gains, and keep them. `--cascade` tries those of
+    the inner law meanwhile.
     """
     from .tune_law import TuningOrder
     from .tune_law import tune_law as work
 
     order = TuningOrder(
         relay, step, moves, file, start, stop, at, hysteresis, within, cycles, lasting, chosen, derivative, sensor,
-        actuator, wiring, picture, as_json, take,
+        actuator, wiring, picture, as_json, take, cascade,
     )  # fmt: skip
     return work(station, law, order, context.args)

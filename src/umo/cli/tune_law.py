@@ -20,7 +20,7 @@ from umo.remote import RemoteStation
 from umo.remote.search import find_elsewhere, meant_by, several_runs
 from umo.tuning.law_facts import LawFacts
 from umo.tuning.measured_response import MeasuredResponse
-from umo.tuning.plain_result import as_data, finite
+from umo.tuning.plain_result import as_data, finite, settings_of
 from umo.tuning.recorded_response import recorded_response
 from umo.tuning.tuning_result import FASTER, TuningResult, tuned, tuned_axis
 
@@ -29,9 +29,11 @@ from .console import err, out, say
 from .progress_line import OneLine
 from .ps import readers
 from .station_options import parse
-from .tuning_told import tables_of, told_settings
+from .tuning_told import ToldSettings, tables_of, told_settings
 from .values import between, check_picture, duration, number
 
+MUCH_LIMITED = 0.02
+"""Share of an experiment in which an inner law may be at its limit, and nothing is said."""
 LOW_FIT = 90.0
 """Fit in per cent below which it is said."""
 
@@ -59,6 +61,7 @@ class TuningOrder:
     picture: Path | None = None
     as_json: bool = False
     over: bool = False
+    cascade: bool = False
 
     def check(self) -> None:
         """OptionError unless it names one source."""
@@ -68,6 +71,12 @@ class TuningOrder:
             raise OptionError(f"give one of {', '.join(sources)}" + (f", not {' and '.join(given)}" if given else ""))
         if self.file is None and (self.start or self.stop):
             raise OptionError("--start and --stop are for --from")
+        if self.cascade and self.relay is None and self.step is None:
+            raise OptionError("--cascade is for --relay and --step")
+        if self.cascade and not (self.relay or self.step or "").strip().endswith("%"):
+            raise OptionError("with --cascade the amplitude is a share of both ranges, such as 10%")
+        if self.cascade and (self.sensor or self.actuator):
+            raise OptionError("--cascade finds sensors and actuators itself")
         check_picture(self.picture)
 
 
@@ -81,10 +90,38 @@ def tune_law(station: str, place: str, order: TuningOrder, options: Sequence[str
     running = None if order.file is not None else _running(station)
     if running is not None:
         with RemoteStation(running) as remote:
-            result = _live(remote, place, order)
+            results = _live(remote, place, order)
             known = {each["path"]: (each["minimum"], each["maximum"]) for each in remote.reader.layout.tunables}
     else:
-        result, known = _alone(station, place, order, options)
+        results, known = _alone(station, place, order, options)
+    for result in results:
+        _say_doubts(result)
+    told = [told_settings(result, order.name, station, known) for result in results]
+    if order.as_json:
+        each = [
+            as_data(result) | {"chosen": {"name": chosen.name, **finite(chosen.values)}}
+            for result, chosen in zip(results, told, strict=True)
+        ]
+        out.print_json(json.dumps({"inner": each[0], "outer": each[1]} if order.cascade else each[0]))
+    else:
+        _print(results, told)
+    if order.picture is not None:
+        from .tuning_plot import save_tuning_plot
+
+        save_tuning_plot(results[-1], order.picture, f"umo tune-law {station} {place}")
+        err.print(f"plot: {order.picture}", soft_wrap=True)
+    return 0
+
+
+def _print(results: Sequence[TuningResult], told: Sequence[ToldSettings]) -> None:
+    for result, chosen in zip(results, told, strict=True):
+        for table in tables_of(result):
+            out.print(table)
+        for line in chosen.lines:
+            out.print(line, soft_wrap=True)
+
+
+def _say_doubts(result: TuningResult) -> None:
     if result.identified is not None and result.identified.fit < LOW_FIT:
         better = "--moves" if result.facts.axis and result.axis is None else "a larger amplitude"
         say(f"the model describes only {result.identified.fit:.0f} % of the response; {better} may do better")
@@ -93,20 +130,6 @@ def tune_law(station: str, place: str, order: TuningOrder, options: Sequence[str
             f"{result.facts.inner}, the inner law, is only {result.faster:.1f} times faster than the rest of the "
             f"process ({FASTER:g} at least, better 5): make it faster, and repeat this"
         )
-    told = told_settings(result, order.name, station, known)
-    if order.as_json:
-        out.print_json(json.dumps(as_data(result) | {"chosen": {"name": told.name, **finite(told.values)}}))
-    else:
-        for table in tables_of(result):
-            out.print(table)
-        for line in told.lines:
-            out.print(line, soft_wrap=True)
-    if order.picture is not None:
-        from .tuning_plot import save_tuning_plot
-
-        save_tuning_plot(result, order.picture, f"umo tune-law {station} {place}")
-        err.print(f"plot: {order.picture}", soft_wrap=True)
-    return 0
 
 
 def _found(order: TuningOrder, facts: LawFacts, response: MeasuredResponse) -> TuningResult:
@@ -132,30 +155,53 @@ def _running(name: str) -> Reader | None:
     return fitting[0] if fitting else None
 
 
-def _live(station: RemoteStation, place: str, order: TuningOrder) -> TuningResult:
-    from umo.tuning.live_experiment import experiment, facts_of, moves
+def _live(station: RemoteStation, place: str, order: TuningOrder) -> list[TuningResult]:
+    """Of the law; with --cascade of its inner law before."""
+    from umo.tuning.live_experiment import facts_of
+    from umo.tuning.tried_gains import check_tunable, trying
 
     if order.at is not None:
         raise OptionError("--at is for a run of its own; this station runs")
     with hinting(station.reader), leased(station, order.over):
         facts = facts_of(station, place, order.sensor, order.actuator)
-        with OneLine(err) as line:
-            began, before = time.monotonic(), station.progress
+        if not order.cascade:
+            return [_live_one(station, place, order, facts)]
+        inner_facts = facts_of(station, _inner_of(facts))
+        check_tunable(station, facts.inner, ("gain", "integral_time"))
+        inner = _live_one(station, facts.inner, order, inner_facts)
+        with trying(station, facts.inner, settings_of(inner, inner.set_of(order.name))):
+            time.sleep(inner.response.duration)  # the outer law brings its measurement back
+            return [inner, _live_one(station, place, order, facts)]
 
-            def show() -> None:
-                progress = station.progress  # what was said before is none of it
-                line.show(time.monotonic() - began, "" if progress == before else progress.text, None)
 
-            if order.moves is not None:
-                response = moves(station, facts, number("--moves", order.moves, facts.units[0]), show)
-            else:
-                response, ended = experiment(station, place, facts, _arguments(order, facts), show)
-                _say_end(ended)
+def _inner_of(facts: LawFacts) -> str:
+    if not facts.inner:
+        raise OptionError(f"--cascade: {facts.law} has no inner law; a `Cascade` has one")
+    return facts.inner
+
+
+def _live_one(station: RemoteStation, place: str, order: TuningOrder, facts: LawFacts) -> TuningResult:
+    from umo.tuning.live_experiment import experiment, moves
+
+    with OneLine(err) as line:
+        began, before = time.monotonic(), station.progress
+
+        def show() -> None:
+            progress = station.progress  # what was said before is none of it
+            line.show(time.monotonic() - began, "" if progress == before else progress.text, None)
+
+        if order.moves is not None:
+            response = moves(station, facts, number("--moves", order.moves, facts.units[0]), show)
+        else:
+            response, ended = experiment(station, place, facts, _arguments(order, facts), show)
+            _say_end(facts, ended)
     return _found(order, facts, response)
 
 
-def _say_end(ended: Mapping[str, Any]) -> None:
-    say(f"the experiment has ended ({ended['ended']}); the law is in control")
+def _say_end(facts: LawFacts, ended: Mapping[str, Any]) -> None:
+    say(f"{facts.law}: the experiment has ended ({ended['ended']}); the law is in control")
+    if (share := ended.get("limited", 0.0)) > MUCH_LIMITED:
+        say(f"{facts.inner}, the inner law, was at its limit in {share:.0%} of it; use a smaller amplitude")
 
 
 def _arguments(order: TuningOrder, facts: LawFacts) -> dict[str, Any]:
@@ -186,7 +232,7 @@ def _amplitude(option: str, text: str, facts: LawFacts) -> float:
 
 def _alone(
     station: str, place: str, order: TuningOrder, options: Sequence[str]
-) -> tuple[TuningResult, dict[str, tuple[float, float]]]:
+) -> tuple[list[TuningResult], dict[str, tuple[float, float]]]:
     """From what was recorded, or from a run of its own."""
     from umo.tuning.own_experiment import declared_facts, own_experiment
 
@@ -200,7 +246,7 @@ def _alone(
     known = {path: (each.minimum, each.maximum) for path, each in numbers if each.tunable}
     if order.file is not None:
         span = between("--start", order.start, "--stop", order.stop)
-        return _found(order, facts, recorded_response(order.file, facts.columns, *span)), known
+        return [_found(order, facts, recorded_response(order.file, facts.columns, *span))], known
     if order.moves is not None:
         raise OptionError(f"{station} does not run: start it with `umo run {station} --manual`, or give --from TRACE")
     if order.at is None:
@@ -208,10 +254,16 @@ def _alone(
             f"{station} does not run: start it with `umo run {station} --manual`; or give --at TIME, the time of the "
             "experiment in a simulated run of its own"
         )
-    with OneLine(err) as line:
-        show: Callable[[float, str], object] = lambda moment, text: line.show(moment, text, None)  # noqa: E731
-        response, ended = own_experiment(
-            plan(), place, facts, duration("--at", order.at), _arguments(order, facts), show
-        )
-    _say_end(ended)
-    return _found(order, facts, response), known
+    at = duration("--at", order.at)
+
+    def one(place: str, facts: LawFacts, tried: Mapping[str, Mapping[str, float]]) -> TuningResult:
+        with OneLine(err) as line:
+            show: Callable[[float, str], object] = lambda moment, text: line.show(moment, text, None)  # noqa: E731
+            response, ended = own_experiment(plan(), place, facts, at, _arguments(order, facts), show, tried)
+        _say_end(facts, ended)
+        return _found(order, facts, response)
+
+    if not order.cascade:
+        return [one(place, facts, {})], known
+    inner = one(facts.inner, declared_facts(plan(), _inner_of(facts)), {})
+    return [inner, one(place, facts, {facts.inner: settings_of(inner, inner.set_of(order.name))})], known

@@ -52,6 +52,8 @@ class LoopExperiments:
         """The time until which the law's next step gives the old output."""
         self._driven: float | None = None
         """The output of the experiment that was returned last."""
+        self._steps = self._limited = 0
+        """Steps of the excitation, and those of them in which the inner law of a cascade was limited."""
 
     @action(harmless=True)
     def law(self) -> dict[str, Any]:
@@ -86,7 +88,8 @@ class LoopExperiments:
         """Excite the loop around its present output. 0: `hysteresis` by the noise, `within` a tenth of the sensor's
         range.
 
-        Returns the old output and measurement, the noise, and the time at which the excitation began and ended.
+        Returns the old output and measurement, the noise, the time at which the excitation began and ended, and the
+        share of it in which the inner law of a cascade was at its limit.
         RangeError without room for the amplitude, or if the measurement leaves `within`; CommandRefused if the law does
         not act, or if its actuator is inhibited or written by somebody else; Busy during another experiment. Laws whose
         output is the setpoint of this one hold it for so long.
@@ -100,7 +103,7 @@ class LoopExperiments:
         self._plan = lambda base, low, high: self._made(kind, amplitude, hysteresis, cycles, base, low, high)
         self._base, self._excitation, self._driven = Baseline(), None, None
         self._ended = self._failed = ""
-        self._idle = 0
+        self._idle = self._steps = self._limited = 0
         self._loop.take(self._next)
         for each in self._outer:
             each.take(_holding())
@@ -119,6 +122,7 @@ class LoopExperiments:
             raise CommandRefused(f"{self._path}: {self._failed}")
         base, ends = self._base, {"from": began, "to": self._part.now}
         seen = {"output": base.output, "measurement": base.measurement, "noise": base.noise}
+        seen["limited"] = self._limited / max(self._steps, 1)
         return {"ended": self._ended, **{name: round(value, 9) for name, value in {**seen, **ends}.items()}}
 
     def end(self) -> None:
@@ -184,6 +188,8 @@ class LoopExperiments:
         return self._drive(self._base.output if wanted is None else wanted, low, high)
 
     def _drive(self, wanted: float, low: float, high: float) -> float:
+        self._steps += 1
+        self._limited += self._loop.output is not None and self._loop.output.limited
         self._driven = min(max(wanted, low), high)
         return self._driven
 

@@ -16,6 +16,7 @@ class ActuatorOutput:
         self._actuator = actuator
         self.path, self.units = actuator.path, actuator.units
         self.range = actuator.minimum, actuator.maximum
+        self.limited = False
 
     @property
     def told(self) -> dict[str, Any]:
@@ -64,6 +65,11 @@ class SetpointOutput:
         if "step" in vars(self._inner):
             return f"the inner law of {self.path} is in an experiment"
         return ActuatorOutput(self._inner.actuator).inhibited
+
+    @property
+    def limited(self) -> bool:
+        """Whether the inner law was limited last: it does not follow its setpoint then."""
+        return bool(self._inner.limited)
 
     @property
     def commanded(self) -> float:

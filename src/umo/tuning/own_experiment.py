@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -43,9 +44,11 @@ def own_experiment(
     at: float,
     arguments: Mapping[str, Any],
     show: Callable[[float, str], object] = lambda time, text: None,
+    tried: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
 ) -> tuple[MeasuredResponse, dict[str, Any]]:
-    """Run the station's application, and make the experiment at this time, s. The response, and what the experiment
-    returned. OptionError if the wiring runs in real time; CommandRefused if the run ends before."""
+    """Run the station's application, and make the experiment at this time, s. `tried`: settings that laws have from the
+    beginning, by the paths of the laws. The response, and what the experiment returned. OptionError if the wiring runs
+    in real time; CommandRefused if the run ends before."""
     if plan.wired.realtime:
         raise OptionError(
             f"{plan.name} with the wiring {plan.wiring_name or 'given'} runs in real time: start it with `umo run "
@@ -54,6 +57,8 @@ def own_experiment(
     rows, ended = array("d"), dict[str, Any]()
 
     async def application(machine: Compound) -> None:
+        for path, settings in tried.items():
+            vars(loop_at(machine, path).law).update(settings)
         task = None if plan.application is None else machine.cycle.start(plan.application(machine))
         await wait(at)
         if task is not None and task.done:

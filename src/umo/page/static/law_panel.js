@@ -60,7 +60,7 @@ export class LawPanel {
     this._found = null;
     this._place = el("input", { type: "text", value: law.base, "aria-label": `${law.base} loop`, title: "The law; of one for many the element (heating.3), or the part that it is for (zones.3)" });
     this._kind = el("select", { "aria-label": `${law.base} experiment` }, ...["relay", "step"].map((kind) => el("option", { textContent: kind, value: kind })));
-    this._amplitude = el("input", { type: "number", value: "10", min: "0.1", max: "50", step: "any", "aria-label": `${law.base} amplitude`, title: "% of the range of the actuator, around its present value" });
+    this._amplitude = el("input", { type: "number", value: "10", min: "0.1", max: "50", step: "any", "aria-label": `${law.base} amplitude`, title: "% of the range of the actuator, or of the inner setpoint of a cascade, around its present value" });
     this._begin = el("button", { textContent: "Begin", type: "submit" });
     this._cancel = el("button", { textContent: "Cancel", type: "button", onclick: () => this._end() });
     this._answer = el("p", { className: "answer", "aria-live": "polite" });
@@ -90,8 +90,8 @@ export class LawPanel {
     const { feed } = this._client;
     /** @type {Page.LawFacts} */
     const facts = await this._call(`${place}.law`, {});
-    const { minimum = NaN, maximum = NaN } = feed.entry(facts.actuator) ?? {};
-    const amplitude = (Number(this._amplitude.value) / 100) * (maximum - minimum);
+    const { low = null, high = null } = facts;
+    const amplitude = (Number(this._amplitude.value) / 100) * (high !== null && low !== null ? high - low : NaN);
     if (!Number.isFinite(amplitude)) throw new Error(`${facts.law} has no actuator with a range: use umo tune-law`);
     const path = `${place}.experiment`;
     const kind = this._kind.value;
@@ -141,8 +141,10 @@ export class LawPanel {
     this._plots = el("div", { className: "plots" });
     this._accept = el("button", { textContent: "Accept", type: "button", onclick: () => this._tune() });
     const reject = el("button", { textContent: "Reject", type: "button", onclick: () => { this._show(null); this._say("", ""); } });
+    const faster = found.inner?.times_faster ?? null;
+    const inner = faster === null ? "" : `; the inner loop is ${told(faster, "")} times faster`;
     const model = found.model ? `${found.model.kind}, fit ${found.model.fit.toFixed(1)} %` : "no model fits: by the critical point";
-    this._result.replaceChildren(el("p", { className: "model", textContent: model }), this._plots,
+    this._result.replaceChildren(el("p", { className: "model", textContent: model + inner }), this._plots,
       el("div", { className: "scroll" }, el("table", {}, el("thead", {}, el("tr", {}, ...heads)), el("tbody", {}, ...rows))),
       el("span", { className: "buttons" }, this._accept, reject));
     this._draw();

@@ -81,7 +81,7 @@ declare namespace Page {
   }
 
   /** What a law is made of (umo/control/experiment.py). */
-  interface LawFacts { law: string; sensor: string; actuator: string; dt: number; axis: boolean }
+  interface LawFacts { law: string; sensor: string; actuator: string; low?: number | null; high?: number | null; dt: number; axis: boolean }
 
   interface GainSet {
     name: string;
@@ -97,6 +97,7 @@ declare namespace Page {
   /** The gains of a law (umo/page/tuning_answer.py). */
   interface Tuned {
     model?: { kind: string; fit: number };
+    inner?: { law: string; time: number | null; times_faster: number | null };
     sets: GainSet[];
     times: number[];
     measured: (number | null)[];
