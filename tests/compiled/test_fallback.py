@@ -12,7 +12,8 @@ import pytest
 from helpers.generating import Fragile, needs_a_compiler, wired
 from helpers.machines import timer
 from umo import Compound, DigitalActuator, DigitalSensor
-from umo.control import value_of
+from umo.control import Servo, value_of
+from umo.control.loops import LawLoop
 from umo.cycle.connect import connect
 from umo.errors import BadInput, DeclarationError, RangeError
 from umo.generate import compiled_laws, law_library
@@ -88,6 +89,26 @@ class Running:
 
     def __exit__(self, *error: Any) -> None:
         self.connection.__exit__(None, None, None)
+
+
+def test_an_experiment_on_a_law_gives_the_laws_back_to_python() -> None:
+    class Heated(Pump):
+        def setup(self) -> None:
+            self.servo = Servo(self.level, self.motor, gain=0.1, integral_time=1.0)
+
+        def control(self) -> None:
+            self.servo.control(50.0, dt=self.dt)
+
+    with Running(pump(Heated)) as run:
+        assert run.laws.state == "compiled"
+        loop = LawLoop(run.m, run.m.servo, run.m.level, run.m.motor)
+        loop.take(lambda *_: 7.0)
+        run.step()
+        assert run.m.motor.pending == 7.0
+        assert run.laws.state == "python" and "servo.step is replaced" in run.events()
+        loop.give_back()
+        run.step()
+        assert run.m.motor.pending != 7.0
 
 
 def test_attributes_are_read_and_set_as_before() -> None:

@@ -111,7 +111,7 @@ class LawLoop(_Loop):
             law.integral, law.limited = integral, False
             return instead
 
-        vars(law)["step"] = step
+        law.step = step
 
 
 class ElementLoop(_Loop):
@@ -144,4 +144,4 @@ class ElementLoop(_Loop):
                 law.integral[place], law.limited[place] = integral, False
             return output
 
-        vars(law)["step"] = step
+        law.step = step

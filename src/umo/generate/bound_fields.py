@@ -56,6 +56,7 @@ class BoundList(MutableSequence[Any]):
 
 Get: TypeAlias = Callable[[Any], Any]
 Set: TypeAlias = Callable[[Any, Any], None]
+SetAny: TypeAlias = Callable[[Any, str, Any], None]
 
 
 class BoundFields:
@@ -68,7 +69,7 @@ class BoundFields:
         self._class = kind = type(owner)
         self._bound = False
         names = {name: self._property(name, of) for name, of in memory.fields.items()}
-        self._below = _below(kind, names)
+        self._below = _below(kind, {**names, "__setattr__": self._setter()})
 
     def bind(self) -> None:
         """The fields have the values of the object; from now on they are its attributes."""
@@ -102,6 +103,20 @@ class BoundFields:
                 setattr(owner, name, value)
 
         return property(get, checked)
+
+    def _setter(self) -> SetAny:
+        """What sets any attribute: one in the place of a method, as of an experiment, is not compiled."""
+        kind: Any = self._class
+        path = self._memory.path
+
+        def put(owner: Any, name: str, value: Any) -> None:
+            if callable(getattr(kind, name, None)):
+                self._refused(f"{path}.{name} is replaced")
+                setattr(owner, name, value)
+            else:
+                kind.__setattr__(owner, name, value)
+
+        return put
 
     def _access(self, name: str, of: CType) -> tuple[Get, Set]:
         if of in FORMATS:
@@ -190,7 +205,7 @@ def _is_told(kind: type) -> bool:
     return any(each.__module__ != "typing" for each in own)
 
 
-def _below(kind: type, names: dict[str, property]) -> type:
+def _below(kind: type, names: dict[str, Any]) -> type:
     """A class below another one: the same in all but these names. TypeError where there can be none."""
     inside = {"__slots__": (), "__module__": kind.__module__, "__doc__": kind.__doc__, **names}
     bases = (_Untold, kind) if _is_told(kind) else (kind,)
