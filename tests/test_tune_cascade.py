@@ -159,6 +159,36 @@ def test_a_killed_client_leaves_the_old_setpoint_and_both_laws_in_control(runnin
     until(lambda: not running.reader.holder)
 
 
+PLAIN = (
+    ("import Cascade, Servo", "import PID, Servo, value_of"),
+    (
+        "Cascade(self.vessel, self.jacket_law, low=0.0, high=150.0, gain=0.5, integral_time=8.0)",
+        "PID(gain=0.5, integral_time=8.0)",
+    ),
+    (
+        "self.vessel_law.control(self.target, dt=self.dt)",
+        "wanted = self.vessel_law.step(self.target, value_of(self.vessel), self.dt, low=0.0, high=150.0)\n"
+        "        self.jacket_law.control(wanted, dt=self.dt)",
+    ),
+)
+"""From the cascade to two laws that the machine's code connects."""
+
+
+def test_two_laws_on_numbers_are_tuned_where_the_paths_are_given(tmp_path: Path) -> None:
+    place = cascaded.station(tmp_path)
+    text = (place / "objects.py").read_text()
+    for one, other in PLAIN:
+        assert one in text
+        text = text.replace(one, other)
+    (place / "objects.py").write_text(text)
+    words = (place, "vessel_law", "--step", "10 K", "--at", "2", "--within", "40")
+    refused = invoke(*words)
+    assert refused.exit_code == 2
+    assert "knows no sensor: name it with --sensor" in refused.output
+    data = found(*words, "--sensor", "vessel", "--actuator", "jacket_law.setpoint")
+    assert data["model"]["parameters"]["K"]["value"] == pytest.approx(0.8, rel=0.02)
+
+
 def test_a_trace_of_a_run_gives_the_gains_of_the_outer_law(reactor: Path, tmp_path: Path) -> None:
     rows = ["time_s,missed,execution_us,heater[percent],jacket[degC],vessel[degC],jacket_law.setpoint[degC]"]
     jacket, vessel, waiting = 50.0, 40.0, [50.0] * 10

@@ -30,7 +30,7 @@ from .progress_line import OneLine
 from .ps import readers
 from .station_options import parse
 from .tuning_told import ToldSettings, tables_of, told_settings
-from .values import between, check_picture, duration, number
+from .values import between, check_picture, difference, duration, number
 
 MUCH_LIMITED = 0.02
 """Share of an experiment in which an inner law may be at its limit, and nothing is said."""
@@ -224,7 +224,7 @@ def _amplitude(option: str, text: str, facts: LawFacts) -> float:
         if not isfinite(facts.ranges[1]):
             raise OptionError(f"{option}: {facts.actuator} has no range of which {text} could be a share")
         return float(number(option, text.strip()[:-1], "")) * facts.ranges[1] / 100.0
-    return float(number(option, text, facts.units[1]))
+    return difference(option, text, facts.units[1])
 
 
 # Without one -----------------------------------------------------------------------------------------------

@@ -36,6 +36,12 @@ def number(name: str, text: str, unit: str) -> float:
     return int(match[1]) if is_whole else value
 
 
+def difference(name: str, text: str, unit: str) -> float:
+    """As `number`, of a difference: 10 K are 10 °C."""
+    own = re.sub(r"^\s*[-+\d.]+(?:[eE][-+]?\d+)?\s*", "", text).strip()
+    return number(name, text, unit) - convert(0.0, own or unit, unit)
+
+
 def duration(name: str, text: str) -> float:
     """A time in s, from a number of seconds or a text such as "5 min"; RangeError if it is none, or 0."""
     value = _time(name, text)
