@@ -51,7 +51,7 @@ static umo_fault ask_host(umo_machine *m, uint16_t call, uint16_t object, umo_re
     umo_link *l = the_link;
     (void)m;
     (void)object;
-    if (count > LINK_NUMBERS || (l->asking && l->call != call))
+    if (l->mode != LINK_RUNNING || count > LINK_NUMBERS || (l->asking && l->call != call))
         return UMO_NO_HOST;
     l->asking = true;
     if (++l->asks == 0)
@@ -194,7 +194,9 @@ static void take(umo_link *l, const uint8_t *body, uint16_t length)
     if (length < FIRST || !items(l, body, FIRST, length, true))
         return;
     uint16_t session = u16(&body[1]), number = u16(&body[3]);
-    if (body[0] == LINK_START && session && session == l->offered && session != l->session) {
+    if (body[0] == LINK_START && l->mode == LINK_BRAKING) {
+        return; /* once it stands: the host says it again */
+    } else if (body[0] == LINK_START && session && session == l->offered && session != l->session) {
         l->session = session;
         start(l);
     } else if (body[0] == LINK_STOP && session && session == l->offered && session != l->session) {
@@ -229,14 +231,20 @@ void umo_link_receive(umo_link *l)
 
 bool umo_link_count(umo_link *l, int32_t ticks)
 {
-    if (l->mode != LINK_RUNNING)
+    if (l->mode != LINK_RUNNING && l->mode != LINK_BRAKING)
         return false;
     l->silent += (uint32_t)ticks;
     if (l->silent <= LINK_HOST_TIMEOUT)
-        return false;
-    l->mode = LINK_HOST_GONE;
-    l->session = 0;
-    return true;
+        return true;
+    bool ends = l->silent > LINK_HOST_TIMEOUT + LINK_BRAKING_TIMEOUT;
+    if (l->mode == LINK_RUNNING) {
+        l->mode = LINK_BRAKING;
+        l->session = 0;
+        ends = ends || machine_brake(l->machine) != UMO_OK;
+    }
+    if (ends || !machine_moves(l->machine))
+        l->mode = LINK_HOST_GONE;
+    return l->mode == LINK_BRAKING;
 }
 
 /* The answer ------------------------------------------------------------------------------------------------ */
