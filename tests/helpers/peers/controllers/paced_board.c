@@ -1,6 +1,6 @@
-/* paced_board.c: theta's stepper motor behind a controller whose periods are lines of text: `TICKS FRAME`, the frame in
- * hexadecimal digits, or none. The line out is `MODE POSITION VELOCITY ACCELERATION OUTPUTS... ANSWER`: the setpoint, and
- * what the controller has sent. */
+/* paced_board.c: a controller whose periods are lines of text: `TICKS FRAME`, the frame in hexadecimal digits, or none.
+ * The line out is `MODE POSITION VELOCITY ACCELERATION OUTPUTS... ANSWER`: the setpoint of PROFILE, and what the
+ * controller has sent. With COUNTS_PER_STEP there is theta's stepper motor behind it. */
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -10,7 +10,10 @@
 #include "umo_link.h"
 
 extern umo_link machine_link;
-static int32_t outputs[MACHINE_OUTPUTS + 1], position;
+static int32_t outputs[MACHINE_OUTPUTS + 1];
+#ifdef COUNTS_PER_STEP
+static int32_t position;
+#endif
 static char line_in[4 * LINK_LONGEST + 64], answer[4 * LINK_LONGEST + 64];
 static const char *frame = "";
 static size_t answered;
@@ -27,7 +30,7 @@ void io_watchdog(void)
 
 static void tell(void)
 {
-    const machine_Setpoint *s = &machine_link.machine->theta_profile.setpoint;
+    const machine_Setpoint *s = &machine_link.machine->PROFILE.setpoint;
     printf("%d %.17g %.17g %.17g", machine_link.mode, s->position, s->velocity, s->acceleration);
     for (int16_t i = 0; i < MACHINE_OUTPUTS; i++)
         printf(" %" PRId32, outputs[i]);
@@ -70,13 +73,18 @@ void link_end(void)
 void io_read(int32_t *raws_in, uint8_t *failed_in)
 {
     (void)failed_in;
+    (void)raws_in;
+#ifdef COUNTS_PER_STEP
     raws_in[IN_theta_encoder] = position;
+#endif
 }
 
 bool io_write(int16_t place, int32_t raw)
 {
+#ifdef COUNTS_PER_STEP
     if (place == OUT_theta_step && raw && !outputs[OUT_theta_step])
         position += outputs[OUT_theta_direction] ? COUNTS_PER_STEP : -COUNTS_PER_STEP;
+#endif
     outputs[place] = raw;
     return true;
 }

@@ -37,9 +37,11 @@ typedef struct {
     uint8_t mode;
     bool asked;                 /* the host waits for an answer */
     uint16_t asks;              /* the number of what the host is asked to plan; it is `asking` */
-    uint8_t call, count;
+    uint8_t call;
     bool asking;
-    umo_real numbers[LINK_NUMBERS];
+    bool wanted[LINK_CALLS + 1]; /* by call: it is asked for, or will be */
+    uint8_t count[LINK_CALLS + 1];
+    umo_real numbers[LINK_CALLS + 1][LINK_NUMBERS];
     uint8_t inhibits[LINK_BITS(MACHINE_OUTPUTS)];
 } umo_link;
 

@@ -1,4 +1,4 @@
-"""The theta axis on a controller whose periods a test gives, one by one, with what its host says in them."""
+"""A part on a controller whose periods a test gives, one by one, with what its host says in them; such as theta."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 from helpers.split_axis import COUNTS_PER_STEP, PEERS, theta_wiring
+from umo import Compound
 from umo.control import StepperAxis
 from umo.control.inputs import HOMING
 from umo.control.profile import Setpoint
@@ -18,7 +19,7 @@ from umo.generate.controller_folder import write_folder
 from umo.generate.controller_generator import target_of
 from umo.process.station import find
 from umo.split.controller_driver import Controller
-from umo.split.link_bodies import FrameItem, FrameKind, hello, item, request, welcome_of
+from umo.split.link_bodies import ControllerState, FrameItem, FrameKind, StateReader, hello, item, request, welcome_of
 from umo.split.link_frames import FrameReader, framed
 from umo.split.part_generator import _files, _plan
 from umo.split.part_plan import PartPlan
@@ -34,12 +35,12 @@ class Period(NamedTuple):
     answers: list[bytes]
 
 
-class PacedTheta:
+class PacedController:
     """The controller, and the frames of its host."""
 
-    def __init__(self, process: subprocess.Popen[str], plan: PartPlan, axis: StepperAxis) -> None:
-        self._process, self._plan, self.axis = process, plan, axis
-        self._reader = FrameReader(plan.longest)
+    def __init__(self, process: subprocess.Popen[str], plan: PartPlan) -> None:
+        self._process, self._plan = process, plan
+        self._reader, self._states = FrameReader(plan.longest), StateReader(plan)
         self._number = self.session = 0
 
     def step(self, body: bytes = b"", ticks: int = 1) -> Period:
@@ -67,8 +68,15 @@ class PacedTheta:
         given = self.session if session is None else session
         return request(kind, given, self._number, [False] * outputs, items)
 
+    def exchange(self, *items: bytes, ticks: int = 1) -> ControllerState:
+        """A period in which the host says something, and what the controller answers."""
+        (body,) = self.step(self.request(FrameKind.EXCHANGE, items), ticks).answers
+        found = self._states.read(body)
+        assert found is not None
+        return found
+
     def start(self) -> Period:
-        """Begin a session, with the axis as it is in Python."""
+        """Begin a session, with the part as it is in Python."""
         self.session = self.greet()
         fields = [item(FrameItem.FIELD, number, each.live()) for number, each in enumerate(self._plan.fields)]
         self.step(self.request(FrameKind.START))
@@ -76,25 +84,43 @@ class PacedTheta:
 
 
 @contextmanager
-def paced_theta(folder: Path, **options: Any) -> Iterator[PacedTheta]:
-    """Theta at its index, enabled."""
-    root = find("ztheta").machine()
-    wired = resolve(root, theta_wiring(1, **options))
+def paced(folder: Path, root: Compound, wiring: dict[str, Any], path: str, *defines: str) -> Iterator[PacedController]:
+    """The part of this path on the controller `drive`, whose program is in the folder, or is made there."""
+    wired = resolve(root, wiring)
     driver = bare(wired.drivers["drive"])
     assert isinstance(driver, Controller)
-    plan = _plan(root, wired, "theta", driver, target_of("host"))
-    write_folder(_files(plan), folder)
-    sources = [*folder.glob("umo_*.c"), *(folder / f"{name}.c" for name in ("machine", "machine_link", "main_link"))]
-    program, cc = folder / "paced", compiler()
-    assert cc is not None
-    counts = f"-DCOUNTS_PER_STEP={COUNTS_PER_STEP}"
-    board = PEERS / "paced_board.c"
-    subprocess.run([cc, *FLAGS, counts, f"-I{folder}", "-o", program, *sources, board, "-lm"], check=True)
-    axis = cast(StepperAxis, root.theta)
-    axis.enabled, axis._accept, axis._offset = True, HOMING, axis.encoder.zero_offset
-    axis.profile.hold(axis._offset)
+    plan = _plan(root, wired, path, driver, target_of("host"))
+    program = folder / "paced"
+    if not program.exists():
+        write_folder(_files(plan), folder)
+        _compile(folder, program, defines)
     with subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         try:
-            yield PacedTheta(process, plan, axis)
+            yield PacedController(process, plan)
         finally:
             process.kill()
+
+
+def _compile(folder: Path, program: Path, defines: Sequence[str]) -> None:
+    sources = [*folder.glob("umo_*.c"), *(folder / f"{name}.c" for name in ("machine", "machine_link", "main_link"))]
+    cc = compiler()
+    assert cc is not None
+    command = [cc, *FLAGS, *(f"-D{each}" for each in defines), f"-I{folder}", "-o", program, *sources]
+    subprocess.run([*command, PEERS / "paced_board.c", "-lm"], check=True)
+
+
+@contextmanager
+def paced_theta(folder: Path, **options: Any) -> Iterator[tuple[PacedController, StepperAxis]]:
+    """Theta at its index, enabled, and the axis in Python."""
+    root = find("ztheta").machine()
+    defines = f"COUNTS_PER_STEP={COUNTS_PER_STEP}", "PROFILE=theta_profile"
+    with paced(folder, root, theta_wiring(1, **options), "theta", *defines) as controller:
+        axis = cast(StepperAxis, root.theta)
+        enable(axis)
+        yield controller, axis
+
+
+def enable(axis: StepperAxis) -> None:
+    """The axis is enabled where its counter reads 0."""
+    axis.enabled, axis._accept, axis._offset = True, HOMING, axis.encoder.zero_offset
+    axis.profile.hold(axis._offset)
