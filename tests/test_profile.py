@@ -242,3 +242,51 @@ def test_the_segments_give_the_motion_that_the_planner_has_found(
         assert found[:2] == pytest.approx(expected[:2], abs=1e-9)
         before = time
     assert len(profile.segments) == MOST_SEGMENTS
+
+
+@given(
+    start=st.tuples(positions, st.floats(-2e2, 2e2), st.floats(-2e3, 2e3)),
+    limits=st.tuples(st.floats(1.0, 1e4), st.floats(1.0, 1e6)),
+    target=st.sampled_from([0.0, 0.0, 30.0, -100.0]),
+)
+def test_braking_takes_the_time_and_the_distance_that_the_planner_finds(
+    start: tuple[float, float, float], limits: tuple[float, float], target: float
+) -> None:
+    """Whatever the velocity and acceleration are, also beyond the limits."""
+    acceleration, jerk = limits
+    profile = Profile(velocity=100.0, acceleration=acceleration, jerk=jerk)
+    profile.setpoint = Setpoint(*start)
+    plan, trajectory = ruckig.InputParameter(1), ruckig.Trajectory(1)
+    plan.control_interface = ruckig.ControlInterface.Velocity
+    plan.current_position, plan.current_velocity, plan.current_acceleration = ([each] for each in start)
+    plan.max_velocity, plan.max_acceleration, plan.max_jerk = [100.0], [acceleration], [jerk]
+    plan.target_velocity = [target]
+    if ruckig.Ruckig(1).calculate(plan, trajectory) not in (ruckig.Result.Working, ruckig.Result.Finished):
+        reject()
+    (distance,), *_ = trajectory.at_time(trajectory.duration)
+    assert profile.at(target) == pytest.approx(trajectory.duration, rel=1e-6, abs=1e-6)
+    end = profile.segments[3]
+    assert end.position - start[0] == pytest.approx(distance - start[0], rel=1e-6, abs=1e-6)
+    assert (end.velocity, end.acceleration) == (target, 0.0)
+    late = profile.duration + 1.0
+    assert profile.step(late) == pytest.approx((end.position + target * (late - end.start), target, 0.0), abs=1e-6)
+
+
+@pytest.mark.parametrize(("acceleration", "jerk"), [(inf, 20.0), (10.0, inf)])
+def test_a_velocity_is_reached_with_one_limit_that_is_infinite(acceleration: float, jerk: float) -> None:
+    profile = Profile(velocity=100.0, acceleration=acceleration, jerk=jerk)
+    assert profile.at(5.0) == pytest.approx(1.0 if acceleration == inf else 0.5)
+    assert profile.step(0.25).velocity == pytest.approx(0.625 if acceleration == inf else 2.5)
+    assert profile.step(2.0).velocity == 5.0
+
+
+@pytest.mark.parametrize("limit", ["velocity", "acceleration", "jerk"])
+def test_a_velocity_is_refused_where_a_limit_is_not_positive_and_the_motion_goes_on(limit: str) -> None:
+    profile, untouched = limits(), limits()
+    for each in (profile, untouched):
+        each.to(10.0)
+    setattr(profile, limit, 0.0)
+    for velocity in (1.0, nan):
+        with pytest.raises(RangeError, match="no profile at"):
+            profile.at(velocity)
+    assert profile.step(0.05) == untouched.step(0.05)

@@ -21,17 +21,17 @@ from umo import (
     LookupTable,
     Polynomial,
 )
-from umo.control import state_of, value_of
+from umo.control import Axis, state_of, value_of
 from umo.cycle.connect import connect
 from umo.drivers.contract import Channel, IntArray
-from umo.errors import ChannelsFailed, UmoError
+from umo.errors import ChannelsFailed, TaskFailed, UmoError
 from umo.generate.code_world import translate
 from umo.generate.compiled_machine import CompiledMachine, compiled, compiler
 from umo.generate.controller_folder import TARGETS, files_of, write_folder
 from umo.generate.controller_model import ControllerModel, model_of
 from umo.generate.struct_memory import StructMemory
 from umo.generate.translation import RUNTIME_FAULTS, CodeFault
-from umo.objects import Quality, Sensor, atoms
+from umo.objects import Quality, Sensor, atoms, walk
 from umo.states import OnOff, PassFail
 from umo.testing import Scripted, VirtualTimer
 
@@ -145,6 +145,16 @@ def told_by(call: Callable[[], object]) -> str | None:
     except UmoError as error:
         return type(error).__name__
     return None
+
+
+def without_host(m: Compound) -> None:
+    """Its axes cannot plan, as on a controller that has no host."""
+
+    def refused(*_: Any) -> None:
+        raise TaskFailed("only the host can do it, and there is none")
+
+    for axis in (each for each in walk(m) if isinstance(each, Axis)):
+        axis._replan = axis.profile.to = refused  # type: ignore[method-assign, assignment]
 
 
 class Beside:

@@ -28,9 +28,11 @@ PEERS = Path(__file__).parent / "peers" / "controllers"
 COUNTS_PER_STEP = 425
 DEFAULTS = [0, 1, 0]
 """Step, direction and encoder_zero at their defaults, as raw integers."""
-HOST_GONE = 3
+HOST_GONE, BRAKING = 3, 4
 PERIOD, HOST_TIMEOUT, TIMEOUT_PERIODS = "2 ms", "300 ms", 150
 """Longer than the default: other tests may load the computer."""
+BRAKING_PERIODS = 500
+"""The braking timeout, 1 s by default."""
 
 
 def theta_wiring(port: int | None, **options: Any) -> dict[str, Any]:

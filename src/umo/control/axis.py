@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from enum import Enum
 from functools import partial
@@ -19,7 +19,7 @@ from umo.control.inputs import HOMING, Accept, value_of
 from umo.control.profile import Profile
 from umo.cycle.parallel import together
 from umo.cycle.sequences import Task, advancing, next_period
-from umo.errors import AxisError, Busy, DeclarationError, EquipmentFault, HomingError, RangeError
+from umo.errors import AxisError, Busy, DeclarationError, EquipmentFault, HomingError, RangeError, TaskFailed
 from umo.objects import Actuator, Compound, DigitalSensor, Number, Quality, Range, action
 from umo.objects.reaction import declared_reaction
 from umo.presentation.digits import number_text
@@ -449,7 +449,23 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         if self._standing:
             self._stand()
         self._interrupted = self._standing = False
-        self._replan()
+        self._plan_anew()
+
+    def _plan_anew(self) -> None:
+        """Go on from the setpoint to where the motion goes. A controller without a host (TaskFailed) cannot plan that:
+        it brakes to standstill; so does one whose host has not answered yet."""
+        self.profile.at(0.0)
+        with suppress(TaskFailed):
+            self._replan()
+
+    def _brake(self) -> None:
+        """Nobody is in charge any longer: decelerate to standstill."""
+        if self.enabled:
+            self.profile.at(0.0)
+
+    def _moves(self) -> bool:
+        """Whether the setpoint moves."""
+        return self.enabled and not (self.profile.done and not self.profile.setpoint.velocity)
 
 
 async def move_together(*moves: tuple[Axis, float]) -> None:

@@ -1,9 +1,10 @@
-"""Jerk-limited motion profiles, through ruckig (time-optimal, any starting state)."""
+"""Jerk-limited motion profiles, time-optimal from any starting state: to a position through ruckig, to a velocity by a
+formula."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import frexp, inf, isfinite
+from math import copysign, frexp, inf, isfinite, isnan, sqrt
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -40,6 +41,18 @@ _NONE = Segment(inf, 0.0, 0.0, 0.0, 0.0)
 """In the place of a segment that a motion does not have."""
 
 
+def _within(segment: Segment, time: float) -> Setpoint:
+    """The setpoint `time` s after the start of a segment."""
+    _, p, v, a, j = segment
+    return Setpoint(p + time * (v + time * (a / 2.0 + time * j / 6.0)), v + time * (a + time * j / 2.0), a + time * j)
+
+
+def _after(segment: Segment, time: float, acceleration: float, jerk: float) -> Segment:
+    """The segment that begins `time` s after the start of another one."""
+    position, velocity, _ = _within(segment, time)
+    return Segment(segment.start + time, position, velocity, acceleration, jerk)
+
+
 def _padded(segments: list[Segment]) -> list[Segment]:
     return [*segments, *[_NONE] * (MOST_SEGMENTS - len(segments))]
 
@@ -48,8 +61,8 @@ def _padded(segments: list[Segment]) -> list[Segment]:
 class Profile:
     """A setpoint profile to a target position within these limits, advanced by one period per call.
 
-    A motion is planned by ruckig, and followed as segments of constant jerk, the last of which does not end: so a
-    controller without ruckig follows it by the same formula."""
+    A motion is followed as segments of constant jerk, the last of which does not end. One to a position is planned by
+    ruckig. One to a velocity, so also to standstill, is a formula: a controller brakes without ruckig."""
 
     velocity: float
     """Largest speed, units per s."""
@@ -113,12 +126,28 @@ class Profile:
         return self._follow(plan, scale, f"to {target!r}")
 
     def at(self, velocity: float) -> float:
-        """Plan a profile from the current setpoint to a constant velocity, at most the largest speed; 0: to standstill.
-        The setpoint moves on at this velocity. Returns the duration in s until it is reached. RangeError for NaN."""
-        plan, scale = self._plan()
-        plan.control_interface = _ruckig().ControlInterface.Velocity
-        plan.target_velocity = [min(max(velocity, -self.velocity), self.velocity) * scale]
-        return self._follow(plan, scale, f"at {velocity!r} per s")
+        """Go over from the current setpoint to a constant velocity, at most the largest speed; 0: to standstill. The
+        setpoint moves on at this velocity. Returns the duration in s until it is reached. RangeError for NaN."""
+        jerk, limit = self.jerk, self.acceleration
+        final = min(max(velocity, -self.velocity), self.velocity)
+        slowest = min(self.velocity, limit, jerk)
+        if isnan(velocity) or not slowest > 0.0 or not isfinite(min(limit, jerk)) or not isfinite(final):
+            raise RangeError(f"no profile at {velocity!r} per s within the limits of {self!r}")
+        position, v, a = self.setpoint
+        sign = copysign(1.0, final - v - a * abs(a) / (2.0 * jerk))  # of what is missing once there is no acceleration
+        begun, change = sign * a, sign * (final - v)
+        peak = min(limit, sqrt(max(0.0, jerk * change + begun * begun / 2.0)))
+        rise, fall, hold = abs(peak - begun) / jerk, peak / jerk, 0.0
+        if peak == limit:
+            hold = max(0.0, (change - rise * (begun + peak) / 2.0 - fall * peak / 2.0) / peak)
+        first = Segment(0.0, position, v, a, sign * copysign(jerk, peak - begun) if rise else 0.0)
+        second = _after(first, rise, sign * peak, 0.0)
+        third = _after(second, hold, sign * peak, -sign * jerk if fall else 0.0)
+        last = _after(third, fall, 0.0, 0.0)
+        self.segments[0], self.segments[1], self.segments[2] = first, second, third
+        self.segments[3], self.segments[4] = Segment(last.start, last.position, final, 0.0, 0.0), _NONE
+        self.elapsed, self.origin, self.duration = 0.0, 0.0, last.start
+        return self.duration
 
     def _plan(self) -> tuple[Any, float]:
         """The current setpoint and the limits for ruckig, and the scale of their lengths."""
@@ -146,7 +175,7 @@ class Profile:
                 break
         else:
             raise RangeError(f"no profile {what} within the limits of {self!r}: {found}")
-        self.segments = _padded(_segments(trajectory, scale, plan.target_velocity[0]))
+        self.segments = _padded(_segments(trajectory, scale))
         self.elapsed, self.origin, self.duration = 0.0, 0.0, float(trajectory.duration)
         return self.duration
 
@@ -186,15 +215,13 @@ class Profile:
             if elapsed < each.start:
                 break
             at = each
-        start, p, v, a, j = at
-        t = elapsed - start
-        position = p + t * (v + t * (a / 2.0 + t * j / 6.0))
-        self.setpoint = Setpoint(position + self.origin, v + t * (a + t * j / 2.0), a + t * j)
+        position, velocity, acceleration = _within(at, elapsed - at.start)
+        self.setpoint = Setpoint(position + self.origin, velocity, acceleration)
         return self.setpoint
 
 
-def _segments(trajectory: Any, scale: float, final: float) -> list[Segment]:
-    """Those of a trajectory of ruckig with lengths times `scale`, which goes on at the velocity `final` afterwards."""
+def _segments(trajectory: Any, scale: float) -> list[Segment]:
+    """Those of a trajectory of ruckig with lengths times `scale`, which ends at standstill."""
     profile = trajectory.profiles[0][0]
     found, start = [], 0.0
     for part in (profile.brake, profile):
@@ -203,7 +230,7 @@ def _segments(trajectory: Any, scale: float, final: float) -> list[Segment]:
                 found.append(Segment(start, *(each / scale for each in (*state, jerk))))
                 start += time
     (position,), *_ = trajectory.at_time(trajectory.duration)
-    return [*found, Segment(float(trajectory.duration), position / scale, final / scale, 0.0, 0.0)]
+    return [*found, Segment(float(trajectory.duration), position / scale, 0.0, 0.0, 0.0)]
 
 
 def _ruckig() -> ModuleType:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from math import inf, isfinite
 
 from umo.control.axis import Axis
 from umo.control.checks import check_numbers
 from umo.control.inputs import value_of
 from umo.control.servo import Servo
-from umo.errors import AxisError
+from umo.errors import AxisError, TaskFailed
 from umo.objects import DigitalActuator, Number
 from umo.presentation.value_text import measure
 
@@ -107,10 +108,11 @@ class ServoAxis(Axis, numbers=_numbers):
             beyond = moved - velocity * period
             if beyond * velocity > 0.0:
                 self.profile.shift(beyond)
-                self._replan()
+                self._plan_anew()
         elif moved * (reading - position) > 0.0 and abs(reading - position) > self.window:
             self.profile.shift(moved)
-            self.profile.to(position)
+            with suppress(TaskFailed):  # without a host it stays there
+                self.profile.to(position)
 
     @property
     def error(self) -> float:

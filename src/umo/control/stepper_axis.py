@@ -83,7 +83,7 @@ class StepperAxis(Axis):
         if self._ramp <= 0.0 and missed * abs(velocity) > self.step_size:
             self._ramp = abs(velocity) / self.profile.acceleration + self.profile.acceleration / self.profile.jerk
             self.profile.hold(position)
-            self._replan()
+            self._plan_anew()
 
     @property
     def _outputs(self) -> tuple[Actuator, ...]:

@@ -24,7 +24,7 @@ from umo.generate.terms import TEXT, Code, Known, Many, Term
 from umo.objects import DigitalSensor, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
 
-HOST_CALLS: frozenset[Any] = frozenset({Profile.to, Profile.at})
+HOST_CALLS: frozenset[Any] = frozenset({Profile.to})
 """What only the host can do: it plans motions."""
 
 

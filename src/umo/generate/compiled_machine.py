@@ -49,7 +49,7 @@ class CompiledMachine:
             getattr(lib, name).restype = c_double
         for name in ("machine_begin", "machine_step", "machine_sent", "host_set_reading"):
             getattr(lib, name).restype = c_int16
-        lib.machine_clear.restype = c_bool
+        lib.machine_clear.restype = lib.machine_moves.restype = c_bool
         lib.host_raw.restype = c_int32
         lib.host_set_reading.argtypes = [c_void_p, c_int16, c_double]
         self._machine = create_string_buffer(lib.host_size())
@@ -95,6 +95,14 @@ class CompiledMachine:
 
     def equipment_fault(self, number: int) -> int:
         return int(self._library.host_equipment_fault(self._machine, c_int16(number)))
+
+    def brake(self) -> int:
+        """Every axis decelerates to standstill from the next period on; the fault of that."""
+        return int(self._library.machine_brake(self._machine))
+
+    def moves(self) -> bool:
+        """Whether an axis moves."""
+        return bool(self._library.machine_moves(self._machine))
 
     @property
     def changed(self) -> bool:

@@ -14,6 +14,7 @@ from pathlib import Path
 from types import MethodType
 from typing import Any, NamedTuple
 
+from umo.control.axis import Axis
 from umo.cycle.clock import Clock
 from umo.cycle.equipment import equipment_in
 from umo.cycle.image import Image
@@ -147,18 +148,21 @@ class ControllerModel:
     """The outer before the inner."""
     laws: list[ControllerLaw]
     """The `control` of each class that has its own, in the order of a period."""
+    axes: list[Axis] = field(default_factory=list)
+    """Those that brake when nobody is in charge."""
     problems: list[NotGenerated] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     @property
     def conditions(self) -> list[Callable[[], bool]]:
-        """The conditions of the interlocks."""
-        return [each.condition for each in self.interlocks]
+        """What is asked: the conditions of the interlocks, then whether axes move."""
+        return [*(each.condition for each in self.interlocks), *(axis._moves for axis in self.axes)]
 
     @property
-    def steps(self) -> list[MethodType]:
-        """What acts: the laws, then what is called at faults of equipment."""
-        return [*(each.control for each in self.laws), *(one for each in self.equipment for one in each.entered)]
+    def steps(self) -> list[Callable[..., Any]]:
+        """What acts: the laws, then what is called at faults of equipment, then the braking of axes."""
+        entered = [one for each in self.equipment for one in each.entered]
+        return [*(each.control for each in self.laws), *entered, *(axis._brake for axis in self.axes)]
 
 
 @contextmanager
@@ -212,6 +216,7 @@ def model_of(machine: ConnectedMachine, wired: Wired) -> ControllerModel:
         ],
         equipment=containing.described(),
         laws=[ControllerLaw(law, containing.innermost(law.__self__)) for law in machine._overrides(root)],
+        axes=[each for each in axes_in(root) if isinstance(each, Axis)],
     )
     model.problems += _problems(machine, wired, objects)
     model.notes += _notes(objects)

@@ -71,6 +71,10 @@ void machine_acknowledge(umo_machine *m);
  * of it cannot be read. m->core.equipment[number].fault is the fault; 0: none. */
 bool machine_clear(umo_machine *m, int16_t number);
 
+/* Every axis decelerates to standstill from the next machine_step on, by itself. machine_moves: whether one moves. */
+umo_fault machine_brake(umo_machine *m);
+bool machine_moves(umo_machine *m);
+
 /* The struct of a law or a part, by its number; NULL: there is none. */
 void *machine_struct(umo_machine *m, int16_t number);
 
@@ -134,6 +138,22 @@ bool machine_clear(umo_machine *m, int16_t number)
     return umo_clear(&m->core, number);
 }
 """
+BRAKING = """
+umo_fault machine_brake(umo_machine *m)
+{{
+    umo_fault fault = UMO_OK;
+    (void)m;
+{brakes}    return fault;
+}}
+
+bool machine_moves(umo_machine *m)
+{{
+    bool moves = false;
+    (void)m;
+    (void)moves;
+{moves}    return false;
+}}
+"""
 
 
 def header_of(model: ControllerModel, translation: Translation, target: ControllerTarget) -> str:
@@ -195,12 +215,23 @@ def source_of(model: ControllerModel, translation: Translation, target: Controll
         *_plan(model, target),
         f"{translation.init}\n",
         STEPS % _laws(model, translation),
+        _braking(model, translation),
     ]
     return "".join(parts)
 
 
 def _laws(model: ControllerModel, translation: Translation) -> str:
     return "".join(_law(translation.entry[law.control].call(), law.equipment) for law in model.laws)
+
+
+def _braking(model: ControllerModel, translation: Translation) -> str:
+    """What brings the axes to standstill. One that cannot tell whether it moves counts as one that does not."""
+    brakes, moves = [], []
+    for axis in model.axes:
+        brakes.append(f"    if (!fault)\n        fault = {translation.entry[axis._brake].call()};\n")
+        asked = translation.entry[axis._moves].call("&moves")
+        moves.append(f"    if ({asked} == UMO_OK && moves)\n        return true;\n")
+    return BRAKING.format(brakes="".join(brakes), moves="".join(moves))
 
 
 def _law(call: str, equipment: int) -> str:

@@ -45,7 +45,9 @@ class Controller(Driver[Channel]):
         baudrate: of the serial line, in bit/s. Default: 115200.
         real: the numbers of the controller: "double" or "float".
         cycle: the controller's own period. Default: that of the machine.
-        host_timeout: the controller brings its outputs to their defaults when the host was silent for this time.
+        host_timeout: when the host was silent for this time, the controller brakes its axes to standstill, and brings
+            its outputs to their defaults; at once where no axis moves.
+        braking_timeout: the braking may take this time, then every output goes to its default. 0: no braking.
     """
 
     forms = ("any text",)
@@ -60,11 +62,13 @@ class Controller(Driver[Channel]):
         real: Literal["double", "float"] = "double",
         cycle: str | float | None = None,
         host_timeout: str | float = 0.1,
+        braking_timeout: str | float = 1.0,
     ) -> None:
         self.place = place_of(_DEFAULT, host, port, serial, baudrate=baudrate)
         self.real = one_of("real", real, ("double", "float"))
         self._cycle = None if cycle is None else duration("cycle", cycle)
         self.host_timeout = duration("host_timeout", host_timeout)
+        self.braking_timeout = 0.0 if braking_timeout == 0 else duration("braking_timeout", braking_timeout)
         if not self.host_timeout > 0.0 or self._cycle == 0.0:
             raise WiringError("host_timeout and cycle must be above 0 s")
         self._prepared = self.place.prepared()
@@ -94,7 +98,7 @@ class Controller(Driver[Channel]):
     def take_part(self, part: Compound, wired: Wired) -> PartPlan:
         """The part that runs on this controller, before the machine is connected. NotTranslated if it cannot."""
         target = target_of(TARGETS[self.real], self.real)
-        plan = self._plan = plan_of(part, wired, self, self.cycle, target, self.host_timeout)
+        plan = self._plan = plan_of(part, wired, self, self.cycle, target, self.host_timeout, self.braking_timeout)
         channels = {each.item.path: each.channel.text for each in wired.wires}
         self._places = {channels[each.path]: n for n, each in enumerate(plan.model.objects[: plan.model.inputs])}
         return plan

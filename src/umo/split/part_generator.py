@@ -22,7 +22,8 @@ README = """
 
 This controller runs `{path}` of a machine whose application is on a host; docs/howto-split.md says how, and
 docs/split-protocol.md what goes over the line. `main_link.c` is its loop in place of `main.c`. When the host was silent
-for {timeout:g} s, {ticks} periods, every output goes to its default, and nothing runs until the host starts it again.
+for {timeout:g} s, {ticks} periods, every axis brakes to standstill; then, and at the latest {braking:g} s later, every
+output goes to its default, and nothing runs until the host starts it again.
 """
 
 
@@ -52,7 +53,7 @@ def _plan(root: Compound, wired: Wired, path: str, driver: Controller, target: C
     try:
         undo.extend(wire.apply().apply for wire in wired.wires)
         apply_parameters(root, wired.parameters, undo.append)
-        return plan_of(part, wired, driver, driver.cycle, target, driver.host_timeout)
+        return plan_of(part, wired, driver, driver.cycle, target, driver.host_timeout, driver.braking_timeout)
     finally:
         for each in reversed(undo):
             each()
@@ -69,7 +70,9 @@ def _files(plan: PartPlan) -> dict[str, str]:
     if not on_host and "Makefile" in files:
         files["Makefile"] = _with_link(files["Makefile"])
     head, _, notes = files["README.md"].partition("\n## To be known")
-    host = README.format(path=plan.path, timeout=plan.host_timeout, ticks=plan.timeout_ticks)
+    host = README.format(
+        path=plan.path, timeout=plan.host_timeout, ticks=plan.timeout_ticks, braking=plan.braking_timeout
+    )
     files["README.md"] = f"{head}{host}\n## To be known{notes}"
     return files
 

@@ -38,7 +38,10 @@ class PartPlan:
     target: ControllerTarget
     fields: Sequence[FieldBytes]
     host_timeout: float
-    """Time in s without the host after which the controller brings its outputs to their defaults."""
+    """Time in s without the host after which the controller brakes its axes, and brings its outputs to their
+    defaults."""
+    braking_timeout: float
+    """Time in s that the braking may take."""
 
     @property
     def real_size(self) -> int:
@@ -48,6 +51,11 @@ class PartPlan:
     def timeout_ticks(self) -> int:
         """The same in periods of the controller: at least one."""
         return max(int(self.host_timeout / self.model.period + 1e-9), 1)
+
+    @property
+    def braking_ticks(self) -> int:
+        """The braking timeout in periods of the controller."""
+        return int(self.braking_timeout / self.model.period + 1e-9)
 
     @property
     def longest(self) -> int:
@@ -68,7 +76,7 @@ class PartPlan:
         any_target = replace(self.target, name="any", exact_libm=False)
         without_init = replace(self.translation, init="")
         code = [header_of(self.model, self.translation, any_target), source_of(self.model, without_init, any_target)]
-        return crc32("\n".join([*code, self._tables(), str(self.timeout_ticks)]).encode())
+        return crc32("\n".join([*code, self._tables(), str(self.timeout_ticks), str(self.braking_ticks)]).encode())
 
     def _tables(self) -> str:
         """The table of the fields in C."""
@@ -95,8 +103,10 @@ class PartPlan:
             '#ifndef MACHINE_LINK_H\n#define MACHINE_LINK_H\n\n#include "machine.h"\n\n'
             f"#define LINK_HASH {self.hash}u\n"
             f"#define LINK_HOST_TIMEOUT {self.timeout_ticks}u /* periods of MACHINE_PERIOD */\n"
+            f"#define LINK_BRAKING_TIMEOUT {self.braking_ticks}ul /* more of them */\n"
             "#define LINK_BITS(count) ((count) / 8 + 1)\n"
-            f"enum {{ LINK_FIELDS = {len(self.fields)}, LINK_LONGEST = {self.longest} }};\n\n"
+            f"enum {{ LINK_FIELDS = {len(self.fields)}, LINK_LONGEST = {self.longest} }};\n"
+            f"enum {{ LINK_CALLS = {len(self.translation.host_calls)} }}; /* what the host may be asked to plan */\n\n"
             "typedef struct {\n    uint16_t offset;\n    uint8_t size;\n} umo_link_place;\n"
             "extern const UMO_FLASH umo_link_place link_places[]; /* the numbers of the fields */\n"
             "extern const UMO_FLASH uint16_t link_first[];        /* the first number of each field, and the end */\n"
@@ -124,7 +134,13 @@ def part_laid_out(part: Compound, wired: Wired, driver: Driver, period: float) -
 
 
 def plan_of(
-    part: Compound, wired: Wired, driver: Driver, period: float, target: ControllerTarget, host_timeout: float
+    part: Compound,
+    wired: Wired,
+    driver: Driver,
+    period: float,
+    target: ControllerTarget,
+    host_timeout: float,
+    braking_timeout: float,
 ) -> PartPlan:
     """The plan of a part. NotTranslated with everything that is in the way."""
     with part_laid_out(part, wired, driver, period) as model:
@@ -136,7 +152,7 @@ def plan_of(
             for live in translation.structs
             for name, of in live.fields.items()
         ]
-        return PartPlan(part._path, model, translation, target, fields, host_timeout)
+        return PartPlan(part._path, model, translation, target, fields, host_timeout, braking_timeout)
 
 
 def share_of(count: int) -> int:

@@ -1,5 +1,5 @@
 /* main_link.c: the loop of a controller whose application is on a host. Outputs are at their defaults before the host
- * starts it, after a fault, and when the host is gone: the loop goes on, and answers. */
+ * starts it, after a fault, and when the host is gone and the axes stand: the loop goes on, and answers. */
 #include "io.h"
 #include "umo_link.h"
 
@@ -67,10 +67,10 @@ int main(void)
         int32_t ticks = io_wait();
         read_inputs();
         umo_link_receive(&machine_link);
-        (void)umo_link_count(&machine_link, ticks);
-        if (machine_link.mode == LINK_RUNNING)
+        bool runs = umo_link_count(&machine_link, ticks);
+        if (runs)
             step(ticks);
-        if (machine_link.mode != LINK_RUNNING)
+        if (!runs || machine_link.mode == LINK_FAULTED)
             write_defaults();
         umo_link_answer(&machine_link);
         io_watchdog();

@@ -45,21 +45,39 @@ void umo_link_begin(umo_link *l, umo_machine *m, int32_t *raws_in, uint8_t *fail
     umo_frame_begin(&l->reader, l->in, sizeof l->in);
 }
 
-/* The host is asked to plan, and the law goes on meanwhile. */
+static void ask(umo_link *l, uint16_t call)
+{
+    l->asking = true;
+    if (++l->asks == 0)
+        l->asks = 1; /* 0: nothing */
+    l->call = (uint8_t)call;
+}
+
+/* The host has planned: what else is wanted is asked for. */
+static void planned(umo_link *l, uint16_t number)
+{
+    if (!l->asking || number != l->asks)
+        return;
+    l->asking = l->wanted[l->call] = false;
+    for (uint16_t call = 0; call < LINK_CALLS && !l->asking; call++)
+        if (l->wanted[call])
+            ask(l, call);
+}
+
+/* The host is asked to plan, one thing after the other, and the law goes on meanwhile. */
 static umo_fault ask_host(umo_machine *m, uint16_t call, uint16_t object, umo_real *numbers, uint16_t count)
 {
     umo_link *l = the_link;
     (void)m;
     (void)object;
-    if (count > LINK_NUMBERS || (l->asking && l->call != call))
+    if (l->mode != LINK_RUNNING || count > LINK_NUMBERS)
         return UMO_NO_HOST;
-    l->asking = true;
-    if (++l->asks == 0)
-        l->asks = 1; /* 0: nothing */
-    l->call = (uint8_t)call;
-    l->count = (uint8_t)count;
+    l->wanted[call] = true;
+    l->count[call] = (uint8_t)count;
     for (uint16_t i = 0; i < count; i++)
-        l->numbers[i] = numbers[i];
+        l->numbers[call][i] = numbers[i];
+    if (!l->asking || l->call == call)
+        ask(l, call);
     return UMO_OK;
 }
 
@@ -144,7 +162,7 @@ static void carry_out(umo_link *l, uint8_t kind, uint16_t number, const uint8_t 
     else if (kind == LINK_CLEAR)
         (void)machine_clear(l->machine, (int16_t)number);
     else if (kind == LINK_PLANNED)
-        l->asking = l->asking && number != l->asks;
+        planned(l, number);
     else
         machine_acknowledge(l->machine);
 }
@@ -182,6 +200,7 @@ static void start(umo_link *l)
     l->machine->core.inhibits = l->inhibits;
     l->machine->core.host_call = ask_host;
     l->asking = false;
+    memset(l->wanted, 0, sizeof l->wanted);
     l->fault = machine_begin(l->machine, l->raws_in, l->failed_in, l->raws_out);
     l->fault_object = l->machine->core.fault_object;
     l->mode = l->fault ? LINK_FAULTED : LINK_RUNNING;
@@ -194,7 +213,9 @@ static void take(umo_link *l, const uint8_t *body, uint16_t length)
     if (length < FIRST || !items(l, body, FIRST, length, true))
         return;
     uint16_t session = u16(&body[1]), number = u16(&body[3]);
-    if (body[0] == LINK_START && session && session == l->offered && session != l->session) {
+    if (body[0] == LINK_START && l->mode == LINK_BRAKING) {
+        return; /* once it stands: the host says it again */
+    } else if (body[0] == LINK_START && session && session == l->offered && session != l->session) {
         l->session = session;
         start(l);
     } else if (body[0] == LINK_STOP && session && session == l->offered && session != l->session) {
@@ -229,14 +250,20 @@ void umo_link_receive(umo_link *l)
 
 bool umo_link_count(umo_link *l, int32_t ticks)
 {
-    if (l->mode != LINK_RUNNING)
+    if (l->mode != LINK_RUNNING && l->mode != LINK_BRAKING)
         return false;
     l->silent += (uint32_t)ticks;
     if (l->silent <= LINK_HOST_TIMEOUT)
-        return false;
-    l->mode = LINK_HOST_GONE;
-    l->session = 0;
-    return true;
+        return true;
+    bool ends = l->silent > LINK_HOST_TIMEOUT + LINK_BRAKING_TIMEOUT;
+    if (l->mode == LINK_RUNNING) {
+        l->mode = LINK_BRAKING;
+        l->session = 0;
+        ends = ends || machine_brake(l->machine) != UMO_OK;
+    }
+    if (ends || !machine_moves(l->machine))
+        l->mode = LINK_HOST_GONE;
+    return l->mode == LINK_BRAKING;
 }
 
 /* The answer ------------------------------------------------------------------------------------------------ */
@@ -290,8 +317,8 @@ void umo_link_answer(umo_link *l)
     put(l, &number, 4);
     put_u16(l, l->asking ? l->asks : 0);
     put_byte(l, l->call);
-    put_byte(l, l->count);
-    put(l, l->numbers, sizeof l->numbers);
+    put_byte(l, l->count[l->call]);
+    put(l, l->numbers[l->call], sizeof l->numbers[l->call]);
     put_objects(l);
     for (uint16_t f = 0; f < LINK_FIELDS; f++)
         for (uint16_t i = link_first[f]; link_changes[f] && i < link_first[f + 1]; i++)

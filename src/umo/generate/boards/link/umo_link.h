@@ -1,7 +1,8 @@
 /* umo_link.h: a part of a machine on this controller, and its host at the other end of a line (docs/split-protocol.md).
  *
- * The part runs while its host is heard. After LINK_HOST_TIMEOUT without a frame every output goes to its default, and
- * nothing runs until the host starts it again. */
+ * The part runs while its host is heard. After LINK_HOST_TIMEOUT without a frame its axes brake; when they stand, and at
+ * the latest after LINK_BRAKING_TIMEOUT more, every output goes to its default, and nothing runs until the host starts it
+ * again. */
 #ifndef UMO_LINK_H
 #define UMO_LINK_H
 
@@ -12,7 +13,7 @@ enum { LINK_VERSION = 1 };
 enum link_kinds { LINK_HELLO = 1, LINK_WELCOME, LINK_START, LINK_EXCHANGE, LINK_STOP, LINK_STATE };
 enum link_items { LINK_FIELD = 1, LINK_COMMAND, LINK_REFERENCE, LINK_CLEAR, LINK_ACKNOWLEDGE, LINK_PLANNED };
 enum { LINK_NUMBERS = 2 }; /* of what the host is asked to plan, at most */
-enum link_modes { LINK_RESTING, LINK_RUNNING, LINK_FAULTED, LINK_HOST_GONE };
+enum link_modes { LINK_RESTING, LINK_RUNNING, LINK_FAULTED, LINK_HOST_GONE, LINK_BRAKING };
 
 /* The board's line. link_get: the next byte, -1: none has come. link_put never waits for long: what does not fit is
  * left out, and the host asks again. link_end: a frame is whole. */
@@ -36,9 +37,11 @@ typedef struct {
     uint8_t mode;
     bool asked;                 /* the host waits for an answer */
     uint16_t asks;              /* the number of what the host is asked to plan; it is `asking` */
-    uint8_t call, count;
+    uint8_t call;
     bool asking;
-    umo_real numbers[LINK_NUMBERS];
+    bool wanted[LINK_CALLS + 1]; /* by call: it is asked for, or will be */
+    uint8_t count[LINK_CALLS + 1];
+    umo_real numbers[LINK_CALLS + 1][LINK_NUMBERS];
     uint8_t inhibits[LINK_BITS(MACHINE_OUTPUTS)];
 } umo_link;
 
@@ -47,7 +50,7 @@ void umo_link_begin(umo_link *l, umo_machine *m, int32_t *raws_in, uint8_t *fail
 /* Once a period, before the inputs are read: what the host has sent. */
 void umo_link_receive(umo_link *l);
 
-/* Once a period, `ticks` after the last one: true, the host is gone from now on. */
+/* Once a period, `ticks` after the last one: whether the laws are to be called. */
 bool umo_link_count(umo_link *l, int32_t ticks);
 
 /* At the end of a period: the answer, if the host waits for one. */
