@@ -6,6 +6,7 @@
 
 /* A law: it is called with the time of a clock. */
 enum { NOW, DT, TICKS, TIMES_OF_CLOCK };
+enum { TRUE = -1 }; /* as in umo.generate.law_library */
 static const char *const times_of_clock[] = {"now", "dt", "ticks"};
 
 typedef struct {
@@ -80,20 +81,43 @@ static int time_of(Law *self, int which, double *number)
     return *number == -1.0 && PyErr_Occurred() ? -1 : 0;
 }
 
-/* act(node): one period. Where it has a fault, the result, or the error, is that of failed(number of the fault). */
-static PyObject *Law_act(Law *self, PyObject *Py_UNUSED(node))
+static int called(Law *self, int16_t *fault)
 {
     double times[TIMES_OF_CLOCK];
     for (int i = 0; i < TIMES_OF_CLOCK; i++)
         if (time_of(self, i, &times[i]))
-            return NULL;
-    int16_t fault = self->call(self->machine, self->number, times[NOW], times[DT], (int32_t)times[TICKS]);
+            return -1;
+    *fault = self->call(self->machine, self->number, times[NOW], times[DT], (int32_t)times[TICKS]);
+    return 0;
+}
+
+/* act(node): one period. Where it has a fault, the result, or the error, is that of failed(number of the fault). */
+static PyObject *Law_act(Law *self, PyObject *Py_UNUSED(node))
+{
+    int16_t fault;
+    if (called(self, &fault))
+        return NULL;
     if (fault == 0)
         Py_RETURN_NONE;
     return PyObject_CallFunction(self->failed, "i", (int)fault);
 }
 
-static PyMethodDef law_methods[] = {{"act", (PyCFunction)Law_act, METH_O, NULL}, {NULL, NULL, 0, NULL}};
+/* holds(): whether a condition, whose fault is TRUE or 0, is true. Any other fault as of `act`. */
+static PyObject *Law_holds(Law *self, PyObject *Py_UNUSED(none))
+{
+    int16_t fault;
+    if (called(self, &fault))
+        return NULL;
+    if (fault == 0 || fault == TRUE)
+        return PyBool_FromLong(fault == TRUE);
+    return PyObject_CallFunction(self->failed, "i", (int)fault);
+}
+
+static PyMethodDef law_methods[] = {
+    {"act", (PyCFunction)Law_act, METH_O, NULL},
+    {"holds", (PyCFunction)Law_holds, METH_NOARGS, NULL},
+    {NULL, NULL, 0, NULL},
+};
 static PyType_Slot law[] = {
     {Py_tp_new, Law_new}, {Py_tp_dealloc, Law_dealloc}, {Py_tp_traverse, Law_traverse}, {Py_tp_clear, Law_clear},
     {Py_tp_methods, law_methods}, {0, NULL},
