@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import math
 import mmap
 import struct
@@ -9,11 +11,13 @@ import subprocess
 import sys
 import sysconfig
 import tracemalloc
+import weakref
 from collections.abc import Callable
+from enum import Enum
 from functools import partial
 from pathlib import Path
 from shutil import which
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -25,7 +29,7 @@ from umo.cycle import conversion
 from umo.objects.scaling import to_raws, to_value
 
 TREE = Path(__file__).parents[1]
-SOURCE = TREE / "src" / "umo" / "cycle" / "columns.c"
+SOURCES = sorted((TREE / "src" / "umo" / "cycle").glob("*.c"))
 COMPILER = (sysconfig.get_config_var("CC") or "").split()
 HEADERS = Path(sysconfig.get_paths()["include"])
 
@@ -36,8 +40,7 @@ HEADERS = Path(sysconfig.get_paths()["include"])
 )
 def test_where_a_compiler_is_it_is_built_without_a_warning(tmp_path: Path) -> None:
     strict = ["-fPIC", "-isystem", str(HEADERS), "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror"]
-    files = ["-c", str(SOURCE), "-o", str(tmp_path / "out.o")]
-    done = subprocess.run([*COMPILER, *strict, *files], capture_output=True, text=True)
+    done = subprocess.run([*COMPILER, *strict, "-c", *map(str, SOURCES)], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert conversion.is_built()
 
@@ -201,3 +204,115 @@ def kept(call: Callable[[], object]) -> int:
     finally:
         tracemalloc.stop()
     return after - before
+
+
+# Attributes of compiled laws --------------------------------------------------------------------------------
+
+
+class Light(Enum):
+    OFF = "off"
+    ON = "on"
+
+
+class Point(NamedTuple):
+    at: float
+    count: int
+
+
+def refuse(owner: Any, value: Any) -> None:
+    raise TypeError(f"{value!r} is refused")
+
+
+class Fields:
+    """One field of each kind at the beginning of 64 bytes of memory."""
+
+    def __init__(self, put: Callable[[Any, Any], object] = refuse) -> None:
+        self.memory = ctypes.create_string_buffer(64)
+        at = ctypes.addressof(self.memory)
+        field = conversion.extension.Field
+        parts = field("d", at, None, None, put), field("i", at + 8, None, None, put)
+        self.names = {
+            "real": parts[0],
+            "whole": parts[1],
+            "flag": field("?", at, None, None, put),
+            "light": field("s", at, tuple(Light), None, put),
+            "point": field("t", at, Point, parts, put),
+            "pair": field("t", at, None, parts, put),
+            "perhaps": field("o", at + 16, None, (parts[0],), put),
+        }
+        self.owner = type("Owner", (), {**self.names, "__slots__": ()})()
+
+    def set(self, *numbers: Any, layout: str = "@di") -> None:
+        struct.pack_into(layout, self.memory, 0, *numbers)
+
+
+@BUILT
+def test_a_field_in_memory_has_the_value_and_the_type_of_python() -> None:
+    fields = Fields()
+    owner: Any = fields.owner
+    fields.set(-0.0, -7)
+    assert str(owner.real) == "-0.0" and owner.whole == -7
+    assert owner.pair == (0.0, -7) and type(owner.pair) is tuple
+    assert owner.point == Point(0.0, -7) and type(owner.point) is Point and owner.point.count == -7
+    fields.set(True, layout="@?")
+    assert owner.flag is True and owner.light is Light.ON
+    assert owner.perhaps is None
+    fields.memory[16] = 1
+    assert owner.perhaps == owner.real
+    assert type(owner).real is fields.names["real"]
+
+
+@BUILT
+def test_what_is_set_is_in_the_memory_and_what_is_not_plain_goes_to_python() -> None:
+    found: list[Any] = []
+    fields = Fields(lambda owner, value: found.append((owner, value)))
+    owner: Any = fields.owner
+    owner.real = 2.5
+    assert struct.unpack_from("@d", fields.memory) == (2.5,)
+    owner.real = np.float64(-1.5)
+    assert owner.real == -1.5 and type(owner.real) is float
+    owner.flag = False
+    assert fields.memory[0] == b"\0"
+    owner.light = Light.ON
+    assert fields.memory[0] == b"\1" and not found
+    owner.real = 3
+    owner.whole = 4
+    owner.light = "on"
+    owner.flag = 1
+    owner.perhaps = 2.0
+    assert found == [(owner, 3), (owner, 4), (owner, "on"), (owner, 1), (owner, 2.0)]
+
+
+@BUILT
+def test_what_a_field_cannot_do_is_an_error_of_python() -> None:
+    fields = Fields()
+    owner: Any = fields.owner
+    with pytest.raises(TypeError, match="'x' is refused"):
+        owner.real = "x"
+    with pytest.raises(AttributeError, match="cannot be deleted"):
+        del owner.real
+    fields.memory[0] = 2
+    with pytest.raises(IndexError):
+        _ = owner.light
+
+
+@BUILT
+@pytest.mark.parametrize(
+    "given", [("x", 0, None, None), ("s", 0, None, None), ("t", 0, None, (1,)), ("t", 0, int, ()), ("o", 0, None, ())]
+)
+def test_what_is_no_field_is_refused(given: tuple[Any, ...]) -> None:
+    with pytest.raises(TypeError):
+        conversion.extension.Field(*given, refuse)
+
+
+@BUILT
+def test_a_field_that_refers_to_its_own_class_is_collected() -> None:
+    def kept() -> weakref.ref[Any]:
+        holder: Any = type("Holder", (), {})
+        fields = Fields(lambda owner, value: holder)
+        holder.fields = fields
+        return weakref.ref(holder)
+
+    found = kept()
+    gc.collect()
+    assert found() is None

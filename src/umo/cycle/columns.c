@@ -1,12 +1,11 @@
 /* umo.cycle._columns: what is done with the columns of the process image in each period: the conversion of its blocks
- * (conversion.py), their copy into a frame (frames/body.py), and the call of compiled laws.
+ * (conversion.py), and their copy into a frame (frames/body.py). Compiled laws have laws.c.
  *
  * The same IEEE operations in the same order as objects/scaling.py: compiled without contraction of a * b + c. Only
  * functions of Python's stable interface are used, so that one file serves all versions from 3.11 on.
  */
-#define PY_SSIZE_T_CLEAN
-#define Py_LIMITED_API 0x030B0000
-#include <Python.h>
+#include "extension.h"
+
 #include <float.h>
 #include <math.h>
 #include <stdint.h>
@@ -345,96 +344,6 @@ static PyObject *Body_write(Body *self, PyObject *const *args, Py_ssize_t count)
     Py_RETURN_NONE;
 }
 
-/* A law that was compiled (umo.generate.compiled_laws): it is called with the time of a clock. */
-enum { NOW, DT, TICKS, TIMES_OF_CLOCK };
-static const char *const times_of_clock[] = {"now", "dt", "ticks"};
-
-typedef struct {
-    PyObject_HEAD
-    int16_t (*call)(void *machine, int32_t law, double now, double dt, int32_t ticks);
-    void *machine;
-    int32_t number;
-    PyObject *clock, *failed, *names[TIMES_OF_CLOCK];
-} Law;
-
-static int Law_traverse(Law *self, visitproc visit, void *arg)
-{
-    Py_VISIT(Py_TYPE((PyObject *)self));
-    Py_VISIT(self->clock);
-    Py_VISIT(self->failed);
-    return 0;
-}
-
-static int Law_clear(Law *self)
-{
-    Py_CLEAR(self->clock);
-    Py_CLEAR(self->failed);
-    return 0;
-}
-
-static void Law_dealloc(Law *self)
-{
-    PyTypeObject *type = Py_TYPE((PyObject *)self);
-    PyObject_GC_UnTrack(self);
-    for (int i = 0; i < TIMES_OF_CLOCK; i++)
-        Py_XDECREF(self->names[i]);
-    (void)Law_clear(self);
-    ((freefunc)PyType_GetSlot(type, Py_tp_free))((PyObject *)self);
-    Py_DECREF(type);
-}
-
-/* Law(address of the function, address of the machine, number of the law, clock, failed) */
-static PyObject *Law_new(PyTypeObject *type, PyObject *args, PyObject *named)
-{
-    unsigned long long call, machine;
-    int number;
-    PyObject *clock, *failed;
-    if (named != NULL && PyDict_Size(named) != 0) {
-        PyErr_SetString(PyExc_TypeError, "Law takes no arguments by name");
-        return NULL;
-    }
-    if (!PyArg_ParseTuple(args, "KKiOO", &call, &machine, &number, &clock, &failed))
-        return NULL;
-    Law *self = (Law *)PyType_GenericAlloc(type, 0);
-    if (self == NULL)
-        return NULL;
-    self->call = (int16_t(*)(void *, int32_t, double, double, int32_t))(uintptr_t)call;
-    self->machine = (void *)(uintptr_t)machine;
-    self->number = number;
-    self->clock = Py_NewRef(clock);
-    self->failed = Py_NewRef(failed);
-    for (int i = 0; i < TIMES_OF_CLOCK; i++)
-        if ((self->names[i] = PyUnicode_InternFromString(times_of_clock[i])) == NULL) {
-            Py_DECREF(self);
-            return NULL;
-        }
-    return (PyObject *)self;
-}
-
-static int time_of(Law *self, int which, double *number)
-{
-    PyObject *found = PyObject_GetAttr(self->clock, self->names[which]);
-    if (found == NULL)
-        return -1;
-    *number = PyFloat_AsDouble(found);
-    Py_DECREF(found);
-    return *number == -1.0 && PyErr_Occurred() ? -1 : 0;
-}
-
-/* act(node): one period. Where it has a fault, the result, or the error, is that of failed(number of the fault). */
-static PyObject *Law_act(Law *self, PyObject *Py_UNUSED(node))
-{
-    double times[TIMES_OF_CLOCK];
-    for (int i = 0; i < TIMES_OF_CLOCK; i++)
-        if (time_of(self, i, &times[i]))
-            return NULL;
-    int16_t fault = self->call(self->machine, self->number, times[NOW], times[DT], (int32_t)times[TICKS]);
-    if (fault == 0)
-        Py_RETURN_NONE;
-    return PyObject_CallFunction(self->failed, "i", (int)fault);
-}
-
-static PyMethodDef law_methods[] = {{"act", (PyCFunction)Law_act, METH_O, NULL}, {NULL, NULL, 0, NULL}};
 static PyMethodDef inputs_methods[] = {{"convert", (PyCFunction)Inputs_convert, METH_O, NULL}, {NULL, NULL, 0, NULL}};
 static PyMethodDef outputs_methods[] = {
     {"give", (PyCFunction)(void (*)(void))Outputs_give, METH_FASTCALL, NULL},
@@ -454,21 +363,16 @@ static PyType_Slot outputs[] = {
 static PyType_Slot body[] = {
     {Py_tp_new, Body_new}, {Py_tp_dealloc, Body_dealloc}, {Py_tp_methods, body_methods}, {0, NULL},
 };
-static PyType_Slot law[] = {
-    {Py_tp_new, Law_new}, {Py_tp_dealloc, Law_dealloc}, {Py_tp_traverse, Law_traverse}, {Py_tp_clear, Law_clear},
-    {Py_tp_methods, law_methods}, {0, NULL},
-};
 static PyType_Spec specs[] = {
-    {"umo.cycle._columns.Law", sizeof(Law), 0, Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC, law},
     {"umo.cycle._columns.Inputs", sizeof(Block), 0, Py_TPFLAGS_DEFAULT, inputs},
     {"umo.cycle._columns.Outputs", sizeof(Block), 0, Py_TPFLAGS_DEFAULT, outputs},
     {"umo.cycle._columns.Body", sizeof(Body), 0, Py_TPFLAGS_DEFAULT, body},
 };
 
-static int fill(PyObject *module)
+int add_types(PyObject *module, PyType_Spec *from, size_t count)
 {
-    for (size_t i = 0; i < sizeof specs / sizeof *specs; i++) {
-        PyObject *type = PyType_FromSpec(&specs[i]);
+    for (size_t i = 0; i < count; i++) {
+        PyObject *type = PyType_FromSpec(&from[i]);
         if (type == NULL)
             return -1;
         int failed = PyModule_AddType(module, (PyTypeObject *)type);
@@ -477,6 +381,11 @@ static int fill(PyObject *module)
             return -1;
     }
     return 0;
+}
+
+static int fill(PyObject *module)
+{
+    return add_types(module, specs, sizeof specs / sizeof *specs) || add_law_types(module) ? -1 : 0;
 }
 
 static PyModuleDef_Slot slots[] = {{Py_mod_exec, fill}, {0, NULL}};

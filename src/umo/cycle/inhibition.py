@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -28,14 +28,19 @@ class Inhibition:
     """The reason while it inhibits; None: it does not."""
     held: bool = False
     """The last result of its condition."""
+    condition: Callable[[], Any] = field(init=False)
+    """What is evaluated: the condition of the interlock, or the same compiled."""
     _latched: bool = False
     """Whether it inhibits until it is acknowledged."""
+
+    def __post_init__(self) -> None:
+        self.condition = self.interlock.condition
 
     def ask(self, latch: bool) -> bool:
         """Evaluate the condition. True if it starts to inhibit now. `latch`: a latched interlock stays from now on."""
         before, found = self.reason, None
         try:
-            holds = self.interlock.condition()  # not by `attempt`: there may be a thousand
+            holds = self.condition()  # not by `attempt`: there may be a thousand
             if holds is False and before is None:  # nearly always
                 self.held = False
                 return False

@@ -1,6 +1,6 @@
 """The simulated circuit: for objects whose circuit does not exist yet, and for tests.
 
-It stores every write in a history. A sensor reads the value given by `set`, default: 0. As the timer it returns
+It stores the last writes in a history. A sensor reads the value given by `set`, default: 0. As the timer it returns
 at once with 0 missed periods: virtual time.
 """
 
@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from umo.drivers.contract import Channel, Direction, Driver, IntArray
 
 
-@dataclass(frozen=True)
-class Written:
+class Written(NamedTuple):
     """One write: to which channel, what."""
 
     channel: str
@@ -30,8 +29,12 @@ class Simulated(Driver):
 
     def __init__(self, *, history: int = 10_000) -> None:
         self._raws: dict[str, int] = {}
-        self.history: deque[Written] = deque(maxlen=history)
+        self._history: deque[tuple[str, int]] = deque(maxlen=history)
+
+    @property
+    def history(self) -> list[Written]:
         """The last writes, oldest first (`initialize` and `reset` included)."""
+        return [Written(*each) for each in self._history]
 
     def channel(self, text: str) -> Channel:
         return Channel(text, Direction.BOTH, 64, signed=True)
@@ -49,7 +52,12 @@ class Simulated(Driver):
 
     def write(self, channel: Channel, raw: int) -> None:
         self._raws[channel.text] = raw
-        self.history.append(Written(channel.text, raw))
+        self._history.append((channel.text, raw))
+
+    def write_many(self, channels: Sequence[Channel], raws: IntArray) -> None:
+        written = [*zip([channel.text for channel in channels], raws.tolist(), strict=True)]
+        self._raws.update(written)
+        self._history.extend(written)
 
     def read_many(self, channels: Sequence[Channel], out: IntArray) -> None:
         get = self._raws.get

@@ -8,11 +8,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from umo.generate.c_types import BOOL, INT, MASK, REAL, ArrayType, CType, OptionalType, StateType
-from umo.generate.struct_memory import StructMemory
+from umo.generate.struct_memory import PLAIN, StructMemory
 
 WRONG = (TypeError, ValueError, KeyError, OverflowError, AttributeError, IndexError)
 """Errors of a value that a field cannot have."""
-FORMATS = {REAL: "d", INT: "i", BOOL: "?"}
 KINDS: dict[Any, tuple[type, ...]] = {
     REAL: (float, int, np.floating, np.integer),
     INT: (int, np.integer),
@@ -92,7 +91,8 @@ class BoundFields:
             object.__setattr__(self._owner, name, _own(value))
         self._bound = False
 
-    def _property(self, name: str, of: CType) -> property:
+    def _property(self, name: str, of: CType) -> Any:
+        """The attribute: in C where its type is plain, as sequences read it in each period."""
         get, put = self._access(name, of)
 
         def checked(owner: Any, value: Any) -> None:
@@ -102,7 +102,7 @@ class BoundFields:
                 self._refused(f"{self._memory.path}.{name} is set to {value!r:.60}")
                 setattr(owner, name, value)
 
-        return property(get, checked)
+        return self._memory.attribute(name, checked) or property(get, checked)
 
     def _setter(self) -> SetAny:
         """What sets any attribute: one in the place of a method, as of an experiment, is not compiled."""
@@ -119,8 +119,8 @@ class BoundFields:
         return put
 
     def _access(self, name: str, of: CType) -> tuple[Get, Set]:
-        if of in FORMATS:
-            return _of_number(self._memory.view(name, FORMATS[of]), KINDS[of])
+        if of in PLAIN:
+            return _of_number(self._memory.view(name, PLAIN[of]), KINDS[of])
         if isinstance(of, StateType):
             return _of_state(self._memory.view(name, "B"), list(of.kind))
         if of == MASK:

@@ -14,6 +14,7 @@ from contextlib import suppress
 from ctypes import c_void_p
 from dataclasses import dataclass, replace
 from math import isfinite
+from pathlib import Path
 from types import MethodType
 from typing import Any
 from weakref import proxy
@@ -26,10 +27,12 @@ from umo.cycle.machine import ConnectedMachine
 from umo.errors import BadInput, DeclarationError, DriverError, Interlocked, RangeError, StateError, text_of
 from umo.generate.bound_fields import WRONG, BoundFields
 from umo.generate.code_world import translate
+from umo.generate.compiled_conditions import CompiledConditions, translated_conditions
 from umo.generate.controller_folder import TARGETS
-from umo.generate.controller_model import ControllerModel, laid_out
+from umo.generate.controller_model import laid_out
 from umo.generate.law_library import (
     HOST_CALL,
+    NOT_ON_COLUMNS,
     READ,
     WRITE,
     WRITE_MANY,
@@ -65,10 +68,12 @@ OWN_TEXTS: dict[type[BaseException], str] = {
 class PreparedLaws:
     """Laws that are compiled, and not in use yet."""
 
-    model: ControllerModel
     translation: Translation
-    library: Any
-    """The path of the library."""
+    library: Path
+    conditions: int
+    """How many conditions of interlocks are compiled: all or none."""
+    left_out: str
+    """Why none is; empty where all are."""
 
 
 def prepare(root: Compound, wired: Wired) -> PreparedLaws:
@@ -78,16 +83,20 @@ def prepare(root: Compound, wired: Wired) -> PreparedLaws:
     if wired.controllers:
         raise DeclarationError("parts of it run on controllers")
     with laid_out(root, wired) as model:
-        translation = translate(root, [], model.steps[: len(model.laws)], TARGETS["host"])
+        laws = [law.control for law in model.laws]
+        translation = translate(root, [], laws, TARGETS["host"])
         if translation.problems:
             more = f", and {len(translation.problems) - 1} more" if len(translation.problems) > 1 else ""
             raise DeclarationError(f"{translation.problems[0]}{more}")
-        if not any(struct.fields for struct in translation.structs) and not model.laws:
+        if not model.laws:
             raise DeclarationError("it has no laws")
         _check(translation)
+        with_conditions, left_out = translated_conditions(root, model.conditions, laws, translation)
+        translation = with_conditions or translation
+        conditions = [translation.entry[each] for each in model.conditions] if with_conditions else []
         model = replace(model, objects=[replace(each, linearization=None, invalid_raws=()) for each in model.objects])
-        source = source_of_laws(model, translation)
-    return PreparedLaws(model, translation, library_of(source))
+        source = source_of_laws(model, translation, conditions)
+    return PreparedLaws(translation, library_of(source), len(conditions), left_out)
 
 
 def _check(translation: Translation) -> None:
@@ -95,9 +104,8 @@ def _check(translation: Translation) -> None:
     for struct in translation.structs:
         if isinstance(struct.owner, type) or not hasattr(struct.owner, "__dict__"):
             raise DeclarationError(f"{struct.path} is no object whose attributes can be elsewhere")
-    for word in ("umo_object_reset(", "umo_referenced(", "umo_set_reading(", "umo_time(", "->zero_offset"):
-        if word in translation.source:
-            raise DeclarationError("control code resets or references an object, or asks for its time or offset")
+    if any(word in translation.source for word in NOT_ON_COLUMNS):
+        raise DeclarationError("control code resets or references an object, or asks for its time or offset")
 
 
 class CompiledLaws:
@@ -119,6 +127,9 @@ class CompiledLaws:
         self._vectors: dict[tuple[int, ...], Vector[Any]] = {}
         self._left = [COMPARED] * len(self._python)
         """Comparisons of each law that are still to be made: one a period, in their order."""
+        inhibitions = machine.commands.inhibitions[: prepared.conditions]
+        first, why = len(self._python), prepared.left_out
+        self._conditions = CompiledConditions(self._library, first, inhibitions, machine.clock, COMPARED, why)
         self._period = -1
         self._shadow: Any = None
         self._asked = False
@@ -131,11 +142,13 @@ class CompiledLaws:
     def _comparing(self, number: int, law: MethodType) -> Callable[[Any], None]:
         def act(_: Any) -> None:
             now = self._machine.clock.number
-            if self.state != "compared" or not self._left[number] or self._period == now:
-                law()
-                return
-            self._period = now
-            fault = self._tried(number)
+            fault = None
+            if self.state == "compared" and self._period != now and (self._conditions.left or self._left[number]):
+                self._period = now
+                if not self._conditions.left:
+                    fault = self._tried(number)
+                elif self._push():
+                    self._conditions.compare()
             try:
                 law()
             except BaseException as error:
@@ -147,12 +160,8 @@ class CompiledLaws:
 
     def _tried(self, number: int) -> int | None:
         """The fault of a compiled law, which works on copies; None: it asked for what only Python does."""
-        for memory in self._memories:
-            try:
-                memory.push()
-            except WRONG as error:
-                self.give_up(f"{memory.path}: {text_of(error)}")
-                return None
+        if not self._push():
+            return None
         self._shadow, self._asked = self._image.columns.pending.copy(), False
         self._columns.pending = self._shadow.ctypes.data
         try:
@@ -161,9 +170,23 @@ class CompiledLaws:
             self._columns.pending = self._image.columns.pending.ctypes.data
         return None if self._asked else fault
 
+    def _push(self) -> bool:
+        """The library has the attributes of Python; False: it cannot, and Python drives."""
+        for memory in self._memories:
+            try:
+                memory.push()
+            except WRONG as error:
+                self.give_up(f"{memory.path}: {text_of(error)}")
+                return False
+        return True
+
     def _judge(self, number: int, fault: int | None, error: BaseException | None) -> None:
         """Whether the compiled law did what Python has done since."""
-        if fault is None or self.state != "compared":
+        if self.state != "compared":
+            return
+        if fault is None:
+            for each in self._memories:
+                each.forget()
             return
         kind = None if fault == 0 else self._kind(fault)
         if (kind is None) != (error is None) or (kind is not None and not isinstance(error, kind)):
@@ -177,7 +200,7 @@ class CompiledLaws:
             self._differs(number, difference)
             return
         self._left[number] -= 1
-        if not any(self._left):
+        if not any(self._left) and not self._conditions.left:
             self._bind()
 
     def _differs(self, number: int, what: str) -> None:
@@ -194,7 +217,10 @@ class CompiledLaws:
             self.give_up(text_of(error))
             return
         self.state = "compiled"
+        self._conditions.use()
         self._machine.tell("", "the laws are compiled: they were the same as in Python so far")
+        if self._conditions.left_out:
+            self._machine.tell("", f"the conditions of interlocks run in Python: {self._conditions.left_out}")
         self._machine.replace_laws([self._compiled(number, law) for number, law in enumerate(self._python)])
 
     def _compiled(self, number: int, law: MethodType) -> MethodType:
@@ -213,9 +239,7 @@ class CompiledLaws:
         """The laws run in Python from now on."""
         if self.state == "python":
             return
-        self.state = "python"
-        for each in self._fields:
-            each.release()
+        self._release()
         self._machine.replace_laws(self._python)
         text = f"the laws run in Python, not compiled: {reason}"
         self._machine.tell("", text)
@@ -224,9 +248,13 @@ class CompiledLaws:
     def release(self) -> None:
         """The machine is disconnected: its objects have their attributes themselves again."""
         if self.state != "python":
-            self.state = "python"
-            for each in self._fields:
-                each.release()
+            self._release()
+
+    def _release(self) -> None:
+        self.state = "python"
+        self._conditions.release()
+        for each in self._fields:
+            each.release()
 
     # Errors --------------------------------------------------------------------------------------------
 
@@ -255,7 +283,7 @@ class CompiledLaws:
     # What only Python does -----------------------------------------------------------------------------
 
     def _columns_of(self) -> ColumnPointers:
-        columns, image = self._image.columns, self._image
+        columns = self._image.columns
         here = proxy(self)  # what C calls is not collected in a circle
         return ColumnPointers(
             c_void_p(columns.values.ctypes.data),
@@ -265,8 +293,8 @@ class CompiledLaws:
             c_void_p(columns.pending.ctypes.data),
             WRITE(lambda *given: here._write(*given)),
             WRITE_MANY(lambda *given: here._write_many(*given)),
-            READ(lambda slot, out: here._read(image.velocity, slot, out)),
-            READ(lambda slot, out: here._read(image.read_now, slot, out)),
+            READ(lambda slot, out: here._velocity(slot, out)),
+            READ(lambda slot, out: here._read_now(slot, out)),
             HOST_CALL(lambda *given: here._host_call(*given)),
         )
 
@@ -334,11 +362,15 @@ class CompiledLaws:
         command = self._machine.commands.by_slot.get(slot)
         return command is None or command.admits(value, Source.PROGRAM)
 
-    def _read(self, read: Callable[[int], float], slot: int, out: Any) -> int:
+    def _read_now(self, slot: int, out: Any) -> int:
         def work() -> None:
-            out[0] = read(slot)
+            out[0] = self._image.read_now(slot)
 
         return self._done(work)
+
+    def _velocity(self, slot: int, out: Any) -> int:
+        out[0] = self._image.velocity(slot)
+        return 0
 
     def _host_call(self, call: int, numbers: Any, count: int) -> int:
         owner, name = self._prepared.translation.hosts[call]

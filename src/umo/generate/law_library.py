@@ -31,10 +31,12 @@ from umo.generate.controller_model import ControllerModel
 from umo.generate.live_fields import LiveStruct
 from umo.generate.machine_source import tables_of
 from umo.generate.struct_memory import StructMemory
-from umo.generate.translation import Translation
+from umo.generate.translation import CFunction, Translation
 
 ON_HOST = Path(__file__).parent / "on_host"
 HEADERS = "umo.h", "umo_python.h"
+NOT_ON_COLUMNS = "umo_object_reset(", "umo_referenced(", "umo_set_reading(", "umo_time(", "->zero_offset"
+"""What translated code cannot do on the memory of Python."""
 COMPILE_TIMEOUT = 120.0
 """Time in s."""
 TAKEN = POINTER(c_bool)
@@ -83,11 +85,25 @@ int16_t law_call(umo_machine *m, int32_t law, double now, double dt, int32_t tic
     m->core.dt = dt;
     m->core.ticks = ticks;
     m->core.fault_object = -1;
+    umo_fault fault = UMO_OK;
+    bool holds = false;
     switch (law) {{
 {cases}    default:
         return UMO_NO_HOST;
     }}
+    return fault == UMO_OK && holds ? {true} : fault;
 }}
+"""
+TRUE = -1
+"""Result of a condition that is true, in the place of a fault."""
+LAW = """\
+    case {number}:
+        return {call};
+"""
+CONDITION = """\
+    case {number}:
+        fault = {call};
+        break;
 """
 
 
@@ -108,9 +124,11 @@ class ColumnPointers(Structure):
     ]
 
 
-def source_of_laws(model: ControllerModel, translation: Translation) -> str:
-    """The source of the library, in C."""
-    calls = (translation.entry[law.control].call() for law in model.laws)
+def source_of_laws(model: ControllerModel, translation: Translation, conditions: Sequence[CFunction]) -> str:
+    """The source of the library, in C: the laws, then these conditions."""
+    laws = [translation.entry[law.control] for law in model.laws]
+    cases = [LAW.format(number=number, call=each.call()) for number, each in enumerate(laws)]
+    cases += [CONDITION.format(number=n, call=each.call("&holds")) for n, each in enumerate(conditions, len(laws))]
     return SOURCE.format(
         structs=translation.header,
         objects=len(model.objects),
@@ -120,7 +138,8 @@ def source_of_laws(model: ControllerModel, translation: Translation) -> str:
         tables=tables_of(model, TARGETS["host"]),
         init=translation.init,
         period=repr(model.period),
-        cases="".join(f"    case {number}:\n        return {call};\n" for number, call in enumerate(calls)),
+        true=TRUE,
+        cases="".join(cases),
     )
 
 

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from ctypes import POINTER, Structure, c_bool, c_double, c_float, c_int32, c_uint8, c_uint32, cast
+from ctypes import POINTER, Structure, addressof, c_bool, c_double, c_float, c_int32, c_uint8, c_uint32, cast
+from operator import is_
 from typing import Any
 
 import numpy as np
 
+from umo.cycle.conversion import extension
 from umo.generate.c_text import identifier
 from umo.generate.c_types import BOOL, INT, MASK, REAL, ArrayType, CType, OptionalType, StateType, TupleType
 from umo.generate.live_fields import LiveStruct, mask_of
+
+PLAIN = {REAL: "d", INT: "i", BOOL: "?"}
+"""Formats of a number in memory, as of the module struct; a real is a double."""
+
+CHANGEABLE = set, np.ndarray
+"""Types whose values are changed in place, besides lists."""
 
 
 def _listed(values: Any) -> list[Any] | None:
@@ -32,6 +40,12 @@ class StructMemory:
         fields = [(identifier(name), self._type(of)) for name, of in struct.fields.items()]
         kind = type(f"Machine_{struct.member}", (Structure,), {"_fields_": fields})
         self._memory: Any = cast(address, POINTER(kind)).contents
+        places = {name: getattr(kind, identifier(name)) for name in struct.fields}
+        self._slices = {name: slice(place.offset, place.offset + place.size) for name, place in places.items()}
+        self._pushed: dict[str, Any] = {}
+        """What `push` has written, as the live object had it."""
+        self._before = b""
+        """The memory after that."""
 
     @property
     def fields(self) -> Mapping[str, CType]:
@@ -42,9 +56,7 @@ class StructMemory:
         return self._struct.path
 
     def _bytes(self, name: str) -> Any:
-        field = getattr(type(self._memory), identifier(name))
-        whole = memoryview(self._memory).cast("B")
-        return whole[field.offset : field.offset + field.size]
+        return memoryview(self._memory).cast("B")[self._slices[name]]
 
     def view(self, name: str, kind: Any) -> Any:
         """The memory of a field with one number, as a memoryview with this format."""
@@ -53,6 +65,28 @@ class StructMemory:
     def array(self, name: str, of: ArrayType) -> Any:
         """The memory of a field that is an array, as an array of numpy."""
         return np.frombuffer(self._bytes(name), {REAL: np.float64, INT: np.int32, BOOL: np.bool_}[of.of])
+
+    def attribute(self, name: str, put: Any) -> Any:
+        """A descriptor in C that reads and sets this field of the live object; `put(owner, value)` sets what is not
+        plain. None: there is none of this type, or no extension."""
+        at = addressof(self._memory) + self._slices[name].start
+        return self._attribute(self._struct.fields[name], at, put)
+
+    def _attribute(self, of: CType, at: int, put: Any) -> Any:
+        if not hasattr(extension, "Field"):
+            return None
+        if of in PLAIN:
+            return extension.Field(PLAIN[of], at, None, None, put)
+        if isinstance(of, StateType):
+            return extension.Field("s", at, (*of.kind,), None, put)
+        if isinstance(of, OptionalType):
+            inner = self._attribute(of.of, at + self._type(of).value.offset, put)
+            return None if inner is None else extension.Field("o", at, None, (inner,), put)
+        if not isinstance(of, TupleType):
+            return None
+        offsets = [getattr(self._type(of), name).offset for name, _ in of.members]
+        parts = [self._attribute(each, at + way, put) for way, (_, each) in zip(offsets, of.members, strict=True)]
+        return None if None in parts else extension.Field("t", at, of.kind, (*parts,), put)
 
     def element(self, name: str, number: int) -> Any:
         of = self._struct.fields[name]
@@ -72,14 +106,32 @@ class StructMemory:
         self._set(of, self._memory, identifier(name), value)
 
     def push(self) -> None:
-        """The fields have the values of the live object."""
+        """The fields have the values of the live object. What it still has is not written again."""
         for name in self._struct.fields:
-            self.write(name, getattr(self._struct.owner, name))
+            value = getattr(self._struct.owner, name)
+            if not self._is_pushed(name, value):
+                self.write(name, value)
+                self._pushed[name] = [*value] if isinstance(value, list) else value
+        self._before = bytes(self._memory)
+
+    def forget(self) -> None:
+        """The memory was changed since `push`, and the live object was not: all is written again."""
+        self._pushed.clear()
+
+    def _is_pushed(self, name: str, value: Any) -> bool:
+        before = self._pushed.get(name, self)
+        if isinstance(value, list) and isinstance(before, list):
+            return len(value) == len(before) and all(map(is_, value, before))
+        return value is before and not isinstance(value, CHANGEABLE)
 
     def differences(self) -> Iterator[str]:
         """The fields that are not what the live object has."""
+        after = bytes(self._memory)
         for name, of in self._struct.fields.items():
-            here, there = self.read(name), getattr(self._struct.owner, name)
+            place, there = self._slices[name], getattr(self._struct.owner, name)
+            if self._is_pushed(name, there) and after[place] == self._before[place]:
+                continue
+            here = self.read(name)
             if here.__class__ is float and here == there and here != 0.0:
                 continue  # nearly always
             if of == MASK:

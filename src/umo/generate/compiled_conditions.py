@@ -1,0 +1,106 @@
+"""The conditions of a machine's interlocks, compiled with its laws.
+
+They are compared with Python's first, as laws are. Where a compiled condition has a fault, Python's is evaluated: it
+raises its own error. A condition that changes something, or that looks at other interlocks, stays in Python, and so do
+the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from umo.cycle.clock import Clock
+from umo.cycle.conversion import extension
+from umo.cycle.inhibition import Inhibition
+from umo.generate.code_world import translate
+from umo.generate.controller_folder import TARGETS
+from umo.generate.law_library import NOT_ON_COLUMNS, TRUE, LawLibrary
+from umo.generate.translation import Translation
+from umo.objects import Compound, walk
+from umo.user_code import attempt
+
+WRITES = "writes"
+ONLY_PYTHON = {
+    "umo_inhibited(": "looks at interlocks, which are evaluated one after the other",
+    "umo_digital_write(": WRITES,
+    "umo_binary_write(": WRITES,
+    "umo_write_many(": WRITES,
+    **dict.fromkeys(NOT_ON_COLUMNS, "asks an object for its time or offset, or changes it"),
+}
+"""What a condition would not do in C as in Python, by the beginning of its call."""
+Asked = Callable[[], Any]
+
+
+def translated_conditions(
+    root: Compound, conditions: Sequence[Asked], laws: Sequence[Asked], without: Translation
+) -> tuple[Translation | None, str]:
+    """The translation of laws and conditions; None, and why: the conditions stay in Python. `without` is that of the
+    laws alone."""
+    if not conditions:
+        return None, ""
+    found = translate(root, conditions, laws, TARGETS["host"])
+    if found.problems:
+        return None, str(found.problems[0])
+    for call, what in ONLY_PYTHON.items():
+        if found.source.count(call) > without.source.count(call):
+            return None, f"one {what}"
+    if _states(found) != _states(without):
+        return None, "one changes an attribute"
+    known = {id(each) for each in (root, *walk(root), *(struct.owner for struct in without.structs))}
+    if any(id(struct.owner) not in known for struct in found.structs):
+        return None, "one refers to an object that is no part of the machine"
+    return found, ""
+
+
+def _states(translation: Translation) -> set[tuple[str, str]]:
+    return {(each.path, each.name) for each in translation.layout if each.owner == "STATE"}
+
+
+class CompiledConditions:
+    """The compiled conditions of one connected machine. In the library they have the numbers from `first` on."""
+
+    def __init__(
+        self, library: LawLibrary, first: int, inhibitions: Sequence[Inhibition], clock: Clock, compared: int, why: str
+    ) -> None:
+        """`compared`: periods in which they are compared. Without inhibitions there are none; `why`: the reason."""
+        self._library, self._first, self._clock = library, first, clock
+        self._inhibitions = inhibitions
+        self.left = compared if inhibitions else 0
+        """Periods in which they are still to be compared."""
+        self.left_out = why
+        """Why they stay in Python; empty: they do not, or there are none."""
+
+    def compare(self) -> None:
+        """Whether they give what Python gives at this moment; a difference leaves them to Python. The fields of the
+        library have their values."""
+        self.left -= 1
+        for number, each in enumerate(self._inhibitions, self._first):
+            found, error = attempt(each.interlock.condition)
+            fault = self._library.call(number, self._clock)
+            if fault <= 0 if error is not None else fault != (TRUE if found else 0):
+                self.left_out = f"the condition {each.interlock.reason!r} is not the same in C"
+                self._inhibitions, self.left = (), 0
+                return
+
+    def use(self) -> None:
+        """The compiled conditions are evaluated from now on."""
+        for number, each in enumerate(self._inhibitions, self._first):
+            each.condition = self._compiled(number, each.interlock.condition)
+
+    def release(self) -> None:
+        """Python's are evaluated from now on."""
+        for each in self._inhibitions:
+            each.condition = each.interlock.condition
+
+    def _compiled(self, number: int, condition: Asked) -> Asked:
+        native = getattr(extension, "Law", None)
+        if native is not None:
+            found: Asked = native(*self._library.addresses, number, self._clock, lambda fault: condition()).holds
+            return found
+
+        def holds() -> Any:
+            fault = self._library.call(number, self._clock)
+            return fault == TRUE if fault in (0, TRUE) else condition()
+
+        return holds
