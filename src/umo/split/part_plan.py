@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import ceil
 from zlib import crc32
 
@@ -58,11 +59,11 @@ class PartPlan:
         answer = 5 * inputs + (5 + self.real_size) * outputs + 2 * len(self.model.equipment)
         return LONGEST_HEAD + outputs + max(items, answer + sum(each.size for each in self.fields))
 
-    @property
+    @cached_property
     def faults(self) -> dict[int, CodeFault]:
         return {each.number: each for each in faults_of(self.translation)}
 
-    @property
+    @cached_property
     def hash(self) -> int:
         """Of all that both ends must agree on. What fields are at first is not in it: the host sends it."""
         any_target = replace(self.target, name="any", exact_libm=False)

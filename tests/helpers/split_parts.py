@@ -1,5 +1,6 @@
-"""The theta axis of z-theta on a controller: a program of this computer with a stepper motor behind it, which keeps a
-record of its outputs. Between it and its host a line may lose, repeat, delay and damage what it carries."""
+"""Parts of stations on controllers: the theta axis of z-theta and a zone of the furnace. A controller is a program of
+this computer or an emulated board, with a plant behind it, and keeps a record of its outputs. Between it and its host
+a line may lose, repeat, delay and damage what it carries."""
 
 from __future__ import annotations
 
@@ -7,10 +8,12 @@ import os
 import re
 import select
 import shutil
+import signal
 import socket
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 from threading import Thread
@@ -25,57 +28,65 @@ from umo.process.station import find
 from umo.split.part_generator import part_files
 
 PEERS = Path(__file__).parent / "peers" / "controllers"
-COUNTS_PER_STEP = 425
-DEFAULTS = [0, 1, 0]
-"""Step, direction and encoder_zero at their defaults, as raw integers."""
 HOST_GONE = 3
+CONTROLLER = "umo.split.controller_driver:Controller"
 PERIOD, HOST_TIMEOUT, TIMEOUT_PERIODS = "2 ms", "300 ms", 150
 """Longer than the default: other tests may load the computer."""
 
 
-def theta_wiring(port: int | None, **options: Any) -> dict[str, Any]:
-    """Theta on a controller, all else simulated."""
-    others = [each.path for each in atoms(find("ztheta").machine()) if not each.path.startswith("theta.")]
-    wire: dict[str, Any] = {path: {"driver": "simulated"} for path in others}
-    wire["timer"] = {"driver": "timerfd", "period": PERIOD}
-    wire["theta"] = {"controller": "drive"}
-    return {
-        "drivers": {
-            "drive": {
-                "type": "umo.split.controller_driver:Controller",
-                "host_timeout": HOST_TIMEOUT,
-                "port": port,
-                **options,
-            }
-        },
-        "wire": wire,
-    }
+@dataclass(frozen=True)
+class SplitPart:
+    """A part of a station that runs on a controller. `defaults`: of its outputs, as raw integers."""
+
+    station: str
+    options: Mapping[str, int]
+    path: str
+    plant: str
+    defaults: Sequence[int]
+
+    def machine(self) -> Any:
+        return find(self.station).machine(**self.options)
+
+    def wiring(self, port: int | None, **options: Any) -> dict[str, Any]:
+        """The part on a controller, all else simulated."""
+        others = [each.path for each in atoms(self.machine()) if not each.path.startswith(f"{self.path}.")]
+        wire: dict[str, Any] = {path: {"driver": "simulated"} for path in others}
+        wire["timer"] = {"driver": "timerfd", "period": PERIOD}
+        wire[self.path] = {"controller": "drive"}
+        drive = {"type": CONTROLLER, "host_timeout": HOST_TIMEOUT, "port": port, **options}
+        return {"drivers": {"drive": drive}, "wire": wire}
+
+    def _folder(self, folder: Path, target: str) -> None:
+        write_folder(part_files(self.machine(), self.wiring(1), "drive", target_of(target)), folder)
+        shutil.copy(PEERS / self.plant, folder / "umo_plant.c")
+
+    def program(self, folder: Path) -> Path:
+        """The controller's program. Warnings are errors."""
+        self._folder(folder, "host")
+        return program_of(folder)
+
+    def firmware(self, folder: Path) -> Path:
+        """The same for an emulated Cortex-M3. Raises CannotRun."""
+        need("arm-none-eabi-gcc", "qemu-system-arm", "make")
+        self._folder(folder, "cortex-m")
+        shutil.copy(PEERS / "recorded_board.c", folder / "io_board.c")
+        shutil.copy(PEERS / "link_mps2.c", folder / "io_link.c")
+        subprocess.run(["make", "-s", "-C", folder, "machine.elf", "CC=arm-none-eabi-gcc -Werror"], check=True)
+        return folder / "machine.elf"
 
 
-def theta_program(folder: Path) -> Path:
-    """The controller's program. Warnings are errors."""
-    write_folder(part_files(find("ztheta").machine(), theta_wiring(1), "drive", target_of("host")), folder)
-    _with_board(folder, "stepper_board.c", "record_stdout.c")
-    cc = f"CC=cc -Werror -DCOUNTS_PER_STEP={COUNTS_PER_STEP}"
-    subprocess.run(["make", "-s", "-C", folder, "BOARD=stepper_board.c record_stdout.c", cc], check=True)
+def program_of(folder: Path) -> Path:
+    """The program of a generated folder that has a plant, with a record. Warnings are errors."""
+    for each in ("recorded_board.c", "record_stdout.c"):
+        shutil.copy(PEERS / each, folder)
+    made = ["BOARD=recorded_board.c record_stdout.c", "CC=cc -Werror"]
+    subprocess.run(["make", "-s", "-C", folder, *made], check=True)
     return folder / "machine"
 
 
-def _with_board(folder: Path, *files: str) -> None:
-    for each in files:
-        shutil.copy(PEERS / each, folder)
-
-
-def theta_firmware(folder: Path) -> Path:
-    """The same for an emulated Cortex-M3. Raises CannotRun."""
-    need("arm-none-eabi-gcc", "qemu-system-arm", "make")
-    write_folder(part_files(find("ztheta").machine(), theta_wiring(1), "drive", target_of("cortex-m")), folder)
-    _with_board(folder, "stepper_board.c", "stepper_mps2.c")
-    (folder / "stepper_board.c").replace(folder / "io_board.c")
-    (folder / "stepper_mps2.c").replace(folder / "io_link.c")
-    cc = f"CC=arm-none-eabi-gcc -Werror -DCOUNTS_PER_STEP={COUNTS_PER_STEP}"
-    subprocess.run(["make", "-s", "-C", folder, "machine.elf", cc], check=True)
-    return folder / "machine.elf"
+COUNTS_PER_STEP = 425
+THETA = SplitPart("ztheta", {}, "theta", "stepper_plant.c", [0, 1, 0])
+ZONE = SplitPart("furnace", {"zones": 1, "laws": 1}, "zones.0", "zone_plant.c", [0, 1])
 
 
 class Recorded(NamedTuple):
@@ -88,7 +99,7 @@ class Recorded(NamedTuple):
     outputs: list[int]
 
 
-class ThetaController:
+class RunningController:
     """A controller that runs. `port` is where its host finds it."""
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
@@ -105,16 +116,16 @@ class ThetaController:
 
 
 @contextmanager
-def theta_controller(program: Path) -> Iterator[ThetaController]:
+def controller_of(program: Path) -> Iterator[RunningController]:
     environment = {**os.environ, "UMO_LINK": "0"}
     with subprocess.Popen([program], stdout=subprocess.PIPE, text=True, env=environment) as process:
         try:
-            yield ThetaController(process)
+            yield RunningController(process)
         finally:
             process.kill()
 
 
-class EmulatedTheta(ThetaController):
+class EmulatedController(RunningController):
     """The same on an emulated board. `serial` is where its host finds it."""
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
@@ -125,14 +136,36 @@ class EmulatedTheta(ThetaController):
 
 
 @contextmanager
-def emulated_theta(elf: Path) -> Iterator[EmulatedTheta]:
+def emulated_controller(elf: Path) -> Iterator[EmulatedController]:
     ports = ["-display", "none", "-monitor", "none", "-serial", "pty", "-serial", "stdio"]
     command = ["qemu-system-arm", "-M", "mps2-an385", *ports, "-kernel", elf]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
-            yield EmulatedTheta(process)
+            yield EmulatedController(process)
         finally:
             process.kill()
+
+
+def kill_hosts(
+    times: int, host: Callable[[], object], acts: Callable[[Recorded], bool], record: Iterator[Recorded]
+) -> list[Recorded]:
+    """Let a host run in a process of its own and kill it while it acts, so many times: when the controller had seen
+    that it was gone."""
+    found = []
+    for number in range(times):
+        process = os.fork()
+        if not process:
+            try:
+                host()
+            finally:
+                os._exit(1)
+        left = 5 + number % 7 * 11
+        while left:
+            left -= acts(next(record))
+        os.kill(process, signal.SIGKILL)
+        os.waitpid(process, 0)
+        found.append(next(each for each in record if each.mode == HOST_GONE))
+    return found
 
 
 class BadLine(Thread):
