@@ -43,6 +43,7 @@ def heat(
 ) -> float:
     """Heat the zone up to PEAK, or until something is so. The last temperature."""
     with connect(ZONE.machine(), ZONE.wiring(port, **options), acknowledge=True) as m:
+        m.frozen_after = 10_000  # readings of 2 ms, and not of 100 ms
         task = m.cycle.start(m.heat_up(PEAK, RAMP))
         while not task.done and not (until and until(m)):
             m.timer.read()
