@@ -11,9 +11,10 @@ import shutil
 import signal
 import socket
 import subprocess
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from random import Random
 from threading import Thread
@@ -26,6 +27,7 @@ from umo.generate.controller_generator import target_of
 from umo.objects import atoms
 from umo.process.station import find
 from umo.split.part_generator import part_files
+from umo.stations.furnace.objects import machine as furnace
 
 PEERS = Path(__file__).parent / "peers" / "controllers"
 HOST_GONE = 3
@@ -38,14 +40,10 @@ PERIOD, HOST_TIMEOUT, TIMEOUT_PERIODS = "2 ms", "300 ms", 150
 class SplitPart:
     """A part of a station that runs on a controller. `defaults`: of its outputs, as raw integers."""
 
-    station: str
-    options: Mapping[str, int]
+    machine: Callable[[], Any]
     path: str
     plant: str
     defaults: Sequence[int]
-
-    def machine(self) -> Any:
-        return find(self.station).machine(**self.options)
 
     def wiring(self, port: int | None, **options: Any) -> dict[str, Any]:
         """The part on a controller, all else simulated."""
@@ -85,8 +83,19 @@ def program_of(folder: Path) -> Path:
 
 
 COUNTS_PER_STEP = 425
-THETA = SplitPart("ztheta", {}, "theta", "stepper_plant.c", [0, 1, 0])
-ZONE = SplitPart("furnace", {"zones": 1, "laws": 1}, "zones.0", "zone_plant.c", [0, 1])
+THETA = SplitPart(find("ztheta").machine, "theta", "stepper_plant.c", [0, 1, 0])
+ZONE = SplitPart(partial(furnace, 1, 1), "zones.0", "zone_plant.c", [0, 1])
+
+
+def machine() -> Any:
+    """The furnace with one zone, for a run with processes of its own."""
+    return ZONE.machine()
+
+
+async def heat_zone(m: Any) -> None:
+    """Its application."""
+    m.frozen_after = 10_000  # readings of 2 ms, and not of 100 ms
+    await m.heat_up(110.0, 4.0)
 
 
 class Recorded(NamedTuple):
@@ -169,7 +178,8 @@ def kill_hosts(
 
 
 class BadLine(Thread):
-    """A line between host and controller that treats each piece of data badly, by chance. `treated` counts it."""
+    """A line between host and controller that treats each piece of data badly, by chance. `treated` counts it. While it
+    is `away` it carries nothing, and takes no connection."""
 
     def __init__(self, port: int, seed: int, share: float) -> None:
         super().__init__(daemon=True)
@@ -177,12 +187,15 @@ class BadLine(Thread):
         self._listening = socket.create_server(("127.0.0.1", 0))
         self.port = self._listening.getsockname()[1]
         self.treated = dict.fromkeys(("lost", "repeated", "damaged", "late", "cut"), 0)
-        self._ends = False
+        self.away = self._ends = False
 
     def run(self) -> None:
         while not self._ends:
             with suppress(OSError):
                 near, _ = self._listening.accept()
+                if self.away:
+                    near.close()
+                    continue
                 with near, socket.create_connection(("127.0.0.1", self._to)) as far:
                     self._carry(near, far)
 
@@ -192,7 +205,7 @@ class BadLine(Thread):
 
     def _carry(self, near: socket.socket, far: socket.socket) -> None:
         late: list[tuple[float, socket.socket, bytes]] = []
-        while not self._ends:
+        while not (self._ends or self.away):
             found, _, _ = select.select([near, far], [], [], 0.005)
             for to, data in [(to, data) for due, to, data in late if due <= monotonic()]:
                 to.sendall(data)

@@ -17,6 +17,7 @@ from umo.generate.controller_generator import target_of
 from umo.objects import Compound
 from umo.split.link_bodies import ControllerMode, ControllerState, FrameKind
 from umo.split.link_host import LinkHost, late
+from umo.split.link_stop import stop_controller
 from umo.split.part_mirror import PartMirror
 from umo.split.part_plan import PartPlan, plan_of
 from umo.wiring.wired import Wired
@@ -72,7 +73,6 @@ class Controller(Driver[Channel]):
         self._link: LinkHost | None = None
         self._mirror: PartMirror | None = None
         self._machine: ConnectedMachine | None = None
-        self._number = 0
         self._ends = self._rested = False
         self._places: dict[str, int] = {}
         self._seen: ControllerState | None = None
@@ -112,14 +112,15 @@ class Controller(Driver[Channel]):
     # The driver --------------------------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Connect, and see that the controller has this part."""
+        """Connect, and see that the controller has this part. A process that only resets, such as a guardian, has no
+        part, and connects when it does so."""
         if not self._prepared:
             raise DriverError('a serial line needs pyserial: pip install "umo[text]"')
-        if self._plan is None:
-            raise DriverError('no part is on it: write "PART" = { controller = "NAME" } in [wire]')
-        self._link = LinkHost(self.place.dial(), self._plan, self._name)
-        self._link.greet(monotonic() + max(self.timeout, 5 * self.host_timeout))
         self._rested = False
+        if self._plan is None:
+            return
+        self._link = LinkHost(self.place.dial(), self._plan, self._name)
+        self._link.greet(self._deadline())
 
     def close(self) -> None:
         if self._link is not None:
@@ -130,7 +131,13 @@ class Controller(Driver[Channel]):
     def _name(self) -> str:
         return next(iter(self.place.devices()), "")
 
+    def _deadline(self) -> float:
+        """By when the controller has to answer what is said again and again."""
+        return monotonic() + max(self.timeout, 5 * self.host_timeout)
+
     def _connected(self) -> LinkHost:
+        if self._plan is None:
+            raise DriverError('no part is on it: write "PART" = { controller = "NAME" } in [wire]')
         if self._link is None:
             raise DriverError("it is not open")
         return self._link
@@ -148,13 +155,17 @@ class Controller(Driver[Channel]):
         exchange says what is inhibited."""
         if default is None or self._rested or not (self._ends or self._mirror is None):
             return
-        link, deadline = self._connected(), monotonic() + max(self.timeout, 5 * self.host_timeout)
+        if self._plan is None:
+            stop_controller(self.place.dial(), self._name, self._deadline(), self.host_timeout / 5)
+        else:
+            self._stop(self._connected(), self._deadline())
+        self._rested = True
+
+    def _stop(self, link: LinkHost, deadline: float) -> None:
         if not link.session and not link.offered:
             link.greet(deadline)
-        outputs = 0 if self._plan is None else len(self._plan.model.outputs)
-        if link.ask(FrameKind.STOP, [False] * outputs, (), deadline).mode is not ControllerMode.RESTING:
+        if link.ask(FrameKind.STOP, (), (), deadline).mode is not ControllerMode.RESTING:
             raise DriverError(f"the controller {self._name} does not rest")
-        self._rested = True
 
     def read(self, channel: Channel) -> int:
         out = np.empty(1, np.int64)
@@ -211,7 +222,7 @@ class Controller(Driver[Channel]):
 
     def _start(self, link: LinkHost, mirror: PartMirror) -> None:
         """Everything that the host has goes to the controller, which begins to act. Its answer is waited for."""
-        deadline = monotonic() + max(self.timeout, 5 * self.host_timeout)
+        deadline = self._deadline()
         mirror.forget()
         if not link.offered:
             link.greet(deadline)
