@@ -20,6 +20,7 @@ from umo.split.link_host import LinkHost, late
 from umo.split.link_stop import stop_controller
 from umo.split.part_mirror import PartMirror
 from umo.split.part_plan import PartPlan, plan_of
+from umo.wiring.rates import RateMap
 from umo.wiring.wired import Wired
 
 _DEFAULT = Host("127.0.0.1", 5327), Serial("", 115200, "none")
@@ -45,7 +46,7 @@ class Controller(Driver[Channel]):
         serial: the device file of a serial line, in place of host and port.
         baudrate: of the serial line, in bit/s. Default: 115200.
         real: the numbers of the controller: "double" or "float".
-        cycle: the controller's own period. Default: that of the machine.
+        cycle: the controller's own period. Default: that of the part: the machine's, or `every` of its class.
         host_timeout: the controller brings its outputs to their defaults when the host was silent for this time.
     """
 
@@ -73,6 +74,9 @@ class Controller(Driver[Channel]):
         self._link: LinkHost | None = None
         self._mirror: PartMirror | None = None
         self._machine: ConnectedMachine | None = None
+        self._part: Compound | None = None
+        self._contained = False
+        """Whether the part is in fault as a whole, and it or what is around it fails alone."""
         self._ends = self._rested = False
         self._places: dict[str, int] = {}
         self._seen: ControllerState | None = None
@@ -86,15 +90,14 @@ class Controller(Driver[Channel]):
 
     # The part ----------------------------------------------------------------------------------------------
 
-    @property
-    def cycle(self) -> float:
-        """The controller's own period in s."""
-        return self._cycle or self.period
+    def cycle_for(self, part: Compound, wired: Wired) -> float:
+        """The controller's own period in s: by default that at which the part runs."""
+        return self._cycle or (wired.period or 0.0) * RateMap(wired.rates).every(part)
 
     def take_part(self, part: Compound, wired: Wired) -> PartPlan:
         """The part that runs on this controller, before the machine is connected. NotTranslated if it cannot."""
         target = target_of(TARGETS[self.real], self.real)
-        plan = self._plan = plan_of(part, wired, self, self.cycle, target, self.host_timeout)
+        plan = self._plan = plan_of(part, wired, self, self.cycle_for(part, wired), target, self.host_timeout)
         channels = {each.item.path: each.channel.text for each in wired.wires}
         self._places = {channels[each.path]: n for n, each in enumerate(plan.model.objects[: plan.model.inputs])}
         return plan
@@ -102,7 +105,7 @@ class Controller(Driver[Channel]):
     def meet(self, part: Compound, machine: ConnectedMachine) -> None:
         """The machine is being connected: the part's attributes are kept in step from now on."""
         assert self._plan is not None
-        self._machine, self._mirror = machine, PartMirror(self._plan, machine, part)
+        self._machine, self._part, self._mirror = machine, part, PartMirror(self._plan, machine, part)
         self._ends = self._rested = False
 
     def end(self) -> None:
@@ -146,6 +149,7 @@ class Controller(Driver[Channel]):
         """Outputs are at their defaults until the controller is started. A fault of the controller is over."""
         if self._mirror is not None:
             self._mirror.clear()
+        self._contained = False
         link = self._link
         if link is not None and link.state is not None and link.state.mode is not ControllerMode.RUNNING:
             link.close()
@@ -180,7 +184,7 @@ class Controller(Driver[Channel]):
             out[i] = state.raws_in[place]
             if state.failed[place]:
                 failed[channel.text] = "the controller could not read it"
-        if state.mode is not ControllerMode.RUNNING and not self._ends:
+        if state.mode is not ControllerMode.RUNNING and not (self._ends or self._contained):
             raise ChannelsFailed(dict.fromkeys((each.text for each in channels), self._fault_text(state)))
         if failed:
             raise ChannelsFailed(failed)
@@ -215,10 +219,16 @@ class Controller(Driver[Channel]):
                 mirror.confirm()
             mirror.take(state)
             mirror.plan(state)
-            assert self._machine is not None and self._plan is not None
-            for part, fault in mirror.new_faults(state):
-                self._machine.fail(part, DriverError(self._text_of(fault)))
+            self._tell_faults(state, mirror)
         return state
+
+    def _tell_faults(self, state: ControllerState, mirror: PartMirror) -> None:
+        """Faults of equipment in the part, and one of the part as a whole: on the controller it is the machine."""
+        assert self._machine is not None and self._part is not None
+        for part, fault in mirror.new_faults(state):
+            self._machine.fail(part, DriverError(self._text_of(fault)))
+        if state.mode is ControllerMode.FAULTED and not self._contained:
+            self._contained = self._machine.fail(self._part, DriverError(self._fault_text(state)))
 
     def _start(self, link: LinkHost, mirror: PartMirror) -> None:
         """Everything that the host has goes to the controller, which begins to act. Its answer is waited for."""

@@ -45,7 +45,7 @@ def part_files(
     part = next(node for node in walk(root) if node._path == path)
     assert isinstance(part, Compound)
     with wired_numbers(root, wired):
-        plan = plan_of(part, wired, driver, driver.cycle, target, driver.host_timeout)
+        plan = plan_of(part, wired, driver, driver.cycle_for(part, wired), target, driver.host_timeout)
     return _files(plan)
 
 

@@ -18,10 +18,11 @@ from umo.drivers.contract import Driver
 from umo.drivers.faults.wrapper import bare
 from umo.generate.code_world import translate
 from umo.generate.controller_folder import check, faults_of
-from umo.generate.controller_model import ControllerModel, model_of
+from umo.generate.controller_model import ControllerModel, NotGenerated, model_of
 from umo.generate.machine_source import header_of, source_of
 from umo.generate.translation import CodeFault, ControllerTarget, Translation
-from umo.objects import Compound
+from umo.objects import Compound, walk
+from umo.presentation.durations import duration
 from umo.split.field_bytes import FieldBytes
 from umo.wiring.wired import ProcessSettings, Wired
 
@@ -119,9 +120,21 @@ def part_laid_out(part: Compound, wired: Wired, driver: Driver, period: float) -
     try:
         model = model_of(machine, alone)
         model.name = part._path
+        model.problems += _other_rates(part, wired, period)
         yield model
     finally:
         machine.disconnect()
+
+
+def _other_rates(part: Compound, wired: Wired, period: float) -> Iterator[NotGenerated]:
+    """What is in the part and has another rate than its controller, which has one for all of it."""
+    inside = {id(node) for node in (part, *walk(part))}
+    for rate in wired.rates:
+        own = rate.every * (wired.period or 0.0)
+        if id(rate.part) in inside and abs(own - period) > 1e-9 * period:
+            reason = f"its rate is {duration(own)}, and the period of its controller {duration(period)}"
+            nearest = f'leave out `every`, or write cycle = "{duration(own)}" for the controller'
+            yield NotGenerated(rate.part._path, reason, nearest)
 
 
 def plan_of(

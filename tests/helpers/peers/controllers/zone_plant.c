@@ -1,4 +1,4 @@
-/* zone_plant.c: a zone of the furnace as its station has it, hot from a run before, and a thermocouple whose converter
+/* zone_plant.c: a zone of the furnace as its station has it: heater, fan, thermocouple; it is hot from a run before, and a thermocouple whose converter
  * gives no raw integers but those of 4 n + 1: another one is wrong. */
 #include "machine.h"
 
@@ -9,6 +9,7 @@
 #define AMBIENCE 25.0   /* degC */
 #define COUNTS 20.5     /* 1/K: 41 uV/K, of 2 uV */
 
+enum { THERMOCOUPLE = 0, HEATER = 0, FAN = 1 }; /* places */
 void plant_read(int32_t *raws_in);
 void plant_write(int16_t place, int32_t raw, int32_t before);
 static double temperature = 90.0, duty;
@@ -20,14 +21,14 @@ void plant_read(int32_t *raws_in)
     double losses = (LOSS + FAN_LOSS * fan) * (temperature - AMBIENCE);
     temperature += (POWER * duty - losses) * (MACHINE_PERIOD / CAPACITY);
     noise = noise * 1664525u + 1013904223u;
-    raws_in[IN_zones_0_temperature] = ((int32_t)(temperature * COUNTS) & ~3) + 1 + (int32_t)(noise >> 31) * 4;
+    raws_in[THERMOCOUPLE] = ((int32_t)(temperature * COUNTS) & ~3) + 1 + (int32_t)(noise >> 31) * 4;
 }
 
 void plant_write(int16_t place, int32_t raw, int32_t before)
 {
     (void)before;
-    if (place == OUT_zones_0_heater)
+    if (place == HEATER)
         duty = raw / 1000.0;
-    else if (place == OUT_zones_0_fan)
+    else if (place == FAN)
         fan = raw;
 }
