@@ -29,7 +29,7 @@ MUTANTS = {
     "not started": ("umo_link.c", "session == l->offered && session != l->session) {\n        l->session = session;\n"
                     "        start", "session != l->session) {\n        l->session = session;\n        start"),
     "second host": ("umo_link.c", "!l->session || session != l->session ||", "!l->session ||"),
-    "items": ("umo_link.c", "|| !items(l, body, FIRST, length, true)", ""),
+    "items": ("umo_link.c", " || (!stops && !items(l, body, FIRST, length, true))", ""),
     "stop": ("umo_link.c", "l->mode = LINK_RESTING;", "l->mode = LINK_RUNNING;"),
     "greeting": ("umo_link.c", "put_u16(l, l->offered);\n    send", "put_u16(l, 1);\n    send"),
     "damaged frame": ("umo_frames.c", "!= (uint8_t)(crc >> 8 * i)", "!= (uint8_t)(crc >> 8 * i) && r->left"),
