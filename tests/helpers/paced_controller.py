@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
-from helpers.split_axis import COUNTS_PER_STEP, PEERS, theta_wiring
+from helpers.split_parts import PEERS, THETA
 from umo import Compound
 from umo.control import StepperAxis
 from umo.control.inputs import HOMING
@@ -17,11 +17,11 @@ from umo.drivers.faults.wrapper import bare
 from umo.generate.compiled_machine import FLAGS, compiler
 from umo.generate.controller_folder import write_folder
 from umo.generate.controller_generator import target_of
-from umo.process.station import find
+from umo.generate.controller_model import wired_numbers
 from umo.split.controller_driver import Controller
 from umo.split.link_bodies import ControllerState, FrameItem, FrameKind, StateReader, hello, item, request, welcome_of
 from umo.split.link_frames import FrameReader, framed
-from umo.split.part_generator import _files, _plan
+from umo.split.part_generator import part_files
 from umo.split.part_plan import PartPlan
 from umo.wiring import resolve
 
@@ -84,16 +84,19 @@ class PacedController:
 
 
 @contextmanager
-def paced(folder: Path, root: Compound, wiring: dict[str, Any], path: str, *defines: str) -> Iterator[PacedController]:
-    """The part of this path on the controller `drive`, whose program is in the folder, or is made there."""
+def paced(
+    folder: Path, root: Compound, wiring: dict[str, Any], part: Compound, profile: str, plant: str = "no_plant.c"
+) -> Iterator[PacedController]:
+    """The part on the controller `drive`, whose program is in the folder, or is made there. The profile is told."""
     wired = resolve(root, wiring)
     driver = bare(wired.drivers["drive"])
     assert isinstance(driver, Controller)
-    plan = _plan(root, wired, path, driver, target_of("host"))
+    with wired_numbers(root, wired):
+        plan = driver.take_part(part, wired)
     program = folder / "paced"
     if not program.exists():
-        write_folder(_files(plan), folder)
-        _compile(folder, program, defines)
+        write_folder(part_files(root, wiring, "drive", target_of("host")), folder)
+        _compile(folder, program, profile, plant)
     with subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         try:
             yield PacedController(process, plan)
@@ -101,20 +104,19 @@ def paced(folder: Path, root: Compound, wiring: dict[str, Any], path: str, *defi
             process.kill()
 
 
-def _compile(folder: Path, program: Path, defines: Sequence[str]) -> None:
+def _compile(folder: Path, program: Path, profile: str, plant: str) -> None:
     sources = [*folder.glob("umo_*.c"), *(folder / f"{name}.c" for name in ("machine", "machine_link", "main_link"))]
     cc = compiler()
     assert cc is not None
-    command = [cc, *FLAGS, *(f"-D{each}" for each in defines), f"-I{folder}", "-o", program, *sources]
-    subprocess.run([*command, PEERS / "paced_board.c", "-lm"], check=True)
+    command = [cc, *FLAGS, f"-DPROFILE={profile}", f"-I{folder}", "-o", program, *sources]
+    subprocess.run([*command, PEERS / "paced_board.c", PEERS / plant, "-lm"], check=True)
 
 
 @contextmanager
 def paced_theta(folder: Path, **options: Any) -> Iterator[tuple[PacedController, StepperAxis]]:
     """Theta at its index, enabled, and the axis in Python."""
-    root = find("ztheta").machine()
-    defines = f"COUNTS_PER_STEP={COUNTS_PER_STEP}", "PROFILE=theta_profile"
-    with paced(folder, root, theta_wiring(1, **options), "theta", *defines) as controller:
+    root = THETA.machine()
+    with paced(folder, root, THETA.wiring(1, **options), root.theta, "theta_profile", THETA.plant) as controller:
         axis = cast(StepperAxis, root.theta)
         enable(axis)
         yield controller, axis

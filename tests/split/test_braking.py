@@ -13,7 +13,7 @@ from helpers.generating import needs_a_compiler
 from helpers.machines import timer
 from helpers.paced_controller import PacedController, Period, enable, paced, paced_theta
 from helpers.slide import stepper
-from helpers.split_axis import DEFAULTS, HOST_GONE, TIMEOUT_PERIODS
+from helpers.split_parts import HOST_GONE, THETA, TIMEOUT_PERIODS
 from umo import Compound, DigitalSensor
 from umo.control import StepperAxis
 from umo.split.link_bodies import ControllerMode, FrameItem, FrameKind, item
@@ -73,15 +73,15 @@ def test_an_axis_that_moves_brakes_within_its_limits_and_then_outputs_go_to_defa
         assert 0.0 >= after.velocity - before.velocity >= -ACCELERATION * DT * 1.001
         assert abs(after.acceleration - before.acceleration) <= JERK * DT * 1.001
     assert sum(each.outputs[0] for each in found[QUIET:-1]) > 10  # it steps while it brakes
-    assert (found[-1].mode, found[-1].outputs) == (HOST_GONE, DEFAULTS)
-    assert theta.controller.step().outputs == DEFAULTS
+    assert (found[-1].mode, found[-1].outputs) == (HOST_GONE, THETA.defaults)
+    assert theta.controller.step().outputs == THETA.defaults
 
 
 def test_an_axis_that_stands_is_at_its_defaults_at_the_host_timeout(theta: Theta) -> None:
     cruising(theta, 0.0)
     found = silent(theta)
     assert [each.mode for each in found] == [RUNNING] * QUIET + [HOST_GONE]
-    assert found[-1].outputs == DEFAULTS
+    assert found[-1].outputs == THETA.defaults
 
 
 @pytest.mark.parametrize("theta", [SHORT * DT], indirect=True)
@@ -90,7 +90,7 @@ def test_a_braking_that_takes_too_long_ends_at_the_declared_time(theta: Theta) -
     found = silent(theta)
     assert len(found) == QUIET + SHORT + 1
     assert found[-2].setpoint.velocity > 1.0
-    assert found[-1].outputs == DEFAULTS
+    assert found[-1].outputs == THETA.defaults
 
 
 @pytest.mark.parametrize("theta", [0], indirect=True)
@@ -124,7 +124,7 @@ def test_a_stop_is_carried_out_at_once_while_it_brakes(theta: Theta) -> None:
     for _ in range(QUIET + 5):
         theta.controller.step()
     stopped = theta.controller.step(theta.controller.request(FrameKind.STOP, session=theta.controller.greet()))
-    assert (stopped.mode, stopped.outputs) == (0, DEFAULTS)
+    assert (stopped.mode, stopped.outputs) == (0, THETA.defaults)
 
 
 class Stage(Compound):
@@ -141,7 +141,7 @@ def test_axes_that_miss_periods_brake_and_the_host_is_asked_for_a_plan_of_each(t
     bench = Bench(stage=Stage(x=stepper(following_error=1e3), y=stepper(following_error=1e3)), timer=timer())
     wire = {"timer": {"driver": "timerfd", "period": "2 ms"}, "stage": {"controller": "drive"}}
     drive = {"type": "umo.split.controller_driver:Controller", "port": 1}
-    with paced(tmp_path, bench, {"drivers": {"drive": drive}, "wire": wire}, "stage", "PROFILE=stage_x_profile") as c:
+    with paced(tmp_path, bench, {"drivers": {"drive": drive}, "wire": wire}, bench.stage, "stage_x_profile") as c:
         for axis in (bench.stage.x, bench.stage.y):
             enable(axis)
             axis.profile.at(10.0)

@@ -8,19 +8,18 @@ from typing import Any
 
 import pytest
 
-from helpers.split_axis import theta_wiring
+from helpers.split_parts import THETA
 from umo.errors import DeclarationError
 from umo.generate.controller_folder import write_folder
 from umo.generate.controller_generator import target_of
-from umo.process.station import find
 from umo.split.part_generator import part_files
 from umo.wiring import check
 
 
 def mistakes(change: Any) -> str:
-    wiring = theta_wiring(1)
+    wiring = THETA.wiring(1)
     change(wiring)
-    return "\n".join(map(str, check(find("ztheta").machine(), wiring)))
+    return "\n".join(map(str, check(THETA.machine(), wiring)))
 
 
 def test_a_part_on_a_controller_needs_no_line_for_its_objects() -> None:
@@ -44,7 +43,7 @@ def test_a_mistake_is_told_with_its_key(lines: dict[str, Any], text: str) -> Non
 
 
 def test_the_folder_is_that_of_the_part_alone(tmp_path: Path) -> None:
-    files = part_files(find("ztheta").machine(), theta_wiring(1), "drive", target_of("cortex-m"))
+    files = part_files(THETA.machine(), THETA.wiring(1), "drive", target_of("cortex-m"))
     assert "OUT_theta_step = 0" in files["machine.h"]
     assert "z_motor" not in files["machine.h"]
     assert "#define LINK_HOST_TIMEOUT 150u" in files["machine_link.h"]
@@ -56,14 +55,14 @@ def test_the_folder_is_that_of_the_part_alone(tmp_path: Path) -> None:
 
 def test_a_controller_that_the_wiring_does_not_have_is_told() -> None:
     with pytest.raises(DeclarationError, match=r"no part runs on a controller 'driv' \(did you mean 'drive'\?\)"):
-        part_files(find("ztheta").machine(), theta_wiring(1), "driv", target_of("host"))
+        part_files(THETA.machine(), THETA.wiring(1), "driv", target_of("host"))
     with pytest.raises(DeclarationError, match='write real = "float"'):
-        part_files(find("ztheta").machine(), theta_wiring(1), "drive", target_of("avr"))
+        part_files(THETA.machine(), THETA.wiring(1), "drive", target_of("avr"))
 
 
 def test_both_ends_agree_on_the_hash_and_a_gain_does_not_change_it() -> None:
     def header(**changes: Any) -> str:
-        wiring = theta_wiring(1) | {"parameters": changes}
-        return part_files(find("ztheta").machine(), wiring, "drive", target_of("host"))["machine_link.h"]
+        wiring = THETA.wiring(1) | {"parameters": changes}
+        return part_files(THETA.machine(), wiring, "drive", target_of("host"))["machine_link.h"]
 
     assert header() == header() == header(**{"theta.following_error": 2.5})

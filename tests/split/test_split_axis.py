@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import os
-import signal
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,37 +11,33 @@ import pytest
 
 from helpers.generating import needs_a_compiler
 from helpers.peers.text_devices import CannotRun
-from helpers.split_axis import (
+from helpers.split_parts import (
     BRAKING,
     BRAKING_PERIODS,
     COUNTS_PER_STEP,
-    DEFAULTS,
-    HOST_GONE,
+    THETA,
     TIMEOUT_PERIODS,
     BadLine,
     Recorded,
-    ThetaController,
-    emulated_theta,
-    theta_controller,
-    theta_firmware,
-    theta_program,
-    theta_wiring,
+    RunningController,
+    controller_of,
+    emulated_controller,
+    kill_hosts,
 )
 from umo.cycle.connect import connect
 from umo.errors import DriverError
-from umo.process.station import find
 
 pytestmark = [needs_a_compiler, pytest.mark.full]
 
 
 @pytest.fixture(scope="module")
 def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return theta_program(tmp_path_factory.mktemp("theta"))
+    return THETA.program(tmp_path_factory.mktemp("theta"))
 
 
 @pytest.fixture
-def controller(program: Path) -> Iterator[ThetaController]:
-    with theta_controller(program) as found:
+def controller(program: Path) -> Iterator[RunningController]:
+    with controller_of(program) as found:
         yield found
 
 
@@ -52,7 +46,7 @@ def move(
 ) -> list[float]:
     """Move the axis from one position to the next; what the encoder reads at the end of each motion."""
     reached: list[float] = []
-    with connect(find("ztheta").machine(), theta_wiring(port, **options), acknowledge=True) as m:
+    with connect(THETA.machine(), THETA.wiring(port, **options), acknowledge=True) as m:
 
         async def application() -> None:
             m.theta.encoder.referenced(True)
@@ -73,26 +67,31 @@ def move(
     return reached
 
 
-def test_the_application_moves_an_axis_whose_law_runs_elsewhere(controller: ThetaController) -> None:
+def steps(each: Recorded) -> bool:
+    """Whether the motor is made to step."""
+    return each.outputs[0] == 1
+
+
+def test_the_application_moves_an_axis_whose_law_runs_elsewhere(controller: RunningController) -> None:
     states = []
     assert move(controller.port, 235.0, 225.0, after=lambda m: states.append(m.theta.state.name)) == pytest.approx(
         [235.0, 225.0], abs=0.2
     )
     record = controller.recorded()
     seen = [next(record) for _ in range(10)]
-    assert seen[0].outputs == DEFAULTS
+    assert seen[0].outputs == THETA.defaults
     assert len(states) == 2
 
 
-def test_at_the_end_of_a_run_the_outputs_are_at_their_defaults(controller: ThetaController) -> None:
+def test_at_the_end_of_a_run_the_outputs_are_at_their_defaults(controller: RunningController) -> None:
     move(controller.port, 229.0)
     for each in controller.recorded():
         if each.mode == 0 and each.period > 20:
-            assert each.outputs == DEFAULTS
+            assert each.outputs == THETA.defaults
             return
 
 
-def test_a_tunable_reaches_the_law_and_a_fault_of_the_law_the_host(controller: ThetaController) -> None:
+def test_a_tunable_reaches_the_law_and_a_fault_of_the_law_the_host(controller: RunningController) -> None:
     def tune(m: Any) -> None:
         m.theta.following_error = 0.05  # less than a step
 
@@ -100,7 +99,7 @@ def test_a_tunable_reaches_the_law_and_a_fault_of_the_law_the_host(controller: T
         move(controller.port, 229.0, 235.0, after=tune)
 
 
-def test_another_version_of_the_part_is_refused(controller: ThetaController) -> None:
+def test_another_version_of_the_part_is_refused(controller: RunningController) -> None:
     with pytest.raises(DriverError, match="has another theta, or another version of it: generate it again"):
         move(controller.port, 229.0, host_timeout="50 ms")
     with pytest.raises(DriverError, match='write real = "double"'):
@@ -109,44 +108,30 @@ def test_another_version_of_the_part_is_refused(controller: ThetaController) -> 
 
 @pytest.mark.parametrize("times", [3, 100])
 def test_when_the_host_is_killed_the_axis_brakes_and_every_output_goes_to_its_default_in_time(
-    program: Path, controller: ThetaController, times: int
+    program: Path, controller: RunningController, times: int
 ) -> None:
-    record, braked = controller.recorded(), 0
-    for number in range(times):
-        host = os.fork()
-        if not host:
-            try:
-                move(controller.port, 250.0 if number % 2 else -250.0)  # far away, so that it still moves
-            finally:
-                os._exit(1)
-        moved = 0
-        for each in record:  # it moves
-            moved += each.outputs[0]
-            if moved > 5 + number % 7 * 11:
-                break
-        os.kill(host, signal.SIGKILL)
-        os.waitpid(host, 0)
-        braked += brakes(record)
-    assert braked > times / 2
+    found = kill_hosts(times, lambda number: move(controller.port, far(number)), steps, controller.recorded())
+    assert sum(map(brakes, found)) > times / 2
 
 
-def brakes(record: Iterator[Recorded]) -> bool:
+def far(number: int) -> float:
+    """So far away that the axis still moves when its host is killed."""
+    return 250.0 if number % 2 else -250.0
+
+
+def brakes(killed: list[Recorded]) -> bool:
     """The host was killed during a motion: outputs are at their defaults in time. Whether the steps became slower
     before; not so where the controller has missed periods, in which a stepper stops."""
-    steps = []
-    for each in record:
-        if each.mode == BRAKING and each.outputs[0]:
-            steps.append(each.period)
-        if each.mode == HOST_GONE:
-            assert each.outputs == DEFAULTS
-            assert each.silent <= TIMEOUT_PERIODS + BRAKING_PERIODS
-            break
-    pauses = [after - before for before, after in itertools.pairwise(steps)]
+    *before, gone = killed
+    assert gone.outputs == THETA.defaults
+    assert gone.silent <= TIMEOUT_PERIODS + BRAKING_PERIODS
+    stepped = [each.period for each in before if each.mode == BRAKING and each.outputs[0]]
+    pauses = [after - before for before, after in itertools.pairwise(stepped)]
     return len(pauses) > 5 and sum(pauses[-3:]) > 2 * sum(pauses[:3])
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_on_a_bad_line_no_value_is_wrong_and_the_axis_arrives(controller: ThetaController, seed: int) -> None:
+def test_on_a_bad_line_no_value_is_wrong_and_the_axis_arrives(controller: RunningController, seed: int) -> None:
     line, raws = BadLine(controller.port, seed, share=0.05), set[int]()
     line.start()
     try:
@@ -157,25 +142,17 @@ def test_on_a_bad_line_no_value_is_wrong_and_the_axis_arrives(controller: ThetaC
     assert {raw % COUNTS_PER_STEP for raw in raws} == {0}
 
 
-def test_the_same_on_an_emulated_board_over_a_serial_line(tmp_path: Path) -> None:
+@pytest.mark.parametrize("times", [3, 100])
+def test_the_same_on_an_emulated_board_over_a_serial_line(tmp_path: Path, times: int) -> None:
     try:
-        elf = theta_firmware(tmp_path)
+        elf = THETA.firmware(tmp_path)
     except CannotRun as error:
         pytest.skip(str(error))
-    with emulated_theta(elf) as board:
-        assert move(None, 229.0, 226.0, serial=board.serial, timeout="3 s") == pytest.approx([229.0, 226.0], abs=0.2)
-        host = os.fork()
-        if not host:
-            try:
-                move(None, -250.0, serial=board.serial, timeout="3 s")
-            finally:
-                os._exit(1)
+    with emulated_controller(elf) as board:
+        line = {"serial": board.serial, "timeout": "3 s"}
+        assert move(None, 229.0, 226.0, **line) == pytest.approx([229.0, 226.0], abs=0.2)
         record = board.recorded()
         rested = next(each for each in record if each.mode == 0 and each.period > 20)
-        assert rested.outputs == DEFAULTS
-        moved = 0
-        while moved < 5:
-            moved += next(record).outputs[0]
-        os.kill(host, signal.SIGKILL)
-        os.waitpid(host, 0)
-        assert brakes(record)
+        assert rested.outputs == THETA.defaults
+        found = kill_hosts(times, lambda number: move(None, far(number), **line), steps, record)
+        assert sum(map(brakes, found)) > times / 2

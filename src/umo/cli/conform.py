@@ -30,6 +30,7 @@ from umo.testing.conformance import Certificate, Input, Output, PtyTap, Subject,
 from umo.testing.conformance.process_snapshot import State, state
 from umo.text import did_you_mean, in_brackets, some
 from umo.wiring import Wire, Wired, resolve
+from umo.wiring.controller_table import ON_CONTROLLER
 from umo.wiring.run_options import maker_of
 
 from .console import err, out, say
@@ -84,6 +85,8 @@ def _proved(station: Station, file: Path | None, machine: Compound, choice: Choi
     others = (type(driver).__module__ for other, driver in wired.drivers.items() if other != name)
     if not all(module.startswith("umo.") for module in others):
         before = state()  # another driver may have changed the process while it was made
+    if hasattr(bare(wired.drivers[name]), ON_CONTROLLER):
+        return _of_link(station, file, machine, wired, name, choice)
     wires = _wires(wired, name, choice.only)
     subject = _subject(station, file, wired, name, wires, choice)
     devices = wired.hardware.get(name, ())
@@ -96,6 +99,25 @@ def _proved(station: Station, file: Path | None, machine: Compound, choice: Choi
             certificate = _driven(tapped, choice.minutes, before)
         stopped += certificate.unreached
     return certificate
+
+
+def _of_link(
+    station: Station, file: Path | None, machine: Compound, wired: Wired, name: str, choice: Choice
+) -> Certificate:
+    """The rules of the link to a controller: nothing is driven, so there is nothing to agree to."""
+    from .conform_link import link_certificate
+
+    if choice.only or choice.loopbacks or choice.refused or choice.steady:
+        raise StationError(f"{name} is a controller: its link is tried, and no channels are chosen")
+    claim = DeviceClaim(wired.hardware.get(name, ()), station.name, "conform", acknowledge=choice.acknowledge)
+    try:
+        return link_certificate(_title(station, file, name), machine, wired, name)
+    finally:
+        claim.abandon()
+
+
+def _title(station: Station, file: Path | None, name: str) -> str:
+    return "-".join([station.name, *([file.stem] if file else []), name])
 
 
 def _station(target: str, wiring: str | None) -> tuple[Station, str | None]:
@@ -154,7 +176,7 @@ def _subject(
     steady = [_wire(inputs, text) for text in choice.steady]
     driver = wired.drivers[name]
     return Subject(
-        name="-".join([station.name, *([file.stem] if file else []), name]),
+        name=_title(station, file, name),
         make=maker_of(file, name),
         outputs=tuple(_output(wire) for wire in outputs),
         inputs=tuple(Input(wire.channel.text, steady=wire in steady) for wire in inputs),

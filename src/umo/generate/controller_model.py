@@ -173,18 +173,25 @@ def laid_out(root: Compound, wiring: Wired | Path | str | Mapping[str, Any] | No
     if root.cycle.connected:
         raise DeclarationError(f"{type(root).__name__} is already connected")
     wired = wiring if isinstance(wiring, Wired) else resolve(root, wiring)
-    undo: list[Callable[[], object]] = []
-    machine: ConnectedMachine | None = None
-    try:
-        undo.extend(wire.apply().apply for wire in wired.wires)
-        apply_parameters(root, wired.parameters, undo.append)
+    with wired_numbers(root, wired):
         clock = Clock(0.0 if wired.period is None else wired.period)
         image = image_of(wired, clock, len(equipment_in(root)), len(axes_in(root)))
         machine = machine_of(root, image, wired.rates, StopFlag(), None, wired.process.outputs)
-        yield model_of(machine, wired)
-    finally:
-        if machine is not None:
+        try:
+            yield model_of(machine, wired)
+        finally:
             machine.disconnect()
+
+
+@contextmanager
+def wired_numbers(root: Compound, wired: Wired) -> Iterator[None]:
+    """Inside, the objects have the calibrations of the wiring, and the machine has its parameters."""
+    undo: list[Callable[[], object]] = []
+    try:
+        undo.extend(wire.apply().apply for wire in wired.wires)
+        apply_parameters(root, wired.parameters, undo.append)
+        yield
+    finally:
         for each in reversed(undo):
             each()
 

@@ -17,8 +17,10 @@ from umo.generate.controller_generator import target_of
 from umo.objects import Compound
 from umo.split.link_bodies import ControllerMode, ControllerState, FrameKind
 from umo.split.link_host import LinkHost, late
+from umo.split.link_stop import stop_controller
 from umo.split.part_mirror import PartMirror
 from umo.split.part_plan import PartPlan, plan_of
+from umo.wiring.rates import RateMap
 from umo.wiring.wired import Wired
 
 _DEFAULT = Host("127.0.0.1", 5327), Serial("", 115200, "none")
@@ -44,7 +46,7 @@ class Controller(Driver[Channel]):
         serial: the device file of a serial line, in place of host and port.
         baudrate: of the serial line, in bit/s. Default: 115200.
         real: the numbers of the controller: "double" or "float".
-        cycle: the controller's own period. Default: that of the machine.
+        cycle: the controller's own period. Default: that of the part: the machine's, or `every` of its class.
         host_timeout: when the host was silent for this time, the controller brakes its axes to standstill, and brings
             its outputs to their defaults; at once where no axis moves.
         braking_timeout: the braking may take this time, then every output goes to its default. 0: no braking.
@@ -76,7 +78,9 @@ class Controller(Driver[Channel]):
         self._link: LinkHost | None = None
         self._mirror: PartMirror | None = None
         self._machine: ConnectedMachine | None = None
-        self._number = 0
+        self._part: Compound | None = None
+        self._contained = False
+        """Whether the part is in fault as a whole, and it or what is around it fails alone."""
         self._ends = self._rested = False
         self._places: dict[str, int] = {}
         self._seen: ControllerState | None = None
@@ -90,15 +94,15 @@ class Controller(Driver[Channel]):
 
     # The part ----------------------------------------------------------------------------------------------
 
-    @property
-    def cycle(self) -> float:
-        """The controller's own period in s."""
-        return self._cycle or self.period
+    def cycle_for(self, part: Compound, wired: Wired) -> float:
+        """The controller's own period in s: by default that at which the part runs."""
+        return self._cycle or (wired.period or 0.0) * RateMap(wired.rates).every(part)
 
     def take_part(self, part: Compound, wired: Wired) -> PartPlan:
         """The part that runs on this controller, before the machine is connected. NotTranslated if it cannot."""
         target = target_of(TARGETS[self.real], self.real)
-        plan = self._plan = plan_of(part, wired, self, self.cycle, target, self.host_timeout, self.braking_timeout)
+        cycle = self.cycle_for(part, wired)
+        plan = self._plan = plan_of(part, wired, self, cycle, target, self.host_timeout, self.braking_timeout)
         channels = {each.item.path: each.channel.text for each in wired.wires}
         self._places = {channels[each.path]: n for n, each in enumerate(plan.model.objects[: plan.model.inputs])}
         return plan
@@ -106,7 +110,7 @@ class Controller(Driver[Channel]):
     def meet(self, part: Compound, machine: ConnectedMachine) -> None:
         """The machine is being connected: the part's attributes are kept in step from now on."""
         assert self._plan is not None
-        self._machine, self._mirror = machine, PartMirror(self._plan, machine, part)
+        self._machine, self._part, self._mirror = machine, part, PartMirror(self._plan, machine, part)
         self._ends = self._rested = False
 
     def end(self) -> None:
@@ -116,14 +120,15 @@ class Controller(Driver[Channel]):
     # The driver --------------------------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Connect, and see that the controller has this part."""
+        """Connect, and see that the controller has this part. A process that only resets, such as a guardian, has no
+        part, and connects when it does so."""
         if not self._prepared:
             raise DriverError('a serial line needs pyserial: pip install "umo[text]"')
-        if self._plan is None:
-            raise DriverError('no part is on it: write "PART" = { controller = "NAME" } in [wire]')
-        self._link = LinkHost(self.place.dial(), self._plan, self._name)
-        self._link.greet(monotonic() + max(self.timeout, 5 * self.host_timeout))
         self._rested = False
+        if self._plan is None:
+            return
+        self._link = LinkHost(self.place.dial(), self._plan, self._name)
+        self._link.greet(self._deadline())
 
     def close(self) -> None:
         if self._link is not None:
@@ -134,7 +139,13 @@ class Controller(Driver[Channel]):
     def _name(self) -> str:
         return next(iter(self.place.devices()), "")
 
+    def _deadline(self) -> float:
+        """By when the controller has to answer what is said again and again."""
+        return monotonic() + max(self.timeout, 5 * self.host_timeout)
+
     def _connected(self) -> LinkHost:
+        if self._plan is None:
+            raise DriverError('no part is on it: write "PART" = { controller = "NAME" } in [wire]')
         if self._link is None:
             raise DriverError("it is not open")
         return self._link
@@ -143,6 +154,7 @@ class Controller(Driver[Channel]):
         """Outputs are at their defaults until the controller is started. A fault of the controller is over."""
         if self._mirror is not None:
             self._mirror.clear()
+        self._contained = False
         link = self._link
         if link is not None and link.state is not None and link.state.mode is not ControllerMode.RUNNING:
             link.close()
@@ -152,13 +164,17 @@ class Controller(Driver[Channel]):
         exchange says what is inhibited."""
         if default is None or self._rested or not (self._ends or self._mirror is None):
             return
-        link, deadline = self._connected(), monotonic() + max(self.timeout, 5 * self.host_timeout)
+        if self._plan is None:
+            stop_controller(self.place.dial(), self._name, self._deadline(), self.host_timeout / 5)
+        else:
+            self._stop(self._connected(), self._deadline())
+        self._rested = True
+
+    def _stop(self, link: LinkHost, deadline: float) -> None:
         if not link.session and not link.offered:
             link.greet(deadline)
-        outputs = 0 if self._plan is None else len(self._plan.model.outputs)
-        if link.ask(FrameKind.STOP, [False] * outputs, (), deadline).mode is not ControllerMode.RESTING:
+        if link.ask(FrameKind.STOP, (), (), deadline).mode is not ControllerMode.RESTING:
             raise DriverError(f"the controller {self._name} does not rest")
-        self._rested = True
 
     def read(self, channel: Channel) -> int:
         out = np.empty(1, np.int64)
@@ -173,7 +189,7 @@ class Controller(Driver[Channel]):
             out[i] = state.raws_in[place]
             if state.failed[place]:
                 failed[channel.text] = "the controller could not read it"
-        if state.mode is not ControllerMode.RUNNING and not self._ends:
+        if state.mode is not ControllerMode.RUNNING and not (self._ends or self._contained):
             raise ChannelsFailed(dict.fromkeys((each.text for each in channels), self._fault_text(state)))
         if failed:
             raise ChannelsFailed(failed)
@@ -208,14 +224,20 @@ class Controller(Driver[Channel]):
                 mirror.confirm()
             mirror.take(state)
             mirror.plan(state)
-            assert self._machine is not None and self._plan is not None
-            for part, fault in mirror.new_faults(state):
-                self._machine.fail(part, DriverError(self._text_of(fault)))
+            self._tell_faults(state, mirror)
         return state
+
+    def _tell_faults(self, state: ControllerState, mirror: PartMirror) -> None:
+        """Faults of equipment in the part, and one of the part as a whole: on the controller it is the machine."""
+        assert self._machine is not None and self._part is not None
+        for part, fault in mirror.new_faults(state):
+            self._machine.fail(part, DriverError(self._text_of(fault)))
+        if state.mode is ControllerMode.FAULTED and not self._contained:
+            self._contained = self._machine.fail(self._part, DriverError(self._fault_text(state)))
 
     def _start(self, link: LinkHost, mirror: PartMirror) -> None:
         """Everything that the host has goes to the controller, which begins to act. Its answer is waited for."""
-        deadline = monotonic() + max(self.timeout, 5 * self.host_timeout)
+        deadline = self._deadline()
         mirror.forget()
         if not link.offered:
             link.greet(deadline)

@@ -106,7 +106,9 @@ def item(kind: FrameItem, number: int, data: bytes = b"") -> bytes:
 def request(
     kind: FrameKind, session: int, number: int, inhibited: Iterable[bool], items: Iterable[bytes] = ()
 ) -> bytes:
-    """A START, an EXCHANGE or a STOP."""
+    """A START, an EXCHANGE or a STOP. STOP has neither bits nor items."""
+    if kind is FrameKind.STOP:
+        return HEAD.pack(kind, session, number & 0xFFFF)
     bits = list(inhibited)
     packed = sum(1 << place for place, yes in enumerate(bits) if yes).to_bytes(share_of(len(bits)), "little")
     return b"".join((HEAD.pack(kind, session, number & 0xFFFF), packed, *items))

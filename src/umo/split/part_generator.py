@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from umo.drivers.faults.wrapper import bare
 from umo.errors import DeclarationError
 from umo.generate.controller_folder import BOARDS, files_of
+from umo.generate.controller_model import wired_numbers
 from umo.generate.translation import ControllerTarget
 from umo.objects import Compound, walk
 from umo.split.controller_driver import Controller
 from umo.split.part_plan import PartPlan, plan_of
 from umo.text import did_you_mean
 from umo.wiring import resolve
-from umo.wiring.wired import Wired, apply_parameters
 
 README = """
 ## The host
@@ -43,20 +43,12 @@ def part_files(
     if driver.real != target.real:
         text = f'{target.name} has {target.real}s: write real = "{target.real}" in [drivers.{name}], or give --real'
         raise DeclarationError(f"the wiring says that {name} has {driver.real}s, and the controller {text}")
-    return _files(_plan(root, wired, path, driver, target))
-
-
-def _plan(root: Compound, wired: Wired, path: str, driver: Controller, target: ControllerTarget) -> PartPlan:
-    undo: list[Callable[[], object]] = []
     part = next(node for node in walk(root) if node._path == path)
     assert isinstance(part, Compound)
-    try:
-        undo.extend(wire.apply().apply for wire in wired.wires)
-        apply_parameters(root, wired.parameters, undo.append)
-        return plan_of(part, wired, driver, driver.cycle, target, driver.host_timeout, driver.braking_timeout)
-    finally:
-        for each in reversed(undo):
-            each()
+    with wired_numbers(root, wired):
+        cycle = driver.cycle_for(part, wired)
+        plan = plan_of(part, wired, driver, cycle, target, driver.host_timeout, driver.braking_timeout)
+    return _files(plan)
 
 
 def _files(plan: PartPlan) -> dict[str, str]:

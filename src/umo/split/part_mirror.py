@@ -42,7 +42,10 @@ class PartMirror:
         """What was sent, and is not confirmed: where it is kept, its number, and its bytes."""
         self._inhibited = [False] * len(self._outputs)
         self._faults = [0] * len(self._equipment)
-        self._clears = False
+        self._asked = set[FrameItem]()
+        """CLEAR and ACKNOWLEDGE, if they are to be sent."""
+        self._sent = set[FrameItem]()
+        """Those of them that the last frame had."""
         self._planned = 0
         """The number of what was planned last."""
 
@@ -73,10 +76,10 @@ class PartMirror:
                     found.append(item(FrameItem.COMMAND, place, wanted))
         found += self._changed_references()
         if any(was and not now for was, now in zip(self._inhibited, inhibited, strict=True)):
-            found.append(item(FrameItem.ACKNOWLEDGE, 0))
+            self._asked.add(FrameItem.ACKNOWLEDGE)
         self._inhibited = inhibited
-        if self._clears:
-            found.append(item(FrameItem.CLEAR, 0xFFFF))
+        self._sent = set(self._asked)
+        found += [item(each, 0xFFFF) for each in sorted(self._sent)]
         if self._planned:
             found.append(item(FrameItem.PLANNED, self._planned))
         return found
@@ -95,11 +98,15 @@ class PartMirror:
         for where, number, data in self._given:
             where[number] = data
         self._given = []
-        self._clears = False
+        if FrameItem.CLEAR in self._sent:
+            self._faults = [0] * len(self._faults)  # what is still in fault is told again
+        self._asked -= self._sent
+        self._sent = set()
 
     def clear(self) -> None:
         """The equipment is cleared on the host."""
-        self._clears = any(self._faults)
+        if any(self._faults):
+            self._asked.add(FrameItem.CLEAR)
 
     # From the controller ---------------------------------------------------------------------------------
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import ceil
 from zlib import crc32
 
@@ -17,10 +18,11 @@ from umo.drivers.contract import Driver
 from umo.drivers.faults.wrapper import bare
 from umo.generate.code_world import translate
 from umo.generate.controller_folder import check, faults_of
-from umo.generate.controller_model import ControllerModel, model_of
+from umo.generate.controller_model import ControllerModel, NotGenerated, model_of
 from umo.generate.machine_source import header_of, source_of
 from umo.generate.translation import CodeFault, ControllerTarget, Translation
-from umo.objects import Compound
+from umo.objects import Compound, walk
+from umo.presentation.durations import duration
 from umo.split.field_bytes import FieldBytes
 from umo.wiring.wired import ProcessSettings, Wired
 
@@ -66,11 +68,11 @@ class PartPlan:
         answer = 5 * inputs + (5 + self.real_size) * outputs + 2 * len(self.model.equipment)
         return LONGEST_HEAD + outputs + max(items, answer + sum(each.size for each in self.fields))
 
-    @property
+    @cached_property
     def faults(self) -> dict[int, CodeFault]:
         return {each.number: each for each in faults_of(self.translation)}
 
-    @property
+    @cached_property
     def hash(self) -> int:
         """Of all that both ends must agree on. What fields are at first is not in it: the host sends it."""
         any_target = replace(self.target, name="any", exact_libm=False)
@@ -128,9 +130,21 @@ def part_laid_out(part: Compound, wired: Wired, driver: Driver, period: float) -
     try:
         model = model_of(machine, alone)
         model.name = part._path
+        model.problems += _other_rates(part, wired, period)
         yield model
     finally:
         machine.disconnect()
+
+
+def _other_rates(part: Compound, wired: Wired, period: float) -> Iterator[NotGenerated]:
+    """What is in the part and has another rate than its controller, which has one for all of it."""
+    inside = {id(node) for node in (part, *walk(part))}
+    for rate in wired.rates:
+        own = rate.every * (wired.period or 0.0)
+        if id(rate.part) in inside and abs(own - period) > 1e-9 * period:
+            reason = f"its rate is {duration(own)}, and the period of its controller {duration(period)}"
+            nearest = f'leave out `every`, or write cycle = "{duration(own)}" for the controller'
+            yield NotGenerated(rate.part._path, reason, nearest)
 
 
 def plan_of(

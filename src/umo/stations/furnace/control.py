@@ -19,7 +19,7 @@ from umo import (
     Vector,
     action,
 )
-from umo.control import VectorServo, until, value_of, wait
+from umo.control import Servo, VectorServo, until, value_of, wait
 from umo.errors import RangeError, TimeExpired
 from umo.states import OnOff
 
@@ -27,6 +27,10 @@ from .errors import HeatingError, OverTemperature, TooManyFaults
 
 PLACES, SHARES = (0.0, 0.35, 0.75, 1.0), (0.4, 1.0, 1.0, 0.35)
 """Places along the tunnel, and the set temperatures there as shares of the peak: heating, soaking, cooling zones."""
+GAINS = {
+    "heating.gain": Number("percent/K", 0.0, 20.0, tunable=True),
+    "heating.integral_time": Number("s", 5.0, 400.0, tunable=True),
+}
 NAMED = 10  # zones in a message
 
 
@@ -41,14 +45,31 @@ class Zone(Compound):
         yield Interlock(lambda: value_of(self.temperature) > self.limit, [self.heater], "over-temperature")
 
 
+class ZoneWithLaw(Zone, numbers={"setpoint": Number("degC", shown=True), **GAINS}):
+    """A zone with a PI of its own, so that it may run on a controller of its own."""
+
+    gain: float = 4.0
+    """Percent per K."""
+    integral_time: float = 40.0
+    """In s."""
+
+    def setup(self) -> None:
+        self.heating = Servo(self.temperature, self.heater, gain=self.gain, integral_time=self.integral_time)
+        self.setpoint, self.heats = 0.0, False
+
+    def control(self) -> None:
+        if not self.heats:
+            return
+        quality = self.temperature.quality
+        if quality == Quality.BAD or quality == Quality.OUT_OF_RANGE:
+            self.heater.write(0.0)
+        else:
+            self.heating.control(self.setpoint, dt=self.dt)
+
+
 class Furnace(
     Compound,
-    numbers={
-        "setpoint": Number("degC", shown=True),
-        "faulted_zones": Number(shown=True),
-        "heating.gain": Number("percent/K", 0.0, 20.0, tunable=True),
-        "heating.integral_time": Number("s", 5.0, 400.0, tunable=True),
-    },
+    numbers={"setpoint": Number("degC", shown=True), "faulted_zones": Number(shown=True), **GAINS},
     max_period="1 s",
 ):
     zones: Sequence[Zone]
@@ -74,6 +95,8 @@ class Furnace(
         self.temperatures = Vector(zone.temperature for zone in self.zones)
         self.heating = VectorServo(self.temperatures, self.heaters, gain=self.gain, integral_time=self.integral_time)
         self.limits = np.array([zone.limit for zone in self.zones])
+        self.have_laws = np.array([isinstance(zone, ZoneWithLaw) for zone in self.zones])
+        self.with_laws = [(n, zone) for n, zone in enumerate(self.zones) if isinstance(zone, ZoneWithLaw)]
         self._clear()
 
     def _clear(self) -> None:
@@ -94,13 +117,16 @@ class Furnace(
         self._check_zones(temperatures)
         step = self.ramp * self.dt
         self.setpoints = self.setpoints + np.clip(self.targets - self.setpoints, -step, step)
-        self.heating.control(self.setpoints, dt=self.dt, enabled=~self.faulted)
+        self.heating.control(self.setpoints, dt=self.dt, enabled=~(self.faulted | self.have_laws))
+        for n, zone in self.with_laws:
+            zone.setpoint, zone.heats = self.setpoints[n], not self.faulted[n]
+        errors = np.where(self.faulted, 0.0, self.setpoints - temperatures)
         self.fans.write((self.faulted | (temperatures > self.limits)).astype(np.float64))
         if self.soak_errors is not None:
-            self.soak_errors = np.maximum(self.soak_errors, np.abs(self.heating.error))
+            self.soak_errors = np.maximum(self.soak_errors, np.abs(errors))
         self.setpoint = float(self.setpoints.max())
-        if (cold := self.heating.error > self.following_error).any():
-            raise HeatingError(f"{_named(cold)}: {self.heating.error.max():.0f} K below the setpoint")
+        if (cold := errors > self.following_error).any():
+            raise HeatingError(f"{_named(cold)}: {errors.max():.0f} K below the setpoint")
 
     def _check_zones(self, temperatures: Any) -> None:
         """A zone without a valid temperature, or with one that stands still, is faulted: heater off, fan on."""
@@ -160,6 +186,8 @@ class Furnace(
     def switch_off(self) -> None:
         """Heaters off: the furnace cools down."""
         self.ramp = 0.0
+        for _, zone in self.with_laws:
+            zone.heats = False
         self.heaters.write(0.0)
 
     def results(self) -> dict[str, Any]:

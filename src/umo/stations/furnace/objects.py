@@ -4,28 +4,31 @@ from umo import BinaryActuator, DigitalActuator, DigitalSensor, Thermocouple
 from umo.errors import DeclarationError
 from umo.states import OnOff
 
-from .control import Furnace, Zone
+from .control import Furnace, Zone, ZoneWithLaw
 
 MAX_ZONES = 5000
 
 
-def machine(zones: int = 40) -> Furnace:
+def machine(zones: int = 40, laws: int = 0) -> Furnace:
     """A tunnel of zones.
 
     Options:
         zones: how many, 1 to 5,000.
+        laws: so many zones, from the first on, have laws of their own, and may run on controllers.
     """
     if not 1 <= zones <= MAX_ZONES:
         raise DeclarationError(f"a tunnel has 1 to {MAX_ZONES} zones, not {zones}")
+    if not 0 <= laws <= zones:
+        raise DeclarationError(f"0 to {zones} zones may have laws of their own, not {laws}")
     return Furnace(
-        zones=[zone() for _ in range(zones)],
+        zones=[zone(ZoneWithLaw if n < laws else Zone) for n in range(zones)],
         timer=DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False),
     )
 
 
-def zone() -> Zone:
+def zone(kind: type[Zone] = Zone) -> Zone:
     """Heater off and fan on are the safe values."""
-    return Zone(
+    return kind(
         heater=DigitalActuator("percent", default=0.0, minimum=0.0, maximum=100.0, resolution=0.1),
         fan=BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.ON),
         temperature=DigitalSensor(

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import json
+import platform
 from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
 from enum import StrEnum
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -43,6 +47,15 @@ class Finding:
 def time_text(seconds: float) -> str:
     """A measured time, to a tenth of a microsecond."""
     return duration(round(seconds, 7))
+
+
+def edition() -> dict[str, Any]:
+    """When and with what a certificate is made: its fields `date`, `versions` and `platform`."""
+    return {
+        "date": datetime.now(UTC).strftime("%Y-%m-%d"),
+        "versions": {"umo": version("umo"), "Python": platform.python_version()},
+        "platform": f"{platform.system()} {platform.machine()}",
+    }
 
 
 @dataclass(frozen=True)

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import platform
 import re
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, wait
 from contextlib import suppress
-from datetime import UTC, datetime
-from importlib.metadata import version
 from math import inf
 from threading import Thread
 from time import monotonic
@@ -18,7 +15,7 @@ from umo.drivers.contract import Driver
 from umo.errors import Failure, StopError, text_of
 from umo.presentation.durations import duration
 from umo.testing.conformance.budget import Budget, TimePlan
-from umo.testing.conformance.certificate import Certificate, Finding, Judgement
+from umo.testing.conformance.certificate import Certificate, Finding, Judgement, edition
 from umo.testing.conformance.probe import Stopped, TimeUp, call_of
 from umo.testing.conformance.process_snapshot import State
 from umo.testing.conformance.rule_context import RuleContext
@@ -256,7 +253,5 @@ def _certificate(
         times=context.times,
         unreached=unreached,
         left_out=(*(f"the rule {rule}" for rule in context.budget.left_out), *context.budget.parts),
-        date=datetime.now(UTC).strftime("%Y-%m-%d"),
-        versions={"umo": version("umo"), "Python": platform.python_version()},
-        platform=f"{platform.system()} {platform.machine()}",
+        **edition(),
     )

@@ -1,6 +1,6 @@
 /* paced_board.c: a controller whose periods are lines of text: `TICKS FRAME`, the frame in hexadecimal digits, or none.
  * The line out is `MODE POSITION VELOCITY ACCELERATION OUTPUTS... ANSWER`: the setpoint of PROFILE, and what the
- * controller has sent. With COUNTS_PER_STEP there is theta's stepper motor behind it. */
+ * controller has sent. A plant is behind it. */
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -9,11 +9,10 @@
 #include "io.h"
 #include "umo_link.h"
 
+void plant_read(int32_t *raws_in);
+void plant_write(int16_t place, int32_t raw, int32_t before);
 extern umo_link machine_link;
 static int32_t outputs[MACHINE_OUTPUTS + 1];
-#ifdef COUNTS_PER_STEP
-static int32_t position;
-#endif
 static char line_in[4 * LINK_LONGEST + 64], answer[4 * LINK_LONGEST + 64];
 static const char *frame = "";
 static size_t answered;
@@ -73,18 +72,12 @@ void link_end(void)
 void io_read(int32_t *raws_in, uint8_t *failed_in)
 {
     (void)failed_in;
-    (void)raws_in;
-#ifdef COUNTS_PER_STEP
-    raws_in[IN_theta_encoder] = position;
-#endif
+    plant_read(raws_in);
 }
 
 bool io_write(int16_t place, int32_t raw)
 {
-#ifdef COUNTS_PER_STEP
-    if (place == OUT_theta_step && raw && !outputs[OUT_theta_step])
-        position += outputs[OUT_theta_direction] ? COUNTS_PER_STEP : -COUNTS_PER_STEP;
-#endif
+    plant_write(place, raw, outputs[place]);
     outputs[place] = raw;
     return true;
 }

@@ -1,41 +1,11 @@
 /* main.c: the loop of a generated controller. Outputs are at their defaults before it and after it: at power-up, at a
  * fault, and after the watchdog has ended a run that hung. Then they stay there until the power is switched off. */
-#include "io.h"
+#include "main_io.h"
 
 #ifdef ARDUINO /* the sketch calls it */
 int umo_main(void);
 #define main umo_main
 #endif
-
-static umo_machine machine;
-static int32_t raws_in[MACHINE_INPUTS + 1], raws_out[MACHINE_OUTPUTS + 1];
-static uint8_t failed_in[MACHINE_INPUTS + 1], failed_out[MACHINE_OUTPUTS + 1];
-
-static void read_inputs(void)
-{
-    for (int16_t place = 0; place < MACHINE_INPUTS; place++)
-        failed_in[place] = 0;
-    io_read(raws_in, failed_in);
-}
-
-/* Once more where a failure has put equipment in fault: its actuators go to their defaults. */
-static umo_fault write_outputs(void)
-{
-    umo_fault fault;
-    do {
-        for (int16_t place = 0; place < MACHINE_OUTPUTS; place++)
-            failed_out[place] = !io_write(place, raws_out[place]);
-        fault = machine_sent(&machine, failed_out);
-    } while (!fault && machine.core.changed);
-    return fault;
-}
-
-static void write_defaults(void)
-{
-    machine_stop(&machine, raws_out);
-    for (int16_t i = 0; i < MACHINE_OUTPUTS; i++)
-        (void)io_write(machine_stop_order[i], raws_out[machine_stop_order[i]]);
-}
 
 static umo_fault begin(void)
 {

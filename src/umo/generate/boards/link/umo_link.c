@@ -59,9 +59,9 @@ static void planned(umo_link *l, uint16_t number)
     if (!l->asking || number != l->asks)
         return;
     l->asking = l->wanted[l->call] = false;
-    for (uint16_t call = 0; call < LINK_CALLS && !l->asking; call++)
+    for (int32_t call = 0; call < LINK_CALLS && !l->asking; call++)
         if (l->wanted[call])
-            ask(l, call);
+            ask(l, (uint16_t)call);
 }
 
 /* The host is asked to plan, one thing after the other, and the law goes on meanwhile. */
@@ -206,11 +206,12 @@ static void start(umo_link *l)
     l->mode = l->fault ? LINK_FAULTED : LINK_RUNNING;
 }
 
-/* START, EXCHANGE and STOP: kind, session, number, then what is inhibited, and the items. */
+/* START and EXCHANGE: kind, session, number, then what is inhibited, and the items. STOP ends with its number. */
 static void take(umo_link *l, const uint8_t *body, uint16_t length)
 {
     enum { HEAD = 5, FIRST = HEAD + LINK_BITS(MACHINE_OUTPUTS) };
-    if (length < FIRST || !items(l, body, FIRST, length, true))
+    bool stops = body[0] == LINK_STOP;
+    if (length < (stops ? HEAD : FIRST) || (!stops && !items(l, body, FIRST, length, true)))
         return;
     uint16_t session = u16(&body[1]), number = u16(&body[3]);
     if (body[0] == LINK_START && l->mode == LINK_BRAKING) {
@@ -218,7 +219,7 @@ static void take(umo_link *l, const uint8_t *body, uint16_t length)
     } else if (body[0] == LINK_START && session && session == l->offered && session != l->session) {
         l->session = session;
         start(l);
-    } else if (body[0] == LINK_STOP && session && session == l->offered && session != l->session) {
+    } else if (stops && session && session == l->offered && session != l->session) {
         l->session = session; /* of a host that has not started it, such as a guardian */
     } else if (!l->session || session != l->session || (int16_t)(uint16_t)(number - l->heard) <= 0) {
         return; /* of another session, or come twice, or too late */
@@ -226,7 +227,7 @@ static void take(umo_link *l, const uint8_t *body, uint16_t length)
     l->heard = number;
     l->silent = 0;
     l->asked = true;
-    if (body[0] == LINK_STOP) {
+    if (stops) {
         machine_stop(l->machine, l->raws_out);
         l->mode = LINK_RESTING;
     } else if (l->mode == LINK_RUNNING) {

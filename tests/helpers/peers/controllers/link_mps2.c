@@ -1,5 +1,5 @@
-/* stepper_mps2.c: an emulated Arm MPS2 board: the first serial port is the link, the second one the record, the tick is
- * that of SysTick. The motor and its record are those of stepper_board.c. */
+/* link_mps2.c: an emulated Arm MPS2 board: the first serial port is the link, the second one the record, the tick is
+ * that of SysTick. */
 #include "io.h"
 #include "umo_link.h"
 

@@ -1,5 +1,6 @@
-"""The theta axis of z-theta on a controller: a program of this computer with a stepper motor behind it, which keeps a
-record of its outputs. Between it and its host a line may lose, repeat, delay and damage what it carries."""
+"""Parts of stations on controllers: the theta axis of z-theta and a zone of the furnace. A controller is a program of
+this computer or an emulated board, with a plant behind it, and keeps a record of its outputs. Between it and its host
+a line may lose, repeat, delay and damage what it carries."""
 
 from __future__ import annotations
 
@@ -7,10 +8,13 @@ import os
 import re
 import select
 import shutil
+import signal
 import socket
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from random import Random
 from threading import Thread
@@ -23,61 +27,77 @@ from umo.generate.controller_generator import target_of
 from umo.objects import atoms
 from umo.process.station import find
 from umo.split.part_generator import part_files
+from umo.stations.furnace.objects import machine as furnace
 
 PEERS = Path(__file__).parent / "peers" / "controllers"
-COUNTS_PER_STEP = 425
-DEFAULTS = [0, 1, 0]
-"""Step, direction and encoder_zero at their defaults, as raw integers."""
 HOST_GONE, BRAKING = 3, 4
+CONTROLLER = "umo.split.controller_driver:Controller"
 PERIOD, HOST_TIMEOUT, TIMEOUT_PERIODS = "2 ms", "300 ms", 150
 """Longer than the default: other tests may load the computer."""
 BRAKING_PERIODS = 500
 """The braking timeout, 1 s by default."""
 
 
-def theta_wiring(port: int | None, **options: Any) -> dict[str, Any]:
-    """Theta on a controller, all else simulated."""
-    others = [each.path for each in atoms(find("ztheta").machine()) if not each.path.startswith("theta.")]
-    wire: dict[str, Any] = {path: {"driver": "simulated"} for path in others}
-    wire["timer"] = {"driver": "timerfd", "period": PERIOD}
-    wire["theta"] = {"controller": "drive"}
-    return {
-        "drivers": {
-            "drive": {
-                "type": "umo.split.controller_driver:Controller",
-                "host_timeout": HOST_TIMEOUT,
-                "port": port,
-                **options,
-            }
-        },
-        "wire": wire,
-    }
+@dataclass(frozen=True)
+class SplitPart:
+    """A part of a station that runs on a controller. `defaults`: of its outputs, as raw integers."""
+
+    machine: Callable[[], Any]
+    path: str
+    plant: str
+    defaults: Sequence[int]
+
+    def wiring(self, port: int | None, **options: Any) -> dict[str, Any]:
+        """The part on a controller, all else simulated."""
+        others = [each.path for each in atoms(self.machine()) if not each.path.startswith(f"{self.path}.")]
+        wire: dict[str, Any] = {path: {"driver": "simulated"} for path in others}
+        wire["timer"] = {"driver": "timerfd", "period": PERIOD}
+        wire[self.path] = {"controller": "drive"}
+        drive = {"type": CONTROLLER, "host_timeout": HOST_TIMEOUT, "port": port, **options}
+        return {"drivers": {"drive": drive}, "wire": wire}
+
+    def _folder(self, folder: Path, target: str) -> None:
+        write_folder(part_files(self.machine(), self.wiring(1), "drive", target_of(target)), folder)
+        shutil.copy(PEERS / self.plant, folder / "umo_plant.c")
+
+    def program(self, folder: Path) -> Path:
+        """The controller's program. Warnings are errors."""
+        self._folder(folder, "host")
+        return program_of(folder)
+
+    def firmware(self, folder: Path) -> Path:
+        """The same for an emulated Cortex-M3. Raises CannotRun."""
+        need("arm-none-eabi-gcc", "qemu-system-arm", "make")
+        self._folder(folder, "cortex-m")
+        shutil.copy(PEERS / "recorded_board.c", folder / "io_board.c")
+        shutil.copy(PEERS / "link_mps2.c", folder / "io_link.c")
+        subprocess.run(["make", "-s", "-C", folder, "machine.elf", "CC=arm-none-eabi-gcc -Werror"], check=True)
+        return folder / "machine.elf"
 
 
-def theta_program(folder: Path) -> Path:
-    """The controller's program. Warnings are errors."""
-    write_folder(part_files(find("ztheta").machine(), theta_wiring(1), "drive", target_of("host")), folder)
-    _with_board(folder, "stepper_board.c", "record_stdout.c")
-    cc = f"CC=cc -Werror -DCOUNTS_PER_STEP={COUNTS_PER_STEP}"
-    subprocess.run(["make", "-s", "-C", folder, "BOARD=stepper_board.c record_stdout.c", cc], check=True)
+def program_of(folder: Path) -> Path:
+    """The program of a generated folder that has a plant, with a record. Warnings are errors."""
+    for each in ("recorded_board.c", "record_stdout.c"):
+        shutil.copy(PEERS / each, folder)
+    made = ["BOARD=recorded_board.c record_stdout.c", "CC=cc -Werror"]
+    subprocess.run(["make", "-s", "-C", folder, *made], check=True)
     return folder / "machine"
 
 
-def _with_board(folder: Path, *files: str) -> None:
-    for each in files:
-        shutil.copy(PEERS / each, folder)
+COUNTS_PER_STEP = 425
+THETA = SplitPart(find("ztheta").machine, "theta", "stepper_plant.c", [0, 1, 0])
+ZONE = SplitPart(partial(furnace, 1, 1), "zones.0", "zone_plant.c", [0, 1])
 
 
-def theta_firmware(folder: Path) -> Path:
-    """The same for an emulated Cortex-M3. Raises CannotRun."""
-    need("arm-none-eabi-gcc", "qemu-system-arm", "make")
-    write_folder(part_files(find("ztheta").machine(), theta_wiring(1), "drive", target_of("cortex-m")), folder)
-    _with_board(folder, "stepper_board.c", "stepper_mps2.c")
-    (folder / "stepper_board.c").replace(folder / "io_board.c")
-    (folder / "stepper_mps2.c").replace(folder / "io_link.c")
-    cc = f"CC=arm-none-eabi-gcc -Werror -DCOUNTS_PER_STEP={COUNTS_PER_STEP}"
-    subprocess.run(["make", "-s", "-C", folder, "machine.elf", cc], check=True)
-    return folder / "machine.elf"
+def machine() -> Any:
+    """The furnace with one zone, for a run with processes of its own."""
+    return ZONE.machine()
+
+
+async def heat_zone(m: Any) -> None:
+    """Its application."""
+    m.frozen_after = 10_000  # readings of 2 ms, and not of 100 ms
+    await m.heat_up(110.0, 4.0)
 
 
 class Recorded(NamedTuple):
@@ -90,7 +110,7 @@ class Recorded(NamedTuple):
     outputs: list[int]
 
 
-class ThetaController:
+class RunningController:
     """A controller that runs. `port` is where its host finds it."""
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
@@ -107,16 +127,16 @@ class ThetaController:
 
 
 @contextmanager
-def theta_controller(program: Path) -> Iterator[ThetaController]:
+def controller_of(program: Path) -> Iterator[RunningController]:
     environment = {**os.environ, "UMO_LINK": "0"}
     with subprocess.Popen([program], stdout=subprocess.PIPE, text=True, env=environment) as process:
         try:
-            yield ThetaController(process)
+            yield RunningController(process)
         finally:
             process.kill()
 
 
-class EmulatedTheta(ThetaController):
+class EmulatedController(RunningController):
     """The same on an emulated board. `serial` is where its host finds it."""
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
@@ -127,18 +147,43 @@ class EmulatedTheta(ThetaController):
 
 
 @contextmanager
-def emulated_theta(elf: Path) -> Iterator[EmulatedTheta]:
+def emulated_controller(elf: Path) -> Iterator[EmulatedController]:
     ports = ["-display", "none", "-monitor", "none", "-serial", "pty", "-serial", "stdio"]
     command = ["qemu-system-arm", "-M", "mps2-an385", *ports, "-kernel", elf]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
-            yield EmulatedTheta(process)
+            yield EmulatedController(process)
         finally:
             process.kill()
 
 
+def kill_hosts(
+    times: int, host: Callable[[int], object], acts: Callable[[Recorded], bool], record: Iterator[Recorded]
+) -> list[list[Recorded]]:
+    """Let a host run in a process of its own and kill it while it acts, so many times. For each, what the controller
+    recorded afterwards, up to where its outputs are at their defaults because the host is gone."""
+    found = list[list[Recorded]]()
+    for number in range(times):
+        process = os.fork()
+        if not process:
+            try:
+                host(number)
+            finally:
+                os._exit(1)
+        left = 5 + number % 7 * 11
+        while left:
+            left -= acts(next(record))
+        os.kill(process, signal.SIGKILL)
+        os.waitpid(process, 0)
+        found.append([])
+        while not found[-1] or found[-1][-1].mode != HOST_GONE:
+            found[-1].append(next(record))
+    return found
+
+
 class BadLine(Thread):
-    """A line between host and controller that treats each piece of data badly, by chance. `treated` counts it."""
+    """A line between host and controller that treats each piece of data badly, by chance. `treated` counts it. While it
+    is `away` it carries nothing, and takes no connection."""
 
     def __init__(self, port: int, seed: int, share: float) -> None:
         super().__init__(daemon=True)
@@ -146,12 +191,15 @@ class BadLine(Thread):
         self._listening = socket.create_server(("127.0.0.1", 0))
         self.port = self._listening.getsockname()[1]
         self.treated = dict.fromkeys(("lost", "repeated", "damaged", "late", "cut"), 0)
-        self._ends = False
+        self.away = self._ends = False
 
     def run(self) -> None:
         while not self._ends:
             with suppress(OSError):
                 near, _ = self._listening.accept()
+                if self.away:
+                    near.close()
+                    continue
                 with near, socket.create_connection(("127.0.0.1", self._to)) as far:
                     self._carry(near, far)
 
@@ -161,7 +209,7 @@ class BadLine(Thread):
 
     def _carry(self, near: socket.socket, far: socket.socket) -> None:
         late: list[tuple[float, socket.socket, bytes]] = []
-        while not self._ends:
+        while not (self._ends or self.away):
             found, _, _ = select.select([near, far], [], [], 0.005)
             for to, data in [(to, data) for due, to, data in late if due <= monotonic()]:
                 to.sendall(data)

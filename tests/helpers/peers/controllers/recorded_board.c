@@ -1,13 +1,14 @@
-/* stepper_board.c: a stepper motor and its encoder behind a controller that has lost nothing, and a record of its
- * outputs: a line for each period in which something changes, `PERIOD MODE SILENT OUTPUTS...`. */
+/* recorded_board.c: a controller that has lost nothing with a plant behind it, and a record of its outputs: a line for
+ * each period in which something changes, `PERIOD MODE SILENT OUTPUTS...`. */
 #include "io.h"
 #include "umo_link.h"
 
 void link_host_begin(void);
 void record_put(char c);
+void plant_read(int32_t *raws_in);                             /* once a period */
+void plant_write(int16_t place, int32_t raw, int32_t before);
 extern umo_link machine_link;
 static int32_t outputs[MACHINE_OUTPUTS + 1], shown[MACHINE_OUTPUTS + 1];
-static int32_t position;
 static long period, silent;
 static uint16_t heard, session;
 static int mode = -1;
@@ -62,13 +63,12 @@ void io_read(int32_t *raws_in, uint8_t *failed_in)
     (void)failed_in;
     period++;
     record();
-    raws_in[IN_theta_encoder] = position;
+    plant_read(raws_in);
 }
 
 bool io_write(int16_t place, int32_t raw)
 {
-    if (place == OUT_theta_step && raw && !outputs[OUT_theta_step])
-        position += outputs[OUT_theta_direction] ? COUNTS_PER_STEP : -COUNTS_PER_STEP;
+    plant_write(place, raw, outputs[place]);
     outputs[place] = raw;
     return true;
 }

@@ -1,0 +1,120 @@
+"""A host that says to a controller whatever a rule wants to see answered, or not answered."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import count
+from time import monotonic
+
+from umo.drivers.streams import TimedOut
+from umo.drivers.streams.stream import Stream
+from umo.split.link_bodies import (
+    ControllerState,
+    FrameItem,
+    FrameKind,
+    StateReader,
+    Welcome,
+    hello,
+    item,
+    request,
+    welcome_of,
+)
+from umo.split.link_frames import FrameReader, framed
+from umo.split.part_plan import PartPlan
+from umo.testing.conformance.rules import RuleBroken
+
+TRIES = 5
+"""Times that a frame is sent before a rule gives up: a line may lose some."""
+
+
+class LinkPeer:
+    """Sends frames to a controller over an open stream. Every output of the part is inhibited: nothing is driven."""
+
+    def __init__(self, stream: Stream, plan: PartPlan, patience: float) -> None:
+        """`patience`: time in s for which an answer is waited for."""
+        self._stream, self._plan, self._states = stream, plan, StateReader(plan)
+        self._reader = FrameReader(plan.longest)
+        self._nonces = count(int(monotonic() * 1e6) & 0xFFFF_0000)
+        self.patience = patience
+        self.session = 0
+        self.number = 0
+        """Of the last frame."""
+
+    # What is said ----------------------------------------------------------------------------------------
+
+    def new_nonce(self) -> int:
+        return next(self._nonces) & 0xFFFF_FFFF
+
+    def body(
+        self, kind: FrameKind, *, session: int | None = None, number: int | None = None, items: Sequence[bytes] = ()
+    ) -> bytes:
+        """A request; by default the next one of the session."""
+        if number is None:
+            self.number = number = (self.number + 1) & 0xFFFF
+        inhibited = [True] * len(self._plan.model.outputs)
+        return request(kind, self.session if session is None else session, number, inhibited, items)
+
+    def fields(self) -> list[bytes]:
+        """The items of a start: the fields of the part as the host has them."""
+        return [item(FrameItem.FIELD, number, each.live()) for number, each in enumerate(self._plan.fields)]
+
+    def send(self, data: bytes) -> None:
+        """Bytes as they are."""
+        self._stream.send(data, monotonic() + self.patience)
+
+    # What is answered ------------------------------------------------------------------------------------
+
+    def greeted(self, nonce: int | None = None) -> Welcome:
+        """The answer to a greeting. RuleBroken if there is none."""
+        nonce = self.new_nonce() if nonce is None else nonce
+        for _ in range(TRIES):
+            self.send(framed(hello(nonce)))
+            for body in self._bodies():
+                if (welcome := welcome_of(body)) is not None and welcome.nonce == nonce:
+                    return welcome
+        raise RuleBroken("a greeting is not answered", "greeting")
+
+    def asked(self, kind: FrameKind, items: Sequence[bytes] = (), *, session: int | None = None) -> ControllerState:
+        """The answer to a frame that must be carried out. RuleBroken if there is none."""
+        for _ in range(TRIES):
+            self.send(framed(self.body(kind, session=session, items=items)))
+            for state in self._told():
+                if state.heard == self.number:
+                    return state
+        raise RuleBroken(f"{kind.name} is not answered", kind.name)
+
+    def refused(self, data: bytes, what: str) -> None:
+        """RuleBroken if these bytes are answered."""
+        self.send(data)
+        for state in self._told():
+            raise RuleBroken(f"{what} is carried out: it is answered, with number {state.heard}")
+
+    def started(self) -> ControllerState:
+        """A session that runs. RuleBroken if the part does not."""
+        self.session = self.greeted().session
+        state = self.asked(FrameKind.START, self.fields())
+        if state.session != self.session:
+            raise RuleBroken(f"START of session {self.session} is answered with session {state.session}")
+        return state
+
+    def silent(self, span: float) -> None:
+        """Say nothing for a time in s."""
+        end = monotonic() + span
+        while True:
+            try:
+                self._stream.receive(end)
+            except TimedOut:
+                return
+
+    def _told(self) -> list[ControllerState]:
+        return [state for body in self._bodies() if (state := self._states.read(body)) is not None]
+
+    def _bodies(self) -> list[bytes]:
+        """What comes until one frame is whole, and what has come with it."""
+        deadline, found = monotonic() + self.patience, list[bytes]()
+        while not found:
+            try:
+                found = self._reader.take(self._stream.receive(deadline))
+            except TimedOut:
+                break
+        return found

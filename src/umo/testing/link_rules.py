@@ -1,0 +1,228 @@
+"""The rules of the link (docs/split-protocol.md), tried on a controller: what `umo conform` does in place of the rules
+of a driver, as the outputs of a part belong to its laws and not to who writes.
+
+Nothing is driven: the host inhibits every output, so that each stays at its default while the laws run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from random import Random
+from time import monotonic
+
+from umo.drivers.streams import Lost
+from umo.split.controller_driver import Controller
+from umo.split.link_bodies import ITEM, VERSION, ControllerMode, ControllerState, FrameItem, FrameKind, item
+from umo.split.link_frames import framed
+from umo.split.link_host import LinkHost, WrongController
+from umo.split.part_plan import PartPlan
+from umo.testing.conformance.certificate import Finding, Judgement
+from umo.testing.conformance.rules import RuleBroken
+from umo.testing.link_peer import LinkPeer
+
+EXCHANGES, DAMAGES = 20, 12
+START, EXCHANGE, STOP = FrameKind.START, FrameKind.EXCHANGE, FrameKind.STOP
+
+
+class LinkTrial:
+    """A controller at the other end of a line, and the part that it is to have."""
+
+    def __init__(self, driver: Controller, plan: PartPlan) -> None:
+        self.driver, self.plan = driver, plan
+        self.patience = max(plan.host_timeout / 4, 3 * plan.model.period)
+
+    @contextmanager
+    def peer(self) -> Iterator[LinkPeer]:
+        """A host of its own. At the end the controller rests."""
+        stream = self.driver.place.dial()(monotonic() + max(self.driver.timeout, 1.0))
+        try:
+            peer = LinkPeer(stream, self.plan, self.patience)
+            yield peer
+            peer.session = peer.greeted().session
+            peer.asked(STOP)
+        finally:
+            stream.close()
+
+
+def greeting(trial: LinkTrial) -> None:
+    """A greeting is answered with its nonce, the version, the hash of the part and its numbers; each nonce is offered
+    one session, however often it comes."""
+    with trial.peer() as peer:
+        nonce = peer.new_nonce()
+        first, again, other = peer.greeted(nonce), peer.greeted(nonce), peer.greeted()
+        expected = VERSION, trial.plan.hash, trial.plan.real_size
+        if (has := (first.version, first.hash, first.real_size)) != expected:
+            names = "version, hash and bytes of a real"
+            raise RuleBroken(f"its {names} are {', '.join(map(str, has))}, not {', '.join(map(str, expected))}")
+        if not first.session or first.session != again.session or other.session == first.session:
+            sessions = f"{first.session} and {again.session}, another one {other.session}"
+            raise RuleBroken(f"the same nonce twice is offered the sessions {sessions}")
+
+
+def another_part(trial: LinkTrial) -> None:
+    """A host that has another version of the part does not start it."""
+    others = replace(trial.plan, host_timeout=trial.plan.host_timeout + 2 * trial.plan.model.period)
+    host = LinkHost(trial.driver.place.dial(), others, "at the other end")
+    try:
+        host.greet(monotonic() + max(trial.driver.timeout, 5 * trial.patience))
+    except WrongController:
+        return
+    finally:
+        host.close()
+    raise RuleBroken(f"the hash of another part, {others.hash}, is answered as its own")
+
+
+def not_started(trial: LinkTrial) -> None:
+    """Nothing runs before START, and START takes no session but the one that was offered."""
+    with trial.peer() as peer:
+        peer.session = peer.greeted().session
+        peer.refused(framed(peer.body(EXCHANGE)), "EXCHANGE before START")
+        other = peer.session % 0xFFFF + 1
+        peer.refused(framed(peer.body(START, session=other, items=peer.fields())), "START of a session not offered")
+        peer.refused(framed(peer.body(START, session=0, items=peer.fields())), "START of session 0")
+
+
+def values(trial: LinkTrial) -> str:
+    """Each answer has the number of its request and the inputs of a later period; inhibited outputs stay at their
+    defaults."""
+    model, missing = trial.plan.model, set[str]()
+    with trial.peer() as peer:
+        last = _running(peer.started())
+        for _ in range(EXCHANGES):
+            state = _running(peer.asked(EXCHANGE))
+            if state.number <= last.number:
+                raise RuleBroken(f"after period {last.number} an answer is of period {state.number}")
+            _at_defaults(trial, state)
+            missing |= {model.objects[n].path for n, failed in enumerate(state.failed) if failed}
+            last = state
+    return f"not read by the controller: {', '.join(sorted(missing))}" if missing else ""
+
+
+def repeated(trial: LinkTrial) -> None:
+    """A frame that comes twice, or after a later one, is left out."""
+    with trial.peer() as peer:
+        peer.started()
+        peer.asked(EXCHANGE)
+        number = peer.number
+        peer.refused(framed(peer.body(EXCHANGE, number=number)), "a frame that came twice")
+        peer.asked(EXCHANGE)
+        peer.refused(framed(peer.body(EXCHANGE, number=number)), "a frame that came after a later one")
+        _running(peer.asked(EXCHANGE))
+
+
+def damaged(trial: LinkTrial) -> None:
+    """A frame with a changed bit, or cut short, is left out, and the next one is carried out."""
+    random = Random(1)
+    with trial.peer() as peer:
+        peer.started()
+        for number in range(DAMAGES):
+            data = bytearray(framed(peer.body(EXCHANGE)))
+            if number % 4:
+                data[random.randrange(2, len(data) - 1)] ^= 1 << random.randrange(8)
+            else:
+                del data[random.randrange(2, len(data) - 1)]
+            peer.refused(bytes(data), "a damaged frame")
+            _running(peer.asked(EXCHANGE))
+
+
+def items(trial: LinkTrial) -> None:
+    """A frame with an item that there is not, or that is cut short, is left out as a whole."""
+    with trial.peer() as peer:
+        peer.started()
+        wrong = {
+            "an item of no kind": ITEM.pack(99, 0),
+            "a field that there is not": item(FrameItem.FIELD, 0xFFFF, b"12345678"),
+            "an item that is cut short": item(FrameItem.COMMAND, 0)[:2],
+        }
+        for what, each in wrong.items():
+            peer.refused(framed(peer.body(EXCHANGE, items=(each,))), f"a frame with {what}")
+            _running(peer.asked(EXCHANGE))
+
+
+def second_host(trial: LinkTrial) -> None:
+    """A second host's greeting changes nothing for the first; once it starts the part, the first is not heard."""
+    with trial.peer() as peer:
+        peer.started()
+        first, second = peer.session, peer.greeted().session
+        _running(peer.asked(EXCHANGE))
+        peer.session = second
+        _running(peer.asked(START, peer.fields()))
+        peer.refused(framed(peer.body(EXCHANGE, session=first)), "a frame of a session before")
+        _running(peer.asked(EXCHANGE))
+
+
+def silence(trial: LinkTrial) -> str:
+    """After the last frame the part runs for host_timeout at most, in periods that the controller counts; then its
+    session is over."""
+    with trial.peer() as peer:
+        peer.started()
+        before = _running(peer.asked(EXCHANGE))
+        peer.silent(trial.plan.host_timeout + max(trial.patience, 5 * trial.plan.model.period))
+        peer.refused(framed(peer.body(EXCHANGE)), f"after {trial.plan.host_timeout:g} s of silence a frame")
+        after = peer.asked(STOP, session=peer.greeted().session)
+        ran, limit = after.number - before.number, trial.plan.timeout_ticks
+        if not ran <= limit:
+            raise RuleBroken(f"in silence the part ran for {ran} periods, not {limit}")
+        _at_defaults(trial, after)
+    return f"it ran for {ran} of {limit} periods"
+
+
+def stop(trial: LinkTrial) -> None:
+    """STOP brings the outputs to their defaults, and the part rests until another START."""
+    with trial.peer() as peer:
+        peer.started()
+        state = peer.asked(STOP)
+        if state.mode is not ControllerMode.RESTING:
+            raise RuleBroken(f"after STOP the controller is {state.mode.name}")
+        _at_defaults(trial, state)
+        if (later := peer.asked(EXCHANGE)).number != state.number or later.mode is not ControllerMode.RESTING:
+            raise RuleBroken("after STOP an EXCHANGE lets the part run")
+
+
+RULES: dict[str, Callable[[LinkTrial], str | None]] = {
+    "greeting": greeting,
+    "another part": another_part,
+    "not started": not_started,
+    "values": values,
+    "repeated frame": repeated,
+    "damaged frame": damaged,
+    "items": items,
+    "second host": second_host,
+    "silence": silence,
+    "stop": stop,
+}
+
+
+def findings(trial: LinkTrial, names: Iterable[str] = RULES) -> Iterator[Finding]:
+    """The verdict on each of these rules. After a controller that is another one nothing else is tried."""
+    mute = ""
+    for name in names:
+        rule = RULES[name]
+        text = " ".join((rule.__doc__ or "").split())
+        if mute:
+            yield Finding(name, text, Judgement.NOT_TRIED, mute)
+            continue
+        try:
+            yield Finding(name, text, Judgement.PASSED, rule(trial) or "")
+        except RuleBroken as broken:
+            mute = "the controller is not the one of the wiring" if rule is greeting else ""
+            yield Finding(name, text, Judgement.FAILED, str(broken))
+        except (Lost, OSError) as error:
+            yield Finding(name, text, Judgement.FAILED, str(error) or "the line was lost")
+
+
+def _running(state: ControllerState) -> ControllerState:
+    if state.mode is not ControllerMode.RUNNING:
+        why = f", fault {state.fault}" if state.fault else ""
+        raise RuleBroken(f"the part does not run: it is {state.mode.name}{why}")
+    return state
+
+
+def _at_defaults(trial: LinkTrial, state: ControllerState) -> None:
+    model = trial.plan.model
+    for place, slot in enumerate(model.outputs):
+        if state.raws_out[place] != model.objects[slot].default_raw:
+            wanted = model.objects[slot].default_raw
+            raise RuleBroken(f"{model.objects[slot].path} is at {state.raws_out[place]}, not at its default, {wanted}")

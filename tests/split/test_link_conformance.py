@@ -1,0 +1,98 @@
+"""`umo conform` on a controller: a good one keeps every rule of the link, a wrong one breaks the one that it must."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import Result
+
+from helpers.generating import needs_a_compiler
+from helpers.split_parts import CONTROLLER, HOST_TIMEOUT, PEERS, PERIOD, ZONE, controller_of, program_of
+from umo.drivers.faults.wrapper import bare
+from umo.generate.controller_model import wired_numbers
+from umo.stations.furnace.objects import machine
+from umo.testing.conformance.certificate import Finding, Judgement
+from umo.testing.link_rules import RULES, LinkTrial, findings
+from umo.wiring import resolve
+
+pytestmark = needs_a_compiler
+Umo = Callable[..., Result]
+OPTIONS = ("--zones", "1", "--laws", "1")
+SLOW = pytest.mark.full
+MUTANTS = {
+    "silence": ("umo_link.c", "if (l->silent <= LINK_HOST_TIMEOUT)", "if (l->silent <= 2 * LINK_HOST_TIMEOUT)"),
+    "repeated frame": ("umo_link.c", "(int16_t)(uint16_t)(number - l->heard) <= 0", "number == 0"),
+    "not started": ("umo_link.c", "session == l->offered && session != l->session) {\n        l->session = session;\n"
+                    "        start", "session != l->session) {\n        l->session = session;\n        start"),
+    "second host": ("umo_link.c", "!l->session || session != l->session ||", "!l->session ||"),
+    "items": ("umo_link.c", " || (!stops && !items(l, body, FIRST, length, true))", ""),
+    "stop": ("umo_link.c", "l->mode = LINK_RESTING;", "l->mode = LINK_RUNNING;"),
+    "greeting": ("umo_link.c", "put_u16(l, l->offered);\n    send", "put_u16(l, 1);\n    send"),
+    "damaged frame": ("umo_frames.c", "!= (uint8_t)(crc >> 8 * i)", "!= (uint8_t)(crc >> 8 * i) && r->left"),
+}  # fmt: skip
+"""A rule, and the mistake in a controller's C that breaks it: a file, what stands there, and what is put there."""
+
+
+def wiring(folder: Path, port: int) -> Path:
+    file = folder / "split.toml"
+    file.write_text(f"""
+[drivers.drive]
+type = "{CONTROLLER}"
+port = {port}
+host_timeout = "{HOST_TIMEOUT}"
+[wire]
+"timer" = {{ driver = "timerfd", period = "{PERIOD}" }}
+"zones.0" = {{ controller = "drive" }}
+""")
+    return file
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("zone")
+    ZONE.program(made)
+    return made
+
+
+def tried(rule: str, program: Path, folder: Path) -> Finding:
+    with controller_of(program) as controller:
+        root = machine(1, 1)
+        wired = resolve(root, wiring(folder, controller.port))
+        driver = bare(wired.drivers["drive"])
+        with wired_numbers(root, wired):
+            trial = LinkTrial(driver, driver.take_part(root.zones[0], wired))  # type: ignore[attr-defined]
+            return next(findings(trial, [rule]))
+
+
+def test_a_part_is_generated_from_its_wiring_and_its_link_is_proved(umo: Umo, tmp_path: Path) -> None:
+    made, file = tmp_path / "made", wiring(tmp_path, 1)
+    done = umo(
+        "generate", "furnace", *OPTIONS, "-w", str(file), "--controller", "drive", "--target", "host", "-o", str(made)
+    )
+    assert done.exit_code == 0, done.output
+    shutil.copy(PEERS / ZONE.plant, made / "umo_plant.c")
+    with controller_of(program_of(made)) as controller:
+        file = wiring(tmp_path, controller.port)
+        done = umo("conform", "furnace", *OPTIONS, "-w", str(file), "--driver", "drive", "--json", "found.json")
+        assert done.exit_code == 0, done.output
+        found = json.loads((tmp_path / "found.json").read_text())
+        assert {each["rule"]: each["verdict"] for each in found["findings"]} == dict.fromkeys(RULES, "passed")
+        assert found["outputs"] == ["zones.0.heater, inhibited", "zones.0.fan, inhibited"]
+        record = controller.recorded()
+        assert next(record).outputs == ZONE.defaults
+
+
+@pytest.mark.parametrize("rule", [pytest.param(each, marks=() if each == "silence" else SLOW) for each in MUTANTS])
+def test_a_mistake_of_a_controller_is_found(rule: str, folder: Path, tmp_path: Path) -> None:
+    name, right, wrong = MUTANTS[rule]
+    broken = tmp_path / "broken"
+    shutil.copytree(folder, broken)
+    text = (broken / name).read_text()
+    assert text.count(right) == 1
+    (broken / name).write_text(text.replace(right, wrong))
+    found = tried(rule, program_of(broken), tmp_path)
+    assert found.verdict is Judgement.FAILED, found

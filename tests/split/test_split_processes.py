@@ -1,0 +1,65 @@
+"""A run with a guardian whose part is on a controller: whoever dies, the outputs of the part go to their defaults."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from helpers.generating import needs_a_compiler
+from helpers.runs import Run
+from helpers.split_parts import HOST_GONE, TIMEOUT_PERIODS, ZONE, RunningController, controller_of
+from umo.cycle import transfer
+
+pytestmark = [
+    needs_a_compiler,
+    pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux"),
+]
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return ZONE.program(tmp_path_factory.mktemp("zone"))
+
+
+@pytest.fixture
+def controller(program: Path) -> Iterator[RunningController]:
+    with controller_of(program) as found:
+        yield found
+
+
+@pytest.fixture(autouse=True)
+def soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a device may still have under way is over at once."""
+    monkeypatch.setattr(transfer, "SETTLE", 0.01)
+
+
+def heating(controller: RunningController) -> Run:
+    return Run(ZONE.wiring(controller.port), "heat_zone", "helpers.split_parts").until_running()
+
+
+def test_when_the_control_process_is_killed_the_guardian_stops_the_controller(controller: RunningController) -> None:
+    run, record = heating(controller), controller.recorded()
+    next(each for each in record if each.outputs[0] > 0)
+    os.kill(run.control, signal.SIGKILL)
+    stopped = next(each for each in record if each.mode in (0, HOST_GONE))
+    assert (stopped.outputs, stopped.silent <= TIMEOUT_PERIODS) == (ZONE.defaults, True)
+    outcome = run.outcome()
+    assert (outcome.unreached, outcome.status) == ([], 1)
+
+
+def test_when_all_processes_are_killed_the_controller_stops_by_itself(controller: RunningController) -> None:
+    run, record = heating(controller), controller.recorded()
+    next(each for each in record if each.outputs[0] > 0)
+    for each in (run.standby, run.guardian, run.control):
+        with suppress(ProcessLookupError):  # it has died with the guardian
+            os.kill(each, signal.SIGKILL)
+    gone = next(each for each in record if each.mode == HOST_GONE)
+    assert (gone.outputs, gone.silent <= TIMEOUT_PERIODS) == (ZONE.defaults, True)
+    run.until_all_ended()
+    run.channel.close()
