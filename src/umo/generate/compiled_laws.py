@@ -182,11 +182,7 @@ class CompiledLaws:
 
     def _judge(self, number: int, fault: int | None, error: BaseException | None) -> None:
         """Whether the compiled law did what Python has done since."""
-        if self.state != "compared":
-            return
-        if fault is None:
-            for each in self._memories:
-                each.forget()
+        if self.state != "compared" or fault is None:
             return
         kind = None if fault == 0 else self._kind(fault)
         if (kind is None) != (error is None) or (kind is not None and not isinstance(error, kind)):

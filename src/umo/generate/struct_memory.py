@@ -106,17 +106,19 @@ class StructMemory:
         self._set(of, self._memory, identifier(name), value)
 
     def push(self) -> None:
-        """The fields have the values of the live object. What it still has is not written again."""
+        """The fields have the values of the live object. What is there already is not written again."""
+        there = bytes(self._memory)
         for name in self._struct.fields:
             value = getattr(self._struct.owner, name)
-            if not self._is_pushed(name, value):
+            if not self._is_kept(name, value, there):
                 self.write(name, value)
                 self._pushed[name] = [*value] if isinstance(value, list) else value
         self._before = bytes(self._memory)
 
-    def forget(self) -> None:
-        """The memory was changed since `push`, and the live object was not: all is written again."""
-        self._pushed.clear()
+    def _is_kept(self, name: str, value: Any, memory: bytes) -> bool:
+        """Since `push` neither the live object nor the memory has changed."""
+        place = self._slices[name]
+        return self._is_pushed(name, value) and memory[place] == self._before[place]
 
     def _is_pushed(self, name: str, value: Any) -> bool:
         before = self._pushed.get(name, self)
@@ -128,8 +130,8 @@ class StructMemory:
         """The fields that are not what the live object has."""
         after = bytes(self._memory)
         for name, of in self._struct.fields.items():
-            place, there = self._slices[name], getattr(self._struct.owner, name)
-            if self._is_pushed(name, there) and after[place] == self._before[place]:
+            there = getattr(self._struct.owner, name)
+            if self._is_kept(name, there, after):
                 continue
             here = self.read(name)
             if here.__class__ is float and here == there and here != 0.0:
