@@ -223,7 +223,7 @@ def test_the_memory_for_a_few_columns_does_not_grow_with_all_objects(
     frames = 4000 * layout.dtype.itemsize
     monkeypatch.setattr(copying, "BATCH_BYTES", 1 << 20)
     assert peak(lambda: umo_package.load(path, ["part0.object0"])) < frames / 4
-    assert peak(lambda: recorded_response(path, "part0.object0", "part1.object1")) < frames / 4
+    assert peak(lambda: recorded_response(path, ["part0.object0", "part1.object1"])) < frames / 4
     assert peak(lambda: umo("record", "--repair", str(path))) < frames / 4
     assert peak(lambda: copying.thin(path)) < frames / 4
     with Recording(path) as recording:

@@ -130,8 +130,8 @@ class Profile:
         setpoint moves on at this velocity. Returns the duration in s until it is reached. RangeError for NaN."""
         jerk, limit = self.jerk, self.acceleration
         final = min(max(velocity, -self.velocity), self.velocity)
-        slowest = min(self.velocity, limit, jerk)
-        if isnan(velocity) or not slowest > 0.0 or not isfinite(min(limit, jerk)) or not isfinite(final):
+        limited = self.velocity > 0.0 and limit > 0.0 and jerk > 0.0 and isfinite(min(limit, jerk))
+        if not limited or isnan(velocity) or not isfinite(final):
             raise RangeError(f"no profile at {velocity!r} per s within the limits of {self!r}")
         position, v, a = self.setpoint
         sign = copysign(1.0, final - v - a * abs(a) / (2.0 * jerk))  # of what is missing once there is no acceleration
