@@ -80,7 +80,7 @@ def test_without_missed_periods_the_axis_arrives(tmp_path: Path) -> None:
     assert travelled(servo(**GENTLE), tmp_path, {})[-1] == pytest.approx((60.0, 0.0, 0.0))
 
 
-@pytest.mark.parametrize("at", [50, 150, 300, 470])
+@pytest.mark.parametrize("at", [150, *(pytest.param(at, marks=pytest.mark.full) for at in (50, 300, 470))])
 def test_a_servo_axis_that_moves_brakes_within_its_limits_and_stands(at: int, tmp_path: Path) -> None:
     found = travelled(servo(**GENTLE), tmp_path, {at: MISSED})
     before, after = found[at - 1], found[at:]

@@ -110,7 +110,6 @@ def test_an_experiment_of_a_page_ends_with_its_gains(served: Served, tank: umo.R
 
 
 @pytest.mark.slow
-@pytest.mark.smoke
 def test_the_gains_are_found_and_accepted_or_rejected_in_a_browser(
     served: Served, tank: umo.RemoteStation, page: Any, tmp_path: Path
 ) -> None:
