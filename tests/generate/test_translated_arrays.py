@@ -3,25 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, field
-from pathlib import Path
 from random import Random
 from typing import Any
 
 import numpy as np
 import pytest
 
+from helpers.calculations import CompiledMethods, calculator, translated
 from helpers.generating import needs_a_compiler
-from helpers.machines import timer
-from helpers.tiers import some
-from umo import Compound, DigitalSensor
 from umo.errors import RangeError
-from umo.generate.code_world import translate
-from umo.generate.compiled_machine import CompiledMachine, compiled
-from umo.generate.controller_folder import TARGETS, files_of, write_folder
-from umo.generate.controller_model import laid_out
-from umo.generate.translation import Translation
-from umo.testing import VirtualTimer
 
 COUNT = 11
 WORDS = [0.0, -0.0, 1.0, -1.0, 2.5, math.nan, math.inf, -math.inf, 1e308, 5e-324]
@@ -34,8 +26,9 @@ def _zeros() -> Any:
 
 @dataclass(eq=False)
 class Arrays:
-    """`a`, `b`, `n`, `m` and `x` are given; the others are results."""
+    """`a`, `b`, `n`, `m` and `x` are given; the others are results. It is calculated while it is `chosen`."""
 
+    chosen: bool = False
     a: Any = field(default_factory=_zeros)
     b: Any = field(default_factory=_zeros)
     n: Any = field(default_factory=lambda: np.zeros(COUNT, np.int64))
@@ -69,7 +62,7 @@ class Arrays:
         self.mask = (self.a < self.b) & ~self.m | (self.n == 3) ^ self.m
         self.yes = bool((self.a > 0.0).any() and not np.all(self.m))
 
-    def chosen(self) -> None:
+    def where(self) -> None:
         self.out = np.where(self.m, self.a, np.where(self.a > self.b, 0, self.n))
 
     def extremes(self) -> None:
@@ -177,29 +170,11 @@ class Arrays:
 METHODS = [
     name for name, each in vars(Arrays).items() if callable(each) and name[0] != "_" and name not in ("clear", "helped")
 ]
-QUICK = "arithmetic", "in_place", "remembered", "conditions", "extremes"
 
 
-def machine_of(work: Any) -> Compound:
-    class Calculator(Compound):
-        timer: DigitalSensor
-
-        def setup(self) -> None:
-            self.law = Arrays()
-
-        def control(self) -> None:
-            work(self.law)
-
-    return Calculator(timer=timer())
-
-
-def translated(machine: Compound, folder: Path | None = None) -> Translation:
-    wiring = {"drivers": {"clock": VirtualTimer()}, "wire": {"timer": {"driver": "clock", "period": "1 ms"}}}
-    with laid_out(machine, wiring) as model:
-        translation = translate(machine, model.conditions, model.steps, TARGETS["host"])
-        if folder is not None:
-            write_folder(files_of(model, translation, TARGETS["host"]), folder)
-        return translation
+@pytest.fixture(scope="module")
+def methods(tmp_path_factory: pytest.TempPathFactory) -> CompiledMethods:
+    return CompiledMethods(Arrays, METHODS, tmp_path_factory.mktemp("c"))
 
 
 def give(law: Arrays, random: Random) -> None:
@@ -224,28 +199,22 @@ def _same(memory: Any, law: Arrays, line: str) -> bool:
 
 
 @needs_a_compiler
-@pytest.mark.parametrize("name", some(lambda name: name in QUICK, METHODS))
-def test_it_is_what_numpy_does(name: str, tmp_path: Path) -> None:
-    random, work = Random(name), getattr(Arrays, name)
-    machine: Any = machine_of(work)
-    translation = translated(machine, tmp_path)
-    c = CompiledMachine(compiled(tmp_path), 0, 0)
-    kinds = {each.number: each.kind for each in translation.faults} | {0: None}
-    memory = next(c.struct(n, each) for n, each in enumerate(translation.structs) if each.path == "law")
-    law = machine.law
-    c.begin([])
-    for _ in range(500):
-        give(law, random)
-        memory.push()
-        for _ in range(2):
-            told = None
-            try:
-                with np.errstate(all="ignore"):
-                    work(law)
-            except RangeError as error:
-                told = type(error).__name__
-            assert kinds[c.step(1, [])] == told
-            assert (law, differences(memory, law)) == (law, [])
+@pytest.mark.parametrize("name", METHODS)
+def test_it_is_what_numpy_does(name: str, methods: CompiledMethods) -> None:
+    random = Random(name)
+    with methods.chosen(name) as (law, memory, step):
+        for _ in range(500):
+            give(law, random)
+            memory.push()
+            for _ in range(2):
+                told = None
+                try:
+                    with np.errstate(all="ignore"):
+                        getattr(law, name)()
+                except RangeError as error:
+                    told = type(error).__name__
+                assert step() == told
+                assert (law, differences(memory, law)) == (law, [])
 
 
 class Refused:
@@ -301,8 +270,6 @@ class Refused:
 @pytest.mark.parametrize("name", [name for name in vars(Refused) if name[0] != "_" and name != "changed"])
 def test_what_would_not_be_the_same_is_refused(name: str) -> None:
     work = getattr(Refused(), name)
-    problems = translated(machine_of(work)).problems
+    problems = translated([calculator(Arrays, work)]).problems
     assert len(problems) == 1
-    import re
-
     assert re.search(work.__doc__, str(problems[0])), problems

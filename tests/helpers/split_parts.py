@@ -205,7 +205,9 @@ class BadLine(Thread):
 
     def close(self) -> None:
         self._ends = True
+        self._listening.shutdown(socket.SHUT_RDWR)  # or it waits for a connection for ever
         self._listening.close()
+        self.join(10)
 
     def _carry(self, near: socket.socket, far: socket.socket) -> None:
         late: list[tuple[float, socket.socket, bytes]] = []

@@ -56,9 +56,10 @@ def test_when_the_control_process_is_killed_the_guardian_stops_the_controller(co
 def test_when_all_processes_are_killed_the_controller_stops_by_itself(controller: RunningController) -> None:
     run, record = heating(controller), controller.recorded()
     next(each for each in record if each.outputs[0] > 0)
-    for each in (run.standby, run.guardian, run.control):
-        with suppress(ProcessLookupError):  # it has died with the guardian
-            os.kill(each, signal.SIGKILL)
+    for number in (signal.SIGSTOP, signal.SIGKILL):  # so that none acts on the end of another
+        for each in (run.standby, run.guardian, run.control):
+            with suppress(ProcessLookupError):  # it has died with the guardian
+                os.kill(each, number)
     gone = next(each for each in record if each.mode == HOST_GONE)
     assert (gone.outputs, gone.silent <= TIMEOUT_PERIODS) == (ZONE.defaults, True)
     run.until_all_ended()
