@@ -15,7 +15,7 @@ from typer.testing import Result
 import umo
 from helpers.batch_plant import boxes
 from helpers.operator import Operator
-from helpers.tiers import first
+from helpers.tiers import first, some
 from umo.control import until, wait
 from umo.drivers import Direction
 from umo.errors import ChannelError, DriverError, EquipmentFault
@@ -142,12 +142,11 @@ def test_both_reactors_work_through_their_recipes_and_the_plant_agrees() -> None
     assert 480.0 < run.time < 720.0
 
 
-def test_the_scale_is_used_by_one_reactor_at_a_time() -> None:
-    run = Run(batches=1)
-    (began, ended), (other_began, _) = (_stay(phases, AT_THE_SCALE) for phases in run.phases)
+def test_the_scale_is_used_by_one_reactor_at_a_time(undisturbed: Run) -> None:
+    (began, ended), (other_began, _) = (_stay(phases, AT_THE_SCALE) for phases in undisturbed.phases)
     assert began < other_began
     assert other_began == pytest.approx(ended, abs=0.11)
-    assert "waiting for the scale" in [name for _, name in run.phases[1]]
+    assert "waiting for the scale" in [name for _, name in undisturbed.phases[1]]
 
 
 def _stay(phases: list[tuple[float, str]], names: set[str]) -> tuple[float, float]:
@@ -226,7 +225,7 @@ def held(phase: str, command: str, back: str, seconds: float, after: float = 1.0
     return operate
 
 
-@pytest.mark.parametrize("phase", PHASES)
+@pytest.mark.parametrize("phase", some(lambda phase: phase in ("charging", "heating"), PHASES))
 @pytest.mark.parametrize(("command", "back"), [("hold", "restart"), ("pause", "resume")])
 def test_a_batch_that_is_held_in_any_phase_goes_on_and_is_good(phase: str, command: str, back: str) -> None:
     run = Run(batches=1, disturb=held(phase, command, back, 90.0))
@@ -252,7 +251,7 @@ def test_a_batch_that_is_held_at_any_moment_goes_on_and_is_good(seed: int) -> No
 
 
 def test_the_other_reactor_goes_on_while_one_is_held() -> None:
-    run = Run(batches=1, disturb=held("heating", "hold", "restart", 2000.0))
+    run = Run(batches=1, disturb=held("heating", "hold", "restart", 900.0))
     run.assert_made("glue 1, soap 1")
     assert run.phases[1][-1][0] < 800.0 < run.phases[0][-1][0]
 
@@ -281,6 +280,12 @@ def test_a_batch_that_an_operator_aborts_is_made_again_once_the_fault_is_cleared
 
 
 # Interlocks ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def undisturbed() -> Run:
+    """A batch of each reactor."""
+    return Run(batches=1)
 
 
 @pytest.fixture
@@ -365,9 +370,11 @@ REASONS = {
 
 
 @pytest.mark.parametrize("what", FAILURES)
-def test_a_reactor_fails_alone_the_other_completes_and_the_broken_one_goes_on_after_clear(what: str) -> None:
+def test_a_reactor_fails_alone_the_other_completes_and_the_broken_one_goes_on_after_clear(
+    what: str, undisturbed: Run
+) -> None:
     given = {key: value() if key == "wired" else value for key, value in FAILURES[what].items()}
-    run, undisturbed = Run(batches=1, **given), Run(batches=1)
+    run = Run(batches=1, **given)
     run.assert_made("glue 1, soap 1", dumped=1)
     assert run.report["batches_wrong"] == 1
     ((equipment, reason),) = run.faults
@@ -379,8 +386,10 @@ def test_a_reactor_fails_alone_the_other_completes_and_the_broken_one_goes_on_af
     assert "dumping" in [name for _, name in run.phases[0]]
 
 
-def test_a_reactor_that_fails_while_it_is_charged_gives_the_scale_back_and_the_rest_goes_to_the_waste() -> None:
-    run, undisturbed = (Run(batches=1, fault=fault) for fault in (["reactors.0.level disconnect at 45 s for 2 s"], []))
+def test_a_reactor_that_fails_while_it_is_charged_gives_the_scale_back_and_the_rest_goes_to_the_waste(
+    undisturbed: Run,
+) -> None:
+    run = Run(batches=1, fault=["reactors.0.level disconnect at 45 s for 2 s"])
     run.assert_made("glue 1, soap 1", dumped=1)
     assert [equipment for equipment, _ in run.faults] == ["reactors.0"]
     assert 20.0 < run.report["wasted_kg"] < 50.0
@@ -412,7 +421,10 @@ def test_a_batch_waits_for_a_line_in_fault_for_so_long_and_no_longer() -> None:
     assert run.report["good"] == "glue 1"
 
 
-@pytest.mark.parametrize("path", ["reactors.0.temperature", "reactors.0.heater", "reactors.1.stirrer", "line.scale"])
+PATHS = ["line.scale", "reactors.0.heater", "reactors.0.temperature", "reactors.1.stirrer"]
+
+
+@pytest.mark.parametrize("path", first(2, PATHS))
 def test_lost_answers_cost_nothing(path: str) -> None:
     run = Run(batches=1, fault=[f"{path} disconnect at {at} s for 0.4 s" for at in range(7, 330, 13)])
     run.assert_made("glue 1, soap 1", dumped=0)
@@ -427,7 +439,7 @@ def test_a_fault_that_nobody_clears_costs_the_batches_of_its_reactor_and_no_othe
     assert {number for number, _ in run.plant.good} == {1}
 
 
-@pytest.mark.parametrize("valve", ["reactors.0.feed", "reactors.0.drain", "line.outlets.0"])
+@pytest.mark.parametrize("valve", first(1, ["reactors.0.feed", "reactors.0.drain", "line.outlets.0"]))
 def test_a_valve_that_is_away_for_2_s_costs_nothing(valve: str) -> None:
     """It is away every 26 s, also when it is to open; what is sent to it is sent again."""
     run = Run(batches=1, fault=[f"{valve} disconnect at {at} s for 2 s" for at in range(9, 330, 26)])
@@ -452,14 +464,25 @@ def test_a_valve_that_is_away_for_longer_is_a_fault_of_its_reactor() -> None:
 
 @pytest.mark.parametrize(
     ("fault", "equipment", "reason"),
-    [
-        ("reactors.0.heater stuck 0 at 100 s for 60 s", "reactors.0", "the temperature does not come to 60 degC"),
-        ("reactors.0.temperature stuck 35 degC at 90 s for 120 s", "reactors.0", "the temperature does not come to 60"),
-        ("reactors.0.drain stuck CLOSED at 230 s for 140 s", "reactors.0", " l after 120 s of draining"),
-        ("line.inlets.0 stuck CLOSED at 5 s for 20 s", "line", "raw material A does not flow through line.inlets.0"),
-        ("line.inlets.1 stuck OPEN at 30 s for 20 s", "line", "raw material B instead of 20 kg"),
-        ("line.outlets.0 stuck CLOSED at 30 s for 20 s", "line", "the hopper's load does not flow through"),
-    ],
+    first(
+        3,
+        [
+            ("reactors.0.heater stuck 0 at 100 s for 60 s", "reactors.0", "the temperature does not come to 60 degC"),
+            (
+                "reactors.0.temperature stuck 35 degC at 90 s for 120 s",
+                "reactors.0",
+                "the temperature does not come to 60",
+            ),
+            ("reactors.0.drain stuck CLOSED at 230 s for 140 s", "reactors.0", " l after 120 s of draining"),
+            (
+                "line.inlets.0 stuck CLOSED at 5 s for 20 s",
+                "line",
+                "raw material A does not flow through line.inlets.0",
+            ),
+            ("line.inlets.1 stuck OPEN at 30 s for 20 s", "line", "raw material B instead of 20 kg"),
+            ("line.outlets.0 stuck CLOSED at 30 s for 20 s", "line", "the hopper's load does not flow through"),
+        ],
+    ),
 )
 def test_what_does_not_act_as_it_should_is_a_fault_in_words(fault: str, equipment: str, reason: str) -> None:
     run = Run(batches=1, fault=[fault])
@@ -477,7 +500,7 @@ def test_without_a_thermometer_that_moves_the_heater_is_not_on_for_long() -> Non
     assert run.plant.vessels[0].temperature < 70.0
 
 
-@pytest.mark.parametrize("moment", first(3, [100.0, 46.0, 240.0, 10.0, 35.0, 54.0, 200.0, 250.0]))
+@pytest.mark.parametrize("moment", first(1, [100.0, 46.0, 240.0, 10.0, 35.0, 54.0, 200.0, 250.0]))
 def test_manual_mode_in_the_middle_of_a_batch_costs_time_only(moment: float) -> None:
     m = machine()
     connection = umo.connect(m, SIMULATED)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import pytest
 from helpers import process_box
 from helpers.process_box import Cells
 from helpers.runs import Run, assert_safe, until_dead
+from helpers.tiers import first
 from umo.exit_status import ExitStatus
 from umo.process import keeper as keeper_module
 from umo.process import kept_file
@@ -96,23 +96,17 @@ def test_a_fresh_run_starts_with_its_defaults_and_leaves_the_old_file_under_anot
     assert [path.read_bytes() for path in file().parent.glob("*.aside-*")] == [before]
 
 
-KILLED: list[tuple[str, ...]] = [
-    ("control",),
-    ("guardian",),
-    ("control", "guardian"),
-    ("guardian", "control"),
-    ("guardian", "standby", "control"),
-]
+KILLED = ["control", "guardian control", "guardian", "control guardian", "guardian standby control"]
 
 
-@pytest.mark.parametrize("names", KILLED, ids="-".join)
+@pytest.mark.parametrize("names", first(2, KILLED))
 def test_after_kills_the_file_has_one_moment_of_the_run_which_the_next_one_takes(
-    tmp_path: Path, cells: Cells, names: Sequence[str]
+    tmp_path: Path, cells: Cells, names: str
 ) -> None:
     run = start(tmp_path)
     until_kept(run)
     seen = assert_one_moment(kept())
-    for name in names:
+    for name in names.split():
         os.kill(getattr(run, name), signal.SIGKILL)
     run.until_all_ended()
     run.channel.close()

@@ -71,8 +71,8 @@ def calls_of_a_run(folder: Path, process: dict[str, str]) -> int:
 @pytest.mark.parametrize(
     ("action", "step"),
     [
-        *(("raise", 9), ("kill", 6), ("hang", 9)),
-        *first(0, [("raise", 1), ("kill", 1), ("hang", 1), ("spin", 7), ("stop", 7)]),
+        ("hang", 9),
+        *first(0, [("raise", 9), ("kill", 6), ("raise", 1), ("kill", 1), ("hang", 1), ("spin", 7), ("stop", 7)]),
     ],
 )
 def test_at_every_call_of_a_driver_the_end_is_safe_and_reported(

@@ -16,6 +16,7 @@ from typer.testing import CliRunner, Result
 
 import umo
 from helpers import cascaded
+from helpers.tiers import first
 from helpers.true_margins import true_cascade_margins
 from helpers.waiting import until
 from umo.cli.app import app
@@ -53,7 +54,7 @@ def balanced(data: dict[str, Any]) -> Gains:
     return Gains(**{name: chosen[name] for name in SETTINGS if chosen[name] is not None})
 
 
-@pytest.mark.parametrize("kind", ["--relay", "--step"])
+@pytest.mark.parametrize("kind", first(1, ["--relay", "--step"]))
 @pytest.mark.parametrize("process", cascaded.OUTER)
 def test_balanced_gains_have_their_margins_around_the_true_inner_loop(reactor: Path, process: str, kind: str) -> None:
     data = found(reactor, "vessel_law", kind, "10%", "--at", "2", "--within", "40", "--process", process)

@@ -58,7 +58,6 @@ def test_the_filter_leaves_what_it_names(page: Any) -> None:
         assert page.locator("tr[data-path]").count() == 1
 
 
-@pytest.mark.smoke
 def test_the_scope_measures_pauses_and_saves(page: Any, tmp_path: Path) -> None:
     with running(box=Scripted({"encoder": [1, 3] * 1000}), count=1000), serving() as served:
         page.goto(served.url + "#traces=encoder,valve&span=1")
@@ -163,7 +162,6 @@ def test_several_stations_are_a_list_and_a_choice_in_each_view(page: Any) -> Non
         page.get_by_role("button", name=re.compile("oven")).wait_for()
 
 
-@pytest.mark.smoke
 def test_the_page_of_a_run_that_has_ended_leads_to_the_other_run_of_its_station(page: Any) -> None:
     with serving() as served, ExitStack() as first:
         first.enter_context(running())
@@ -294,7 +292,6 @@ def test_the_theme_is_the_systems_until_the_switch_changes_it(page: Any, scheme:
         assert page.evaluate(theme) != scheme
 
 
-@pytest.mark.smoke
 def test_nothing_is_wider_than_a_phone(page: Any) -> None:
     page.set_viewport_size({"width": 390, "height": 844})
     with running(), serving() as served:

@@ -412,7 +412,6 @@ def test_a_running_action_can_be_cancelled_also_after_a_change_of_the_view(page:
         assert station.running
 
 
-@pytest.mark.smoke
 def test_a_jog_lasts_while_its_button_is_held(page: Any, station: umo.RemoteStation, served: Served) -> None:
     take_lease(page, served.url)
     jog(page, station)

@@ -237,7 +237,6 @@ def told_by(page: Any, share: float) -> str:
     return next((told for off in range(-5, 6) if (told := tip_at(page, share + off / 500))), "")
 
 
-@pytest.mark.smoke
 def test_what_happened_stands_on_the_time_axis_and_is_told_to_the_mouse(page: Any) -> None:
     page.add_init_script(WRITTEN)
     with shown(page, "traces=encoder&span=1", missed=[*[0] * 1700, 2]) as machine:

@@ -319,7 +319,6 @@ def test_everything_is_in_the_window_after_fit(shown: Any) -> None:
     assert np.abs(np.array(viewer.run(corners))).max() <= 1.0
 
 
-@pytest.mark.smoke
 def test_labels_name_the_bodies_and_their_values_on_demand(shown: Any) -> None:
     viewer = shown("ztheta")
     viewer.set({"z.encoder": 87_000.0, "theta.encoder": 12.345}, {"theta.encoder": 2})
