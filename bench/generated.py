@@ -29,25 +29,23 @@ PER_CYCLE = {"avr": 1.0, "cortex-m": 32.0 * 25e6 / 1e9}
 
 
 def takes() -> float:
-    from helpers.controllers import BOARDS, MACHINES
+    from helpers.controllers import TRIALS
 
-    return CASE_TAKES * len(BOARDS) * len(MACHINES)
+    return CASE_TAKES * len(TRIALS)
 
 
 def measure(doing: Doing) -> Iterator[Target]:
     """A row for each machine on each board."""
-    from helpers.controllers import BOARDS, MACHINES
+    from helpers.controllers import BOARDS, MACHINES, TRIALS
     from helpers.peers.text_devices import CannotRun
 
     logging.disable()  # every interlock and fault would be told
-    for board, kind in BOARDS.items():
-        for name, tried in MACHINES.items():
-            doing(f"{name} on {board}")
-            try:
-                yield _row(name, board, kind, tried)
-            except CannotRun as error:
-                yield Target(f"{board}: {name}", "-", str(error), "not run")
-                break
+    for board, name in TRIALS:
+        doing(f"{name} on {board}")
+        try:
+            yield _row(name, board, BOARDS[board], MACHINES[name])
+        except CannotRun as error:
+            yield Target(f"{board}: {name}", "-", str(error), "not run")
 
 
 def _row(name: str, board: str, kind: object, tried: object) -> Target:

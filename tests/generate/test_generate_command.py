@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -121,6 +122,21 @@ def test_a_target_or_numbers_that_there_are_not_are_told_in_a_line(
 ) -> None:
     result = umo("generate", str(good), "-o", str(tmp_path / "c"), *arguments)
     assert result.exit_code == 2 and len(result.stderr.splitlines()) == 1 and said in result.stderr
+
+
+def test_a_table_that_the_target_does_not_hold_is_told_in_a_line(tmp_path: Path, umo: Umo) -> None:
+    result = umo("generate", "furnace", "--target", "avr", "-o", str(tmp_path / "c"))
+    assert result.exit_code == 2 and not (tmp_path / "c").exists()
+    head, *lines = result.stderr.splitlines()
+    assert head.endswith("cannot be generated:") and len(lines) == 1
+    assert "the table of thermocouple K has" in lines[0] and "on avr 32767 at most; a LookupTable" in lines[0]
+
+
+def test_objects_of_one_linearization_share_its_table(tmp_path: Path, umo: Umo) -> None:
+    assert umo("generate", "furnace", "--target", "cortex-m", "-o", str(tmp_path / "c")).exit_code == 0
+    source = (tmp_path / "c" / "machine.c").read_text()
+    tables = re.findall(r"umo_real (to_value_\d+)_table\[\]", source)
+    assert len(tables) == 1 and source.count(f".to_value = &{tables[0]},") == 40
 
 
 def test_what_a_user_has_filled_in_is_kept(good: Path, tmp_path: Path, umo: Umo) -> None:

@@ -7,15 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from helpers.controllers import BOARDS, MACHINES, command_of, run_beside
+from helpers.controllers import BOARDS, MACHINES, TRIALS, command_of, run_beside
 from helpers.peers.text_devices import CannotRun
 
 PERIODS = 10_000
 pytestmark = pytest.mark.full
 
 
-@pytest.mark.parametrize("machine", MACHINES)
-@pytest.mark.parametrize("board", BOARDS)
+@pytest.mark.parametrize(("board", "machine"), TRIALS)
 def test_ten_thousand_random_periods_on_a_board(board: str, machine: str, tmp_path: Path) -> None:
     kind, tried = BOARDS[board], MACHINES[machine]
     try:

@@ -46,6 +46,8 @@ MACHINES = {
     "converter": Tried(converter, wired),
     "batch": Tried(lambda: find("batch").machine(), wired),
     "conveyor": Tried(lambda: find("conveyor").machine(), wired),
+    "ztheta": Tried(lambda: find("ztheta").machine(), wired),
+    "furnace": Tried(lambda: find("furnace").machine(), wired),
 }
 """The machines that are tried. Ages that are allowed are longer than whole periods: floats round times."""
 
@@ -64,6 +66,8 @@ BOARDS = {
     "Cortex-M4F with floats": BoardKind("cortex-m", "float", 1),
     "ATmega328P with floats": BoardKind("avr", None, 1),
 }
+TRIALS = [(board, name) for board in BOARDS for name in MACHINES if (board[:6], name) != ("ATmega", "furnace")]
+"""Each machine on each board. The table of a thermocouple is too large for an ATmega328P."""
 
 
 def generate(tried: Tried, kind: BoardKind, folder: Path) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from umo.errors import DeclarationError
 from umo.generate.c_text import comment
 from umo.generate.controller_model import ControllerModel, NotGenerated, inexact_as_floats
 from umo.generate.machine_source import header_of, source_of
+from umo.generate.object_tables import large_tables
 from umo.generate.translation import (
     FIRST_FAULT,
     RUNTIME_FAULTS,
@@ -25,7 +26,7 @@ RUNTIME, BOARDS = HERE / "runtime", HERE / "boards"
 TARGETS: Mapping[str, ControllerTarget] = {
     "host": ControllerTarget("host", "double", exact_libm=True),
     "cortex-m": ControllerTarget("cortex-m", "double"),
-    "avr": ControllerTarget("avr", "float"),
+    "avr": ControllerTarget("avr", "float", table_bytes=32_767),
     "arduino": ControllerTarget("arduino", "float"),
 }
 """The targets by name, with the numbers that they have of their own."""
@@ -44,10 +45,11 @@ class NotTranslated(DeclarationError):
         self.reasons = reasons
 
 
-def check(model: ControllerModel, translation: Translation) -> None:
-    """NotTranslated with everything that is in the way."""
+def check(model: ControllerModel, translation: Translation, tables: Iterable[NotGenerated] = ()) -> None:
+    """NotTranslated with everything that is in the way. `tables`: that are too large."""
     problems: list[NotGenerated | Untranslatable] = [
         *model.problems,
+        *tables,
         *translation.problems,
         *translation.on_host,
     ]
@@ -63,7 +65,7 @@ def faults_of(translation: Translation) -> list[CodeFault]:
 
 def files_of(model: ControllerModel, translation: Translation, target: ControllerTarget) -> dict[str, str]:
     """The files by name, as text. NotTranslated where something is in the way."""
-    check(model, translation)
+    check(model, translation, large_tables(model, target))
     files = {file.name: file.read_text("utf-8") for file in sorted(RUNTIME.iterdir()) if file.suffix in (".h", ".c")}
     if target.name != "host":
         del files["host_access.c"]

@@ -29,7 +29,7 @@ from umo.generate.compiled_machine import FLAGS, compiler
 from umo.generate.controller_folder import RUNTIME, TARGET_HEADER, TARGETS
 from umo.generate.controller_model import ControllerModel
 from umo.generate.live_fields import LiveStruct
-from umo.generate.machine_source import tables_of
+from umo.generate.object_tables import tables_of
 from umo.generate.struct_memory import StructMemory
 from umo.generate.translation import CFunction, Translation
 

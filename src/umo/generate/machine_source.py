@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import inf
 
-from umo.generate.c_text import array, comment, identifiers, real, real_or, time_of, truth
-from umo.generate.controller_model import ControllerModel, ControllerObject, curves_of
+from umo.generate.c_text import array, comment, identifiers, real, truth
+from umo.generate.controller_model import ControllerModel, ControllerObject
+from umo.generate.object_tables import tables_of
 from umo.generate.translation import ControllerTarget, Translation
-from umo.objects.interpolation import Cubics, Segments
 
 HEADER = """\
 /* machine.h: the controller of {name}, made by umo generate for the target {target}. Do not edit it: change the
@@ -209,7 +208,7 @@ def source_of(model: ControllerModel, translation: Translation, target: Controll
         '#include "machine.h"\n\n',
         translation.source,
         "\n",
-        *_tables(model, target),
+        tables_of(model, target),
         *_interlocks(model, translation),
         *_equipment(model, translation),
         *_plan(model, target),
@@ -241,94 +240,6 @@ def _law(call: str, equipment: int) -> str:
         f"    if (!umo_in_fault(&m->core, {equipment}) && (fault = {call}) != UMO_OK)\n"
         f"        umo_raise_in(&m->core, {equipment}, fault, m->core.fault_object);\n"
     )
-
-
-def tables_of(model: ControllerModel, target: ControllerTarget) -> str:
-    """The numbers of the objects, as tables in C."""
-    return "".join(_tables(model, target))
-
-
-def _tables(model: ControllerModel, target: ControllerTarget) -> Iterator[str]:
-    """The numbers of the objects."""
-    for one in model.objects:
-        if one.invalid_raws:
-            yield array("int32_t", f"invalid_raws_{one.slot}", [_whole(raw) for raw in one.invalid_raws])
-        if one.linearization is not None:
-            for way, curve in zip(("to_value", "to_input"), curves_of(one.linearization), strict=True):
-                if (way == "to_input") == one.output:
-                    yield from _curve(f"{way}_{one.slot}", curve, target)
-    yield "static const UMO_FLASH umo_traits traits[] = {\n"
-    for one in model.objects:
-        yield _traits(one, target)
-    yield "};\n\n"
-
-
-def _whole(raw: int) -> str:
-    return "INT32_MIN" if raw == -(2**31) else str(raw)
-
-
-def _curve(name: str, curve: Cubics | Segments, target: ControllerTarget) -> Iterator[str]:
-    if isinstance(curve, Cubics):
-        columns, count, first, per_x = list(curve.table), curve.cells, curve.first, curve.per_x
-    else:
-        columns, count, first, per_x = [curve._xs, curve._ys, curve._slopes], len(curve._xs), 0.0, 0.0
-    numbers = [real(float(number), target) for column in columns for number in column]
-    yield array("umo_real", f"{name}_table", numbers)
-    cubic = truth(isinstance(curve, Cubics))
-    yield f"static const UMO_FLASH umo_curve {name} = {{\n"
-    yield f"    .cubic = {cubic}, .count = {count}, .first = {real(first, target)}, .per_x = {real(per_x, target)},\n"
-    yield f"    .table = {name}_table,\n}};\n"
-
-
-def _traits(one: ControllerObject, target: ControllerTarget) -> str:
-    flags = {
-        "UMO_OUTPUT": one.output,
-        "UMO_BINARY": one.binary,
-        "UMO_ASYNCHRONOUS": not one.synchronous,
-        "UMO_CLAMPS": one.clamps,
-        "UMO_MARKS": one.marks,
-        "UMO_INCREMENTAL": one.incremental,
-    }
-    fields = {
-        "flags": " | ".join(name for name, yes in flags.items() if yes) or "0",
-        "one": str(one.one),
-        "equipment": str(one.equipment),
-        "resolution": real(one.scale[0], target),
-        "zero_offset": real(one.scale[1], target),
-        "minimum": real(one.bounds[0], target),
-        "maximum": real(one.bounds[1], target),
-        "max_age": time_of(one.max_age, target),
-        **(_of_output if one.output else _of_input)(one, target),
-    }
-    lines = "".join(f"        .{name} = {value},\n" for name, value in fields.items())
-    return f"    {{ /* {one.slot}: {comment(one.path)}, {one.kind} ({comment(one.units)}) */\n{lines}    }},\n"
-
-
-def _of_output(one: ControllerObject, target: ControllerTarget) -> dict[str, str]:
-    return {
-        "least": real(one.raws[0], target),
-        "greatest": real(one.raws[1], target),
-        "rest": real(one.default, target),
-        "rest_raw": _whole(one.default_raw),
-        "slew_rate": real_or(one.slew_rate, inf, target),
-        "expires": time_of(one.expires, target),
-        **({} if one.linearization is None else {"to_input": f"&to_input_{one.slot}"}),
-    }
-
-
-def _of_input(one: ControllerObject, target: ControllerTarget) -> dict[str, str]:
-    fields = {"low": real(one.good[0], target), "high": real(one.good[1], target)}
-    if one.raws != (0.0, 0.0):
-        fields["greatest"] = real(one.raws[1], target)
-    if one.conditioned:
-        times = {"filter": one.filter, "velocity": one.velocity, "debounce": one.debounce}
-        fields |= {name: time_of(seconds, target) for name, seconds in times.items()}
-        fields["rollover_bits"] = str(one.rollover_bits)
-    if one.invalid_raws:
-        fields |= {"invalid_count": str(len(one.invalid_raws)), "invalid_raws": f"invalid_raws_{one.slot}"}
-    if one.linearization is not None:
-        fields["to_value"] = f"&to_value_{one.slot}"
-    return fields
 
 
 def _interlocks(model: ControllerModel, translation: Translation) -> Iterator[str]:

@@ -37,6 +37,8 @@ class ControllerTarget:
     """Whether its functions of <math.h> are those of this Python, to the bit."""
     int_bits: int = 32
     """The width of whole numbers."""
+    table_bytes: int | None = None
+    """The size of the table of a linearization at most."""
 
 
 class CodeFault(NamedTuple):
