@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from helpers.peers.text_devices import CannotRun
+from helpers.peers.text_devices import CannotRun, simavr_flags
 
 PEERS = Path(__file__).parent / "peers" / "controllers"
 TOOLS = {
@@ -84,10 +84,8 @@ def mps2(elf: Path, board: str = "mps2-an385") -> list[str | Path]:
 
 def avr(elf: Path, folder: Path) -> list[str | Path]:
     """The command of an emulated ATmega328P; it is compiled into the folder. Raises CannotRun."""
-    flags = subprocess.run(["pkg-config", "--cflags", "--libs", "simavr"], capture_output=True, text=True)
-    if flags.returncode:
-        raise CannotRun("the emulated AVR needs Debian's libsimavr-dev")
+    flags = simavr_flags()
     board = folder / "board"
     warnings = ["-Wall", "-Wextra", "-Werror"]
-    subprocess.run(["cc", "-O2", *warnings, "-o", board, PEERS / "avr.c", *flags.stdout.split()], check=True)
+    subprocess.run(["cc", "-O2", *warnings, "-o", board, PEERS / "avr.c", *flags], check=True)
     return [board, elf]

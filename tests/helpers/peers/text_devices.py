@@ -64,21 +64,27 @@ def supply(port: int = 0, folder: Path | None = None) -> Iterator[Supply]:
                     log.join(PATIENT)
 
 
+def simavr_flags() -> list[str]:
+    """The compiler's, for a program that emulates an AVR. Raises CannotRun."""
+    flags = subprocess.run(["pkg-config", "--cflags", "--libs", "simavr"], capture_output=True, text=True)
+    if flags.returncode:  # Debian's libsimavr-dev requires libelf.pc, and does not depend on its package
+        raise CannotRun("the emulated AVR needs Debian's libsimavr-dev and libelf-dev")
+    return flags.stdout.split()
+
+
 @cache
 def firmware() -> tuple[Path, Path]:
     """The program that emulates the board, and the firmware. Raises CannotRun."""
     for tool, package in (("avr-gcc", "gcc-avr and avr-libc"), ("cc", "gcc"), ("pkg-config", "pkg-config")):
         if shutil.which(tool) is None:
             raise CannotRun(f"the emulated AVR needs Debian's {package}")
-    flags = subprocess.run(["pkg-config", "--cflags", "--libs", "simavr"], capture_output=True, text=True)
-    if flags.returncode:
-        raise CannotRun("the emulated AVR needs Debian's libsimavr-dev")
+    flags = simavr_flags()
     _kept.append(tempfile.TemporaryDirectory(prefix="umo-avr-"))
     folder = Path(_kept[-1].name)
     board = folder / "board"
     warnings = ["-Wall", "-Wextra", "-Werror"]
     source = str(PEERS / "text_avr" / "board.c")
-    subprocess.run(["cc", "-O2", *warnings, "-o", board, source, *flags.stdout.split(), "-lutil"], check=True)
+    subprocess.run(["cc", "-O2", *warnings, "-o", board, source, *flags, "-lutil"], check=True)
     return board, built(PEERS / "text_avr" / "instrument.c", *warnings)
 
 
