@@ -11,7 +11,8 @@ import shutil
 import signal
 import socket
 import subprocess
-from collections.abc import Callable, Iterator, Sequence
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -22,6 +23,7 @@ from time import monotonic
 from typing import Any, NamedTuple
 
 from helpers.boards import need
+from helpers.peers.text_devices import emulator
 from umo.generate.controller_folder import write_folder
 from umo.generate.controller_generator import target_of
 from umo.objects import atoms
@@ -36,6 +38,49 @@ PERIOD, HOST_TIMEOUT, TIMEOUT_PERIODS = "2 ms", "300 ms", 150
 """Longer than the default: other tests may load the computer."""
 BRAKING_PERIODS = 500
 """The braking timeout, 1 s by default."""
+
+
+@dataclass(frozen=True)
+class EmulatedBoard:
+    """A board that is emulated. `options`: of its controller in a wiring. `command` runs a firmware."""
+
+    target: str
+    tools: Sequence[str]
+    files: Mapping[str, str]
+    variables: Sequence[str]
+    options: Mapping[str, Any]
+    timeout_periods: int
+    braking_periods: int
+    command: Callable[[Path], list[str | Path]]
+
+
+def _arm(elf: Path) -> list[str | Path]:
+    ports = ["-display", "none", "-monitor", "none", "-serial", "pty", "-serial", "stdio"]
+    return ["qemu-system-arm", "-M", "mps2-an385", *ports, "-kernel", elf]
+
+
+ARM = EmulatedBoard(
+    "cortex-m",
+    ("arm-none-eabi-gcc", "qemu-system-arm", "make"),
+    {"recorded_board.c": "io_board.c", "link_mps2.c": "io_link.c"},
+    ["CC=arm-none-eabi-gcc -Werror"],
+    {},
+    TIMEOUT_PERIODS,
+    BRAKING_PERIODS,
+    _arm,
+)
+"""A Cortex-M3."""
+AVR = EmulatedBoard(
+    "avr",
+    ("avr-gcc", "make"),
+    {"recorded_board.c": "io_board.c", "tick_avr.c": "umo_tick.c"},
+    ["MCU=atmega2560", "CC=avr-gcc -Werror -DBAUD=500000UL"],
+    {"real": "float", "cycle": "3 ms"},
+    100,
+    333,
+    lambda elf: [emulator(), elf, "atmega2560"],
+)
+"""An ATmega2560 with floats and a period of its own. Its end of the line is the io_link.c that is generated."""
 
 
 @dataclass(frozen=True)
@@ -56,22 +101,22 @@ class SplitPart:
         drive = {"type": CONTROLLER, "host_timeout": HOST_TIMEOUT, "port": port, **options}
         return {"drivers": {"drive": drive}, "wire": wire}
 
-    def _folder(self, folder: Path, target: str) -> None:
-        write_folder(part_files(self.machine(), self.wiring(1), "drive", target_of(target)), folder)
+    def _folder(self, folder: Path, target: str, **options: Any) -> None:
+        write_folder(part_files(self.machine(), self.wiring(1, **options), "drive", target_of(target)), folder)
         shutil.copy(PEERS / self.plant, folder / "umo_plant.c")
 
-    def program(self, folder: Path) -> Path:
+    def program(self, folder: Path, **options: Any) -> Path:
         """The controller's program. Warnings are errors."""
-        self._folder(folder, "host")
+        self._folder(folder, "host", **options)
         return program_of(folder)
 
-    def firmware(self, folder: Path) -> Path:
-        """The same for an emulated Cortex-M3. Raises CannotRun."""
-        need("arm-none-eabi-gcc", "qemu-system-arm", "make")
-        self._folder(folder, "cortex-m")
-        shutil.copy(PEERS / "recorded_board.c", folder / "io_board.c")
-        shutil.copy(PEERS / "link_mps2.c", folder / "io_link.c")
-        subprocess.run(["make", "-s", "-C", folder, "machine.elf", "CC=arm-none-eabi-gcc -Werror"], check=True)
+    def firmware(self, folder: Path, board: EmulatedBoard) -> Path:
+        """The same for an emulated board. Raises CannotRun."""
+        need(*board.tools)
+        self._folder(folder, board.target, **board.options)
+        for source, name in board.files.items():
+            shutil.copy(PEERS / source, folder / name)
+        subprocess.run(["make", "-s", "-C", folder, "machine.elf", *board.variables], check=True)
         return folder / "machine.elf"
 
 
@@ -114,9 +159,9 @@ class RunningController:
     """A controller that runs. `port` is where its host finds it."""
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
-        self._process = process
         assert process.stdout is not None
         self._lines = process.stdout
+        self.pid = process.pid
         self.port = int(self._lines.readline())
 
     def recorded(self) -> Iterator[Recorded]:
@@ -140,36 +185,46 @@ class EmulatedController(RunningController):
     """The same on an emulated board. `serial` is where its host finds it."""
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
-        self._process = process
         assert process.stdout is not None
         self._lines = process.stdout
-        self.serial = re.search(r"/dev/pts/\d+", self._lines.readline())[0]  # type: ignore[index]
+        self.pid = process.pid
+        found = (re.search(r"/dev/pts/\d+", line) for line in self._lines)
+        self.serial = next(each[0] for each in found if each)
 
 
 @contextmanager
-def emulated_controller(elf: Path) -> Iterator[EmulatedController]:
-    ports = ["-display", "none", "-monitor", "none", "-serial", "pty", "-serial", "stdio"]
-    command = ["qemu-system-arm", "-M", "mps2-an385", *ports, "-kernel", elf]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+def emulated_controller(board: EmulatedBoard, elf: Path) -> Iterator[EmulatedController]:
+    with subprocess.Popen(board.command(elf), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         try:
             yield EmulatedController(process)
         finally:
             process.kill()
 
 
+def _run_host(host: Callable[[], object], controller: RunningController) -> None:
+    """Until it is killed: a host that fails, as on a busy computer, begins anew. If it fails again and again, its
+    controller ends."""
+    try:
+        for _ in range(5):
+            try:
+                host()
+            except Exception:
+                traceback.print_exc()
+    finally:
+        os.kill(controller.pid, signal.SIGKILL)
+        os._exit(1)
+
+
 def kill_hosts(
-    times: int, host: Callable[[int], object], acts: Callable[[Recorded], bool], record: Iterator[Recorded]
+    times: int, host: Callable[[int], object], acts: Callable[[Recorded], bool], controller: RunningController
 ) -> list[list[Recorded]]:
     """Let a host run in a process of its own and kill it while it acts, so many times. For each, what the controller
     recorded afterwards, up to where its outputs are at their defaults because the host is gone."""
-    found = list[list[Recorded]]()
+    found, record = list[list[Recorded]](), controller.recorded()
     for number in range(times):
         process = os.fork()
         if not process:
-            try:
-                host(number)
-            finally:
-                os._exit(1)
+            _run_host(partial(host, number), controller)
         left = 5 + number % 7 * 11
         while left:
             left -= acts(next(record))

@@ -12,12 +12,15 @@ import pytest
 from helpers.generating import needs_a_compiler
 from helpers.peers.text_devices import CannotRun
 from helpers.split_parts import (
+    ARM,
+    AVR,
     BRAKING,
     BRAKING_PERIODS,
     COUNTS_PER_STEP,
     THETA,
     TIMEOUT_PERIODS,
     BadLine,
+    EmulatedBoard,
     Recorded,
     RunningController,
     controller_of,
@@ -110,7 +113,7 @@ def test_another_version_of_the_part_is_refused(controller: RunningController) -
 def test_when_the_host_is_killed_the_axis_brakes_and_every_output_goes_to_its_default_in_time(
     program: Path, controller: RunningController, times: int
 ) -> None:
-    found = kill_hosts(times, lambda number: move(controller.port, far(number)), steps, controller.recorded())
+    found = kill_hosts(times, lambda number: move(controller.port, far(number)), steps, controller)
     assert sum(map(brakes, found)) > times / 2
 
 
@@ -119,12 +122,12 @@ def far(number: int) -> float:
     return 250.0 if number % 2 else -250.0
 
 
-def brakes(killed: list[Recorded]) -> bool:
-    """The host was killed during a motion: outputs are at their defaults in time. Whether the steps became slower
-    before; not so where the controller has missed periods, in which a stepper stops."""
+def brakes(killed: list[Recorded], longest: int = TIMEOUT_PERIODS + BRAKING_PERIODS) -> bool:
+    """The host was killed during a motion: outputs are at their defaults within the longest time, in periods. Whether
+    the steps became slower before; not so where the controller has missed periods, in which a stepper stops."""
     *before, gone = killed
     assert gone.outputs == THETA.defaults
-    assert gone.silent <= TIMEOUT_PERIODS + BRAKING_PERIODS
+    assert gone.silent <= longest
     stepped = [each.period for each in before if each.mode == BRAKING and each.outputs[0]]
     pauses = [after - before for before, after in itertools.pairwise(stepped)]
     return len(pauses) > 5 and sum(pauses[-3:]) > 2 * sum(pauses[:3])
@@ -143,16 +146,18 @@ def test_on_a_bad_line_no_value_is_wrong_and_the_axis_arrives(controller: Runnin
 
 
 @pytest.mark.parametrize("times", [3, 100])
-def test_the_same_on_an_emulated_board_over_a_serial_line(tmp_path: Path, times: int) -> None:
+@pytest.mark.parametrize("board", [ARM, AVR], ids=lambda board: board.target)
+def test_the_same_on_an_emulated_board_over_a_serial_line(tmp_path: Path, board: EmulatedBoard, times: int) -> None:
     try:
-        elf = THETA.firmware(tmp_path)
+        elf = THETA.firmware(tmp_path, board)
     except CannotRun as error:
         pytest.skip(str(error))
-    with emulated_controller(elf) as board:
-        line = {"serial": board.serial, "timeout": "3 s"}
+    with emulated_controller(board, elf) as controller:
+        line = {"serial": controller.serial, "timeout": "3 s", **board.options}
         assert move(None, 229.0, 226.0, **line) == pytest.approx([229.0, 226.0], abs=0.2)
-        record = board.recorded()
+        record = controller.recorded()
         rested = next(each for each in record if each.mode == 0 and each.period > 20)
         assert rested.outputs == THETA.defaults
-        found = kill_hosts(times, lambda number: move(None, far(number), **line), steps, record)
-        assert sum(map(brakes, found)) > times / 2
+        found = kill_hosts(times, lambda number: move(None, far(number), **line), steps, controller)
+        longest = board.timeout_periods + board.braking_periods
+        assert sum(brakes(each, longest) for each in found) > times / 2

@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 
 from helpers.generating import needs_a_compiler
-from helpers.split_parts import SplitPart, controller_of
+from helpers.split_parts import THETA, SplitPart, controller_of
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor
+from umo.control import STEPS_PER_PERIOD
 from umo.cycle.connect import connect
 from umo.generate.controller_folder import NotTranslated
 from umo.generate.controller_generator import target_of
@@ -82,3 +83,14 @@ def test_another_rate_within_the_part_is_refused() -> None:
     with pytest.raises(NotTranslated, match=text):
         header(TUNNEL)
     assert "#define MACHINE_PERIOD 0.01 " in header(TUNNEL, cycle="10 ms")
+
+
+@needs_a_compiler
+def test_the_period_of_a_part_is_that_of_its_controller(tmp_path: Path) -> None:
+    options = {"cycle": "5 ms"}
+    with (
+        controller_of(THETA.program(tmp_path, **options)) as controller,
+        connect(THETA.machine(), THETA.wiring(controller.port, **options), acknowledge=True) as m,
+    ):
+        assert (m.cycle.period, m.theta.cycle.period) == (0.002, 0.005)
+        assert m.theta._speed(80.0) == STEPS_PER_PERIOD * m.theta.step_size / 0.005

@@ -11,6 +11,7 @@ import pytest
 from helpers.generating import needs_a_compiler
 from helpers.peers.text_devices import CannotRun
 from helpers.split_parts import (
+    ARM,
     TIMEOUT_PERIODS,
     ZONE,
     BadLine,
@@ -84,7 +85,7 @@ def test_the_furnace_heats_up_with_its_zone_elsewhere(controller: RunningControl
 def test_when_the_host_is_killed_the_heater_is_off_and_the_fan_on_in_time(
     controller: RunningController, times: int
 ) -> None:
-    for *_, gone in kill_hosts(times, lambda _: heat(controller.port), heats, controller.recorded()):
+    for *_, gone in kill_hosts(times, lambda _: heat(controller.port), heats, controller):
         assert (gone.outputs, gone.silent <= TIMEOUT_PERIODS) == (ZONE.defaults, True)
 
 
@@ -105,13 +106,13 @@ def test_on_a_bad_line_no_temperature_is_wrong_and_the_zone_gets_hot(controller:
 @pytest.mark.parametrize("times", [3, 100])
 def test_the_same_on_an_emulated_board_over_a_serial_line(tmp_path: Path, times: int) -> None:
     try:
-        elf = ZONE.firmware(tmp_path)
+        elf = ZONE.firmware(tmp_path, ARM)
     except CannotRun as error:
         pytest.skip(str(error))
-    with emulated_controller(elf) as board:
+    with emulated_controller(ARM, elf) as board:
         line = {"serial": board.serial, "timeout": "3 s"}
         assert heat(None, **line) == pytest.approx(PEAK, abs=5.0)
         record = board.recorded()
         assert next(each for each in record if each.mode == 0 and each.period > 20).outputs == ZONE.defaults
-        for *_, gone in kill_hosts(times, lambda _: heat(None, **line), heats, record):
+        for *_, gone in kill_hosts(times, lambda _: heat(None, **line), heats, board):
             assert (gone.outputs, gone.silent <= TIMEOUT_PERIODS) == (ZONE.defaults, True)

@@ -96,11 +96,12 @@ class RatedPart:
 
 
 class PartMachine:
-    """The machine, seen from compounds of one rate (`umo.objects.link.Machine`)."""
+    """The machine, seen from compounds of one rate (`umo.objects.link.Machine`). `period` in s: of their laws, which
+    may act on a controller. Default: the clock's."""
 
-    def __init__(self, machine: ConnectedMachine, clock: Clock) -> None:
+    def __init__(self, machine: ConnectedMachine, clock: Clock, period: float | None = None) -> None:
         self.whole, self._clock = machine, clock
-        self.period = clock.period
+        self.period = clock.period if period is None else period
 
     @property
     def clock(self) -> Clock:

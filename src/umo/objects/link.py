@@ -197,7 +197,8 @@ class Cycle:
 
     @property
     def period(self) -> float:
-        """The sampling period in s; of a part with a rate of its own (`every`) the period of that."""
+        """The sampling period in s; of a part with a rate of its own (`every`), or on a controller with a `cycle`, the
+        period of that."""
         return self._machine.period
 
 

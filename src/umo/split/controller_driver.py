@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from time import monotonic
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 
 from umo.cycle.machine import ConnectedMachine
+from umo.cycle.rated_machine import PartMachine
 from umo.drivers.contract import Channel, Direction, Driver, IntArray
 from umo.drivers.option_checks import duration, one_of
 from umo.drivers.streams import Host, Serial, place_of
 from umo.errors import ChannelsFailed, DriverError, WiringError
 from umo.generate.controller_generator import target_of
-from umo.objects import Compound
+from umo.objects import Compound, walk
 from umo.split.link_bodies import ControllerMode, ControllerState, FrameKind
 from umo.split.link_host import LinkHost, late
 from umo.split.link_stop import stop_controller
@@ -108,8 +109,12 @@ class Controller(Driver[Channel]):
         return plan
 
     def meet(self, part: Compound, machine: ConnectedMachine) -> None:
-        """The machine is being connected: the part's attributes are kept in step from now on."""
+        """The machine is being connected: the part's attributes are kept in step from now on. The period of its laws is
+        the controller's."""
         assert self._plan is not None
+        for each in (part, *walk(part)):
+            if self._cycle is not None and isinstance(each, Compound):
+                vars(each)["_machine"] = PartMachine(cast(ConnectedMachine, each._machine), machine.clock, self._cycle)
         self._machine, self._part, self._mirror = machine, part, PartMirror(self._plan, machine, part)
         self._ends = self._rested = False
 

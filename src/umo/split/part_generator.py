@@ -53,8 +53,8 @@ def part_files(
 
 def _files(plan: PartPlan) -> dict[str, str]:
     files = files_of(plan.model, plan.translation, plan.target)
-    on_host = plan.target.name == "host"
-    for name in ("link", "link-host" if on_host else "link-board"):
+    on_host, own = plan.target.name == "host", f"link-{plan.target.name}"
+    for name in ("link", own if (BOARDS / own).is_dir() else "link-board"):
         files |= {file.name: file.read_text("utf-8") for file in sorted((BOARDS / name).iterdir())}
     for name in ("main.c", "host_access.c", *(each for each in files if "lines" in each)):
         files.pop(name, None)

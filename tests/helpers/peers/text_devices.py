@@ -73,8 +73,8 @@ def simavr_flags() -> list[str]:
 
 
 @cache
-def firmware() -> tuple[Path, Path]:
-    """The program that emulates the board, and the firmware. Raises CannotRun."""
+def emulator() -> Path:
+    """The program that emulates an AVR, made here. Raises CannotRun."""
     for tool, package in (("avr-gcc", "gcc-avr and avr-libc"), ("cc", "gcc"), ("pkg-config", "pkg-config")):
         if shutil.which(tool) is None:
             raise CannotRun(f"the emulated AVR needs Debian's {package}")
@@ -85,13 +85,13 @@ def firmware() -> tuple[Path, Path]:
     warnings = ["-Wall", "-Wextra", "-Werror"]
     source = str(PEERS / "text_avr" / "board.c")
     subprocess.run(["cc", "-O2", *warnings, "-o", board, source, *flags, "-lutil"], check=True)
-    return board, built(PEERS / "text_avr" / "instrument.c", *warnings)
+    return board
 
 
+@cache
 def built(source: Path, *options: str) -> Path:
     """The firmware made of a C or C++ source. Raises CannotRun."""
-    if not _kept:
-        firmware()
+    emulator()
     target = Path(_kept[-1].name) / f"{source.stem}.elf"
     compiler = "avr-gcc" if source.suffix == ".c" else "avr-g++"
     machine = ["-mmcu=atmega328p", "-DF_CPU=16000000UL", "-Os"]
@@ -102,10 +102,8 @@ def built(source: Path, *options: str) -> Path:
 @contextmanager
 def avr(elf: Path | None = None) -> Iterator[str]:
     """The path of the board's serial line; it has said "ready". Raises CannotRun."""
-    board, instrument = firmware()
-    with subprocess.Popen(
-        [board, elf or instrument], stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0
-    ) as process:
+    firmware = elf or built(PEERS / "text_avr" / "instrument.c", "-Wall", "-Wextra", "-Werror")
+    with subprocess.Popen([emulator(), firmware], stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0) as process:
         assert process.stdin is not None and process.stdout is not None
         try:
             yield _wait_for(process.stdout, r"pty (/\S+)")[1]

@@ -27,7 +27,7 @@ static void put(uint32_t port, uint8_t byte)
     UART(port, 0) = byte;
 }
 
-void link_host_begin(void)
+void link_begin(void)
 {
     for (uint32_t n = 0; n < 2; n++) {
         UART(n, 0x10) = 16;

@@ -51,6 +51,10 @@ int32_t io_wait(void)
     return (int32_t)ticks;
 }
 
+void link_begin(void)
+{
+}
+
 int link_get(void)
 {
     unsigned byte;

@@ -3,7 +3,6 @@
 #include "io.h"
 #include "umo_link.h"
 
-void link_host_begin(void);
 void record_put(char c);
 void plant_read(int32_t *raws_in);                             /* once a period */
 void plant_write(int16_t place, int32_t raw, int32_t before);
@@ -15,7 +14,6 @@ static int mode = -1;
 
 bool io_begin(void)
 {
-    link_host_begin();
     return true;
 }
 

@@ -1,8 +1,8 @@
-/* An emulated ATmega328P (simavr) with the firmware FIRMWARE.elf, its UART on a pseudo-terminal: the output has the line
- * "pty PATH". Inputs of its ADC, in mV: 0: 500 for each of the outputs PB0 to PB2 that is high; 1: 1250.
- * Ends when standard input is closed.
+/* An emulated AVR (simavr), an ATmega328P by default, with the firmware FIRMWARE.elf, its UART on a pseudo-terminal: the
+ * output has the line "pty PATH", then what its second UART says, if it has one. Inputs of its ADC, in mV: 0: 500 for
+ * each of the outputs PB0 to PB2 that is high; 1: 1250. Ends when standard input is closed.
  *
- *   board FIRMWARE.elf
+ *   board FIRMWARE.elf [MCU]
  */
 #include <fcntl.h>
 #include <poll.h>
@@ -23,7 +23,7 @@
 #define SLICE_US 500
 
 static avr_t *avr;
-static int terminal = -1;
+static int terminal = -1, ready = 1;
 
 static void port_changed(struct avr_irq_t *irq, uint32_t value, void *param) {
     (void)irq, (void)param;
@@ -38,12 +38,27 @@ static void byte_sent(struct avr_irq_t *irq, uint32_t value, void *param) {
         fprintf(stderr, "a byte is lost: nobody reads the terminal\n");
 }
 
-/* Two bytes per slice are 40 kbaud. */
+static void byte_told(struct avr_irq_t *irq, uint32_t value, void *param) {
+    (void)irq, (void)param;
+    putchar((int)value);
+    if (value == '\n')
+        fflush(stdout);
+}
+
+static void flow(struct avr_irq_t *irq, uint32_t value, void *param) {
+    (void)irq, (void)value;
+    ready = param != NULL;
+}
+
+static avr_irq_t *uart(char name, int which) {
+    return avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ(name), which);
+}
+
+/* The emulated line hands the bytes on at its own rate. */
 static void feed(void) {
-    unsigned char bytes[2];
-    ssize_t n = read(terminal, bytes, sizeof bytes);
-    for (ssize_t i = 0; i < n; i++)
-        avr_raise_irq(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT), bytes[i]);
+    unsigned char byte;
+    while (ready && read(terminal, &byte, 1) == 1)
+        avr_raise_irq(uart('0', UART_IRQ_INPUT), byte);
 }
 
 /* The slave's end stays open here too, so that its other users may come and go. */
@@ -56,7 +71,13 @@ static const char *open_terminal(void) {
     if (openpty(&terminal, &slave, path, &raw, NULL) || fcntl(terminal, F_SETFL, O_NONBLOCK))
         return NULL;
     avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('0'), &flags); /* no copy on standard output */
-    avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT), byte_sent, NULL);
+    avr_irq_register_notify(uart('0', UART_IRQ_OUTPUT), byte_sent, NULL);
+    avr_irq_register_notify(uart('0', UART_IRQ_OUT_XON), flow, avr);
+    avr_irq_register_notify(uart('0', UART_IRQ_OUT_XOFF), flow, NULL);
+    if (uart('1', UART_IRQ_OUTPUT)) {
+        avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('1'), &flags);
+        avr_irq_register_notify(uart('1', UART_IRQ_OUTPUT), byte_told, NULL);
+    }
     return path;
 }
 
@@ -73,11 +94,12 @@ static void keep_pace(const struct timespec *start) {
 int main(int argc, char **argv) {
     elf_firmware_t firmware;
     memset(&firmware, 0, sizeof firmware);
-    if (argc != 2 || elf_read_firmware(argv[1], &firmware))
-        return fprintf(stderr, "usage: board FIRMWARE.elf\n"), 2;
-    avr = avr_make_mcu_by_name("atmega328p");
+    if (argc < 2 || argc > 3 || elf_read_firmware(argv[1], &firmware))
+        return fprintf(stderr, "usage: board FIRMWARE.elf [MCU]\n"), 2;
+    const char *mcu = argc == 3 ? argv[2] : "atmega328p";
+    avr = avr_make_mcu_by_name(mcu);
     if (!avr)
-        return fprintf(stderr, "this simavr has no atmega328p\n"), 1;
+        return fprintf(stderr, "this simavr has no %s\n", mcu), 1;
     avr_init(avr);
     avr->log = LOG_ERROR;
     avr->frequency = 16000000;

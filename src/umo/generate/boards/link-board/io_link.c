@@ -1,6 +1,11 @@
 /* io_link.c: the serial line to the host. Fill in each function. */
 #include "umo_link.h"
 
+void link_begin(void)
+{
+    /* The port, its rate, and its interrupts. */
+}
+
 int link_get(void)
 {
     /* The next byte that has come in, from a buffer that the interrupt of the line fills; it has room for what comes

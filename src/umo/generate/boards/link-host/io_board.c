@@ -1,11 +1,9 @@
 /* io_board.c: the circuits of the controller. Fill in each function; umo generate does not write over it. */
 #include "io.h"
 
-void link_host_begin(void);
-
 bool io_begin(void)
 {
-    link_host_begin();
+    /* Outputs at their defaults first. */
     return true;
 }
 

@@ -56,7 +56,7 @@ static void open_port(const char *text)
     (void)fflush(stdout);
 }
 
-void link_host_begin(void)
+void link_begin(void)
 {
     const char *text = getenv("UMO_LINK");
     if (text && text[0] == '/')

@@ -26,6 +26,7 @@ static void step(int32_t ticks)
 int main(void)
 {
     bool in_order = io_begin();
+    link_begin();
     machine_init(&machine);
     umo_link_begin(&machine_link, &machine, raws_in, failed_in, raws_out);
     write_defaults();

@@ -15,8 +15,9 @@ enum link_items { LINK_FIELD = 1, LINK_COMMAND, LINK_REFERENCE, LINK_CLEAR, LINK
 enum { LINK_NUMBERS = 2 }; /* of what the host is asked to plan, at most */
 enum link_modes { LINK_RESTING, LINK_RUNNING, LINK_FAULTED, LINK_HOST_GONE, LINK_BRAKING };
 
-/* The board's line. link_get: the next byte, -1: none has come. link_put never waits for long: what does not fit is
+/* The board's line. link_begin: it is opened. link_get: the next byte, -1: none has come. link_put never waits for long: what does not fit is
  * left out, and the host asks again. link_end: a frame is whole. */
+void link_begin(void);
 int link_get(void);
 void link_put(uint8_t byte);
 void link_end(void);
