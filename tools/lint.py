@@ -36,7 +36,7 @@ LINK = re.compile(r"\]\((?!https?:)([^)#]+)")
 FILE = re.compile(r"(?<![\w./~-])(?:tests|tools|bench|docs|src|umo|stations)/[\w./-]*\w")
 TEST = re.compile(r"\btest_\w+")
 PROGRAM = re.compile(r"(?:python -m |bin/)((?:bench|tools)[\w.]*)")
-MAKE = re.compile(r"^`?(?:\$ )?make ([a-z-]+)", re.M)
+MAKE = re.compile(r"^`?(?:\$ )?make ([a-z][a-z-]*)", re.M)
 UMO = re.compile(r"^(?:`|\$ )umo ([a-z][\w-]*)([^\n`|&#]*)", re.M)
 OPTION = re.compile(r"(?<=\s)--?[a-z][\w-]*")
 

@@ -215,6 +215,19 @@ def _run_host(host: Callable[[], object], controller: RunningController) -> None
         os._exit(1)
 
 
+@contextmanager
+def host_beside(host: Callable[[], object], controller: RunningController) -> Iterator[None]:
+    """A host in a process of its own, which is killed at the end."""
+    process = os.fork()
+    if not process:
+        _run_host(host, controller)
+    try:
+        yield
+    finally:
+        os.kill(process, signal.SIGKILL)
+        os.waitpid(process, 0)
+
+
 def kill_hosts(
     times: int, host: Callable[[int], object], acts: Callable[[Recorded], bool], controller: RunningController
 ) -> list[list[Recorded]]:
@@ -222,14 +235,10 @@ def kill_hosts(
     recorded afterwards, up to where its outputs are at their defaults because the host is gone."""
     found, record = list[list[Recorded]](), controller.recorded()
     for number in range(times):
-        process = os.fork()
-        if not process:
-            _run_host(partial(host, number), controller)
-        left = 5 + number % 7 * 11
-        while left:
-            left -= acts(next(record))
-        os.kill(process, signal.SIGKILL)
-        os.waitpid(process, 0)
+        with host_beside(partial(host, number), controller):
+            left = 5 + number % 7 * 11
+            while left:
+                left -= acts(next(record))
         found.append([])
         while not found[-1] or found[-1][-1].mode != HOST_GONE:
             found[-1].append(next(record))

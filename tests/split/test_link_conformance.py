@@ -3,15 +3,28 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
 from typer.testing import Result
 
 from helpers.generating import needs_a_compiler
-from helpers.split_parts import CONTROLLER, HOST_TIMEOUT, PEERS, PERIOD, ZONE, controller_of, program_of
+from helpers.split_parts import (
+    CONTROLLER,
+    HOST_TIMEOUT,
+    PEERS,
+    PERIOD,
+    ZONE,
+    RunningController,
+    controller_of,
+    program_of,
+)
 from umo.drivers.faults.wrapper import bare
 from umo.generate.controller_model import wired_numbers
 from umo.stations.furnace.objects import machine
@@ -21,6 +34,7 @@ from umo.wiring import resolve
 
 pytestmark = needs_a_compiler
 Umo = Callable[..., Result]
+GUIDE = Path(__file__).parents[2] / "docs" / "howto-split.md"
 OPTIONS = ("--zones", "1", "--laws", "1")
 SLOW = pytest.mark.full
 MUTANTS = {
@@ -96,3 +110,46 @@ def test_a_mistake_of_a_controller_is_found(rule: str, folder: Path, tmp_path: P
     (broken / name).write_text(text.replace(right, wrong))
     found = tried(rule, program_of(broken), tmp_path)
     assert found.verdict is Judgement.FAILED, found
+
+
+@pytest.fixture
+def guide(umo: Umo, tmp_path: Path) -> dict[str, str]:
+    """The blocks of the guide's example by language; its program is generated."""
+    text = GUIDE.read_text().partition("## Try it on")[2].partition("\n## ")[0]
+    blocks = dict(re.findall(r"```(toml|c|python)\n(.*?)```", text, re.DOTALL))
+    file, to = tmp_path / "split.toml", ("--target", "host", "-o", str(tmp_path / "program"))
+    file.write_text(blocks["toml"])
+    assert umo("generate", "ztheta", "--controller", "drive", "-w", str(file), *to).exit_code == 0
+    return blocks
+
+
+def guide_controller(folder: Path) -> AbstractContextManager[RunningController]:
+    """Its controller, which runs on a free port."""
+    subprocess.run(["make", "-s", "-C", folder / "program", "CC=cc -Werror"], check=True)
+    return controller_of(folder / "program" / "machine")
+
+
+def at_port(guide: dict[str, str], port: int) -> str:
+    return guide["toml"].replace('"controller" ', f'"controller"\nport = {port}')
+
+
+def test_a_board_that_is_not_filled_in_is_told_with_what_it_cannot_read(
+    guide: dict[str, str], umo: Umo, tmp_path: Path
+) -> None:
+    with guide_controller(tmp_path) as controller:
+        (tmp_path / "split.toml").write_text(at_port(guide, controller.port))
+        umo("conform", "ztheta", "-w", str(tmp_path / "split.toml"), "--driver", "drive", "--json", "found.json")
+        (values,) = (
+            each for each in json.loads(Path("found.json").read_text())["findings"] if each["rule"] == "values"
+        )
+        assert values["why"] == "the part does not run: it is FAULTED: theta.encoder: DriverError: could not be read"
+
+
+def test_the_example_of_the_guide_moves_its_axis(guide: dict[str, str], tmp_path: Path) -> None:
+    (tmp_path / "program" / "io_board.c").write_text(guide["c"])
+    (tmp_path / "move.py").write_text(guide["python"])
+    with guide_controller(tmp_path) as controller:
+        (tmp_path / "split.toml").write_text(at_port(guide, controller.port))
+        command = [sys.executable, "-I", tmp_path / "move.py"]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+        assert (done.stderr, float(done.stdout)) == ("", pytest.approx(240.0, abs=0.2))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +21,7 @@ from helpers.split_parts import (
     RunningController,
     controller_of,
     emulated_controller,
+    host_beside,
     kill_hosts,
 )
 from umo.cycle.connect import connect
@@ -87,6 +90,16 @@ def test_when_the_host_is_killed_the_heater_is_off_and_the_fan_on_in_time(
 ) -> None:
     for *_, gone in kill_hosts(times, lambda _: heat(controller.port), heats, controller):
         assert (gone.outputs, gone.silent <= TIMEOUT_PERIODS) == (ZONE.defaults, True)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_program_that_is_ended_leaves_its_outputs_at_their_defaults(program: Path, number: int) -> None:
+    with controller_of(program) as controller, host_beside(lambda: heat(controller.port), controller):
+        record = controller.recorded()
+        assert heats(next(each for each in record if heats(each)))
+        os.kill(controller.pid, number)
+        *_, last = record
+        assert last.outputs == ZONE.defaults
 
 
 @pytest.mark.full

@@ -234,9 +234,9 @@ class Controller(Driver[Channel]):
 
     def _tell_faults(self, state: ControllerState, mirror: PartMirror) -> None:
         """Faults of equipment in the part, and one of the part as a whole: on the controller it is the machine."""
-        assert self._machine is not None and self._part is not None
+        assert self._machine is not None and self._part is not None and self._plan is not None
         for part, fault in mirror.new_faults(state):
-            self._machine.fail(part, DriverError(self._text_of(fault)))
+            self._machine.fail(part, DriverError(self._plan.fault_text(fault)))
         if state.mode is ControllerMode.FAULTED and not self._contained:
             self._contained = self._machine.fail(self._part, DriverError(self._fault_text(state)))
 
@@ -266,13 +266,5 @@ class Controller(Driver[Channel]):
             return "the controller has stopped: it had not heard this host in time"
         if state.mode is ControllerMode.RESTING:
             return "the controller was stopped"
-        return self._text_of(state.fault, state.fault_object)
-
-    def _text_of(self, number: int, slot: int = -1) -> str:
         assert self._plan is not None
-        fault = self._plan.faults.get(number)
-        if fault is None:
-            return "the controller's watchdog has ended its last run" if number < 0 else f"fault {number}"
-        path = f"{self._plan.model.objects[slot].path}: " if slot >= 0 else ""
-        where = f" ({fault.file}:{fault.line})" if fault.line else ""
-        return f"{path}{fault.kind}: {fault.text}{where}"
+        return self._plan.fault_text(state.fault, state.fault_object)

@@ -72,6 +72,15 @@ class PartPlan:
     def faults(self) -> dict[int, CodeFault]:
         return {each.number: each for each in faults_of(self.translation)}
 
+    def fault_text(self, number: int, slot: int = -1) -> str:
+        """What a fault of the controller means. `slot`: of the object that has failed, below 0: none."""
+        fault = self.faults.get(number)
+        if fault is None:
+            return "the controller's watchdog has ended its last run" if number < 0 else f"fault {number}"
+        path = f"{self.model.objects[slot].path}: " if slot >= 0 else ""
+        where = f" ({fault.file}:{fault.line})" if fault.line else ""
+        return f"{path}{fault.kind}: {fault.text}{where}"
+
     @cached_property
     def hash(self) -> int:
         """Of all that both ends must agree on. What fields are at first is not in it: the host sends it."""

@@ -89,9 +89,9 @@ def values(trial: LinkTrial) -> str:
     defaults."""
     model, missing = trial.plan.model, set[str]()
     with trial.peer() as peer:
-        last = _running(peer.started())
+        last = _running(trial, peer.started())
         for _ in range(EXCHANGES):
-            state = _running(peer.asked(EXCHANGE))
+            state = _running(trial, peer.asked(EXCHANGE))
             if state.number <= last.number:
                 raise RuleBroken(f"after period {last.number} an answer is of period {state.number}")
             _at_defaults(trial, state)
@@ -109,7 +109,7 @@ def repeated(trial: LinkTrial) -> None:
         peer.refused(framed(peer.body(EXCHANGE, number=number)), "a frame that came twice")
         peer.asked(EXCHANGE)
         peer.refused(framed(peer.body(EXCHANGE, number=number)), "a frame that came after a later one")
-        _running(peer.asked(EXCHANGE))
+        _running(trial, peer.asked(EXCHANGE))
 
 
 def damaged(trial: LinkTrial) -> None:
@@ -124,7 +124,7 @@ def damaged(trial: LinkTrial) -> None:
             else:
                 del data[random.randrange(2, len(data) - 1)]
             peer.refused(bytes(data), "a damaged frame")
-            _running(peer.asked(EXCHANGE))
+            _running(trial, peer.asked(EXCHANGE))
 
 
 def items(trial: LinkTrial) -> None:
@@ -138,7 +138,7 @@ def items(trial: LinkTrial) -> None:
         }
         for what, each in wrong.items():
             peer.refused(framed(peer.body(EXCHANGE, items=(each,))), f"a frame with {what}")
-            _running(peer.asked(EXCHANGE))
+            _running(trial, peer.asked(EXCHANGE))
 
 
 def second_host(trial: LinkTrial) -> None:
@@ -146,11 +146,11 @@ def second_host(trial: LinkTrial) -> None:
     with trial.peer() as peer:
         peer.started()
         first, second = peer.session, peer.greeted().session
-        _running(peer.asked(EXCHANGE))
+        _running(trial, peer.asked(EXCHANGE))
         peer.session = second
-        _running(peer.asked(START, peer.fields()))
+        _running(trial, peer.asked(START, peer.fields()))
         peer.refused(framed(peer.body(EXCHANGE, session=first)), "a frame of a session before")
-        _running(peer.asked(EXCHANGE))
+        _running(trial, peer.asked(EXCHANGE))
 
 
 def silence(trial: LinkTrial) -> str:
@@ -158,7 +158,7 @@ def silence(trial: LinkTrial) -> str:
     session is over."""
     with trial.peer() as peer:
         peer.started()
-        before = _running(peer.asked(EXCHANGE))
+        before = _running(trial, peer.asked(EXCHANGE))
         peer.silent(trial.plan.host_timeout + max(trial.patience, 5 * trial.plan.model.period))
         peer.refused(framed(peer.body(EXCHANGE)), f"after {trial.plan.host_timeout:g} s of silence a frame")
         after = peer.asked(STOP, session=peer.greeted().session)
@@ -213,9 +213,9 @@ def findings(trial: LinkTrial, names: Iterable[str] = RULES) -> Iterator[Finding
             yield Finding(name, text, Judgement.FAILED, str(error) or "the line was lost")
 
 
-def _running(state: ControllerState) -> ControllerState:
+def _running(trial: LinkTrial, state: ControllerState) -> ControllerState:
     if state.mode is not ControllerMode.RUNNING:
-        why = f", fault {state.fault}" if state.fault else ""
+        why = f": {trial.plan.fault_text(state.fault, state.fault_object)}" if state.fault else ""
         raise RuleBroken(f"the part does not run: it is {state.mode.name}{why}")
     return state
 

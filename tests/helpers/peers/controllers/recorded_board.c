@@ -4,6 +4,7 @@
 #include "umo_link.h"
 
 void record_put(char c);
+void record_period(void); /* the one before is over */
 void plant_read(int32_t *raws_in);                             /* once a period */
 void plant_write(int16_t place, int32_t raw, int32_t before);
 extern umo_link machine_link;
@@ -33,8 +34,7 @@ static void put_number(long value)
     record_put(' ');
 }
 
-/* The period before is over. */
-static void record(void)
+void record_period(void)
 {
     bool changed = mode != machine_link.mode;
     bool same = heard == machine_link.heard && (session == machine_link.session || !machine_link.session);
@@ -60,7 +60,7 @@ void io_read(int32_t *raws_in, uint8_t *failed_in)
 {
     (void)failed_in;
     period++;
-    record();
+    record_period();
     plant_read(raws_in);
 }
 

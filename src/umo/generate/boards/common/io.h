@@ -10,7 +10,8 @@ bool io_begin(void);
 /* Arms the watchdog, and feeds it: once a period, and never from an interrupt. */
 void io_watchdog(void);
 
-/* Waits for the next tick of MACHINE_PERIOD. Ticks since the last call: 1 in time, 3 where two were missed. */
+/* Waits for the next tick of MACHINE_PERIOD. Ticks since the last call: 1 in time, 3 where two were missed. Below 0: the
+ * program is to end; only with a host, main_link.c, on a computer. */
 int32_t io_wait(void);
 
 /* Every input; failed_in[place] = 1 where one could not be read (it is 0 before). */

@@ -1,10 +1,12 @@
 /* link_host.c: the line and the tick of a controller on this computer. UMO_LINK is the port of 127.0.0.1 where it waits
- * for its host (default 5327; 0: any, told on standard output), or a device file, such as /dev/ttyUSB0. */
+ * for its host (default 5327; 0: any, told on standard output), or a device file, such as /dev/ttyUSB0. Ctrl-C and
+ * SIGTERM end the program, with its outputs at their defaults. */
 #define _GNU_SOURCE
 #include <errno.h>
 #include <fcntl.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -22,6 +24,7 @@ static uint8_t in[512], out[ROOM];
 static ssize_t got, taken;
 static size_t length;
 static struct timespec next;
+static volatile sig_atomic_t ends;
 static const long PERIOD = (long)(MACHINE_PERIOD * 1e9 + 0.5);
 
 static void failed(const char *what)
@@ -56,8 +59,18 @@ static void open_port(const char *text)
     (void)fflush(stdout);
 }
 
+static void end(int number)
+{
+    (void)number;
+    ends = 1;
+}
+
 void link_begin(void)
 {
+    const struct sigaction ending = {.sa_handler = end};
+    (void)sigaction(SIGINT, &ending, NULL);
+    (void)sigaction(SIGTERM, &ending, NULL);
+    (void)sigaction(SIGHUP, &ending, NULL);
     const char *text = getenv("UMO_LINK");
     if (text && text[0] == '/')
         open_device(text);
@@ -126,8 +139,10 @@ static void add_period(void)
 int32_t io_wait(void)
 {
     int32_t ticks = 1;
-    while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &next, NULL) == EINTR)
+    while (!ends && clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &next, NULL) == EINTR)
         continue;
+    if (ends)
+        return -1;
     for (add_period(); passed(); add_period())
         ticks++;
     return ticks;

@@ -37,6 +37,8 @@ int main(void)
     }
     for (;;) {
         int32_t ticks = io_wait();
+        if (ticks < 0)
+            break;
         read_inputs();
         umo_link_receive(&machine_link);
         bool runs = umo_link_count(&machine_link, ticks);
@@ -47,4 +49,6 @@ int main(void)
         umo_link_answer(&machine_link);
         io_watchdog();
     }
+    write_defaults();
+    return 0;
 }
