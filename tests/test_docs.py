@@ -36,11 +36,11 @@ def in_an_empty_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Itera
 @pytest.mark.parametrize("page", some(lambda page: page.name not in LONG, PAGES), ids=lambda page: page.name)
 def test_the_python_of_a_page_runs_from_top_to_bottom(page: Path, tmp_path: Path) -> None:
     """A block that names a file imports what it uses; the others of a page share a namespace. Those for a notebook are
-    run by tests/test_notebook.py."""
+    run by tests/test_notebook.py, those for a controller by tests/split/test_link_conformance.py."""
     write_files(page, tmp_path)
     namespace: dict[str, object] = {"__name__": page.stem.replace("-", "_")}
     for rest, text in blocks(page, "python"):
-        if rest == "notebook":
+        if rest in ("notebook", "controller"):
             continue
         text = text.replace('umo.start("ztheta", ', f'umo.start("ztheta", {str(patient("ztheta", tmp_path))!r}, ')
         own = {"__name__": rest.removesuffix(".py")} if "." in rest else namespace

@@ -190,8 +190,8 @@ def test_a_loop_is_found_by_its_law_its_sensor_or_its_actuator(path: str) -> Non
     ("path", "message"),
     [
         ("sevro", "no law 'sevro' (did you mean 'servo'?)"),
-        ("door", "door has no law"),
-        ("heating", "no law 'heating'"),
+        ("door", "door has no law; there are: "),
+        ("heating", "no law 'heating' (did you mean 'heating.1'?)"),
         ("heating.7", "no law 'heating.7'"),
     ],
 )

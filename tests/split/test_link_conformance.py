@@ -116,7 +116,7 @@ def test_a_mistake_of_a_controller_is_found(rule: str, folder: Path, tmp_path: P
 def guide(umo: Umo, tmp_path: Path) -> dict[str, str]:
     """The blocks of the guide's example by language; its program is generated."""
     text = GUIDE.read_text().partition("## Try it on")[2].partition("\n## ")[0]
-    blocks = dict(re.findall(r"```(toml|c|python)\n(.*?)```", text, re.DOTALL))
+    blocks = dict(re.findall(r"```(toml|c|python)(?: controller)?\n(.*?)```", text, re.DOTALL))
     file, to = tmp_path / "split.toml", ("--target", "host", "-o", str(tmp_path / "program"))
     file.write_text(blocks["toml"])
     assert umo("generate", "ztheta", "--controller", "drive", "-w", str(file), *to).exit_code == 0

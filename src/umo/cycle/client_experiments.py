@@ -45,15 +45,16 @@ def loops_in(root: Compound) -> Iterator[FoundLoop]:
 def loop_at(root: Compound, place: str) -> FoundLoop:
     """The loop at this path; PathError names the nearest one, or those among which it does not choose."""
     known = {each.path: each for each in loops_in(root)}
+    there = f"; there are: {some(list(known))}" if known else "; the machine has none that can be tuned"
     if place in known:
         return known[place]
     try:
         node = find(root, place)
     except PathError:
-        raise PathError(f"no law {place!r}{did_you_mean(place, known)}") from None
+        raise PathError(f"no law {place!r}{did_you_mean(place, known) or there}") from None
     found = [each for each in known.values() if any(is_within(end, node) for end in (each.part, *each.ends))]
     if not found:
-        raise PathError(f"{place} has no law")
+        raise PathError(f"{place} has no law{there}")
     if len(found) > 1:
         raise PathError(f"{place} has several laws; name one: {some([each.path for each in found])}")
     return found[0]
