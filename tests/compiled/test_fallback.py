@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,10 @@ from umo.cycle.connect import connect
 from umo.errors import BadInput, DeclarationError, RangeError
 from umo.generate import compiled_laws, law_library
 from umo.generate.compiled_laws import CompiledLaws, prepare
+from umo.process.compiling import prepare_if_asked
 from umo.testing import VirtualTimer
 from umo.wiring import resolve
+from umo.wiring.wired import ProcessSettings
 
 Umo = Callable[..., Any]
 pytestmark = needs_a_compiler
@@ -211,6 +214,14 @@ def test_a_library_is_compiled_once_and_again_where_it_is_damaged(cache: Path, m
     damaged = library.with_name("x.so")
     damaged.write_bytes(library.read_bytes()[:100])
     assert law_library._is_sound(library) and not law_library._is_sound(damaged) and not damaged.exists()
+
+
+def test_a_compilation_that_fails_by_itself_leaves_the_laws_in_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    machine, said = pump(), list[str]()
+    monkeypatch.setattr(compiled_laws, "translate", lambda *_: {}["nobody thought of it"])
+    found = replace(resolve(machine, wired(machine, Fragile(), VirtualTimer())), process=ProcessSettings(compile=True))
+    assert prepare_if_asked(machine, found, said.append) is None
+    assert said[0].startswith("the laws run in Python, not compiled: KeyError: 'nobody thought of it'")
 
 
 def test_what_does_not_translate_is_told_and_the_run_goes_on(umo: Umo, tmp_path: Path) -> None:

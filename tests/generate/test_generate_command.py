@@ -13,6 +13,7 @@ import pytest
 from typer.testing import Result
 
 from helpers.generating import needs_a_compiler
+from umo.generate.statement_code import StatementCode
 
 Umo = Callable[..., Result]
 STATION = """
@@ -122,6 +123,18 @@ def test_a_target_or_numbers_that_there_are_not_are_told_in_a_line(
 ) -> None:
     result = umo("generate", str(good), "-o", str(tmp_path / "c"), *arguments)
     assert result.exit_code == 2 and len(result.stderr.splitlines()) == 1 and said in result.stderr
+
+
+def test_what_fails_in_the_translation_itself_is_told_with_its_line(
+    good: Path, tmp_path: Path, umo: Umo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object) -> None:
+        raise KeyError("nobody thought of it")
+
+    monkeypatch.setattr(StatementCode, "_Expr", fails)
+    result = umo("generate", str(good), "--target", "host", "-o", str(tmp_path / "c"))
+    assert result.exit_code == 2
+    assert ":17: self.motor.write" in result.stderr and "it cannot be translated (KeyError: 'nobody" in result.stderr
 
 
 def test_a_table_that_the_target_does_not_hold_is_told_in_a_line(tmp_path: Path, umo: Umo) -> None:

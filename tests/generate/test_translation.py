@@ -27,7 +27,7 @@ class Colour(Enum):
 
 class Pair(NamedTuple):
     first: float
-    second: float
+    second: float = 2.0
 
 
 class Helper:
@@ -69,6 +69,55 @@ class Calculation:
 
     def sums(self) -> None:
         self.out = self.a + self.b * self.a - (self.b - 1) * 0.1
+
+    def sum_of_a_list(self) -> None:
+        self.table[1] = self.a
+        self.table[3] = self.b
+        self.out = sum(self.table)
+
+    def sum_of_a_tuple(self) -> None:
+        self.out = sum((self.a, self.i, 1e16, self.b, self.j, -1e16, 0.1))
+
+    def sum_of_expressions(self) -> None:
+        self.table[0] = self.b
+        self.out = sum(each * self.a for each in self.table) + sum(each > 2.0 for each in self.table)
+
+    def extremes_of_a_list(self) -> None:
+        self.table[2] = self.a
+        self.out = max(self.table) - min(self.table)
+
+    def some_and_every_element(self) -> None:
+        self.table[0] = self.a
+        self.steps = any(self.table) + 2 * all(self.table) + 4 * any(each > self.b for each in self.table)
+
+    def tuple_with_a_default(self) -> None:
+        self.pair = Pair(self.a)
+
+    def matches(self) -> None:
+        match self.colour:
+            case Colour.RED if self.a > 0.0:
+                self.steps = 1
+            case Colour.RED | Colour.GREEN:
+                self.steps = 2
+            case _:
+                self.steps = 3
+        match self.i // 2:
+            case 0:
+                self.out = self.a
+            case 1 | 2:
+                self.out = self.b
+        match self.last:
+            case None:
+                self.last = self.a
+
+    def matches_and_returns(self) -> None:
+        match self.j:
+            case 0:
+                self.steps = 4
+                return
+            case _ if self.j > 2:
+                self.steps = 5
+        self.out = 1.0
 
     def quotient(self) -> None:
         self.out = self.a / self.b + 1.0

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import ast
 import math
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
-from umo.generate.c_types import BOOL, INT, REAL, ArrayType
+from umo.generate.c_types import BOOL, INT, REAL, ArrayType, NumpyNumber
 from umo.generate.expression_code import NUMBERS
 from umo.generate.function_scope import TELLS
 from umo.generate.terms import Code, Known, Many, Term, UnknownText
@@ -29,6 +30,10 @@ WHOLE: dict[Any, str] = {
 }
 
 
+MAKES_UP = sys.version_info >= (3, 12)
+"""Whether `sum` of this Python makes up for what is lost when it rounds."""
+
+
 class BuiltinCode(VectorCode):
     """The part of a function that calls min, max, abs, round, len, any, math ..."""
 
@@ -39,6 +44,9 @@ class BuiltinCode(VectorCode):
         if target in (min, max):
             return self._extreme(target, arguments, node)
         one = arguments[0] if len(arguments) == 1 else None
+        if one is not None and target in (sum, any, all) and not isinstance(one, Known):
+            terms = self.parts(one, node.args[0])
+            return self._added(terms, node) if target is sum else self._any_or_all(target, terms, node)
         if one is None:
             return self._of_two(target, arguments, node)
         if (
@@ -111,6 +119,8 @@ class BuiltinCode(VectorCode):
     def _of_two(self, target: Any, arguments: list[Term], node: ast.Call) -> Term | None:
         if len(arguments) != 2:
             return None
+        if target is round:
+            raise self.refused(node, "`round` to a number of digits", "round(x / 0.1) * 0.1")
         if target is math.copysign:
             a, b = (self.as_type(self.number(each, node), REAL, node) for each in arguments)
             return Code(REAL, f"umo_copysign({a}, {b})")
@@ -153,20 +163,12 @@ class BuiltinCode(VectorCode):
         if len(generator.generators) != 1:
             raise self.refused(node, "two loops in one expression", "a loop for each")
         elements = self.elements(self.term(first.iter), first.iter)
-        of = INT if target is sum else BOOL
-        parts = []
         if target is sum:
-            total: Term = Known(0)
-            for each in elements:
-                with self.bound_to(first.target, each):
-                    condition = self._all_of(first.ifs)
-                    if condition is not True:
-                        raise self.refused(node, "`if` in a sum", "a loop")
-                    total = self.arithmetic(
-                        ast.Add(), self.number(total, node), self.number(self.term(generator.elt), node), node
-                    )
-            return total
-        result = self.temporary(of, "c")
+            if first.ifs:
+                raise self.refused(node, "`if` in a sum", "a loop")
+            return self._added(self._terms_over(generator, elements), node)
+        parts = []
+        result = self.temporary(BOOL, "c")
         end = self.label("found")
         self.line(f"{result} = {'false' if target is any else 'true'};", pure=True)
         for each in elements:
@@ -184,8 +186,38 @@ class BuiltinCode(VectorCode):
             self.line(f"{end}:;", pure=True)
         return Code(BOOL, result, stable=True)
 
-    def _all_of(self, tests: Sequence[ast.AST]) -> bool:
-        return not tests
+    def _terms_over(self, generator: ast.GeneratorExp, elements: Sequence[Term]) -> Iterator[Term]:
+        for each in elements:
+            with self.bound_to(generator.generators[0].target, each):
+                term = self.term(generator.elt)
+                yield self.kept(term) if isinstance(term, Code) else term  # the names stand for others in the next turn
+
+    def _added(self, terms: Iterable[Term], node: ast.Call) -> Term:
+        """A sum in the order of its terms. From Python 3.12 on `sum` makes up for what rounding loses (Neumaier); for
+        its own numbers, not for those of numpy, and those after one."""
+        total, lost, makes_up = self.number(Known(0), node), "", MAKES_UP
+        for each in terms:
+            makes_up = makes_up and not (isinstance(each, Code) and isinstance(each.type, NumpyNumber))
+            code = self.number(each, node)
+            if lost and not makes_up:
+                total, lost = Code(REAL, f"umo_added({total.text}, {lost})"), ""
+            if makes_up and not lost and REAL == total.type == code.type:
+                name, lost = self.temporary(REAL, "sum"), self.temporary(REAL, "lost")
+                self.line(f"{name} = {total.text};", pure=True)
+                self.line(f"{lost} = 0;", pure=True)
+                total = Code(REAL, name)
+            if not lost:
+                total = self.arithmetic(ast.Add(), total, code, node)
+            elif code.type == REAL:
+                self.line(f"umo_add(&{total.text}, &{lost}, {code.text});", pure=True)
+            else:
+                self.line(f"{total.text} += {self.as_type(code, REAL, node)};", pure=True)
+        return Code(REAL, f"umo_added({total.text}, {lost})") if lost else total
+
+    def _any_or_all(self, target: Any, terms: Sequence[Term], node: ast.Call) -> Term:
+        truths = [self.truth(each, node) for each in terms]
+        texts = [str(each).lower() if isinstance(each, bool) else f"({each})" for each in truths]
+        return Code(BOOL, f"({(' || ' if target is any else ' && ').join(texts)})") if texts else Known(target(()))
 
     def elements(self, term: Term, node: ast.AST) -> list[Term]:
         raise NotImplementedError

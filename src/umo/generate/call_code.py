@@ -18,12 +18,15 @@ from umo.control.profile import Profile
 from umo.errors import RangeError, StateError
 from umo.generate.array_code import ArrayMethod
 from umo.generate.attribute_code import AttributeCode, dropped
-from umo.generate.c_types import BOOL, MASK, REAL, TupleType, state
+from umo.generate.c_types import BOOL, MASK, REAL, ArrayType, TupleType, state
+from umo.generate.expression_code import of_element
 from umo.generate.function_source import NoSource, bound
 from umo.generate.terms import TEXT, Code, Known, Many, Term
 from umo.objects import DigitalSensor, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
 
+MOST_NUMBERS = 256
+"""Elements of a list in one expression, each written out."""
 HOST_CALLS: frozenset[Any] = frozenset({Profile.to})
 """What only the host can do: it plans motions."""
 
@@ -66,7 +69,7 @@ class CallCode(AttributeCode):
         return arguments, {str(each.arg): term for each, term in zip(node.keywords, rest, strict=True)}
 
     def parts(self, term: Term, node: ast.AST) -> list[Term]:
-        """The elements of a tuple."""
+        """The elements of a tuple, or of a list of numbers."""
         if isinstance(term, Many):
             return list(term.terms)
         if isinstance(term, Known) and isinstance(term.value, tuple | list):
@@ -74,7 +77,20 @@ class CallCode(AttributeCode):
         if isinstance(term, Code) and isinstance(term.type, TupleType):
             place = self.place(term).text
             return [Code(of, f"{place}.{name}") for name, of in term.type.members]
+        if isinstance(term, Code) and isinstance(term.type, ArrayType):
+            return self.numbers_of(term, node)
         raise self.refused(node, "the number of its elements is not known")
+
+    def numbers_of(self, code: Code, node: ast.AST) -> list[Term]:
+        """The elements of an array or a list of numbers, each as an expression of its own."""
+        assert isinstance(code.type, ArrayType)
+        self.check_length(code.type, node)
+        if code.type.length > MOST_NUMBERS:
+            raise self.refused(
+                node, f"{code.type.length} numbers in one expression", f"at most {MOST_NUMBERS}, or a loop"
+            )
+        place = self.kept_place(code)
+        return [Code(of_element(code.type), f"{place}.at[{i}]") for i in range(code.type.length)]
 
     def apply(self, func: Known, arguments: list[Term], named: dict[str, Term], node: ast.Call) -> Term:
         target = func.value
@@ -97,7 +113,10 @@ class CallCode(AttributeCode):
         if target is value_of or target is state_of:
             return self._input(target, arguments, named, node)
         if isinstance(target, type) and issubclass(target, tuple) and hasattr(target, "_fields"):
-            given = dict(zip(target._fields, arguments, strict=False)) | named
+            defaults = {name: Known(each) for name, each in getattr(target, "_field_defaults", {}).items()}
+            given = defaults | dict(zip(target._fields, arguments, strict=False)) | named
+            if len(arguments) > len(target._fields) or given.keys() != set(target._fields):
+                raise self.refused(node, f"it does not give the fields of {target.__name__}", ", ".join(target._fields))
             return Many(tuple(given[name] for name in target._fields), target._fields, target)
         if target in (zip, enumerate) and all(isinstance(each, Known) for each in (*arguments, *named.values())):
             given = {name: each.value for name, each in named.items()}  # type: ignore[union-attr]

@@ -127,8 +127,8 @@ class LoopCode(AssignmentCode):
         self._meet(out)
 
     def elements(self, term: Term, node: ast.AST) -> list[Term]:
-        if isinstance(term, Many):
-            return list(term.terms)
+        if isinstance(term, Many) or (isinstance(term, Code) and isinstance(term.type, ArrayType)):
+            return self.parts(term, node)
         if isinstance(term, Known):
             with suppress(TypeError):
                 return [Known(each) for each in term.value]

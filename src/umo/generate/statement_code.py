@@ -6,9 +6,13 @@ import ast
 from collections.abc import Sequence
 from typing import Any
 
+from umo.errors import text_of
 from umo.generate.error_code import ErrorCode
 from umo.generate.function_scope import TELLS, NoTranslation
 from umo.generate.terms import Code, Known
+
+UNFORESEEN = (ArithmeticError, AssertionError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
+"""What the translation of a statement may raise that nobody has thought of."""
 
 
 class StatementCode(ErrorCode):
@@ -22,8 +26,11 @@ class StatementCode(ErrorCode):
                 raise self.refused(
                     each, "this statement does not translate", "if, for, while, try, raise, return, assignments"
                 )
-            if method(each) is False:
-                return False
+            try:
+                if method(each) is False:
+                    return False
+            except UNFORESEEN as error:
+                raise self.refused(each, f"it cannot be translated ({text_of(error)})") from error
         return True
 
     def _Pass(self, node: ast.Pass) -> None:
@@ -74,6 +81,28 @@ class StatementCode(ErrorCode):
         self._join(one, goes_on, other)
         self.known = self.known if not goes_on else after if not other else after & self.known
         return None if goes_on or other else False
+
+    def _Match(self, node: ast.Match) -> bool:
+        """As `if`s, of which each compares with what stands after `case`."""
+        name = f"matched{node.lineno}"
+        ways: list[ast.stmt] = []
+        for case in reversed(node.cases):
+            test = self._matches(case.pattern, name)
+            test = test if case.guard is None else ast.BoolOp(ast.And(), [test, case.guard])
+            ways = [ast.If(test, case.body, ways)]
+        new = [ast.Assign([ast.Name(name, ast.Store())], node.subject), *ways]
+        return self.body([ast.fix_missing_locations(ast.copy_location(each, node)) for each in new])
+
+    def _matches(self, pattern: ast.pattern, name: str) -> ast.expr:
+        if isinstance(pattern, ast.MatchOr):
+            return ast.BoolOp(ast.Or(), [self._matches(each, name) for each in pattern.patterns])
+        if isinstance(pattern, ast.MatchAs) and pattern.pattern is None and pattern.name is None:
+            return ast.Constant(True)
+        if isinstance(pattern, ast.MatchValue):
+            return ast.Compare(ast.Name(name, ast.Load()), [ast.Eq()], [pattern.value])
+        if isinstance(pattern, ast.MatchSingleton):
+            return ast.Compare(ast.Name(name, ast.Load()), [ast.Is()], [ast.Constant(pattern.value)])
+        raise self.refused(pattern, "this pattern does not translate", "values, None, |, _ and `if`")
 
     def _does_something(self, statements: Sequence[ast.stmt]) -> bool:
         """Whether more is left of statements than a text: a line, or a way out."""

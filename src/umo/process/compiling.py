@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from umo.cycle.machine import ConnectedMachine
-from umo.errors import DeclarationError, text_of
+from umo.errors import text_of
 from umo.objects import Compound
 from umo.wiring.wired import Wired
 
@@ -23,8 +23,8 @@ def prepare_if_asked(root: Compound, wired: Wired, say: Callable[[str], object])
 
     try:
         return prepare(root, wired)
-    except (DeclarationError, OSError) as error:
-        say(f"the laws run in Python, not compiled: {error}")
+    except Exception as error:  # the laws run in any case
+        say(f"the laws run in Python, not compiled: {text_of(error)}")
         return None
 
 

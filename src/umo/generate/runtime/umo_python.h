@@ -157,6 +157,19 @@ static inline bool umo_is_finite(umo_real x)
     return isfinite(x);
 }
 
+/* sum() of Python 3.12 and later: what rounding has lost is added at the end (Neumaier). */
+static inline void umo_add(umo_real *total, umo_real *lost, umo_real x)
+{
+    umo_real sum = *total + x;
+    *lost += umo_fabs(*total) >= umo_fabs(x) ? (*total - sum) + x : (x - sum) + *total;
+    *total = sum;
+}
+
+static inline umo_real umo_added(umo_real total, umo_real lost)
+{
+    return lost != 0 && umo_is_finite(lost) ? total + lost : total;
+}
+
 static inline bool umo_is_nan(umo_real x)
 {
     return isnan(x);
