@@ -415,6 +415,7 @@ def test_a_batch_that_waits_for_the_scale_of_a_line_in_fault_is_not_broken() -> 
     assert [equipment for equipment, _ in run.faults] == ["line", "reactors.0"]
 
 
+@pytest.mark.full
 def test_a_batch_waits_for_a_line_in_fault_for_so_long_and_no_longer() -> None:
     run = Run(batches=2, fault=["line.scale disconnect at 60 s"], repair_time=None, patience=60.0)
     assert "reactor 0: 1 of 2 batches not made: the charging line was in fault for 600 s" in str(run.error)

@@ -18,7 +18,7 @@ from helpers.tiers import some
 from umo.cli.app import app
 
 LONG = {"furnace.md", "ztheta.md", "howto-late-periods.md", "howto-inject-faults.md", "howto-write-a-driver.md"}
-LONG |= {"howto-command-a-running-machine.md"}
+LONG |= {"howto-command-a-running-machine.md", "batch.md", "conveyor.md"}
 """Pages whose blocks take seconds: whole runs of stations, a whole certificate, real time."""
 
 

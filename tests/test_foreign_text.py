@@ -151,6 +151,7 @@ def changed(data: Any, where: list[int], value: Any) -> Any:
 PARTS = ("about", "objects", "signals", "phases", "interlocks", "actions", "tunables")
 
 
+@pytest.mark.full
 @given(
     part=st.sampled_from(PARTS),
     where=st.lists(st.integers(0, 30), min_size=1, max_size=3),

@@ -150,6 +150,7 @@ def test_inputs_alone_are_read_without_a_question_and_nothing_is_written(umo: Um
     assert "directions" not in said(result)
 
 
+@pytest.mark.full
 def test_an_input_that_is_steady_lets_the_line_be_tried_without_an_output(umo: Umo, press: Path) -> None:
     words = ("--only", "encoder", "--steady", "encoder", "--json", "made.json")
     result = umo("conform", "press", "-w", "card", *words)
@@ -187,6 +188,7 @@ class Card(Careful):
 INPUT = ("conform", "press", "-w", "card", "--only", "encoder", "--steady", "encoder")
 
 
+@pytest.mark.full
 def test_the_line_of_a_driver_that_knows_its_port_is_disturbed(umo: Umo, press: Path, device: Device) -> None:
     own_card(press, PLACED.replace("PORT", str(device.port)))
     result = umo(*INPUT)

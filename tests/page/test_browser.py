@@ -212,6 +212,7 @@ def test_who_works_an_actuator_by_client_is_named_beside_it(page: Any, monkeypat
         page.locator('tr[data-path="valve"]').get_by_text("by client: Ann (page, ::1)").wait_for()
 
 
+@pytest.mark.full
 @pytest.mark.smoke
 def test_the_page_follows_a_station_that_starts_again(page: Any) -> None:
     with serving() as served:

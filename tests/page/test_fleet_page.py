@@ -110,6 +110,7 @@ def test_the_table_has_a_station_of_another_computer_and_one_message_shows_and_c
             state = client.get("state")
 
 
+@pytest.mark.full
 def test_a_station_whose_gateway_is_gone_is_away_and_comes_back(rig: Rig) -> None:
     with opened(socket_of(rig.url)) as client:
         row(client, lambda each: each["present"])

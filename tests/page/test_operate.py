@@ -122,6 +122,7 @@ def test_roles_bind_a_page_of_another_computer(
         assert command(client, 6, "acknowledge")["state"] == "refused"
 
 
+@pytest.mark.full
 def test_what_a_page_holds_lasts_as_long_as_it_touches_and_then_its_lease_ends(
     station: umo.RemoteStation, served: Served
 ) -> None:
@@ -337,6 +338,7 @@ def test_the_parts_of_a_control_stand_beside_one_another_within_its_part(
     assert 0 <= stop["y"] <= size[1] - stop["height"]
 
 
+@pytest.mark.full
 @pytest.mark.smoke
 def test_a_wrong_value_is_refused_in_the_machine_s_own_words(
     page: Any, station: umo.RemoteStation, served: Served

@@ -175,6 +175,7 @@ def test_a_curve_beyond_its_range_does_not_reach_into_another_lane(page: Any) ->
         assert page.evaluate(IN_LANE, [1, 2, blue]) == 0
 
 
+@pytest.mark.full
 @pytest.mark.smoke
 def test_a_range_is_typed_at_its_axis_kept_in_the_address_and_given_back_by_a_click(page: Any) -> None:
     page.add_init_script(WRITTEN)
