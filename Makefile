@@ -12,13 +12,13 @@ demo: $(STAMP)
 # Twice as many workers as processors: half of the time tests wait for processes.
 PYTEST := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN))) $(BIN)/python -m pytest -n auto --dist worksteal
 
-# Four to five minutes on two cores. ARGS goes to pytest here and below: make test ARGS="tests/test_pid.py -v".
+# Four to five and a half minutes on two cores. ARGS goes to pytest here and below: make test ARGS="tests/test_pid.py -v".
 test: $(STAMP)
 	$(PYTEST) -m "not full" $(ARGS)
 
-# The page in a browser; make test runs some of these tests.
+# The page in a browser; make test runs some of these tests. A browser has processes of its own: a worker for each processor.
 test-page: $(STAMP)
-	$(PYTEST) tests/page $(ARGS)
+	$(BIN)/python -m pytest -n auto --dist worksteal tests/page $(ARGS)
 
 # The faces, each with clients of other projects; make test runs one test of each.
 test-faces: $(STAMP)
