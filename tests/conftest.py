@@ -6,7 +6,7 @@ import signal
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from itertools import islice
+from itertools import count, islice
 from pathlib import Path
 
 import pytest
@@ -25,7 +25,9 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # in the background of a 
     signal.signal(signal.SIGINT, signal.default_int_handler)
 if hasattr(signal, "SIGHUP"):  # under nohup
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
-FOLDERS = tempfile.TemporaryDirectory(prefix="umo-tests-")  # for what runs outside of a test
+FOLDERS = tempfile.TemporaryDirectory(prefix="umo-tests-")
+TESTS = count()
+"""The numbers of the tests of this process."""
 os.environ |= {name: str(Path(FOLDERS.name, name)) for name in ("UMO_STATE", "UMO_FRAMES")}
 settings.register_profile("umo", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("umo")
@@ -99,10 +101,12 @@ def many_descriptors() -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True)
-def own_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What umo keeps of runs and shows of running machines goes to a folder of the test, not to the user's."""
-    monkeypatch.setenv("UMO_STATE", str(tmp_path / "umo-state"))
-    monkeypatch.setenv("UMO_FRAMES", str(tmp_path / "umo-frames"))
+def own_folders(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What umo keeps of runs and shows of running machines goes to folders of the test, not to the user's. They are
+    made by the tests that need them: a folder for each of 8,000 tests takes 10 s of processor time."""
+    number = next(TESTS)
+    monkeypatch.setenv("UMO_STATE", str(Path(FOLDERS.name, f"state-{number}")))
+    monkeypatch.setenv("UMO_FRAMES", str(Path(FOLDERS.name, f"frames-{number}")))
 
 
 @pytest.fixture

@@ -162,12 +162,14 @@ def test_batches_are_good_whatever_the_noise_and_the_flows(seed: int) -> None:
     run.assert_made("glue 2, paint 2, soap 2")
 
 
+@pytest.mark.full
 def test_the_line_learns_how_much_flows_after_the_command_to_close() -> None:
     run = Run(seed=3, recipe=["glue"], batches=3)
     run.assert_made("glue 6")
     assert run.machine.line.overruns != [run.machine.line.overrun] * 2
 
 
+@pytest.mark.full
 def test_the_same_seed_gives_the_same_run() -> None:
     one, again, other = (Run(seed=seed, batches=1) for seed in (1, 1, 2))
     assert one.phases == again.phases != other.phases
@@ -402,6 +404,7 @@ def test_a_batch_that_is_made_is_not_dumped_when_the_reactor_fails_while_it_drai
     run.assert_made("glue 1, soap 1", dumped=0)
 
 
+@pytest.mark.full
 def test_a_line_that_fails_breaks_the_batch_of_the_reactor_that_used_it() -> None:
     run = Run(fault=["line.scale disconnect at 60 s for 2 s"])
     run.assert_made("glue 2, soap 2", dumped=0)
@@ -409,6 +412,7 @@ def test_a_line_that_fails_breaks_the_batch_of_the_reactor_that_used_it() -> Non
     assert "line is in fault: could not be read" in run.faults[1][1]
 
 
+@pytest.mark.full
 def test_a_batch_that_waits_for_the_scale_of_a_line_in_fault_is_not_broken() -> None:
     run = Run(batches=1, fault=["line.scale disconnect at 10 s for 20 s"])
     run.assert_made("glue 1, soap 1", dumped=0)
@@ -432,6 +436,7 @@ def test_lost_answers_cost_nothing(path: str) -> None:
     assert run.faults == []
 
 
+@pytest.mark.full
 def test_a_fault_that_nobody_clears_costs_the_batches_of_its_reactor_and_no_other() -> None:
     run = Run(fault=["reactors.0.temperature disconnect at 120 s"], repair_time=None, patience=60.0)
     assert run.error is not None

@@ -61,11 +61,13 @@ def test_a_slow_driver_is_named(tmp_path: Path) -> None:
     assert float(took[1]) >= 20.0
 
 
+@pytest.mark.full
 def test_a_collection_is_named(tmp_path: Path) -> None:
     verdict = longest(patient(tmp_path), "collection", Cause.COLLECTION)
     assert "a collection ran for" in verdict.text
 
 
+@pytest.mark.full
 def test_page_faults_are_named(tmp_path: Path) -> None:
     verdict = longest(patient(tmp_path), "page_faults", Cause.PAGE_FAULTS)
     assert "page faults" in verdict.text

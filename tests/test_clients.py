@@ -15,6 +15,7 @@ import umo
 from helpers import process_box
 from helpers.process_box import Cells as Box
 from helpers.runs import Run, assert_safe
+from helpers.tiers import first
 from helpers.waiting import until
 from umo.errors import FramesError
 from umo.frames import rings
@@ -56,7 +57,7 @@ def test_a_signal_ends_a_wait_of_ten_minutes_too(tmp_path: Path, box: Box) -> No
     assert_safe(box)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
+@pytest.mark.parametrize("number", first(1, [signal.SIGINT, signal.SIGHUP]))
 def test_the_signal_stands_with_which_a_run_is_stopped_before_it_connects(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:

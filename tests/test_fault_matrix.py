@@ -41,6 +41,7 @@ def test_a_station_ends_a_fault_as_it_should(station: str, fault: str, verdict: 
     assert done.verdict == verdict, done.detail
 
 
+@pytest.mark.full
 def test_a_run_that_forks_when_the_fault_begins_ends_as_one_with_the_fault_from_its_start() -> None:
     """In every word of the result or the error."""
     kinds = ("stuck", "noise", "bit flip", "disconnect")

@@ -115,6 +115,7 @@ def test_a_loose_thermocouple_is_ridden_over() -> None:
     assert {quality[2] for _, quality, *_ in run.states} == {Quality.GOOD, Quality.STALE}
 
 
+@pytest.mark.full
 def test_a_zone_whose_temperature_stands_still_is_faulted_after_300_equal_readings() -> None:
     run = Run(soak=60.0, fault="zones.3.temperature stuck at 310 s")
     assert run.error is None
@@ -165,6 +166,7 @@ def test_each_end_is_a_clear_end(zones: int, faults: list[str], error: type[Exce
         assert [fans[2] for *_, fans in run.states[-20:]] == [1.0] * 20
 
 
+@pytest.mark.full
 def test_a_second_run_of_the_same_machine_begins_anew() -> None:
     m, runs = machine(4), []
     for faults in (["broken-thermocouple:1@20"], []):

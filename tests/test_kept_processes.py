@@ -78,6 +78,7 @@ def test_what_is_kept_is_there_in_the_next_run(tmp_path: Path, cells: Cells) -> 
     assert assert_one_moment(kept()) > first
 
 
+@pytest.mark.full
 def test_a_file_that_was_copied_from_another_computer_is_taken(tmp_path: Path, cells: Cells) -> None:
     start(tmp_path, "count").outcome()
     first = assert_one_moment(kept())
@@ -177,6 +178,7 @@ def test_a_machine_that_keeps_nothing_has_no_keeper_and_no_file(tmp_path: Path, 
     assert not file().parent.exists()
 
 
+@pytest.mark.full
 def test_a_keeper_that_was_stopped_by_a_signal_is_replaced_at_the_end(tmp_path: Path, cells: Cells) -> None:
     run = start(tmp_path)
     until_kept(run)

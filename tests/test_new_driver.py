@@ -106,6 +106,7 @@ def test_a_new_driver_is_clean_for_ruff_and_mypy(umo, tmp_path: Path, line: tupl
         assert result.returncode == 0, result.stdout
 
 
+@pytest.mark.full
 def test_in_a_station_its_type_begins_with_a_dot(umo, tank: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tank)
     result = umo("new-driver", "pump_card")

@@ -190,6 +190,7 @@ def test_the_title_of_a_process_is_harmless_on_a_terminal(monkeypatch: pytest.Mo
 
 
 @needs_fifo
+@pytest.mark.full
 def test_two_stations_that_loop_for_ever_do_not_end_a_third(tmp_path: Path) -> None:
     def start(name: str, application: str) -> Run:
         wiring = process_box.wiring(tmp_path / name, process={"hang_timeout": "400 ms"})

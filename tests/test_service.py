@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import configparser
+import os
 import shlex
 import shutil
 import subprocess
@@ -126,8 +127,8 @@ def test_a_unit_for_the_users_own_manager_names_neither_user_nor_groups(umo: Umo
     assert section(umo("service", "tank", "--as", "operator").stdout)["User"] == "operator"
 
 
-def test_a_place_for_records_of_its_own_is_passed_on(umo: Umo, tank: Path, tmp_path: Path) -> None:
-    assert f"UMO_STATE={tmp_path / 'umo-state'}" in umo("service", "tank").stdout
+def test_a_place_for_records_of_its_own_is_passed_on(umo: Umo, tank: Path) -> None:
+    assert f"UMO_STATE={os.environ['UMO_STATE']}" in umo("service", "tank").stdout
 
 
 # What it says ------------------------------------------------------------------------------------------

@@ -216,6 +216,7 @@ async def waiting(m: Line) -> None:
         await next_period()
 
 
+@pytest.mark.full
 def test_two_stations_run_side_by_side_in_real_time_and_one_reads_the_other() -> None:
     with started() as run:
         pid = running(run)

@@ -152,6 +152,7 @@ def test_commands_work_where_the_home_folder_cannot_be_written(tank: Path, words
     assert ended.returncode in ((0, 2) if words == ["why"] else (0,)), ended.stderr  # 2: nothing was late before
 
 
+@pytest.mark.full
 def test_names_that_are_not_utf8_are_shown_with_their_bytes(tank: Path) -> None:
     for command in ("umo check $'caf\\xe9'", "umo check tank -w $'caf\\xe9.toml'"):
         ended = run(tank, command)

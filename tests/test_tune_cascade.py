@@ -55,7 +55,7 @@ def balanced(data: dict[str, Any]) -> Gains:
 
 
 @pytest.mark.parametrize("kind", first(1, ["--relay", "--step"]))
-@pytest.mark.parametrize("process", cascaded.OUTER)
+@pytest.mark.parametrize("process", first(1, cascaded.OUTER))
 def test_balanced_gains_have_their_margins_around_the_true_inner_loop(reactor: Path, process: str, kind: str) -> None:
     data = found(reactor, "vessel_law", kind, "10%", "--at", "2", "--within", "40", "--process", process)
     assert (data["sensor"], data["actuator"]) == ("vessel", "jacket_law.setpoint")
@@ -82,7 +82,7 @@ def test_an_inner_law_at_its_limit_is_told(reactor: Path) -> None:
     assert "jacket_law, the inner law, was at its limit in" in " ".join(limited.output.split())
 
 
-@pytest.mark.parametrize("process", cascaded.OUTER)
+@pytest.mark.parametrize("process", first(1, cascaded.OUTER))
 def test_both_laws_are_tuned_and_the_outer_one_with_the_new_inner_gains(reactor: Path, process: str) -> None:
     words = (reactor, "vessel_law", "--cascade", "--relay", "1%", "--at", "2", "--within", "40", "--process", process)
     data = found(*words)

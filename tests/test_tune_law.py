@@ -18,6 +18,7 @@ from typer.testing import CliRunner, Result
 
 import umo
 from helpers import lagging, patient
+from helpers.tiers import first
 from helpers.true_margins import true_margins
 from helpers.waiting import until
 from umo.cli.app import app
@@ -28,7 +29,7 @@ from umo.tuning.models import ProcessModel
 pytest.importorskip("scipy")
 pytest.importorskip("control")
 realtime = pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")
-RARER = [signal.SIGTERM, signal.SIGSTOP]
+RARER = [signal.SIGINT, signal.SIGTERM, signal.SIGSTOP]
 FURNACE_PERIOD = 0.1
 SETTINGS = ("gain", "integral_time", "derivative_time", "filter_time")
 
@@ -61,7 +62,7 @@ def model_of(data: dict[str, Any]) -> ProcessModel:
 
 
 @pytest.mark.parametrize("kind", ["--relay", "--step"])
-@pytest.mark.parametrize("process", lagging.MODELS)
+@pytest.mark.parametrize("process", first(1, lagging.MODELS))
 def test_balanced_gains_have_their_margins_on_the_true_process(tank: Path, process: str, kind: str) -> None:
     data = found(tank, "servo", kind, "10%", "--at", "2", "--for", "40", "--within", "80", "--process", process)
     gain, phase = true_margins(lagging.MODELS[process], balanced(data), lagging.PERIOD)
@@ -70,7 +71,7 @@ def test_balanced_gains_have_their_margins_on_the_true_process(tank: Path, proce
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["--relay", "--step"])
+@pytest.mark.parametrize("kind", first(1, ["--relay", "--step"]))
 def test_a_zone_of_the_furnace_is_tuned(kind: str) -> None:
     furnace = ("--zones", "4", "--peak", "150", "--soak", "900", "--ramp", "4")
     data = found("furnace", "zones.1", kind, "5%", "--at", "120", "--within", "150", *furnace)
@@ -120,6 +121,7 @@ def following_error(folder: Path) -> float:
     return float(np.sqrt(np.mean([float(row["z.error[um]"]) ** 2 for row in rows])))
 
 
+@pytest.mark.full
 def test_an_axis_is_tuned_from_its_moves_with_feed_forward_and_friction(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -224,7 +226,7 @@ def test_a_running_station_is_tuned_through_the_lease(running: Any) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "number",
-    [signal.SIGKILL, signal.SIGINT, *(pytest.param(each, marks=pytest.mark.full) for each in RARER)],
+    [signal.SIGKILL, *(pytest.param(each, marks=pytest.mark.full) for each in RARER)],
 )
 def test_a_killed_client_leaves_the_old_output_and_the_law_in_control(running: Any, number: int) -> None:
     command = [sys.executable, "-m", "umo_command", "tune-law", "tank", "servo", "--step", "20%", "--within", "500"]

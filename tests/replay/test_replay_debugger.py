@@ -270,6 +270,7 @@ def test_at_the_end_it_stops_where_the_error_was_raised(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_it_goes_back_with_a_driver_off_the_cycle(tmp_path: Path) -> None:
     (tmp_path / "oven").mkdir()
     (tmp_path / "oven" / "objects.py").write_text(SLOW_OVEN)

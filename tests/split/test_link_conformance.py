@@ -133,6 +133,7 @@ def at_port(guide: dict[str, str], port: int) -> str:
     return guide["toml"].replace('"controller" ', f'"controller"\nport = {port}')
 
 
+@pytest.mark.full
 def test_a_board_that_is_not_filled_in_is_told_with_what_it_cannot_read(
     guide: dict[str, str], umo: Umo, tmp_path: Path
 ) -> None:
