@@ -37,6 +37,7 @@ from umo.process.reset_state import Reached, ResetState
 from umo.process.run_state import MAX_REPORT_BYTES, RunState
 from umo.process.start import vanished
 from umo.system import realtime
+from umo.system.processes import Child
 from umo.testing import Scripted, periods
 from umo.wiring import resolve
 
@@ -630,7 +631,7 @@ def test_a_child_on_standby_that_fails_by_itself_is_not_forked_again_and_again(
     resetter = resetter_of(tmp_path, process_box.wiring(tmp_path / "box"))
     monkeypatch.setattr(resetter, "_wait_for_work", lambda: 1)
     resetter.stand_by()
-    os.waitid(os.P_PID, resetter._child, os.WEXITED | os.WNOWAIT)
+    os.waitid(os.P_PID, resetter.reserve, os.WEXITED | os.WNOWAIT)
     assert not resetter.look()
     assert resetter.reset(0.0) == {}
     assert Cells(tmp_path / "box").levels["motor"] == 0
@@ -676,12 +677,11 @@ def test_what_was_not_tried_is_said_to_be_so(tmp_path: Path) -> None:
 def test_a_child_that_cannot_be_killed_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As in a driver call that the kernel does not interrupt."""
     wiring = process_box.wiring(tmp_path / "box", type="helpers.process_box:Faulty", fault="open:hang", timeout="10 ms")
-    kill, children = os.kill, []
-    monkeypatch.setattr(os, "kill", lambda pid, number: children.append(pid))
-    left = resetter_of(tmp_path, wiring).reset(0.0)
-    for pid in children:
-        kill(pid, signal.SIGKILL)
-        os.waitpid(pid, 0)
+    children: list[Child] = []
+    with monkeypatch.context() as patch:
+        patch.setattr(Child, "send", lambda child, number: children.append(child))
+        left = resetter_of(tmp_path, wiring).reset(0.0)
+    assert all(child.end(20.0) for child in children)
     assert left["valve"] == "a call did not return within 0.42 s"
 
 
@@ -704,7 +704,7 @@ def test_a_silent_device_gets_more_time_from_attempt_to_attempt(tmp_path: Path) 
     found = []
     for _ in range(5):
         found.append(resetter._timeout("box"))
-        resetter._attempt += 1
+        resetter._attempt_number += 1
     assert found == [0.1, 0.4, 1.6, 3.0, 3.0]
 
 
