@@ -22,10 +22,11 @@ from umo import connect
 from umo.cycle import transfer
 from umo.cycle.stage import Stage
 from umo.errors import DeviceTimeout, DriverError
-from umo.process import control_process, hang_detection, reset
+from umo.process import control_process, control_watch, hang_detection, reset
 from umo.process import outcome as outcome_module
 from umo.process import run_state as life_module
 from umo.process.control_process import Control
+from umo.process.control_watch import ControlWatch
 from umo.process.frame_watcher import FrameWatcher
 from umo.process.hang_detection import LOOK_INTERVAL, HangDetector
 from umo.process.job import Job, Plan
@@ -146,6 +147,30 @@ def test_a_control_process_that_closes_every_descriptor_is_reset_and_reported(tm
     assert outcome.status == 1
     assert outcome.unreached == []
     assert_safe(cells)
+
+
+def test_a_machine_without_actuators_whose_control_process_was_killed_is_told_so(tmp_path: Path) -> None:
+    """Nothing is reset, so nothing has waited for the end of the process."""
+    wiring = process_box.wiring(tmp_path / "box")
+    del wiring["wire"]["motor"], wiring["wire"]["valve"]
+    run = Run(wiring, "watch", machine="helpers.process_box:watching").until_running()
+    os.kill(run.control, signal.SIGKILL)
+    outcome = run.outcome()
+    assert outcome.failure is not None
+    assert outcome.failure.message.startswith("the control process was killed (SIGKILL)")
+
+
+def test_only_what_was_waited_for_in_vain_is_told_as_blocked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(control_watch, "DEATH_TIMEOUT", 0.05)
+    pid = os.fork()
+    while pid == 0:
+        signal.pause()
+    watch = ControlWatch(pid, RunState(), -1)
+    assert watch.ending() == "cannot be killed: it is blocked in a kernel call"  # nobody has killed it
+    monkeypatch.setattr(control_watch, "DEATH_TIMEOUT", 20.0)
+    watch = ControlWatch(pid, RunState(), -1)
+    watch.process.send(signal.SIGKILL)
+    assert watch.ending() == "was killed (SIGKILL)"
 
 
 # A guardian short of everything ---------------------------------------------------------------------------

@@ -36,6 +36,7 @@ def soon(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def wiring(folder: Path, **options: Any) -> dict[str, Any]:
     text = process_box.wiring(folder / "box", off_cycle=True)
+    text["process"] |= options.pop("process", {})
     text["drivers"]["box"] |= {"period": "20 ms", "max_age": "5 s"} | options  # what a busy machine does is not tested
     return text
 
@@ -120,11 +121,31 @@ def test_whoever_is_left_brings_its_outputs_to_their_defaults(
     until_dead(pids["worker"])
 
 
+@pytest.mark.parametrize("stopped", ["", "guardian"])
+def test_a_control_process_whose_guardians_and_worker_are_dead_opens_the_device_itself(
+    tmp_path: Path, cells: Cells, stopped: str
+) -> None:
+    run = running(tmp_path, process={"hang_timeout": "1 s"})
+    until_driven(cells)
+    serving = worker_of(run)
+    for pid in (run.guardian, run.control, serving):
+        os.kill(pid, signal.SIGSTOP)  # so that nobody is replaced, and nobody reset
+    for pid in (run.standby, run.reserve, serving, *([] if stopped else [run.guardian])):
+        os.kill(pid, signal.SIGKILL)
+    os.kill(run.control, signal.SIGCONT)
+    outcome = run.outcome()
+    assert (outcome.status, outcome.unreached, outcome.unsafe) == (1, [], True)
+    assert "reset by the control process afterwards" in str(outcome.failure)
+    assert_safe(cells)
+
+
 def test_a_worker_that_is_left_alone_resets_its_outputs_and_ends(tmp_path: Path, cells: Cells) -> None:
     run = running(tmp_path)
     until_driven(cells)
     serving = worker_of(run)
-    for pid in (run.standby, run.guardian, run.control):
+    for pid in (run.guardian, run.standby, run.reserve, run.control):
+        os.kill(pid, signal.SIGSTOP)
+    for pid in (run.guardian, run.standby, run.reserve, run.control):
         os.kill(pid, signal.SIGKILL)
     until_dead(serving)
     run.channel.close()
