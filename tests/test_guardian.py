@@ -179,7 +179,7 @@ def test_only_what_was_waited_for_in_vain_is_told_as_blocked(monkeypatch: pytest
 def test_without_a_child_the_guardian_resets_the_machine_itself(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Resetter, "stand_by", lambda self: None)
+    monkeypatch.setattr(Resetter, "stand_by", lambda self, first=True: None)
     monkeypatch.setattr(Resetter, "_begin", lambda self, numbers: False)
     run = Run(process_box.wiring(tmp_path / "box"), "forever").until_running()
     os.kill(run.control, signal.SIGKILL)

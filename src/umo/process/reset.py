@@ -56,11 +56,11 @@ class Resetter:
         wired: Wired,
         guard: Callable[[], object] = lambda: None,
         give_up: Callable[[Sequence[str]], object] = lambda paths: None,
-        fork: Callable[[], int] = lambda: os.fork(),
+        fork: Callable[[bool], int] = lambda first: os.fork(),
     ) -> None:
         """`guard` is called in the child that resets. `give_up` is told the paths that an attempt has not reached: a
         worker process that serves one of them is ended, and the next attempt opens its device. `fork` forks the child
-        that stands by."""
+        that stands by: the first one, or one that takes the place of another that has begun to work."""
         by_item = {id(wire.item): wire for wire in wired.wires}
         self._names = {id(driver): name for name, driver in wired.drivers.items()}
         self._wires = [by_item[id(item)] for item in stop_sequence(machine)]
@@ -86,39 +86,45 @@ class Resetter:
         """Drivers (by id) that hung or crashed."""
         self._misses = [0] * len(self._wires)
         self._child: Child | None = None
+        """The child that works."""
+        self._reserve: Child | None = None
+        """The child that waits."""
         self._start_pipe = self._waiting_pipe = -1
 
-    def stand_by(self) -> None:
-        """Fork the child of the first attempt now."""
+    def stand_by(self, first: bool = True) -> None:
+        """Fork the child of the first attempt now, or of the next one."""
         self._waiting_pipe, self._start_pipe = os.pipe()
-        self._child = self._fork(self._wait_for_work, self._fork_reserve)
+        self._reserve = self._fork(self._wait_for_work, lambda: self._fork_reserve(first))
 
     @property
     def reserve(self) -> int:
         """The pid of the child on standby; 0: there is none."""
-        return 0 if self._child is None else self._child.pid
+        return 0 if self._reserve is None else self._reserve.pid
 
     def look(self) -> bool:
         """Whether the child on standby was killed or stopped by a signal; another one takes its place. Where it has
         failed by itself, the next one would too: a child is forked when it is needed."""
-        child = self._child
+        child = self._reserve
         if child is None or not (child.ended or child.was_stopped):
             return False
         self.dismiss()
         if child.status is not None and os.WIFEXITED(child.status):
             return False
-        for file in (self._waiting_pipe, self._start_pipe):
-            os.close(file)
+        self._close_pipe()
         self.stand_by()
         return True
 
+    def _close_pipe(self) -> None:
+        for file in (self._waiting_pipe, self._start_pipe):
+            os.close(file)
+
     def hand_over(self) -> None:
         """Work for another guardian from now on, which calls this: the child was the guardian's."""
-        self._child = None
+        self._reserve = None
 
     def dismiss(self) -> None:
         """The machine ended safely: no reset is needed."""
-        child, self._child = self._child, None
+        child, self._reserve = self._reserve, None
         if child is not None:
             child.end(DEATH_TIMEOUT)
 
@@ -218,10 +224,13 @@ class Resetter:
     def _begin(self, numbers: list[int]) -> bool:
         """Let the child on standby work, or fork another; False where that cannot be."""
         try:
-            if self._child is not None and len(numbers) == len(self._wires):
+            if self._reserve is not None and len(numbers) == len(self._wires):
                 os.write(self._start_pipe, b"!")
+                self._child, self._reserve = self._reserve, None
+                with suppress(OSError):  # another one waits from now on, if it can be had
+                    self._close_pipe()
+                    self.stand_by(first=False)
                 return True
-            self.dismiss()
             self._child = self._fork(lambda guardian: self._work(guardian, numbers))
         except OSError:
             self._child = None

@@ -50,9 +50,7 @@ class RunEnd:
         self._watcher = watcher
         self.title = "guardian"
         self._workers, self._keeper = workers, keeper
-        self.resetter = Resetter(
-            plan.machine, plan.wired, self._begin_reset, workers.end_those_of, lambda: run_state.fork(Who.RESERVE)
-        )
+        self.resetter = Resetter(plan.machine, plan.wired, self._begin_reset, workers.end_those_of, self._fork_reserve)
         self._spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARE_DESCRIPTORS)]
 
     def hand_over(self) -> None:
@@ -60,8 +58,22 @@ class RunEnd:
         self.title = STANDBY
         self.resetter.hand_over()
 
+    def _fork_reserve(self, first: bool) -> int:
+        """Fork the child that waits to reset; 0 in the child. One that is not the first waits for its lock itself: the
+        one before has it until it has begun, and the reset is not kept waiting by that."""
+        if first:
+            return self._run_state.fork(Who.RESERVE)
+        pid = os.fork()
+        if pid == 0:
+            os.setsid()
+            while not self._run_state.hold(Who.RESERVE):
+                pass
+        return pid
+
     def _begin_reset(self) -> None:
         """In the child that resets."""
+        if self._run_state.holds(Who.RESERVE):  # another one waits from now on
+            self._run_state.release(Who.RESERVE)
         self._run_state.hold(Who.RESET)
         process = self._plan.wired.process
         # one below the guardian: a driver that loops for ever must not keep the guardian from ending it
