@@ -163,8 +163,8 @@ class Run:
 
     @property
     def all(self) -> list[int]:
-        """Starter, guardian, standby guardian and control process."""
-        return [self.starter.pid, self.guardian, self.process("standby"), self.control]
+        """Starter, guardian, standby guardian, the reset process behind both, and control process."""
+        return [self.starter.pid, self.guardian, self.process("standby"), self.process("reserve"), self.control]
 
     # Its course ------------------------------------------------------------------------------------------
 

@@ -140,7 +140,7 @@ def each(number: int) -> Strike:
 
     def strike(run: Run, moments: Random) -> int:
         moment = at_work(run, moments)
-        for pid in moments.sample(run.all, 4):
+        for pid in moments.sample(run.all, len(run.all)):
             processes.send(pid, number)
         return moment
 
@@ -193,12 +193,12 @@ def asleep(seconds: float) -> Strike:
 
     def strike(run: Run, moments: Random) -> int:
         at_work(run, moments)
-        pids = moments.sample(run.all, 4)
+        pids = moments.sample(run.all, len(run.all))
         for pid in pids:
             processes.send(pid, STOP)
         sleep(seconds)
         moment = monotonic_ns()
-        for pid in moments.sample(pids, 4):
+        for pid in moments.sample(pids, len(pids)):
             processes.send(pid, CONT)
         return moment
 
