@@ -22,10 +22,11 @@ from umo import connect
 from umo.cycle import transfer
 from umo.cycle.stage import Stage
 from umo.errors import DeviceTimeout, DriverError
-from umo.process import control_process, hang_detection, reset
+from umo.process import control_process, control_watch, hang_detection, reset
 from umo.process import outcome as outcome_module
 from umo.process import run_state as life_module
 from umo.process.control_process import Control
+from umo.process.control_watch import ControlWatch
 from umo.process.frame_watcher import FrameWatcher
 from umo.process.hang_detection import LOOK_INTERVAL, HangDetector
 from umo.process.job import Job, Plan
@@ -37,6 +38,7 @@ from umo.process.reset_state import Reached, ResetState
 from umo.process.run_state import MAX_REPORT_BYTES, RunState
 from umo.process.start import vanished
 from umo.system import realtime
+from umo.system.processes import Child
 from umo.testing import Scripted, periods
 from umo.wiring import resolve
 
@@ -147,13 +149,37 @@ def test_a_control_process_that_closes_every_descriptor_is_reset_and_reported(tm
     assert_safe(cells)
 
 
+def test_a_machine_without_actuators_whose_control_process_was_killed_is_told_so(tmp_path: Path) -> None:
+    """Nothing is reset, so nothing has waited for the end of the process."""
+    wiring = process_box.wiring(tmp_path / "box")
+    del wiring["wire"]["motor"], wiring["wire"]["valve"]
+    run = Run(wiring, "watch", machine="helpers.process_box:watching").until_running()
+    os.kill(run.control, signal.SIGKILL)
+    outcome = run.outcome()
+    assert outcome.failure is not None
+    assert outcome.failure.message.startswith("the control process was killed (SIGKILL)")
+
+
+def test_only_what_was_waited_for_in_vain_is_told_as_blocked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(control_watch, "DEATH_TIMEOUT", 0.05)
+    pid = os.fork()
+    while pid == 0:
+        signal.pause()
+    watch = ControlWatch(pid, RunState(), -1)
+    assert watch.ending() == "cannot be killed: it is blocked in a kernel call"  # nobody has killed it
+    monkeypatch.setattr(control_watch, "DEATH_TIMEOUT", 20.0)
+    watch = ControlWatch(pid, RunState(), -1)
+    watch.process.send(signal.SIGKILL)
+    assert watch.ending() == "was killed (SIGKILL)"
+
+
 # A guardian short of everything ---------------------------------------------------------------------------
 
 
 def test_without_a_child_the_guardian_resets_the_machine_itself(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Resetter, "stand_by", lambda self: None)
+    monkeypatch.setattr(Resetter, "stand_by", lambda self, first=True: None)
     monkeypatch.setattr(Resetter, "_begin", lambda self, numbers: False)
     run = Run(process_box.wiring(tmp_path / "box"), "forever").until_running()
     os.kill(run.control, signal.SIGKILL)
@@ -630,7 +656,7 @@ def test_a_child_on_standby_that_fails_by_itself_is_not_forked_again_and_again(
     resetter = resetter_of(tmp_path, process_box.wiring(tmp_path / "box"))
     monkeypatch.setattr(resetter, "_wait_for_work", lambda: 1)
     resetter.stand_by()
-    os.waitid(os.P_PID, resetter._child, os.WEXITED | os.WNOWAIT)
+    os.waitid(os.P_PID, resetter.reserve, os.WEXITED | os.WNOWAIT)
     assert not resetter.look()
     assert resetter.reset(0.0) == {}
     assert Cells(tmp_path / "box").levels["motor"] == 0
@@ -676,12 +702,11 @@ def test_what_was_not_tried_is_said_to_be_so(tmp_path: Path) -> None:
 def test_a_child_that_cannot_be_killed_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As in a driver call that the kernel does not interrupt."""
     wiring = process_box.wiring(tmp_path / "box", type="helpers.process_box:Faulty", fault="open:hang", timeout="10 ms")
-    kill, children = os.kill, []
-    monkeypatch.setattr(os, "kill", lambda pid, number: children.append(pid))
-    left = resetter_of(tmp_path, wiring).reset(0.0)
-    for pid in children:
-        kill(pid, signal.SIGKILL)
-        os.waitpid(pid, 0)
+    children: list[Child] = []
+    with monkeypatch.context() as patch:
+        patch.setattr(Child, "send", lambda child, number: children.append(child))
+        left = resetter_of(tmp_path, wiring).reset(0.0)
+    assert all(child.end(20.0) for child in children)
     assert left["valve"] == "a call did not return within 0.42 s"
 
 
@@ -704,7 +729,7 @@ def test_a_silent_device_gets_more_time_from_attempt_to_attempt(tmp_path: Path) 
     found = []
     for _ in range(5):
         found.append(resetter._timeout("box"))
-        resetter._attempt += 1
+        resetter._attempt_number += 1
     assert found == [0.1, 0.4, 1.6, 3.0, 3.0]
 
 

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from helpers.machines import Bench, Board, actuator, bench, failed, relay, sensor, switch, timer, wired
 from umo import Compound, DigitalActuator, DigitalSensor, Quality, connect
+from umo.cycle.events import LIMIT_COUNT, EventLimit
 from umo.cycle.image import Image
 from umo.cycle.journal import ENTRY, Journal, Kind
 from umo.drivers import DeviceTimeout, Driver, DriverError
@@ -356,6 +357,59 @@ def test_what_was_written_before_the_absence_is_not_written_after_it() -> None:
     assert moved(box, "write") == 0
 
 
+class HalfDead(Deaf):
+    """A circuit that can be connected and initialised, and then fails each reading, in one of three ways."""
+
+    how = "works"
+
+    def read_many(self, channels: Any, out: Any) -> None:
+        if self.how == "channels":
+            raise ChannelsFailed({channel.text: "no reading" for channel in channels})
+        if self.how == "whole":
+            raise OSError("no reading")
+        if self.how == "late":
+            raise DeviceTimeout("no reading")
+        super().read_many(channels, out)
+
+
+@pytest.mark.parametrize("how", ["channels", "whole", "late"])
+@pytest.mark.parametrize("outputs", [True, False])
+def test_a_driver_is_back_when_a_value_has_come_and_is_told_of_a_few_times_a_minute(how: str, outputs: bool) -> None:
+    """It connects and fails each reading."""
+    box = HalfDead({"encoder": 4})
+    keep = {"on_error": "retry", "max_age": "600 s"}
+    machine = bench(
+        encoder=sensor(on_error="mark"), limit=switch(on_error="mark"), motor=actuator(**keep), valve=relay(**keep)
+    )
+    wiring = slow(machine, box)
+    if not outputs:
+        wiring["wire"] |= {path: {"driver": "simulated"} for path in ("motor", "valve")}
+    connection = connect(machine, wiring)
+    with connection as m:
+        period(m, 200)
+        box.how = how
+        period(m, 5000)
+        texts = [event.text for event in connection.machine.events if event.path == "driver box"]
+        assert not any(text.startswith("is back") for text in texts)
+        assert len(texts) <= 2
+        if not (outputs and how == "channels"):  # what it confirms of its outputs has come
+            assert texts[0].startswith("is away")
+        box.how = "works"
+        period(m, 2000)
+        texts = [event.text for event in connection.machine.events if event.path == "driver box"]
+        assert not texts or texts[-1].startswith("is back")
+        assert m.encoder.quality is Quality.GOOD
+
+
+def test_what_flickers_is_told_of_a_few_times_a_minute_and_counted() -> None:
+    limit = EventLimit()
+    told = [limit.passed(0.1 * number, "is away") for number in range(1200)]
+    assert [text for text in told[:600] if text] == ["is away"] * LIMIT_COUNT
+    assert [text for text in told[600:] if text] == [
+        f"is away ({600 - LIMIT_COUNT} such events before were not told)", *["is away"] * (LIMIT_COUNT - 1)
+    ]  # fmt: skip
+
+
 # Stopping, faults, the journal ------------------------------------------------------------------------------
 
 
@@ -538,6 +592,25 @@ def test_the_place_of_a_worker_that_died_is_taken_with_the_outputs_at_their_defa
     server.work()
     assert moved(box, "write_many") == 0  # nothing is wanted of this generation yet
     assert shared.arrivals.read()[1][Row.RAW, 0] == 7
+
+
+def test_a_worker_that_keeps_its_outputs_at_their_defaults_confirms_them_in_each_transfer() -> None:
+    """Whatever is wanted; and goes on with it afterwards."""
+    time = [0]
+    box, proxy, channels = served(time)
+    server = proxy.server
+    server.begin_anew({"in": None, "sync": 7, "a": 0, "b": 0}, None, hold=1.0)
+    proxy.accept_generation(proxy.exchange.arrivals.read()[1])
+    proxy.write_many([channels["sync"]], np.array([40]))
+    proxy.write(channels["a"], 1)
+    for time[0] in range(0, 1_000_000_000, 10_000_000):
+        server.work()
+        raw, stamp = arrived(proxy, "sync")
+        assert (raw, box.has["sync"], box.has["a"]) == (7, 7, 0)
+        assert time[0] - stamp <= 100_000_000
+    for time[0] in range(1_000_000_000, 1_500_000_000, 10_000_000):
+        server.work()
+    assert (box.has["sync"], box.has["a"]) == (40, 1)
 
 
 def test_the_place_of_a_worker_is_taken_also_while_the_device_is_away() -> None:

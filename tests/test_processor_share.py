@@ -21,6 +21,7 @@ from umo.process.hang_detection import LOOK_INTERVAL
 from umo.process.outcome import Outcome
 from umo.process.processor_share import OVERLONG, ProcessorShare
 from umo.system import processes, realtime
+from umo.system.processes import ProcessHandle
 from umo.system.realtime import CorePlace
 
 
@@ -126,7 +127,7 @@ def look_until(share: ProcessorShare, reached: Callable[[], bool], most: int = 5
 @needs_fifo
 def test_a_control_process_that_works_for_long_gives_way_until_its_next_sign_of_life(spinning) -> None:
     pid = spinning(max(os.sched_getaffinity(0)), 10, "spin").pid
-    share = ProcessorShare(pid, None, lambda text: None)
+    share = ProcessorShare(ProcessHandle(pid), None, lambda text: None)
     look_until(share, lambda: os.sched_getscheduler(pid) == os.SCHED_OTHER)
     share.begin()
     assert os.sched_getparam(pid).sched_priority == 10
@@ -139,7 +140,7 @@ def test_a_control_process_that_is_kept_from_running_may_run_on_every_core_and_i
         told = list[str]()
         waiting = spinning(core, 10, "wait")
         other = spinning(core, 11, "spin")
-        share = ProcessorShare(waiting.pid, core, told.append)
+        share = ProcessorShare(ProcessHandle(waiting.pid), core, told.append)
         assert waiting.stdin is not None
         waiting.stdin.write(b"go on" * 1000)
         waiting.stdin.flush()
@@ -161,7 +162,7 @@ def test_that_a_core_was_not_to_be_had_is_told_once(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(share_module, "state", lambda pid: "R")
     monkeypatch.setattr(share_module, "running_on", lambda cores, but: 1)
     monkeypatch.setattr(os, "sched_setaffinity", lambda pid, cores: None)
-    share = ProcessorShare(os.getpid(), 0, told.append)
+    share = ProcessorShare(ProcessHandle(os.getpid()), 0, told.append)
     for waiting in range(2, 5):
         share.begin()
         for _ in range(2 * waiting):
@@ -174,7 +175,7 @@ def test_that_a_core_was_not_to_be_had_is_told_once(monkeypatch: pytest.MonkeyPa
 def test_a_process_that_hangs_alone_on_its_core_was_not_kept_waiting(spinning) -> None:
     core = max(os.sched_getaffinity(0))
     pid = spinning(core, 10, "wait").pid  # no time passes for it, as on a core whose clock does not tick
-    share = ProcessorShare(pid, core, lambda text: None)
+    share = ProcessorShare(ProcessHandle(pid), core, lambda text: None)
     for _ in range(5):
         share.look()
         select.select([], [], [], LOOK_INTERVAL)

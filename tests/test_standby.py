@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import permutations
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 from unittest.mock import Mock
 
 import pytest
@@ -14,9 +15,11 @@ import pytest
 from helpers import process_box
 from helpers.process_box import Cells
 from helpers.runs import Run, assert_safe, standing, until_dead
+from helpers.tiers import some
 from helpers.waiting import until
 from umo.cycle import transfer
 from umo.process import guardian, run_end
+from umo.process.reset import Resetter
 from umo.process.run_state import RunState, Who
 from umo.process.standby import Standby
 from umo.system import processes
@@ -94,10 +97,15 @@ def test_a_standby_guardian_that_died_is_replaced_and_the_next_one_resets(tmp_pa
     assert_safe(cells)
 
 
+def children(pid: int, name: str) -> list[int]:
+    """The children of a process that have this name."""
+    found = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    return [int(each) for each in found if processes.name_of(int(each)) == name]
+
+
 def waiting_to_reset(run: Run) -> list[int]:
     """The child of the guardian that waits to reset the machine."""
-    children = Path(f"/proc/{run.guardian}/task/{run.guardian}/children").read_text().split()
-    return [int(pid) for pid in children if processes.name_of(int(pid)) == "umo reset"]
+    return children(run.guardian, "umo reset")
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
@@ -118,10 +126,10 @@ def test_a_process_that_waits_to_reset_is_replaced_when_it_is_killed_or_stopped(
     assert_safe(cells)
 
 
-def test_all_three_killed_at_once_are_noticed_at_the_next_start(tmp_path: Path) -> None:
+def test_all_that_can_reset_killed_at_once_are_noticed_at_the_next_start(tmp_path: Path) -> None:
     run = running(tmp_path)
     for number in (signal.SIGSTOP, signal.SIGKILL):
-        for pid in (run.guardian, run.standby, run.control):
+        for pid in (run.guardian, run.standby, run.reserve, run.control):
             os.kill(pid, number)
     run.until_all_ended()
     run.channel.close()
@@ -142,6 +150,55 @@ def test_a_guardian_that_was_stopped_does_not_keep_a_dead_control_process_from_b
     assert_safe(cells)
 
 
+KILL, STOP = signal.SIGKILL, signal.SIGSTOP
+ORDERS_OF_DEATH = [
+    *permutations([("guardian", STOP), ("standby", KILL), ("control", KILL)]),
+    *permutations([("guardian", KILL), ("standby", KILL), ("control", KILL)]),
+    *permutations([("guardian", KILL), ("standby", STOP), ("control", KILL)]),
+    *permutations([("guardian", STOP), ("standby", STOP), ("control", STOP)]),
+    *permutations([("guardian", STOP), ("standby", KILL), ("control", STOP)]),
+    *permutations([("guardian", KILL), ("standby", KILL)]),
+]
+STRUCK = [[f"{which} {number.name}" for which, number in order] for order in ORDERS_OF_DEATH]
+
+
+def strike(run: Run, struck: Sequence[str]) -> None:
+    for each in struck:
+        which, number = each.split()
+        os.kill(getattr(run, which), signal.Signals[number])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("struck", some(lambda struck: STRUCK.index(struck) % 6 == 0, STRUCK), ids=", ".join)
+def test_the_process_that_waits_to_reset_follows_both_guardians(
+    tmp_path: Path, cells: Cells, struck: Sequence[str]
+) -> None:
+    """However control process, guardian and standby guardian are killed or stopped."""
+    run = running(tmp_path, process={"hang_timeout": "200 ms"})
+    strike(run, struck)
+    outcome = run.outcome()
+    assert (outcome.status, outcome.unreached, outcome.unsafe) == (1, [], True)
+    run.until_all_ended()
+    assert_safe(cells)
+    (ended,) = standing()
+    assert ended.state == "stopped"
+
+
+def test_a_process_that_waits_to_reset_ends_with_a_run_that_is_told(tmp_path: Path, cells: Cells) -> None:
+    run = running(tmp_path)
+    os.kill(run.guardian, signal.SIGKILL)  # the standby guardian ends the run
+    assert run.outcome().unreached == []
+    run.until_all_ended()
+    assert_safe(cells)
+
+
+def test_nothing_is_reset_where_nothing_was_driven(tmp_path: Path, cells: Cells) -> None:
+    """All guardians die before the control process may begin."""
+    state = RunState()
+    follower = Standby(state, 0.5, lambda: pytest.fail("it took over"), cast(Any, None), lambda text: None)
+    assert follower.follow_both()
+
+
 def test_guardian_and_control_process_stopped_together_are_ended_and_reset(tmp_path: Path, cells: Cells) -> None:
     run = running(tmp_path, process={"hang_timeout": "200 ms"})
     for pid in (run.guardian, run.control):
@@ -160,6 +217,7 @@ def test_a_guardian_that_fails_without_anyone_to_follow_it_tells_no_more_than_it
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, steps: list[str], status: int, unreached: list[str]
 ) -> None:
     monkeypatch.setattr(Standby, "appoint", lambda standby: None)
+    monkeypatch.setattr(Resetter, "stand_by", lambda resetter: None)
     for step in steps:
         monkeypatch.setattr(run_end.RunEnd, step, Mock(side_effect=MemoryError))
     outcome = Run(process_box.wiring(tmp_path / "box")).outcome()
@@ -248,13 +306,34 @@ def test_a_standby_guardian_says_on_stderr_how_the_run_ended_where_nobody_else_i
     assert_safe(cells)
 
 
+def end_all_guardians(run: Run) -> None:
+    os.kill(run.guardian, signal.SIGSTOP)  # so it forks no other ones
+    for pid in (run.standby, run.reserve, run.guardian):
+        os.kill(pid, signal.SIGKILL)
+
+
+def test_a_control_process_without_any_guardian_tries_as_a_guardian_would(
+    tmp_path: Path, cells: Cells, away: Path
+) -> None:
+    """Its device answers nobody at first."""
+    run = running(tmp_path, away=str(away))
+    os.kill(run.control, signal.SIGSTOP)
+    cells.numbers[process_box.STRUCK] = 1
+    end_all_guardians(run)
+    os.kill(run.control, signal.SIGCONT)
+    until(lambda: children(run.control, "umo reset"))
+    away.unlink()
+    outcome = run.outcome()
+    assert (outcome.status, outcome.unreached, outcome.unsafe) == (1, [], True)
+    assert "reset by the control process afterwards" in str(outcome.failure)
+    assert_safe(cells)
+
+
 def test_a_control_process_without_any_guardian_says_and_records_how_it_ended(
     tmp_path: Path, cells: Cells, capfd: pytest.CaptureFixture[str]
 ) -> None:
     run = running(tmp_path)
-    os.kill(run.guardian, signal.SIGSTOP)  # so it forks no other one
-    os.kill(run.standby, signal.SIGKILL)
-    os.kill(run.guardian, signal.SIGKILL)
+    end_all_guardians(run)
     run.channel.close()
     run.until_all_ended()
     assert "the guardian has ended; the control process stopped the machine" in capfd.readouterr().err

@@ -310,5 +310,5 @@ def test_the_guardian_tries_a_silent_device_once_an_attempt_and_at_the_end_all_o
     quick.silent = False
     wiring = wired(m, quick, entries={path: {"driver": "slow"} for path in RIGHT}, slow=silent)
     left = Resetter(m, resolve(m, wiring)).reset(0.0)
-    assert calls == [RIGHT[0], *["valve", *REST] * 2, *RIGHT[1:]]
+    assert calls == [RIGHT[0], *["valve", *REST] * 2, *RIGHT[1:], RIGHT[0]]  # and once more: it may answer by now
     assert left == dict.fromkeys(RIGHT, "slow: no answer")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,8 +15,12 @@ from helpers.process_box import Cells
 from helpers.runs import Run, assert_safe, until_dead
 from helpers.waiting import until
 from umo.cycle import transfer
+from umo.cycle.stage import Stage
+from umo.drivers.off_cycle.shared_memory import Cell
+from umo.process import workers as workers_module
+from umo.process.hang_detection import LOOK_INTERVAL
 from umo.process.run_state import RunState, worker
-from umo.process.workers import groups_of
+from umo.process.workers import CALM, MAX_PAUSE, Workers, groups_of
 from umo.system.processes import name_of
 from umo.wiring import resolve
 
@@ -36,6 +41,7 @@ def soon(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def wiring(folder: Path, **options: Any) -> dict[str, Any]:
     text = process_box.wiring(folder / "box", off_cycle=True)
+    text["process"] |= options.pop("process", {})
     text["drivers"]["box"] |= {"period": "20 ms", "max_age": "5 s"} | options  # what a busy machine does is not tested
     return text
 
@@ -120,16 +126,120 @@ def test_whoever_is_left_brings_its_outputs_to_their_defaults(
     until_dead(pids["worker"])
 
 
+@pytest.mark.parametrize("stopped", ["", "guardian"])
+def test_a_control_process_whose_guardians_and_worker_are_dead_opens_the_device_itself(
+    tmp_path: Path, cells: Cells, stopped: str
+) -> None:
+    run = running(tmp_path, process={"hang_timeout": "1 s"})
+    until_driven(cells)
+    serving = worker_of(run)
+    for pid in (run.guardian, run.control, serving):
+        os.kill(pid, signal.SIGSTOP)  # so that nobody is replaced, and nobody reset
+    for pid in (run.standby, run.reserve, serving, *([] if stopped else [run.guardian])):
+        os.kill(pid, signal.SIGKILL)
+    os.kill(run.control, signal.SIGCONT)
+    outcome = run.outcome()
+    assert (outcome.status, outcome.unreached, outcome.unsafe) == (1, [], True)
+    assert "reset by the control process afterwards" in str(outcome.failure)
+    assert_safe(cells)
+
+
 def test_a_worker_that_is_left_alone_resets_its_outputs_and_ends(tmp_path: Path, cells: Cells) -> None:
     run = running(tmp_path)
     until_driven(cells)
     serving = worker_of(run)
-    for pid in (run.standby, run.guardian, run.control):
+    for pid in (run.guardian, run.standby, run.reserve, run.control):
+        os.kill(pid, signal.SIGSTOP)
+    for pid in (run.guardian, run.standby, run.reserve, run.control):
         os.kill(pid, signal.SIGKILL)
     until_dead(serving)
     run.channel.close()
     run.until_all_ended()
     assert_safe(cells)
+
+
+class Deaths:
+    """The workers of a machine as their guardian keeps them, with processes and a clock that are only thought of."""
+
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        machine = process_box.machine()
+        wired = resolve(machine, wiring(folder), {})
+        self.state, self.now, self.said = RunState(1), 100.0, list[str]()
+        self.workers = Workers(machine, wired, groups_of(wired), self.state, self.said.append)
+        (self.group,) = self.workers._groups
+        self.forked: list[tuple[float, float]] = []
+        """When each was forked, s, and for how long it keeps its outputs at their defaults."""
+        monkeypatch.setattr(workers_module, "monotonic", lambda: self.now)
+        monkeypatch.setattr(self.workers, "_fork", self._fork)
+        self._fork(self.group, False)
+        self.state.enter(Stage.RUNNING)
+        self.initialize()
+
+    def _fork(self, group: Any, replaces: bool) -> None:
+        group.begin()
+        group.child = SimpleNamespace(ended=False, was_stopped=False, status=signal.SIGKILL)
+        self.forked.append((self.now, group.hold))
+
+    def initialize(self) -> None:
+        self.group.proxies[0].exchange.cells[Cell.GENERATION] += 1
+
+    def die(self, lived: float) -> float:
+        """The worker dies; s until the next one is forked."""
+        self.now += lived
+        assert self.group.child is not None
+        self.group.child.ended = True  # type: ignore[misc]
+        count, died = len(self.forked), self.now
+        self.workers.look()
+        while len(self.forked) == count:
+            self.now += LOOK_INTERVAL
+            self.workers.look()
+        return self.now - died
+
+
+def test_the_outputs_of_a_worker_that_died_go_to_their_defaults_at_once_however_often(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The pause before they are driven again is spent there."""
+    deaths = Deaths(tmp_path, monkeypatch)
+    for _ in range(10):
+        assert deaths.die(1.0) == 0.0
+        deaths.initialize()
+    assert [hold for _, hold in deaths.forked[1:]] == [0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 5.0, 5.0, 5.0]
+    assert deaths.said[-1].endswith(
+        "was killed (SIGKILL); its outputs are brought to their defaults, where they stay for 5 s"
+    )
+    assert deaths.die(CALM + 1.0) == 0.0
+    assert deaths.forked[-1][1] == 0.0
+
+
+def test_a_worker_that_dies_before_it_has_reset_is_replaced_after_half_a_second_at_most(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a driver that crashes when it is opened does."""
+    deaths = Deaths(tmp_path, monkeypatch)
+    assert deaths.die(1.0) == 0.0
+    waited = [deaths.die(0.01) for _ in range(8)]
+    assert waited == sorted(waited)
+    assert waited[0] < 0.1
+    assert max(waited) <= MAX_PAUSE + LOOK_INTERVAL
+
+
+def test_nobody_takes_the_place_of_a_worker_before_it_is_dead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blocked in a call of the kernel it still has its device."""
+    deaths, sent = Deaths(tmp_path, monkeypatch), list[int]()
+    child: Any = deaths.group.child
+    child.was_stopped, child.send = True, sent.append
+    for _ in range(1000):
+        deaths.now += LOOK_INTERVAL
+        deaths.workers.look()
+    assert (len(deaths.forked), sent) == (1, [signal.SIGKILL])
+    assert set(deaths.said) == {
+        "the worker process of driver box cannot be killed: it is blocked in a call of the kernel"
+    }
+    child.ended = True
+    deaths.workers.look()
+    assert len(deaths.forked) == 2
+    assert "was stopped by a signal" in deaths.said[-1]
 
 
 def test_drivers_that_share_a_device_have_one_worker(tmp_path: Path) -> None:

@@ -43,6 +43,7 @@
  *     value        writing: confirms another value or number
  *     coil         writing a single coil: confirms the value 0x1234, which is neither on nor off
  *     stall=MS     nothing is served for MS, then all that waits, the newest connection first; ends by itself
+ *     restart      nothing is served, connections stay half open; then it knows none of them: each is reset (RST)
  *     one=MS       one connection at a time; the next one is taken MS after it was closed
  */
 #include <errno.h>
@@ -359,6 +360,21 @@ static void stall(void)
             continue;
 }
 
+/* Nobody is there; then somebody is who knows none of the connections. */
+static void restart(void)
+{
+    struct linger now_and_hard = {1, 0};
+    cells[MET]++;
+    while (is("restart"))
+        pause_ms(LOOK);
+    while (waits(listener))
+        take_in();
+    while (count) {
+        setsockopt(client[0], SOL_SOCKET, SO_LINGER, &now_and_hard, sizeof now_and_hard);
+        drop(0);
+    }
+}
+
 static void refuse(void)
 {
     if (listener >= 0) {
@@ -446,6 +462,8 @@ int main(int words, char **word)
         listen_again();
         if (is("stall"))
             stall();
+        else if (is("restart"))
+            restart();
         else if (is("one"))
             one();
         else

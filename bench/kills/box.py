@@ -108,6 +108,12 @@ class Box:
         until = self.cells[UNTIL]
         return bool(self.cells[FAULT]) and (not until or monotonic_ns() < until)
 
+    @property
+    def answers_for(self) -> float:
+        """s since the end of a fault that has ended by itself."""
+        until = self.cells[UNTIL]
+        return (monotonic_ns() - until) * 1e-9 if until else float("inf")
+
     def fault(self, name: str, value: int = 0, seconds: float = 0.0) -> None:
         """Switch a fault of box.c on, for so many seconds (0: until `heal`)."""
         self.cells[FAULT] = 0

@@ -21,6 +21,8 @@ from bench.kills.run import How, NotStruck, Run
 SEED = 1998
 AFTERWARDS = 1.0
 """s after the end at which the outputs are looked at again: a stale write may have undone a reset."""
+ANSWERED_FOR = 0.5
+"""s for which the box has to answer before the end for nothing to stay driven."""
 AGAIN = 3
 """How often a try is begun whose machine ended before anything was done to it."""
 TAKES = {How.PROGRAM: 2.0, How.COMMAND: 4.0}
@@ -142,10 +144,13 @@ def _judge(kind: Kind, found: Try, run: Run, moment: int) -> tuple[Try, Run, int
     """Judge the end; how often outputs had left their defaults then, and when to look again."""
     ended = run.wait_end(kind.limit)
     left, at_end, again = run.box.left, run.box.values, monotonic() + AFTERWARDS
+    answered = run.box.answers_for
     found.wrong = ""
     if not ended:
         found.unsafe = f"its processes still ran {kind.limit:g} s later"
-    if any(at_end) and kind.resets:
+    if any(at_end) and run.status == 1:
+        found.unsafe = _join(found.unsafe, f"told as reset: {_named(at_end)}")
+    if any(at_end) and kind.resets and answered >= ANSWERED_FOR:
         found.unsafe = _join(found.unsafe, f"{_named(at_end)} not at the default at the end")
     elif not any(at_end):
         found.ms = max(0.0, (run.box.since - moment) * 1e-6)

@@ -14,7 +14,9 @@ from bench.kills.strikes import (
     STOP,
     TERM,
     Strike,
+    again_and_again,
     aged,
+    all_of,
     all_stopped_then,
     asleep,
     at_once,
@@ -26,6 +28,7 @@ from bench.kills.strikes import (
     interrupted_while_retrying,
     neighbours_loop,
     one,
+    outage,
     standby_killed_then_both,
     starting,
     stopped_then_killed,
@@ -45,6 +48,8 @@ KILLED = (-KILL,)
 """The starter is gone, nobody is left to be told."""
 PATIENT = 25.0
 """s, where `reset_for` (10 s) may be spent."""
+VERY_PATIENT = 45.0
+"""s, where a guardian may stand still that has begun to reset: it is given 30 s."""
 USUAL = Setting()
 STALL = (50, 600)
 """ms."""
@@ -101,8 +106,39 @@ TOGETHER = [
     Kind("SIGKILL of standby and control at once", together("standby", "control"), LOST, 20),
     Kind("SIGKILL of standby, TERM", then_stopped(together("standby")), (-TERM,), 20),
     Kind("SIGKILL of standby, then of guardian and control", standby_killed_then_both, LOST, 20),
+    Kind("SIGKILL of guardian, standby and control", together("guardian", "standby", "control"), LOST, 40),
+    Kind("SIGKILL of guardian and standby", all_of(("guardian", KILL), ("standby", KILL)), LOST, 20),
+    Kind("SIGKILL of all guardians", together("guardian", "standby", "reserve"), LOST, 20),
     Kind(
-        "SIGKILL of guardian, standby and control", together("guardian", "standby", "control"), (1, 3), 10, resets=False
+        "SIGKILL of guardians and control",
+        together("guardian", "standby", "reserve", "control"),
+        (1, 3),
+        10,
+        resets=False,
+    ),
+    Kind(
+        "SIGSTOP of the guardian, SIGKILL of standby and control",
+        all_of(("guardian", STOP), ("standby", KILL), ("control", KILL)),
+        LOST,
+        30,
+        limit=VERY_PATIENT,
+        takes=2.5,
+    ),
+    Kind(
+        "SIGSTOP of the standby, SIGKILL of guardian and control",
+        all_of(("standby", STOP), ("guardian", KILL), ("control", KILL)),
+        LOST,
+        20,
+        limit=VERY_PATIENT,
+        takes=2.5,
+    ),
+    Kind(
+        "SIGSTOP of guardian, standby and control",
+        all_of(("standby", STOP), ("guardian", STOP), ("control", STOP)),
+        LOST,
+        20,
+        limit=VERY_PATIENT,
+        takes=3.5,
     ),
     Kind("SIGSTOP of guardian and control", together("guardian", "control", number=STOP), LOST, 20, takes=3),
     Kind("SIGSTOP of all but umo run, TERM to it", all_stopped_then(TERM), (1, 143), 10, (COMMAND,)),
@@ -145,6 +181,23 @@ DEVICE = [
         takes=3,
     ),
     Kind("INT while the guardian retries", interrupted_while_retrying, (1, 130), 15, (COMMAND,), takes=1),
+]
+SHORT = Setting(reset_for="3 s")
+SECONDS = (0.1, 0.4, 1.6, 3.0, 3.4, 4.0, 6.0)
+"""s of the limits of a reset: the timeouts of its attempts, `reset_for`, the end of the attempts that begin then."""
+OUTAGES = [
+    Kind(
+        "outage, control killed", outage("control", KILL, SECONDS), (1, 3), 200, setting=SHORT, limit=PATIENT, takes=4
+    ),
+    Kind(
+        "outage, off the cycle, control killed",
+        outage("control", KILL, SECONDS),
+        (1, 3),
+        60,
+        setting=replace(SHORT, off_cycle=True),
+        limit=PATIENT,
+        takes=4,
+    ),
 ]
 WANT = [
     Kind("without privileges: control killed", one("control", KILL), LOST, 15, setting=PLAIN),
@@ -211,7 +264,28 @@ WORKERS = [
     Kind("off the cycle: SIGKILL of control, then the worker", together("control", "worker", apart=SHORTLY), LOST, 20),
     Kind("off the cycle: SIGKILL of guardian and control", together("guardian", "control"), LOST, 30),
     Kind("off the cycle: SIGKILL of guardian, control, worker", together("guardian", "control", "worker"), LOST, 20),
-    Kind("off the cycle: SIGKILL of all but the worker", together("guardian", "control", "standby"), (1, 3), 20),
+    Kind("off the cycle: SIGKILL of guardian, control, standby", together("guardian", "control", "standby"), LOST, 20),
+    Kind(
+        "off the cycle: SIGKILL of all but the worker",
+        together("guardian", "control", "standby", "reserve"),
+        (1, 3),
+        20,
+    ),
+    Kind("off the cycle: SIGKILL of guardian, standby, worker", together("guardian", "standby", "worker"), LOST, 30),
+    Kind(
+        "off the cycle: SIGKILL of all but control",
+        together("guardian", "standby", "reserve", "worker"),
+        LOST,
+        30,
+    ),
+    Kind(
+        "off the cycle: SIGSTOP of the guardian, SIGKILL of standby and control",
+        all_of(("guardian", STOP), ("standby", KILL), ("control", KILL)),
+        LOST,
+        20,
+        limit=VERY_PATIENT,
+    ),
+    Kind("off the cycle: SIGKILL of each worker, TERM", then_stopped(again_and_again("worker", KILL, 5)), (-TERM,), 20),
     Kind("off the cycle: box silent", faulty("silent"), (1, -TERM), 20, limit=PATIENT, takes=1.0),
     Kind("off the cycle: box refusing", faulty("refuse"), (1, -TERM), 10, limit=PATIENT, takes=1.0),
     Kind("off the cycle: control killed, box stalled", faulty("stall", STALL, then=at_once("control", KILL)), LOST, 20),
@@ -225,8 +299,10 @@ KEPT = [
     Kind("kept: SIGKILL of the keeper, TERM", then_stopped(together("keeper")), (-TERM,), 20),
     Kind("kept: SIGKILL of keeper and control", together("keeper", "control"), LOST, 20),
     Kind(
-        "kept: SIGKILL of guardian, standby and control",
-        aged(together("guardian", "standby", "control")),  # before there is a keeper nobody is left who could make one
+        "kept: SIGKILL of guardians and control",
+        aged(
+            together("guardian", "standby", "reserve", "control")
+        ),  # before there is a keeper nobody is left who could make one
         (1, 3),
         10,
         resets=False,
@@ -238,7 +314,7 @@ KEPT = [replace(kind, setting=Setting(kept=True)) for kind in KEPT]
 KEPT += [
     Kind(
         "kept: SIGKILL of all but the starter",
-        aged(together("keeper", "guardian", "standby", "control")),
+        aged(together("keeper", "guardian", "standby", "reserve", "control")),
         (1, 3),
         20,
         setting=Setting(kept=True, keeper_killed=True),
@@ -248,7 +324,7 @@ KEPT += [
 ]
 AGED, AGED_MORE = (0.2, 2.0), (1.0, 3.2)
 """s that an operated machine runs before it is struck; the longer where its last values are not written."""
-ALL = ("keeper", "guardian", "standby", "control")
+ALL = ("keeper", "guardian", "standby", "reserve", "control")
 OPERATED = Setting(operated=True, timeout="300 ms")
 """The machine, its operator and the run that takes over share the computer with the box."""
 SLOW_DISK = replace(OPERATED, disk_pause=0.04)
@@ -278,7 +354,7 @@ AT_WORK = [
     _operated("power cut, slow disk", together(*ALL), (1, 3), 30, replace(EVERYTHING, power_cut=True, disk_pause=0.04)),
     _operated("TERM", one("starter", TERM), (-TERM,), 10),
 ]
-KINDS = KILLS + TOGETHER + WORKERS + KEPT + AT_WORK + NEIGHBOURS + STOPS + DEVICE + WANT + PROTOCOL
+KINDS = KILLS + TOGETHER + WORKERS + KEPT + AT_WORK + NEIGHBOURS + STOPS + DEVICE + OUTAGES + WANT + PROTOCOL
 
 
 def possible(kind: Kind) -> bool:

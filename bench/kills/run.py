@@ -32,7 +32,7 @@ timeout = "{timeout}"
 {more}
 [process]
 hang_timeout = "{hang_timeout}"
-reset_for = "10 s"
+reset_for = "{reset_for}"
 
 [wire]
 timer = {{ driver = "timerfd", period = "5 ms" }}
@@ -69,6 +69,7 @@ class Setting:
     hang_timeout: str = "1 s"
     timeout: str = "100 ms"
     """Timeout of the driver."""
+    reset_for: str = "10 s"
     off_cycle: bool = False
     """Whether a worker process serves the box."""
     kept: bool = False
@@ -144,13 +145,14 @@ class Run:
         return told or next(iter(processes.children(self.starter.pid)), 0)
 
     def process(self, which: str) -> int:
-        """The starter, the guardian, its standby or the control process as soon as there is one; 0 if all ended
-        before."""
+        """The starter, the guardian, its standby, the reset process that waits behind both ("reserve") or the control
+        process as soon as there is one; 0 if all ended before."""
         find: dict[str, Callable[[], int]] = {
             "starter": lambda: self.starter.pid,
             "guardian": lambda: self.guardian,
             "control": lambda: self.control or processes.child(self.guardian, "umo control"),
             "standby": lambda: processes.child(self.guardian, "umo standby"),
+            "reserve": lambda: processes.child(self.guardian, "umo reset"),
             "keeper": lambda: processes.child(self.guardian, "umo keeper"),
             "worker": lambda: processes.child(self.guardian, "umo worker"),
         }
@@ -161,8 +163,8 @@ class Run:
 
     @property
     def all(self) -> list[int]:
-        """Starter, guardian, standby guardian and control process."""
-        return [self.starter.pid, self.guardian, self.process("standby"), self.control]
+        """Starter, guardian, standby guardian, the reset process behind both, and control process."""
+        return [self.starter.pid, self.guardian, self.process("standby"), self.process("reserve"), self.control]
 
     # Its course ------------------------------------------------------------------------------------------
 
@@ -280,7 +282,8 @@ def _write_station(folder: Path, port: int, setting: Setting) -> Path:
     for file in (HERE / "station").glob("*.py"):
         shutil.copy(file, station)
     more = OFF_CYCLE if setting.off_cycle else ""
-    text = WIRING.format(more=more, port=port, timeout=setting.timeout, hang_timeout=setting.hang_timeout)
+    limits = {"timeout": setting.timeout, "hang_timeout": setting.hang_timeout, "reset_for": setting.reset_for}
+    text = WIRING.format(more=more, port=port, **limits)
     for name, (count, table) in WIRES.items():
         text += "".join(f'"{name}.{i}" = {{ driver = "box", channel = "{table}:{i}" }}\n' for i in range(count))
     text += f'clock = {{ driver = "box", channel = "input:{WIRES["counts"][0]}" }}\n'

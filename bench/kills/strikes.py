@@ -4,7 +4,7 @@ CLOCK_MONOTONIC."""
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from random import Random
 from time import monotonic_ns, sleep
 
@@ -20,6 +20,8 @@ LATEST = 0.06
 """s after the machine runs at which it is struck at the latest."""
 STARTING = {"starter": 1.5, "guardian": 1.0, "control": 0.15}
 """s that a process lives about before the machine runs."""
+AROUND = 0.5
+"""s by which an outage ends before a limit, or after it, at most."""
 LASTING = (0.02, 1.0)
 """s that a fault of the box stays."""
 GRACE = 1.0
@@ -138,7 +140,7 @@ def each(number: int) -> Strike:
 
     def strike(run: Run, moments: Random) -> int:
         moment = at_work(run, moments)
-        for pid in moments.sample(run.all, 4):
+        for pid in moments.sample(run.all, len(run.all)):
             processes.send(pid, number)
         return moment
 
@@ -191,12 +193,12 @@ def asleep(seconds: float) -> Strike:
 
     def strike(run: Run, moments: Random) -> int:
         at_work(run, moments)
-        pids = moments.sample(run.all, 4)
+        pids = moments.sample(run.all, len(run.all))
         for pid in pids:
             processes.send(pid, STOP)
         sleep(seconds)
         moment = monotonic_ns()
-        for pid in moments.sample(pids, 4):
+        for pid in moments.sample(pids, len(pids)):
             processes.send(pid, CONT)
         return moment
 
@@ -245,6 +247,56 @@ def faulty(name: str, value: int | tuple[int, int] = 0, *, then: Strike | None =
         while run.box.faulty:
             sleep(processes.LOOK)
         return ask_to_stop_if_it_goes_on(run, moment)
+
+    return strike
+
+
+def outage(which: str, number: int, limits: Sequence[float]) -> Strike:
+    """The box is away, in one of three ways, from just before the strike to about one of the limits (s) after it; it
+    comes back by itself."""
+
+    def strike(run: Run, moments: Random) -> int:
+        at_work(run, moments)
+        around = moments.choice(limits) + moments.uniform(-AROUND, AROUND)
+        run.box.fault(moments.choice(("silent", "refuse", "restart")), 0, max(LASTING[0], around))
+        sleep(moments.uniform(0.0, 0.01))
+        return at_once(which, number)(run, moments)
+
+    return strike
+
+
+def again_and_again(which: str, number: int, times: int) -> Strike:
+    """Whatever takes the place of a process meets with the same."""
+
+    def strike(run: Run, moments: Random) -> int:
+        at_work(run, moments)
+        moment = monotonic_ns()
+        for _ in range(times):
+            pid = run.process(which)
+            sleep(moments.uniform(0.0, 0.3))
+            moment = monotonic_ns()
+            processes.send(pid, number)
+            until = monotonic_ns() + round(START_LIMIT * 1e9)
+            while processes.alive(pid) and monotonic_ns() < until:
+                sleep(processes.LOOK)
+        return moment
+
+    return strike
+
+
+def all_of(*strikes: tuple[str, int]) -> Strike:
+    """Signals to several of them, in any order, up to 60 ms apart."""
+
+    def strike(run: Run, moments: Random) -> int:
+        at_work(run, moments)
+        found = [(run.process(which), number) for which, number in strikes]
+        moments.shuffle(found)
+        moment = monotonic_ns()
+        for pid, number in found:
+            moment = monotonic_ns()
+            processes.send(pid, number)
+            sleep(moments.choice((0.0, moments.uniform(0.0, 0.06))))
+        return moment
 
     return strike
 

@@ -39,6 +39,23 @@ def machine(kind: type[Machine] = Machine) -> Machine:
     )
 
 
+class Watching(umo.Compound):
+    """A switch alone: a machine that drives nothing."""
+
+    timer: umo.DigitalSensor
+    switch: umo.BinarySensor[umo.states.PassFail]
+
+
+def watching() -> Watching:
+    timer = umo.DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.9, resolution=1.0, synchronous=False)
+    return Watching(timer=timer, switch=umo.BinarySensor(umo.states.PassFail, one=umo.states.PassFail.FAIL))
+
+
+async def watch(m: Watching) -> None:
+    while True:
+        await next_period()
+
+
 async def drive(m: Machine, periods: int = 4) -> str:
     """Outputs on for some periods."""
     m.motor.write(5.0)

@@ -6,6 +6,7 @@ import os
 import select
 import sys
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,7 @@ class Run:
         file.close()
         os.close(held)
         self.notices: list[str] = []
-        self.control = self.standby = 0
+        self.control = self.standby = self.reserve = 0
 
     def until_running(self) -> Run:
         """Until the control process says so; its pid and that of the standby guardian are known then."""
@@ -83,6 +84,9 @@ class Run:
             assert message is not None or self.channel.ended, "neither a message nor an end within a minute"
             for file in [] if message is None else message["files"]:
                 os.close(file)
+            if message is not None and message["kind"] == "reserve":
+                self.reserve = message["pid"]
+                continue
             if message is None or NEIGHBOURS not in message.get("text", ""):
                 return message
 
@@ -90,7 +94,8 @@ class Run:
         """Until every process of the run has ended."""
         assert select.select([self._rest], [], [], 30)[0], "a process of the run goes on"
         os.close(self._rest)
-        os.waitpid(self.guardian, 0)
+        with suppress(ChildProcessError):  # `outcome` has waited for it
+            os.waitpid(self.guardian, 0)
 
     def outcome(self) -> Outcome:
         """How it ended: what was said, which is the guardian's exit status as well."""

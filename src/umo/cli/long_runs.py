@@ -17,7 +17,7 @@ from typing import Any
 from umo.cycle import Frame
 from umo.cycle.trace import Trace, lines
 from umo.errors import text_of
-from umo.system.processes import identity
+from umo.system.processes import identity, is_used
 
 from .console import say
 from .run_folder import RUNS, TRACE_PAUSE, RunSummary, whole
@@ -197,10 +197,4 @@ def _lives(about: dict[str, Any]) -> bool:
     pid, process = about.get("pid"), about.get("process")
     if not isinstance(pid, int) or pid <= 0:
         return False
-    try:
-        os.kill(pid, 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except OSError:  # another user's
-        pass
-    return not process or process == identity(pid)
+    return is_used(pid) and (not process or process == identity(pid))

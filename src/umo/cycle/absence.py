@@ -15,7 +15,7 @@ from time import monotonic_ns
 from typing import Any, NoReturn, Protocol
 
 from umo.cycle.clock import Clock
-from umo.cycle.events import Event, Events
+from umo.cycle.events import Event, EventLimit, Events
 from umo.cycle.stand_ins import Away, NotCalled, Tried
 from umo.drivers.contract import Driver
 from umo.drivers.faults.wrapper import bare
@@ -81,7 +81,8 @@ class Absence:
         """Whether an initialisation has succeeded for some of its objects at least: it is there."""
         self.known = known
         """Whether it is known that it is away: a write has failed, or it was not found."""
-        self.told = False
+        self.judged = self.told = False
+        """Whether it has lasted long enough to be told; whether it was told, so that its end is."""
         self.due = since
         """Time in s from which it is looked for."""
         self.interval = FIRST_INTERVAL
@@ -116,6 +117,7 @@ class Absences:
         self._initialize, self._slots, self._watchdogs = initialize, slots, watchdogs
         self._names = {id(driver): name for name, driver in transfer.drivers.items()}
         self._absent: dict[int, Absence] = {}
+        self._limits: dict[str, EventLimit] = {}
         self._on_tick = clock.on_tick
         self.tried: Callable[[str, int], object] = lambda name, ns: None
         """Function that is told the ns that a driver has taken as it was looked for or tried, by its name."""
@@ -244,10 +246,13 @@ class Absences:
             self._tell(absence, f"is back after {duration(round(self._clock.now - absence.began, 6))}{again}")
 
     def _tell_away(self, absence: Absence) -> None:
-        """Once, when it has lasted."""
-        if not absence.told and self._clock.now - absence.began >= LONG_ABSENCE - ROUNDING:
-            absence.told = True
-            self._tell(absence, f"is away: {absence.cause}")
+        """Once, when it has lasted; a few times a minute."""
+        if not absence.judged and self._clock.now - absence.began >= LONG_ABSENCE - ROUNDING:
+            absence.judged = True
+            limit = self._limits.setdefault(absence.name, EventLimit())
+            if text := limit.passed(self._clock.now, f"is away: {absence.cause}"):
+                absence.told = True
+                self._tell(absence, text)
 
     def _tell(self, absence: Absence, text: str) -> None:
         self._events.add(Event(self._clock.now, f"driver {absence.name}", text))

@@ -15,6 +15,7 @@ from typing import Any, Generic, NoReturn, TypeVar
 
 from umo.cycle.absence import Absences, in_order
 from umo.cycle.alarming import declared_alarms, engine_of
+from umo.cycle.attempts import Attempts
 from umo.cycle.clock import Clock, WallClock
 from umo.cycle.equipment import equipment_in
 from umo.cycle.image import Image
@@ -343,20 +344,29 @@ class connect(Generic[C]):
             self._device_claim.abandon()
 
     def _reset(self) -> tuple[list[Failure], list[Failure]]:
-        """Failures: the actuators not reached, and those reached at the second attempt only.
+        """Failures: the actuators not reached, and those reached by a later attempt only.
 
-        A request that failed may still be carried out later and undo a reset. Then everything is reset a second time.
+        A request that failed may still be carried out later and undo a reset. Then everything is reset a second time,
+        and again as long as that reaches anything new: a device may begin to answer in the middle of an attempt.
         """
         slots = self._stop_sequence()
-        first = self._reset_once(slots)
+        first = left = self._reset_once(slots)
         if not self.image.transfer.unsure:
             return first, []
-        self._waiting = set(slots)
-        wait_for(settling(self.wired), self.pause, self.on_step)
-        left = self._reset_once(slots)
+        attempts, progress = Attempts(), True
+        attempts.add(self._reached(slots, first))
+        while progress:
+            self._waiting = set(slots)
+            wait_for(settling(self.wired), self.pause, self.on_step)
+            left = self._reset_once(slots)
+            progress = attempts.add(self._reached(slots, left)) and bool(left)
         still = {failure.path for failure in left}
         late = [failure for failure in first if failure.path not in still]
         return left, [replace(each, cause=f"reset at the second attempt: {each.cause}") for each in late]
+
+    def _reached(self, slots: list[int], failures: list[Failure]) -> set[str]:
+        """The paths of these actuators but for those that failed."""
+        return {self.image.items[slot].path for slot in slots} - {failure.path for failure in failures}
 
     def _reset_once(self, slots: list[int]) -> list[Failure]:
         failures = []

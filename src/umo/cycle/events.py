@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 KEPT_EVENTS = 1000
 """Number of the last events that are kept."""
+LIMIT_COUNT, LIMIT_TIME = 3, 60.0
+"""Number of absences of one driver that are told within so many s, each with its end."""
 EVENT_TEXT_BYTES = 448
 """Length of an event's text that others see, bytes of UTF-8."""
 END = "end"
@@ -42,6 +44,25 @@ class CommandState(IntEnum):
 
     def __str__(self) -> str:
         return self.name.lower()
+
+
+class EventLimit:
+    """How often something of one source is told: `LIMIT_COUNT` times within `LIMIT_TIME`. What flickers does not push
+    all other events out."""
+
+    def __init__(self) -> None:
+        self._times: deque[float] = deque(maxlen=LIMIT_COUNT)
+        self._left_out = 0
+
+    def passed(self, now: float, text: str) -> str:
+        """The text to be told at this time in s, with the number of those that were left out before; "": it is left
+        out."""
+        if len(self._times) == LIMIT_COUNT and now - self._times[0] < LIMIT_TIME:
+            self._left_out += 1
+            return ""
+        self._times.append(now)
+        left_out, self._left_out = self._left_out, 0
+        return f"{text} ({left_out} such events before were not told)" if left_out else text
 
 
 class Event(NamedTuple):

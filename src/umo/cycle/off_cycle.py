@@ -17,7 +17,7 @@ import numpy as np
 
 from umo.cycle.clock import Clock
 from umo.cycle.columns import Block
-from umo.cycle.events import Event, Events
+from umo.cycle.events import Event, EventLimit, Events
 from umo.cycle.image import Image
 from umo.cycle.journal import ErrorKind, Kind
 from umo.cycle.transfer import cause_of_failure
@@ -64,6 +64,12 @@ class Remote:
         """Asynchronous actuators whose last order is not carried out yet: its number, and the time in s of the first
         one that was not."""
         self.told_away = False
+        """Whether it counts as away, since no value came for long."""
+        self.tells_end = False
+        """Whether that was told, so that its end is to be told."""
+        self.told_again = False
+        """Whether an initialisation was told since."""
+        self.limits = {text: EventLimit() for text in ("away", "initialised")}
         self.last = 0.0
         """Time in s at which a value was taken last."""
 
@@ -193,21 +199,28 @@ class OffCycleImage(Image):
         rows = driver.read_rows = remote.rows
         if generation_of(rows) != driver.generation:
             self._begin_generation(remote)
-        self._date(remote, rows[Row.STAMP], now)
+        arrived = self._date(remote, rows[Row.STAMP], now)
         for block in remote.inputs:
             self._convert_arrivals(remote, block, rows, now)
         for block in remote.outputs:
             self._confirm(remote, block, rows)
         remote.until = -np.inf
-        if remote.told_away and driver.exchange.cells[Cell.AWAY_SINCE] == NEVER:
-            remote.told_away = False
-            self._tell(remote, "is back")
+        if remote.told_away and arrived and driver.exchange.cells[Cell.AWAY_SINCE] == NEVER:
+            remote.told_away = remote.told_again = False
+            if remote.tells_end:
+                self._tell(remote, "is back")
 
-    def _date(self, remote: Remote, stamps: IntArray, now: float) -> None:
+    def _date(self, remote: Remote, stamps: IntArray, now: float) -> bool:
+        """Whether a value has come that was not there before."""
         new = np.flatnonzero(stamps != remote.stamps)
-        if new.size:
-            remote.times[new] = remote.driver.times(new, stamps[new], now, self._now_ns)
-            remote.stamps, remote.last = stamps.copy(), now
+        if not new.size:
+            return False
+        remote.times[new] = remote.driver.times(new, stamps[new], now, self._now_ns)
+        remote.stamps = stamps.copy()
+        arrived = bool((stamps[new] != NEVER).any())
+        if arrived:
+            remote.last = now
+        return arrived
 
     def _convert_arrivals(self, remote: Remote, block: Block, rows: IntArray, now: float) -> None:
         places = remote.driver.places(block.channels)
@@ -273,9 +286,12 @@ class OffCycleImage(Image):
         self._beginning = False
         if lost:
             stay = "is at its default" if len(lost) == 1 else "are at their defaults"
-            self._tell(remote, f"was initialised again; {some(lost)} {stay}")
+            text = f"was initialised again; {some(lost)} {stay}"
         else:
-            self._tell(remote, "was initialised again")
+            text = "was initialised again"
+        if lost or not remote.told_again:
+            text = remote.limits["initialised"].passed(self.clock.now, text)
+            remote.told_again = self._tell(remote, text) and remote.told_away
 
     # Age -----------------------------------------------------------------------------------------------
 
@@ -291,7 +307,8 @@ class OffCycleImage(Image):
                 self._too_old(remote, slot)
         if not fresh.all() and not remote.told_away and now - remote.last > max(LONG_ABSENCE, BAD_AGES * max_age):
             remote.told_away = True
-            self._tell(remote, f"is away: {remote.driver.cause(-1)}")
+            text = remote.limits["away"].passed(now, f"is away: {remote.driver.cause(-1)}")
+            remote.tells_end = self._tell(remote, text)
 
     def _set_stale(self, slot: int) -> None:
         if self.quality[slot] == Quality.GOOD:  # what was not good is no better for being old
@@ -325,9 +342,12 @@ class OffCycleImage(Image):
             elif late > driver.max_age:
                 self._set_stale(slot)
 
-    def _tell(self, remote: Remote, text: str) -> None:
-        self._events.add(Event(self.clock.now, f"driver {remote.name}", text))
-        log.warning("driver %s %s", remote.name, text)
+    def _tell(self, remote: Remote, text: str) -> bool:
+        """Whether there is something to tell."""
+        if text:
+            self._events.add(Event(self.clock.now, f"driver {remote.name}", text))
+            log.warning("driver %s %s", remote.name, text)
+        return bool(text)
 
     # Some objects --------------------------------------------------------------------------------------
 

@@ -22,6 +22,7 @@ from umo.errors import FramesError
 from umo.frames.memory import RunDescriptors
 from umo.system import descriptor_passing, folders
 from umo.system.folders import is_own
+from umo.system.processes import is_used
 
 GREETING = b"umo frames 6"
 MAX_ADDRESS_BYTES = 107
@@ -79,7 +80,7 @@ def rings() -> list[Path]:
     except OSError as error:
         raise FramesError(f"no folder for frames: {error}") from None
     for name in names:
-        if (hidden := _HIDDEN.fullmatch(name)) and _is_gone(int(hidden[1])):
+        if (hidden := _HIDDEN.fullmatch(name)) and not is_used(int(hidden[1])):  # it died before it got its name
             _remove(place / name)
     found = sorted((place / name for name in names if _OPEN.fullmatch(name)), key=_made)
     return [path for path in found if is_living(path)]
@@ -96,17 +97,6 @@ def is_living(path: Path) -> bool:
 def _remove(path: Path) -> None:
     with suppress(OSError):
         path.unlink(missing_ok=True)
-
-
-def _is_gone(pid: int) -> bool:
-    """Whether there is no such process: it died before its socket got its name."""
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return True
-    except (OSError, OverflowError):
-        return False
-    return False
 
 
 def _made(path: Path) -> int:

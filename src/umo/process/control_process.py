@@ -37,12 +37,13 @@ from umo.process.job_facts import job_facts
 from umo.process.kept_file import ALARMS, NUMBERS
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, plain, plain_reports, status_of
-from umo.process.run_end import tell_final_message
+from umo.process.reset import DEATH_TIMEOUT
+from umo.process.run_end import RunEnd, tell_final_message
 from umo.process.run_state import RunState, Who
 from umo.remote.queue import Receiver
 from umo.system import realtime
 from umo.system.device_record import DeviceClaim
-from umo.system.processes import adjust_oom_score, name_process
+from umo.system.processes import adjust_oom_score, identity, name_process, parent_of_this
 from umo.system.streams import say_without_waiting
 from umo.text import Moment, in_brackets
 
@@ -64,6 +65,7 @@ class Control:
         channel: MessageSocket,
         guardian: int,
         frames: tuple[RunDescriptors, FrameServer] | None,
+        run_end: RunEnd | None = None,
         kept: Mapping[str, Any] = MappingProxyType({}),
     ) -> None:
         self._plan = plan
@@ -73,6 +75,10 @@ class Control:
         self._guardian = guardian
         self._frames = frames
         """The descriptors of the memory for frames, and the server that gives clients theirs; None: no frames."""
+        self._run_end = run_end
+        """The work of a guardian, for the case that there is none any more."""
+        self._stands_in = False
+        """Whether this process does it."""
         self._kept = kept
         """What the last run has kept, by section."""
         self._stopped_by = ""
@@ -101,6 +107,8 @@ class Control:
 
     def stand_aside(self) -> None:
         """In a process that control code forked: it gives up the devices, and ends as soon as it would use one."""
+        if self._stands_in:
+            return
 
         def end(*_: object) -> NoReturn:
             say_without_waiting(
@@ -130,10 +138,44 @@ class Control:
             assert outcome.failure is not None
             if told := self._device_claim.stopped(outcome.failure.message, outcome.unreached):
                 outcome.failure.message += f"; {told}"
-            if not self.orphaned:  # the guardian was stopped
-                os.kill(self._guardian, signal.SIGKILL)
-            if self._run_state.gone(0.0, Who.STANDBY):
+            self._end_guardian()
+            if self._is_alone():
+                self._run_state.note_told()
                 tell_final_message(self._channel, self._plan.name, outcome)
+
+    def reset_if_alone(self, outcome: Outcome) -> Outcome:
+        """Actuators were not reached, and no guardian is left who would retry: this process does, as that would. It
+        opens the devices anew, also those off the cycle, whose worker may be dead."""
+        if not (outcome.unreached and outcome.unsafe and self._run_end is not None):
+            return outcome
+        self._end_guardian()
+        if not (self._run_state.gone(DEATH_TIMEOUT, Who.GUARDIAN) and self._is_alone()):
+            return outcome
+        self._stands_in = True
+        self._run_end.title = "control process"
+        self._run_end.resetter.hand_over()
+        outcome = self._run_end.settle(self._gives_sign_of_life, outcome, lambda text: None)
+        self.report(outcome)
+        return outcome
+
+    def _gives_sign_of_life(self) -> bool:
+        """It is not dead, and uses no device any more."""
+        self._run_state.beat()
+        return True
+
+    def _end_guardian(self) -> None:
+        """End a guardian that was stopped. It is this process's parent as long as it lives."""
+        if (guardian := parent_of_this(self._guardian)) is not None:
+            guardian.send(signal.SIGKILL)
+
+    def _is_alone(self) -> bool:
+        """Whether nobody follows the guardian. One that was stopped by a signal does not."""
+        for who in (Who.STANDBY, Who.RESERVE):
+            if (process := self._run_state.process(who)) is not None:
+                if not process.is_stopped:
+                    return False
+                self._run_state.end(who, DEATH_TIMEOUT)
+        return True
 
     def run(self) -> Outcome:
         """Connect, drive, leave; whatever ends it is in the outcome."""
@@ -309,6 +351,7 @@ class Control:
         self._channel.send(
             "running",
             pid=os.getpid(),
+            identity=identity(os.getpid()),
             guardian=self._guardian,
             files=[] if ring is None or self._frames is None else self._frames[1].ends,
             refusals=refusals,
@@ -331,5 +374,6 @@ def drive_and_report(control: Control, traces: IO[bytes]) -> int:
     control.wait_for_admission()
     faulthandler.register(WHERE_SIGNAL, file=traces, all_threads=False)
     outcome = control.run()
+    outcome = control.reset_if_alone(outcome)
     control.say_how_it_ended(outcome)
     return outcome.status

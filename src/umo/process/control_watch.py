@@ -11,7 +11,7 @@ from time import monotonic, sleep
 from umo.cycle.stopping import SIGNALS, signal_name
 from umo.process.reset import DEATH_TIMEOUT
 from umo.process.run_state import RunState
-from umo.system.processes import ProcessHandle, is_stopped, state
+from umo.system.processes import Child
 from umo.text import in_brackets, place_among
 
 WHERE_SIGNAL = signal.SIGUSR2
@@ -26,11 +26,9 @@ class ControlWatch:
     """The control process, from its fork to its end. `traces` is the file in which it writes down where it stands."""
 
     def __init__(self, pid: int, run_state: RunState, traces: int) -> None:
-        self.process = ProcessHandle(pid)
+        self.process = Child(pid)
         self._run_state = run_state
         self._traces = traces
-        self._status: int | None = None
-        self._dead = False
         self._unkillable_from = 0.0
         """Time at which waiting for a process that cannot be killed ends."""
 
@@ -39,27 +37,20 @@ class ControlWatch:
         device, counts as dead after a while: it cannot be waited for. Gives the guardian's signs of life meanwhile."""
         until = monotonic() + within
         self._unkillable_from = self._unkillable_from or monotonic() + DEATH_TIMEOUT
-        while not self._has_ended():
+        self._run_state.watch()
+        while not self.process.ended:
             self._run_state.watch()
             if monotonic() >= until:
                 return monotonic() >= self._unkillable_from
             sleep(0.0005)
         return True
 
-    def _has_ended(self) -> bool:
-        if not self._dead:
-            self._dead = self.process.ended  # first: a process that has ended by now can be waited for
-            with suppress(ChildProcessError):  # the standby guardian is not its parent
-                pid, status = os.waitpid(self.process.pid, os.WNOHANG)
-                if pid:
-                    self._status, self._dead = status, True
-        return self._dead
-
     def ending(self) -> str:
-        """How it ended, in words."""
-        status = self._status
+        """How it ended, in words. To be asked when it was killed: it waits for its end."""
+        self.is_dead(DEATH_TIMEOUT)
+        status = self.process.status
         if status is None:
-            return "has ended" if self._dead else "cannot be killed: it is blocked in a kernel call"
+            return "has ended" if self.process.ended else "cannot be killed: it is blocked in a kernel call"
         if os.WIFSIGNALED(status):
             number = os.WTERMSIG(status)
             what = "was killed" if number in (signal.SIGKILL, *SIGNALS) else "crashed"
@@ -68,12 +59,12 @@ class ControlWatch:
 
     def silent(self, how: str, moment: str) -> str:
         """That it hangs or was kept from running (`how`), where and when, in words."""
-        stopped = " (it was stopped by a signal)" if is_stopped(self.process.pid) else ""
+        stopped = " (it was stopped by a signal)" if self.process.is_stopped else ""
         return f"the control process {how}{stopped}{in_brackets(moment, self._where())}"
 
     def _where(self) -> str:
         """Where its Python code stands, as far as it can still tell."""
-        if state(self.process.pid) in UNABLE_STATES:
+        if self.process.state in UNABLE_STATES:
             return ""
         with suppress(OSError):
             self.process.send(WHERE_SIGNAL)

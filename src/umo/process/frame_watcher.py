@@ -17,6 +17,7 @@ from umo.frames.frame_server import FrameServer, new_path
 from umo.frames.memory import RunDescriptors
 from umo.latency import blackbox
 from umo.system import realtime
+from umo.system.processes import Child
 from umo.text import Moment
 
 BLACK_BOX_INTERVAL = 10.0
@@ -39,7 +40,8 @@ class FrameWatcher:
         self._missed = 0
         self._box_due: float | None = None
         self._next_box = 0.0
-        self._child = 0
+        self._child: Child | None = None
+        """The process that writes a black box."""
         self._wanted_reason = ""
         """Reason for which a black box is to be written as soon as the one before is finished; empty: none is."""
 
@@ -101,7 +103,7 @@ class FrameWatcher:
             return
         if child == 0:
             self._write(self._reader, reason)
-        self._child = child
+        self._child = Child(child)
 
     @property
     def moment(self) -> str:
@@ -116,7 +118,8 @@ class FrameWatcher:
         until = monotonic() + BLACK_BOX_TIMEOUT
         if self._box_due is not None and not self._wanted_reason:
             self.keep(blackbox.MISSED_PERIOD)
-        while self._child and monotonic() < until:
+        self._reap()
+        while self._child is not None and monotonic() < until:
             sleep(0.001)
             self._reap()
         if self.frames is not None:
@@ -143,13 +146,8 @@ class FrameWatcher:
 
     def _reap(self) -> None:
         """A child that is finished makes way for the next."""
-        if not self._child:
+        if self._child is None or not self._child.ended:
             return
-        try:
-            if os.waitpid(self._child, os.WNOHANG)[0] == 0:
-                return
-        except OSError:  # it is gone
-            pass
-        self._child = 0
+        self._child = None
         if self._wanted_reason:
             self.keep(self._wanted_reason)

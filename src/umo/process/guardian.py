@@ -34,7 +34,7 @@ from umo.process.reset import DEATH_TIMEOUT, STOP_SIGNALS
 from umo.process.run_end import RunEnd, tell_final_message
 from umo.process.run_state import RunState, Who
 from umo.process.service_report import ServiceReport
-from umo.process.standby import Standby
+from umo.process.standby import Standby, tell_who
 from umo.process.workers import Workers, groups_of
 from umo.system import realtime
 from umo.system.device_record import INSPECT, DeviceClaim
@@ -75,7 +75,7 @@ def main(file: int, job_file: int) -> int:
         if guardian is not None and guardian.is_followed:
             raise  # the standby guardian takes over as soon as this process has ended
         outcome = Outcome(Failed.of(error))
-        if guardian is not None and guardian.forked:
+        if guardian is not None and guardian.is_driving:
             outcome = guardian.give_up(outcome)
         elif device_claim is not None:  # nothing was driven
             device_claim.abandon()
@@ -109,10 +109,13 @@ class Guardian:
         self._watcher = FrameWatcher(plan.name)
         self._service = ServiceReport.of_this_process(self._run_state, lambda: self._watcher.reader)
         self._workers = Workers(plan.machine, plan.wired, groups, self._run_state, self._say)
-        self._keeper = Keeper(kept_values.file_of(plan), kept_values.title_of(plan), self._say, self._process.cpu)
+        self._keeper = Keeper(
+            kept_values.file_of(plan), kept_values.title_of(plan), self._run_state, self._say, self._process.cpu
+        )
         self._end = RunEnd(plan, device_claim, self._run_state, channel, self._watcher, self._workers, self._keeper)
         limit = guardian_limit(self._process.hang_timeout)
         self._standby = Standby(self._run_state, limit, self._take_over, channel, self._say)
+        self._end.resetter.in_reserve = self._standby.follow_both
 
     def _take_core(self) -> CorePlace | None:
         """The core that the wiring names; without one, under SCHED_FIFO, the core with the fewest other stations."""
@@ -132,7 +135,6 @@ class Guardian:
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # ignored, it would leave nobody to wait for
         flush()
         self._run_state.hold(Who.GUARDIAN)
-        self._end.resetter.stand_by()
         if why := self._watcher.make():
             self._say(f"this run cannot be watched or traced, and keeps no values: {why}")
         kept = kept_values.take_over(self._plan, self._say)
@@ -141,10 +143,14 @@ class Guardian:
         pid = self._run_state.fork(Who.CONTROL)
         if pid == 0:
             frames = self._watcher.frames
-            control = Control(self._plan, self._device_claim, self._run_state, self._channel, guardian, frames, kept)
+            control = Control(
+                self._plan, self._device_claim, self._run_state, self._channel, guardian, frames, self._end, kept
+            )
             carry_out(lambda: drive_and_report(control, self._traces))
         self._watcher.forked()
         self._control = ControlWatch(pid, self._run_state, self._traces.fileno())
+        self._end.resetter.stand_by()
+        self._tell_reserve()
         with suppress(Exception):
             realtime.prepare_guardian(self._process.priority, self._process.cpu)
         self._standby.appoint()
@@ -154,8 +160,9 @@ class Guardian:
         return outcome
 
     @property
-    def forked(self) -> bool:
-        return self._control is not None
+    def is_driving(self) -> bool:
+        """Whether the control process may use the devices."""
+        return self._run_state.admitted
 
     def give_up(self, outcome: Outcome) -> Outcome:
         """The end when the guardian has failed and nobody is left to reset the machine: the outcome that was settled,
@@ -170,8 +177,9 @@ class Guardian:
 
     @property
     def is_followed(self) -> bool:
-        """Whether a standby guardian lives that takes over when this process ends."""
-        return self.forked and not self._run_state.gone(0.0, Who.STANDBY)
+        """Whether a process lives that takes over when this one ends."""
+        followers = (Who.STANDBY, Who.RESERVE)
+        return self.is_driving and not all(self._run_state.gone(0.0, who) for who in followers)
 
     def _guard(self) -> Outcome:
         """Watch the control process to its end, reset the machine where that is needed, record and tell it."""
@@ -187,6 +195,8 @@ class Guardian:
 
     def _take_over(self) -> None:
         """Go on in the standby guardian, when the guardian is dead. An outcome that was settled is only told."""
+        with suppress(Exception):
+            realtime.prepare_guardian(self._process.priority, self._process.cpu)
         self._is_standby = True
         self._end.hand_over()
         settled = Outcome.decode(self._run_state.settled())
@@ -206,13 +216,13 @@ class Guardian:
         if hung:  # in code of the application's, when the machine had been reset
             control.process.send(signal.SIGKILL)
         control.is_dead(DEATH_TIMEOUT)
-        return self._end.settle(control, outcome, self._say)
+        return self._end.settle(control.is_dead, outcome, self._say)
 
     # While it runs -------------------------------------------------------------------------------------
 
     def _watch(self, control: ControlWatch) -> str:
         """Watch until the control process is gone (""), or hangs: then how, in words."""
-        share = ProcessorShare(control.process.pid, self._core, self._say)
+        share = ProcessorShare(control.process, self._core, self._say)
         silence = HangDetector(self._run_state, share, self._process.hang_timeout, self._plan.wired.period or 0.0)
         while not self._run_state.gone(LOOK_INTERVAL):
             self._run_state.watch()
@@ -237,7 +247,12 @@ class Guardian:
 
     def _look_at_resetter(self) -> None:
         if self._end.resetter.look():
+            self._tell_reserve()
             self._say("the process that waits to reset the machine was killed or stopped; another one takes its place")
+
+    def _tell_reserve(self) -> None:
+        if pid := self._end.resetter.reserve:
+            tell_who(self._channel, "reserve", pid)
 
     def _try(self, step: Callable[[], object]) -> bool:
         """Whether a step succeeded. A failure is told once."""

@@ -4,7 +4,7 @@ end.
 The guardian forks it and looks after it. It maps the frames read-only, takes the last whole frame at most once a
 second, and writes one file if what is kept has changed: all of it is of this one period. It appends the changes of
 alarms to their history. When the process that writes the frames has ended, or was killed, it writes the last frame and
-ends. It survives all other processes of the run until then, and holds nothing of theirs: no device, no lock, no socket.
+ends. It survives all other processes of the run until then, and holds nothing of theirs: no device and no socket.
 Nobody waits for a disk but the keeper.
 """
 
@@ -16,7 +16,6 @@ import os
 import select
 import signal
 from collections.abc import Callable
-from contextlib import suppress
 from enum import IntEnum
 from pathlib import Path
 from time import monotonic, sleep
@@ -28,8 +27,9 @@ from umo.process.alarm_history import AlarmHistory, utc_of
 from umo.process.kept_file import KeptValues
 from umo.process.kept_sections import sections_of
 from umo.process.reset import DEATH_TIMEOUT, STOP_SIGNALS
+from umo.process.run_state import RunState, Who
 from umo.system import realtime
-from umo.system.processes import ENDED, STOPPED, adjust_oom_score, name_process, state
+from umo.system.processes import Child, ProcessHandle, adjust_oom_score, name_process
 
 INTERVAL = 0.95
 """Time in s from one look of the keeper's to the next. With 50 ms for the disk, what is kept is at most 1 s old."""
@@ -49,23 +49,32 @@ HELD_BY_ANOTHER = -1
 class Told(IntEnum):
     """What the keeper tells, in shared memory."""
 
-    PID, ERROR, FINISHED, HISTORY_ERROR, NEXT_EVENT = range(5)
-    """Its process; the number of the error of the last write, 0: it went well; whether it has come to its end; the same
-    of the history of alarms, and the number of the first event that it has not looked at."""
+    BEGUN, ERROR, FINISHED, HISTORY_ERROR, NEXT_EVENT = range(5)
+    """Whether there is a keeper whose end nobody has seen; the number of the error of the last write, 0: it went well;
+    whether it has come to its end; the same of the history of alarms, and the number of the first event that it has not
+    looked at."""
 
 
 class Keeper:
     """The keeper of one run, for its guardian and the standby guardian. `say` tells the user what went wrong."""
 
     def __init__(
-        self, path: Path | None, title: KeptValues, say: Callable[[str], object], core: int | None = None
+        self,
+        path: Path | None,
+        title: KeptValues,
+        run_state: RunState,
+        say: Callable[[str], object],
+        core: int | None = None,
     ) -> None:
         """`path`: the file; None: there is no folder for it. `title`: what stands in it of the station.
         `core`: that of the control process, which the keeper leaves."""
         self.path = path
         self._title = title
+        self._run_state = run_state
         self._say = say
         self._core = core
+        self._child: Child | None = None
+        """The keeper, as the process that has forked it knows it."""
         self._cells = memoryview(mmap.mmap(-1, 8 * len(Told))).cast("q")
         self._next_fork, self._pause = 0.0, FIRST_PAUSE
         self._keeps: bool | None = None
@@ -80,13 +89,13 @@ class Keeper:
             return
         if self.path is None:
             self._say(NO_FOLDER)
-        elif pid := self._cells[Told.PID]:
+        elif self._cells[Told.BEGUN]:
             if (error := self._cells[Told.ERROR]) != 0:
                 self._say(f"{_told(error)}; it is tried again; the file of before stands: {self.path}")
             self._tell_history("it is tried again")
-            if not self._has_ended(pid) or self._cells[Told.FINISHED]:
+            if not self._has_ended() or self._cells[Told.FINISHED]:
                 return
-            self._cells[Told.PID] = 0
+            self._cells[Told.BEGUN] = 0
             self._say("the process that keeps values was killed or stopped; another one takes its place")
         elif monotonic() >= self._next_fork:
             self._next_fork = monotonic() + self._pause
@@ -102,13 +111,13 @@ class Keeper:
             return NO_FOLDER
         until = monotonic() + LAST_TIMEOUT
         for _ in range(2):  # the second takes the place of one that was killed
-            if not self._cells[Told.FINISHED] and self._has_ended(self._cells[Told.PID]):
+            if not self._cells[Told.FINISHED] and self._has_ended():
                 self._fork(reader)
-            while not self._has_ended(self._cells[Told.PID]) and monotonic() < until:
+            while not self._has_ended() and monotonic() < until:
                 sleep(LOOK_INTERVAL)
         self._tell_history("its last changes are missing")
         finished, error = self._cells[Told.FINISHED], self._cells[Told.ERROR]
-        self._end(self._cells[Told.PID])
+        self._end()
         if finished and not error:
             return ""
         why = _told(error) if error else "the process that keeps values did not end in time"
@@ -126,38 +135,37 @@ class Keeper:
     def _fork(self, reader: Reader) -> None:
         self._cells[Told.FINISHED] = self._cells[Told.ERROR] = 0
         try:
-            pid = os.fork()
+            pid = self._run_state.fork(Who.KEEPER)
         except OSError as error:
             self._say(f"nothing is kept: {error.strerror}; it is tried again")
             return
         if pid == 0:
             assert self.path is not None
             _work(self.path, self._title, reader, self._cells, self._core)
-        self._cells[Told.PID] = pid
+        self._child, self._cells[Told.BEGUN] = Child(pid), 1
 
-    def _has_ended(self, pid: int) -> bool:
+    def _has_ended(self) -> bool:
         """Whether it serves no longer. One that was stopped by a signal is ended."""
-        if not pid:
+        process = self._process
+        if process is None or process.ended:
             return True
-        with suppress(ChildProcessError):  # the standby guardian is not its parent
-            if os.waitpid(pid, os.WNOHANG)[0]:
-                return True
-        now = state(pid)
-        if now in STOPPED:
-            self._end(pid)
-        return now in STOPPED + ENDED
+        if process.is_stopped:
+            self._end()
+            return True
+        return False
 
-    def _end(self, pid: int) -> None:
+    @property
+    def _process(self) -> ProcessHandle | None:
+        """Of another guardian's keeper the lock proves which process it is."""
+        if self._child is not None and self._child.is_own:
+            return self._child
+        return self._run_state.process(Who.KEEPER)
+
+    def _end(self) -> None:
         """Make sure that it has ended. One that is blocked in a call of the kernel ends after that."""
-        if not pid or state(pid) in ENDED:
-            return
-        with suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGKILL)
-        until = monotonic() + DEATH_TIMEOUT / 10
-        while state(pid) not in ENDED and monotonic() < until:
-            sleep(LOOK_INTERVAL)
-        with suppress(ChildProcessError):
-            os.waitpid(pid, os.WNOHANG)
+        if (process := self._process) is not None:
+            process.end(DEATH_TIMEOUT / 10)
+            self._child = None
 
 
 def _told(error: int) -> str:
@@ -172,7 +180,6 @@ def _told(error: int) -> str:
 def _work(path: Path, title: KeptValues, reader: Reader, cells: Any, core: int | None) -> None:
     """In the child; never returns."""
     try:
-        os.setsid()
         for number in STOP_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
         assert reader.ends is not None

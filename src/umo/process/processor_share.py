@@ -12,7 +12,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from time import monotonic
 
-from umo.system.processes import running_on, state, title_of
+from umo.system.processes import ProcessHandle, running_on, state, title_of
 
 OVERLONG = 0.04
 """Time in s that a control process may work, or wait for a processor, before its guardian does something."""
@@ -22,15 +22,15 @@ class ProcessorShare:
     """The share of one control process, since its last sign of life. It is pinned to `core`, unless that is None, until
     it is let onto every core. What is done for it is told by `say`."""
 
-    def __init__(self, pid: int, core: int | None, say: Callable[[str], object]) -> None:
-        self._pid = pid
+    def __init__(self, process: ProcessHandle, core: int | None, say: Callable[[str], object]) -> None:
+        self._process, self._pid = process, process.pid
         self._core = core
         self._say = say
         self._cores = os.sched_getaffinity(0) | ({core} if core is not None else set())
         """The cores that it may use, but for being pinned."""
         self._file: int | None = None
         with suppress(OSError):
-            self._file = os.open(f"/proc/{pid}/schedstat", os.O_RDONLY)
+            self._file = os.open(f"/proc/{process.pid}/schedstat", os.O_RDONLY)
         self._last: tuple[float, float, float] | None = None
         self._priority = 0
         """Priority before it gave way; 0 if it has not."""
@@ -53,13 +53,15 @@ class ProcessorShare:
     def begin(self) -> None:
         """There was a sign of life: all is as before."""
         self._last, self._ran, self._waited, self._occupant = None, 0.0, 0.0, ""
-        if self._priority:
+        if self._priority and not self._process.ended:
             with suppress(OSError):
                 os.sched_setscheduler(self._pid, os.SCHED_FIFO, os.sched_param(self._priority))
             self._priority = 0
 
     def look(self) -> None:
         """There was none since the last look."""
+        if self._process.ended:  # its number may be another's
+            return
         now = self._times()
         if self._last is not None and now is not None:
             time, ran, waited = (new - old for new, old in zip(now, self._last, strict=True))

@@ -9,6 +9,7 @@ calls go through the transfer stage.
 from __future__ import annotations
 
 import os
+import select
 import signal
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -17,6 +18,7 @@ from time import monotonic, sleep
 from types import FrameType
 from typing import Literal
 
+from umo.cycle.attempts import Attempts
 from umo.cycle.stopping import SIGNALS, signal_name
 from umo.cycle.transfer import UNCONTROLLED_TIMEOUT, Transfer, settling, wait_for
 from umo.drivers.off_cycle import OffCycle
@@ -25,12 +27,14 @@ from umo.objects import Compound
 from umo.objects.stop_order import stop_sequence
 from umo.process.reset_state import Reached, ResetState
 from umo.system import realtime
-from umo.system.processes import carry_out, name_process
+from umo.system.processes import Child, carry_out, name_process
 from umo.text import some
 from umo.wiring import Wired
 
 CALL_MARGIN = 1.0
 """Time in s that a call of a driver may take in addition to twice its timeout."""
+RESERVE_INTERVAL = 0.1
+"""Time in s between two looks of the child on standby for a guardian."""
 ATTEMPT_PAUSE = 0.2
 """Time in s between two attempts."""
 LOOK_INTERVAL = 0.0005
@@ -52,19 +56,27 @@ class Resetter:
         wired: Wired,
         guard: Callable[[], object] = lambda: None,
         give_up: Callable[[Sequence[str]], object] = lambda paths: None,
+        fork: Callable[[bool], int] = lambda first: os.fork(),
     ) -> None:
         """`guard` is called in the child that resets. `give_up` is told the paths that an attempt has not reached: a
-        worker process that serves one of them is ended, and the next attempt opens its device."""
+        worker process that serves one of them is ended, and the next attempt opens its device. `fork` forks the child
+        that stands by: the first one, or one that takes the place of another that has begun to work."""
         by_item = {id(wire.item): wire for wire in wired.wires}
         self._names = {id(driver): name for name, driver in wired.drivers.items()}
         self._wires = [by_item[id(item)] for item in stop_sequence(machine)]
         self._wired = wired
         self._transfer = Transfer(self._wires, wired)
-        self._guard, self._give_up = guard, give_up
+        self._guard, self._give_up, self._fork_reserve = guard, give_up, fork
+        self.in_reserve: Callable[[], bool] = lambda: False
+        """Function that is called in the child on standby every `RESERVE_INTERVAL` s while it waits; True: it is not
+        to wait any longer."""
         self._timeouts = {name: driver.timeout for name, driver in wired.drivers.items()}
         self.paths = [wire.item.path for wire in self._wires]
         self._state = ResetState(self.paths)
-        self._attempt = 0
+        self._attempt_number = 0
+        self._attempts = Attempts()
+        self._is_last = False
+        """Whether the time is over: the timeouts are those of the wiring."""
         self._tries_all = False
         """Whether every actuator is tried, also after a timeout of its driver."""
         self._results: dict[int, tuple[Reached, str]] = {}
@@ -73,40 +85,48 @@ class Resetter:
         self._stuck_drivers: set[int] = set()
         """Drivers (by id) that hung or crashed."""
         self._misses = [0] * len(self._wires)
-        self._child = 0
+        self._child: Child | None = None
+        """The child that works."""
+        self._reserve: Child | None = None
+        """The child that waits."""
         self._start_pipe = self._waiting_pipe = -1
 
-    def stand_by(self) -> None:
-        """Fork the child of the first attempt now."""
+    def stand_by(self, first: bool = True) -> None:
+        """Fork the child of the first attempt now, or of the next one."""
         self._waiting_pipe, self._start_pipe = os.pipe()
-        self._child = self._fork(self._wait_for_work)
+        self._reserve = self._fork(self._wait_for_work, lambda: self._fork_reserve(first))
+
+    @property
+    def reserve(self) -> int:
+        """The pid of the child on standby; 0: there is none."""
+        return 0 if self._reserve is None else self._reserve.pid
 
     def look(self) -> bool:
         """Whether the child on standby was killed or stopped by a signal; another one takes its place. Where it has
         failed by itself, the next one would too: a child is forked when it is needed."""
-        pid, status = os.waitpid(self._child, os.WNOHANG | os.WUNTRACED) if self._child else (0, 0)
-        if not pid:
+        child = self._reserve
+        if child is None or not (child.ended or child.was_stopped):
             return False
-        if os.WIFSTOPPED(status):
-            self.dismiss()
-        self._child = 0
-        if os.WIFEXITED(status):
+        self.dismiss()
+        if child.status is not None and os.WIFEXITED(child.status):
             return False
-        for file in (self._waiting_pipe, self._start_pipe):
-            os.close(file)
+        self._close_pipe()
         self.stand_by()
         return True
 
+    def _close_pipe(self) -> None:
+        for file in (self._waiting_pipe, self._start_pipe):
+            os.close(file)
+
     def hand_over(self) -> None:
-        """Work for the standby guardian from now on, which calls this: the child has died with the guardian."""
-        self._child = 0
+        """Work for another guardian from now on, which calls this: the child was the guardian's."""
+        self._reserve = None
 
     def dismiss(self) -> None:
         """The machine ended safely: no reset is needed."""
-        if self._child:
-            os.kill(self._child, signal.SIGKILL)
-            os.waitpid(self._child, 0)
-            self._child = 0
+        child, self._reserve = self._reserve, None
+        if child is not None:
+            child.end(DEATH_TIMEOUT)
 
     def reset(
         self,
@@ -115,30 +135,53 @@ class Resetter:
         is_dead: Callable[[], bool] = lambda: True,
         said: Callable[[str], object] = lambda text: None,
     ) -> dict[str, str]:
-        """Bring every actuator to its default, in stop order, trying for `lasting` s, and as long again for those that
-        no attempt came to; what was not reached, with the cause.
+        """Bring every actuator to its default, in stop order; what was not reached, with the cause.
+
+        There are attempts for `lasting` s, then as long as one reaches anything that none has reached before; for what
+        no attempt came to, up to as long again; and last of all one with the timeouts of the wiring, which is made
+        again as long as it reaches anything. So nothing stays driven on a device that answers when the last attempt
+        begins, or answers for a part of it.
 
         `is_dead` says whether the old process is gone for certain: then everything is reset once more, and a last
         time when a request that was still under way has been carried out.
         """
-        numbers = range(len(self.paths))
         until = monotonic() + lasting
         told = False
-        while due := [number for number in numbers if self._result(number)[0] is not Reached.YES]:
-            self._run(due, is_dead)
-            left = self._left()
-            if monotonic() >= until:
+        while due := self._due():
+            progress = self._run(due, is_dead)
+            if monotonic() >= until and not progress:
                 break
-            if left:
-                self._give_up(list(left))
-            if left and not told:
+            if (left := self._left()) and not told:
                 told = True
                 said(f"not reached yet, retrying for up to {lasting:g} s: {summary(left)}")
-            self._pause(is_dead)
-        if untried := [number for number in numbers if number not in self._results]:
-            self._tries_all = True  # others of their drivers had timed out; once, with the timeout of the wiring
-            self._run(untried, is_dead, monotonic() + lasting)
+            self._prepare_next(is_dead)
+        self._try_last(monotonic() + lasting, is_dead)
         return self._left()
+
+    def _try_last(self, until: float, is_dead: Callable[[], bool]) -> None:
+        """The attempts when the time is over. What no attempt came to, as others of its driver had timed out, is tried
+        one by one, until `until`."""
+        self._is_last = progress = True
+        while progress and self._due():
+            self._prepare_next(is_dead)
+            untried = [number for number in self._due() if number not in self._results]
+            self._tries_all = True
+            progress = bool(untried) and self._run(untried, is_dead, until)
+            self._tries_all = False
+            progress |= self._run(self._due(), is_dead)
+
+    def _prepare_next(self, is_dead: Callable[[], bool]) -> None:
+        """Between two attempts."""
+        if left := self._left():
+            self._give_up(list(left))
+        until = monotonic() + ATTEMPT_PAUSE
+        while monotonic() < until:
+            is_dead()
+            sleep(0.01)
+
+    def _due(self) -> list[int]:
+        """The actuators that are to be reset, by number."""
+        return [number for number in range(len(self.paths)) if self._result(number)[0] is not Reached.YES]
 
     def _left(self) -> dict[str, str]:
         """The actuators that are not at their defaults, each with the cause."""
@@ -151,8 +194,9 @@ class Resetter:
 
     # The guardian's side -------------------------------------------------------------------------------
 
-    def _run(self, numbers: list[int], is_dead: Callable[[], bool], until: float = inf) -> None:
-        """One attempt: in one child, and in one more for each driver that hung or crashed before."""
+    def _run(self, numbers: list[int], is_dead: Callable[[], bool], until: float = inf) -> bool:
+        """One attempt: in one child, and in one more for each driver that hung or crashed before. Whether it has
+        reached anything that none had reached before."""
         self._state.clear()
         limit = CALL_MARGIN + 2 * max(map(self._timeout, self._timeouts), default=0.0)
         for group in self._groups(numbers):
@@ -161,12 +205,13 @@ class Resetter:
                 self._follow(is_dead, limit, until)
             else:
                 self._work_here(group, is_dead, limit)
-        self._attempt += 1
+        self._attempt_number += 1
         for number in numbers:
             reached = self._state.reached(number)
             if reached is not Reached.UNTRIED:
                 self._results[number] = reached, self._state.cause(number)
                 self._misses[number] += reached is Reached.NO
+        return self._attempts.add(n for n in numbers if self._result(n)[0] in (Reached.ONCE, Reached.YES))
 
     def _groups(self, numbers: list[int]) -> list[list[int]]:
         """In stop order; what failed before comes last, so that it does not keep the others from being tried."""
@@ -179,43 +224,42 @@ class Resetter:
     def _begin(self, numbers: list[int]) -> bool:
         """Let the child on standby work, or fork another; False where that cannot be."""
         try:
-            if self._child and len(numbers) == len(self._wires):
+            if self._reserve is not None and len(numbers) == len(self._wires):
                 os.write(self._start_pipe, b"!")
+                self._child, self._reserve = self._reserve, None
+                with suppress(OSError):  # another one waits from now on, if it can be had
+                    self._close_pipe()
+                    self.stand_by(first=False)
                 return True
-            self.dismiss()
-            self._child = self._fork(lambda: self._work(numbers))
+            self._child = self._fork(lambda guardian: self._work(guardian, numbers))
         except OSError:
-            self._child = 0
+            self._child = None
             return False
         return True
 
-    def _fork(self, work: Callable[[], int]) -> int:
-        """A child that does this work; its pid."""
+    def _fork(self, work: Callable[[int], int], fork: Callable[[], int] = lambda: os.fork()) -> Child:
+        """A child that does this work; it is told the pid of this process."""
         guardian = os.getpid()
-        pid = os.fork()
+        pid = fork()
         if pid == 0:
             carry_out(lambda: self._as_child(guardian, work))
-        return pid
+        return Child(pid)
 
     def _follow(self, is_dead: Callable[[], bool], limit: float, until: float) -> None:
         """Until the child ends; end it when one of its calls does not return, or at `until`."""
+        assert self._child is not None
+        child, self._child = self._child, None
         why, given_up = "", inf
-        while True:
-            try:
-                pid, status = os.waitpid(self._child, os.WNOHANG)
-            except ChildProcessError:  # somebody else has waited for it
-                pid, status = self._child, 0
-            if pid or monotonic() > given_up:  # it cannot be killed: blocked in a kernel call
-                break
+        while not child.ended and monotonic() < given_up:  # else it cannot be killed: blocked in a kernel call
             if is_dead():
                 self._state.declare_dead()
             silent = self._state.silence > limit
             if not why and (silent or monotonic() > until):
                 why = f"a call did not return within {limit:g} s" if silent else "no time was left"
                 given_up = monotonic() + DEATH_TIMEOUT
-                os.kill(self._child, signal.SIGKILL)
+                child.send(signal.SIGKILL)
             sleep(LOOK_INTERVAL)
-        self._child = 0
+        status = child.status or 0
         if status and not why:
             why = _ending(os.WTERMSIG(status)) if os.WIFSIGNALED(status) else "the reset failed"
         if why:
@@ -248,37 +292,43 @@ class Resetter:
             signal.setitimer(signal.ITIMER_REAL, 0)
             signal.signal(signal.SIGALRM, before)
 
-    def _pause(self, is_dead: Callable[[], bool]) -> None:
-        until = monotonic() + ATTEMPT_PAUSE
-        while monotonic() < until:
-            is_dead()
-            sleep(0.01)
-
     def _timeout(self, name: str) -> float:
         """The timeout of a driver in this attempt, s: it grows, up to UNCONTROLLED_TIMEOUT."""
         timeout = self._timeouts[name]
-        return timeout if self._tries_all else max(timeout, min(timeout * 4.0**self._attempt, UNCONTROLLED_TIMEOUT))
+        return (
+            timeout if self._is_last else max(timeout, min(timeout * 4.0**self._attempt_number, UNCONTROLLED_TIMEOUT))
+        )
 
     # In the child --------------------------------------------------------------------------------------
 
-    def _as_child(self, guardian: int, work: Callable[[], int]) -> int:
-        """It ends with the guardian, and not by a signal that asks the run to stop."""
-        realtime.die_with_parent(guardian, signal.SIGKILL)
+    def _as_child(self, guardian: int, work: Callable[[int], int]) -> int:
+        """It does not end by a signal that asks the run to stop."""
         name_process("umo reset")
         for number in STOP_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
-        return work()
+        return work(guardian)
 
-    def _wait_for_work(self) -> int:
+    def _wait_for_work(self, guardian: int) -> int:
+        """Until the guardian lets it begin; it outlives the guardian meanwhile, for the case that nobody else does."""
         os.close(self._start_pipe)
         spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARE_DESCRIPTORS)]
-        if not os.read(self._waiting_pipe, 1):
-            return 1
+        start = select.poll()
+        start.register(self._waiting_pipe, select.POLLIN)
+        begins = False
+        while not begins:
+            if start.poll(RESERVE_INTERVAL * 1e3):
+                begins = bool(os.read(self._waiting_pipe, 1))
+                if not begins:  # the guardian is gone
+                    start.unregister(self._waiting_pipe)
+            elif self.in_reserve():
+                return 0
         for file in spares:
             os.close(file)
-        return self._work(range(len(self._wires)))
+        return self._work(guardian, range(len(self._wires)))
 
-    def _work(self, numbers: Sequence[int]) -> int:
+    def _work(self, guardian: int, numbers: Sequence[int]) -> int:
+        """It ends with the guardian from now on: another one would reset as well."""
+        realtime.die_with_parent(guardian, signal.SIGKILL)
         with suppress(Exception):
             self._guard()
         self._bring_to_defaults(numbers, lambda: None)

@@ -13,7 +13,7 @@ from umo.process.job import Plan
 from umo.process.keeper import Keeper
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
-from umo.process.reset import Resetter, summary
+from umo.process.reset import DEATH_TIMEOUT, Resetter, summary
 from umo.process.run_state import RunState, Who
 from umo.process.workers import Workers
 from umo.system import realtime
@@ -50,7 +50,7 @@ class RunEnd:
         self._watcher = watcher
         self.title = "guardian"
         self._workers, self._keeper = workers, keeper
-        self.resetter = Resetter(plan.machine, plan.wired, self._begin_reset, workers.end_those_of)
+        self.resetter = Resetter(plan.machine, plan.wired, self._begin_reset, workers.end_those_of, self._fork_reserve)
         self._spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARE_DESCRIPTORS)]
 
     def hand_over(self) -> None:
@@ -58,8 +58,22 @@ class RunEnd:
         self.title = STANDBY
         self.resetter.hand_over()
 
+    def _fork_reserve(self, first: bool) -> int:
+        """Fork the child that waits to reset; 0 in the child. One that is not the first waits for its lock itself: the
+        one before has it until it has begun, and the reset is not kept waiting by that."""
+        if first:
+            return self._run_state.fork(Who.RESERVE)
+        pid = os.fork()
+        if pid == 0:
+            os.setsid()
+            while not self._run_state.hold(Who.RESERVE):
+                pass
+        return pid
+
     def _begin_reset(self) -> None:
         """In the child that resets."""
+        if self._run_state.holds(Who.RESERVE):  # another one waits from now on
+            self._run_state.release(Who.RESERVE)
         self._run_state.hold(Who.RESET)
         process = self._plan.wired.process
         # one below the guardian: a driver that loops for ever must not keep the guardian from ending it
@@ -68,16 +82,17 @@ class RunEnd:
     def step_in(self, control: ControlWatch, why: str, said: Callable[[str], object]) -> Outcome:
         """The control process died without resetting the machine, or hangs: make sure that it is dead, then reset."""
         control.process.send(signal.SIGKILL)
-        left = self._reset(control, said)
+        left = self._reset(control.is_dead, said)
         lost = "the guardian was lost; " if self.title == STANDBY else ""
         what = why or f"{lost}the control process {control.ending()}{in_brackets(self._watcher.moment)}"
         told = f"not reached: {summary(left)}" if left else f"the {self.title} reset every actuator"
         return Outcome(Failed("ControlLost", f"{what}\n{told}", 1), unsafe=True, unreached=list(left))
 
-    def settle(self, control: ControlWatch, outcome: Outcome, said: Callable[[str], object]) -> Outcome:
-        """The control process has ended by itself. Retry the actuators that it could not reset."""
+    def settle(self, is_dead: Callable[[], bool], outcome: Outcome, said: Callable[[str], object]) -> Outcome:
+        """The control process has left the machine by itself. Retry the actuators that it could not reset. `is_dead`:
+        whether it has ended for certain, or does not use a device any more."""
         if outcome.unreached:
-            left = self._reset(control, said)  # all of them: the list may have been cut, and the order counts
+            left = self._reset(is_dead, said)  # all of them: the list may have been cut, and the order counts
             outcome.unsafe, outcome.unreached = True, list(left)
             outcome.failure = outcome.failure or Failed("StopError", "not brought to their defaults", 3)
             told = f"not reached: {summary(left)}" if left else f"reset by the {self.title} afterwards"
@@ -85,14 +100,16 @@ class RunEnd:
             outcome.failure.status = 3 if left else 1
         return outcome
 
-    def _reset(self, control: ControlWatch, said: Callable[[str], object]) -> dict[str, str]:
+    def _reset(self, is_dead: Callable[[], bool], said: Callable[[str], object]) -> dict[str, str]:
         """Reset every actuator, in stop order; what was not reached, with the cause."""
         self._run_state.conclude()
         self._device_claim.hold.used_here()
         while self._spares:
-            os.close(self._spares.pop())
+            with suppress(OSError):  # control code may have closed it
+                os.close(self._spares.pop())
+        self._run_state.gone(DEATH_TIMEOUT, Who.RESET)  # the child of one that has died
         lasting = self._plan.wired.process.reset_for
-        return self.resetter.reset(lasting, is_dead=control.is_dead, said=said)
+        return self.resetter.reset(lasting, is_dead=is_dead, said=said)
 
     def tell(self, outcome: Outcome) -> None:
         """Record and tell how the run ended. The standby guardian does it again if the guardian is killed meanwhile."""
@@ -118,6 +135,7 @@ class RunEnd:
         with suppress(Exception):
             self._watcher.finish()
         self._channel.send("ended", outcome=outcome.dump())
+        self._run_state.note_told()
         tell_final_message(self._channel, self._plan.name, outcome)
 
 

@@ -16,6 +16,7 @@ import time
 from enum import IntEnum
 
 from umo.cycle.stage import Stage
+from umo.system.processes import ProcessHandle
 
 MUTEX_BYTES = 64
 """Room for a pthread_mutex_t, bytes: it takes 40 on x86-64, 48 on AArch64."""
@@ -32,18 +33,24 @@ class Who(IntEnum):
     GUARDIAN = 1
     STANDBY = 2
     RESET = 3
-    """The child of the guardian that resets the machine, while it works."""
+    """The child that resets the machine, while it works."""
+    RESERVE = 4
+    """The child of the guardian that waits to do that."""
+    KEEPER = 5
+    """The process that writes kept values."""
 
 
-STAGE, BEAT, ASKED, WATCH, ADMITTED, CONCLUDING, REPORT_LENGTH, OUTCOME_LENGTH, EXCUSED = range(9)
+STAGE, BEAT, ASKED, WATCH, ADMITTED, CONCLUDING, REPORT_LENGTH, OUTCOME_LENGTH, EXCUSED, TOLD = range(10)
 CELLS = 16
 MAX_REPORT_BYTES = 1 << 16
 """Length of a report at most, bytes."""
 HOLD_LIMIT = 1.0
 """Timeout in s for the process's own lock, which others take for microseconds to test it."""
+TEST_TIME = 0.002
+"""Time in s for which the lock of a dead process may seem to be held: another one tests it."""
 REPORT_AT = 8 * CELLS
 OUTCOME_AT = REPORT_AT + MAX_REPORT_BYTES
-LOCKS_AT = OUTCOME_AT + MAX_REPORT_BYTES
+PIDS_AT = OUTCOME_AT + MAX_REPORT_BYTES
 
 
 def worker(number: int) -> int:
@@ -66,10 +73,12 @@ class RunState:
     def __init__(self, workers: int = 0) -> None:
         self._libc = ctypes.CDLL(None, use_errno=True)
         count = len(Who) + workers
-        self._memory = mmap.mmap(-1, LOCKS_AT + MUTEX_BYTES * count)  # anonymous and shared
-        places = range(LOCKS_AT, LOCKS_AT + MUTEX_BYTES * count, MUTEX_BYTES)
+        first = PIDS_AT + 8 * count
+        self._memory = mmap.mmap(-1, first + MUTEX_BYTES * count)  # anonymous and shared
+        places = range(first, first + MUTEX_BYTES * count, MUTEX_BYTES)
         self._locks = [ctypes.c_char.from_buffer(self._memory, at) for at in places]
         self._cells = memoryview(self._memory)[:REPORT_AT].cast("q")
+        self._pids = memoryview(self._memory)[PIDS_AT:first].cast("q")
         attributes = ctypes.create_string_buffer(64)
         self._libc.pthread_mutexattr_init(attributes)
         self._libc.pthread_mutexattr_setpshared(attributes, PROCESS_SHARED)
@@ -102,10 +111,37 @@ class RunState:
         os.close(holding)
         return 0
 
-    def hold(self, who: int) -> None:
+    def hold(self, who: int) -> bool:
         """Take a lock: from now on the others detect the death of this thread. It does not wait for a former holder
-        that cannot be killed."""
-        self._is_ours(who, self._lock_until(who, HOLD_LIMIT))
+        that cannot be killed; whether it was taken."""
+        self._pids[who] = 0  # first: a number stands here only as long as its process holds the lock
+        taken = self._is_ours(who, self._lock_until(who, HOLD_LIMIT))
+        if taken:
+            self._pids[who] = os.getpid()
+        return taken
+
+    def release(self, who: int) -> None:
+        """Give a lock back that this process has taken."""
+        self._pids[who] = 0
+        self._libc.pthread_mutex_unlock(ctypes.byref(self._locks[who]))
+
+    def holds(self, who: int) -> bool:
+        """Whether this process holds that lock."""
+        return int(self._pids[who]) == os.getpid()
+
+    def process(self, who: int) -> ProcessHandle | None:
+        """The living holder of a lock; None: there is none. That it holds the lock after its descriptor was opened
+        proves that its number was not another process's meanwhile."""
+        pid = int(self._pids[who])
+        if not pid or self.gone(0.0, who):
+            return None
+        handle = ProcessHandle(pid)
+        return None if self.gone(TEST_TIME, who) or int(self._pids[who]) != pid else handle
+
+    def end(self, who: int, within: float) -> bool:
+        """Kill the holder of a lock, if there is one, and wait up to `within` s for its end; whether it has ended."""
+        process = self.process(who)
+        return process.end(within) if process is not None else self.gone(within, who)
 
     def gone(self, within: float, who: int = Who.CONTROL) -> bool:
         """Wait up to `within` s for the holder of a lock to die; whether it did. True too if nobody ever held it."""
@@ -224,6 +260,15 @@ class RunState:
         """The machine is reset, with this outcome. It stands if the guardian dies before it is recorded and told."""
         self._put(OUTCOME_AT, OUTCOME_LENGTH, text)
         self.conclude()
+
+    def note_told(self) -> None:
+        """The end is recorded and told: nobody follows any more."""
+        self._cells[TOLD] = 1
+
+    @property
+    def told(self) -> bool:
+        """Whether the end is recorded and told."""
+        return bool(self._cells[TOLD])
 
     def settled(self) -> bytes:
         """The outcome, empty before there is one."""

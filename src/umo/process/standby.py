@@ -1,8 +1,10 @@
-"""The standby guardian: a second guardian that waits until the first one dies or gives no sign of life.
+"""Who follows the guardian: a standby guardian, and behind it the process that waits to reset the machine.
 
-It is forked by the guardian before anything is driven, in a session of its own, and does nothing else meanwhile. When
-it takes over it is the only guardian: it has killed the first one and its child that resets, and waited for their end
-(up to 5 s: what is blocked in a kernel call cannot be killed).
+The standby guardian is forked by the guardian before anything is driven, in a session of its own, and waits until that
+one dies or gives no sign of life. The reserve, the child that waits to reset for the guardian, takes the place of both
+when they are dead, or when neither gives a sign of life. Whoever takes over is the only guardian: it has killed those
+before it and their child that resets, and waited for their end (up to 5 s: what is blocked in a kernel call cannot be
+killed).
 """
 
 from __future__ import annotations
@@ -10,27 +12,44 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable
-from contextlib import suppress
 from time import monotonic, sleep
 
 from umo.errors import text_of
 from umo.process.messages import MessageSocket
 from umo.process.reset import DEATH_TIMEOUT, STOP_SIGNALS
 from umo.process.run_state import RunState, Who
-from umo.system.processes import ProcessHandle, carry_out, name_process
+from umo.system.processes import Child, ProcessHandle, carry_out, identity, name_process
 
 LOOK_INTERVAL = 0.1
 """Time in s between two looks at the guardian's signs of life; its death is seen at once."""
 CONCLUDING_LIMIT = 30.0
 """Timeout in s for the guardian's signs of life while it resets, records and tells: drivers and disks may be slow."""
+RESERVE_GRACE = 1.0
+"""Time in s, beyond those limits, that the reserve leaves to the standby guardian."""
 FORK_PAUSE = 1.0
 """Time in s from one standby guardian that could not be forked to the next try."""
 
 
+class Silence:
+    """For how long no guardian has given a sign of life, by looks `LOOK_INTERVAL` s apart: the whole computer may stand
+    still. `limit` in s."""
+
+    def __init__(self, run_state: RunState, limit: float) -> None:
+        self._run_state, self._limit = run_state, limit
+        self._last = self._looks = 0
+
+    def look(self) -> float:
+        """The time in s by which it is longer than its limit; below 0: it is not."""
+        run_state = self._run_state
+        self._looks = self._looks + 1 if run_state.last_watch == self._last else 0
+        self._last = run_state.last_watch
+        return self._looks * LOOK_INTERVAL - (CONCLUDING_LIMIT if run_state.concluding else self._limit)
+
+
 class Standby:
-    """The standby guardian of the process that makes this. `limit`: timeout in s for that one's signs of life.
-    `take_over` is carried out in the standby guardian. The starter is told its pid; `say` tells the user what went
-    wrong."""
+    """The standby guardian, and the reserve, of the process that makes this. `limit`: timeout in s for a guardian's
+    signs of life. `take_over` is carried out in the one that follows. The starter is told its pid; `say` tells the user
+    what went wrong."""
 
     def __init__(
         self,
@@ -41,38 +60,34 @@ class Standby:
         say: Callable[[str], object],
     ) -> None:
         self._run_state = run_state
-        self._limit = limit
         self._take_over = take_over
         self._channel = channel
         self._say = say
         self._guardian = ProcessHandle(os.getpid())
-        self._pid = 0
+        self._silence = Silence(run_state, limit)
+        self._child: Child | None = None
         self._next_fork = 0.0
         """Time at which another one is forked, if there is none."""
 
     def appoint(self) -> None:
         """Fork it. When this returns it is on its guard; if it cannot be forked the user is told."""
         try:
-            self._pid = self._run_state.fork(Who.STANDBY)
+            pid = self._run_state.fork(Who.STANDBY)
         except OSError as error:
             self._next_fork = monotonic() + FORK_PAUSE
-            self._say(
-                f"no standby guardian: {text_of(error)}; if the guardian is killed too, nothing resets the machine"
-            )
+            self._say(f"no standby guardian: {text_of(error)}; it is tried again")
             return
-        if self._pid == 0:
+        if pid == 0:
             carry_out(self._stand_by)
-        self._channel.send("standby", pid=self._pid)
+        self._child = Child(pid)
+        tell_who(self._channel, "standby", pid)
 
     def look(self) -> None:
         """Fork another one if it has died or was stopped by a signal."""
-        if self._pid:
-            pid, status = os.waitpid(self._pid, os.WNOHANG | os.WUNTRACED)
-            if not pid:
+        if self._child is not None:
+            if not (self._child.ended or self._child.was_stopped):
                 return
-            if os.WIFSTOPPED(status):
-                self.dismiss()
-            self._pid = 0
+            self.dismiss()
             self._say("the standby guardian was killed or stopped; another one takes its place")
         if monotonic() >= self._next_fork:
             self._next_fork = monotonic() + FORK_PAUSE
@@ -80,36 +95,52 @@ class Standby:
 
     def dismiss(self) -> None:
         """End it: the run is over, recorded and told."""
-        if self._pid:
-            with suppress(ProcessLookupError):
-                os.kill(self._pid, signal.SIGKILL)
-            with suppress(ChildProcessError):  # it had ended, and has been waited for
-                os.waitpid(self._pid, 0)
-            self._pid = 0
+        child, self._child = self._child, None
+        if child is not None:
+            child.end(DEATH_TIMEOUT)
 
     # The standby guardian ------------------------------------------------------------------------------
 
     def _stand_by(self) -> int:
+        if not self._run_state.holds(Who.STANDBY):  # the reserve has taken this place meanwhile
+            return 1
         name_process("umo standby")
         for number in STOP_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
-        self._wait()
+        while not self._run_state.gone(LOOK_INTERVAL, Who.GUARDIAN) and self._silence.look() <= 0:
+            pass
         self._make_sure()
         self._take_over()
         return 0
-
-    def _wait(self) -> None:
-        """Wait until the guardian is dead, or silent for so many looks: the whole computer may stand still."""
-        last = looks = 0
-        while not self._run_state.gone(LOOK_INTERVAL, Who.GUARDIAN):
-            looks = looks + 1 if self._run_state.last_watch == last else 0
-            last = self._run_state.last_watch
-            if looks * LOOK_INTERVAL > (CONCLUDING_LIMIT if self._run_state.concluding else self._limit):
-                return
 
     def _make_sure(self) -> None:
         """End the guardian, and wait for it and its child: only the control process may still write to a device."""
         self._guardian.send(signal.SIGKILL)
         until = monotonic() + DEATH_TIMEOUT
         while not (self._guardian.ended and self._run_state.gone(0.0, Who.RESET)) and monotonic() < until:
+            self._run_state.watch()
             sleep(0.0005)
+
+    # The reserve ---------------------------------------------------------------------------------------
+
+    def follow_both(self) -> bool:
+        """One look of the reserve, every `LOOK_INTERVAL` s. True: the run has ended, by its work or without it."""
+        run_state = self._run_state
+        both_dead = run_state.gone(0.0, Who.GUARDIAN) and run_state.gone(0.0, Who.STANDBY)
+        if run_state.told or (both_dead and not run_state.admitted):  # nothing was driven
+            return True
+        if not both_dead and self._silence.look() <= RESERVE_GRACE:
+            return False
+        self._guardian.send(signal.SIGKILL)
+        if not (run_state.end(Who.STANDBY, DEATH_TIMEOUT) and run_state.hold(Who.STANDBY)):
+            return False  # one that the guardian had just forked
+        name_process("umo standby")
+        tell_who(self._channel, "standby", os.getpid())
+        self._make_sure()
+        self._take_over()
+        return True
+
+
+def tell_who(channel: MessageSocket, kind: str, pid: int) -> None:
+    """Tell the starter which process this is; no other one can be taken for it."""
+    channel.send(kind, pid=pid, identity=identity(pid))

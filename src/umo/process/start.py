@@ -30,7 +30,7 @@ from umo.process.outcome import Failed, Outcome
 from umo.remote.search import station_name
 from umo.system import notify
 from umo.system.device_record import INSPECT
-from umo.system.processes import ENDED, HASH_SEED, STOPPED, is_stopped, state
+from umo.system.processes import ENDED, HASH_SEED, STOPPED, ProcessHandle, known
 from umo.system.realtime import Refusal
 from umo.text import some
 
@@ -41,6 +41,11 @@ FIXED_HASHES = {HASH_SEED: "0"}
 """Environment in which sets of texts have the same order in each run, unless another one is given: a recording of the
 run can be replayed."""
 
+CONTROL = "control process"
+GUARDIANS = ("guardian", "standby guardian", "reset process")
+"""The processes each of which can stop and reset the machine."""
+NAMES = {"running": CONTROL, "standby": "standby guardian", "reserve": "reset process"}
+"""What the process is that a message of this kind tells of."""
 STOPPED_LOOK_INTERVAL = 0.5
 """Time in s between two looks for processes that were stopped by a signal."""
 STANDBY_END_TIMEOUT = 1.0
@@ -108,6 +113,8 @@ class Started:
         """The outcome that the control process sent at its end. The guardian's is the last word."""
         self.standby = 0
         """The standby guardian's pid, once it is known; 0 before."""
+        self._others: dict[str, ProcessHandle] = {}
+        """The other processes of the run, by what they are."""
         self._stop_asked = False
         """Whether a stop was asked for."""
         self._next_look = 0.0
@@ -130,6 +137,7 @@ class Started:
                 start_new_session=True,  # Ctrl-C at the terminal is for the starter to pass on
                 env=FIXED_HASHES | environ | {"PYTHONPATH": os.pathsep.join(filter(None, job.path))} | ONE_THREAD,
             )
+        self._others["guardian"] = ProcessHandle(self._guardian.pid)
 
     @property
     def guardian(self) -> int:
@@ -193,20 +201,18 @@ class Started:
         if monotonic() < self._next_look:
             return
         self._next_look = monotonic() + STOPPED_LOOK_INTERVAL
-        guardians = {"guardian": self.guardian, "standby guardian": self.standby}
-        if any(pid and state(pid) not in STOPPED + ENDED for pid in guardians.values()):
+        states = {name: process.state for name, process in self._others.items()}
+        if any(states.get(name, "X") not in STOPPED + ENDED for name in GUARDIANS):
             return
-        pids = guardians | {"control process": self.pid}
-        stopped = {name: str(pid) for name, pid in pids.items() if pid and is_stopped(pid)}
+        stopped = {name: self._others[name] for name in (*GUARDIANS, CONTROL) if states.get(name, "X") in STOPPED}
         if not stopped:
             return
-        told = ", ".join(f"{name} ({pid})" for name, pid in stopped.items())
-        hint = f"to let them go on: kill -CONT {' '.join(stopped.values())}"
+        told = ", ".join(f"{name} ({process.pid})" for name, process in stopped.items())
+        hint = f"to let them go on: kill -CONT {' '.join(str(process.pid) for process in stopped.values())}"
         if self._stop_asked:
             hint = "they go on now, to stop it"
-            for pid in reversed(stopped.values()):
-                with suppress(ProcessLookupError):
-                    os.kill(int(pid), signal.SIGCONT)
+            for process in reversed(stopped.values()):
+                process.send(signal.SIGCONT)
         text = f"nothing can stop the machine: stopped by a signal: {told}; {hint}"
         if text not in self.notices:
             self.notices.append(text)
@@ -251,7 +257,10 @@ class Started:
             raise RunFailed(outcome)
 
     def _note(self, message: dict[str, Any]) -> None:
-        if message["kind"] == "running":
+        kind = message["kind"]
+        if (name := NAMES.get(kind)) and (process := known(message["pid"], message["identity"])) is not None:
+            self._others[name] = process
+        if kind == "running":
             self.pid = message["pid"]
             self.refusals = [Refusal(*refusal) for refusal in message["refusals"]]
             if len(message["files"]) == len(RunDescriptors._fields):
@@ -259,13 +268,13 @@ class Started:
                 message["files"] = ()
                 with suppress(FramesError):
                     self.frames = Reader("the run", ends)
-        elif message["kind"] == "standby":
+        elif kind == "standby":
             self.standby = message["pid"]
-        elif message["kind"] == "notice":
+        elif kind == "notice":
             self.notices.append(message["text"])
-        elif message["kind"] == "left":
+        elif kind == "left":
             self._left_outcome = Outcome.load(message["outcome"])
-        elif message["kind"] == "ended":
+        elif kind == "ended":
             self._outcome = Outcome.load(message["outcome"])
         for file in message["files"]:
             os.close(file)

@@ -10,13 +10,14 @@ from __future__ import annotations
 import signal
 from collections.abc import Sequence
 from functools import partial
-from time import monotonic_ns, sleep
+from time import monotonic, monotonic_ns, sleep
 
+from umo.cycle.attempts import Attempts
 from umo.cycle.stage import Stage
 from umo.drivers.faults.wrapper import Injection
 from umo.drivers.off_cycle import NEVER, OffCycle
 from umo.drivers.off_cycle.shared_memory import Cell
-from umo.process.reset import STOP_SIGNALS
+from umo.process.reset import ATTEMPT_PAUSE, STOP_SIGNALS
 from umo.process.run_state import RunState, Who
 from umo.system import realtime
 from umo.system.processes import name_process
@@ -47,12 +48,16 @@ class WorkerProcess:
         proxies: Sequence[OffCycle],
         orders: Sequence[Sequence[str]],
         hang: float,
+        reset_for: float,
         injection: Injection | None,
     ) -> None:
+        """`hang`: timeout in s for signs of life of the control process; `reset_for`: time in s for which it tries to
+        reset where nobody else is left."""
         self._run_state = run_state
         self._proxies = proxies
         self._orders = orders
         self._hang = hang
+        self._reset_for = reset_for
         self._injection = injection
         self._time = MachineTime()
         self._lost = True
@@ -61,24 +66,47 @@ class WorkerProcess:
             proxy.server.on_call = self._beat
             proxy.server.in_charge = partial(self._runs, proxy)
 
-    def run(self, defaults: Sequence[dict[str, int | None]] = (), watchdogs: Sequence[float | None] = ()) -> int:
+    def run(
+        self,
+        defaults: Sequence[dict[str, int | None]] = (),
+        watchdogs: Sequence[float | None] = (),
+        hold: float = 0.0,
+    ) -> int:
         """Serve until the machine is reset. `defaults` of each driver's channels: it takes the place of a worker that
-        has died, and brings the outputs to their defaults first."""
+        has died, brings the outputs to their defaults first, and keeps them there for `hold` s."""
         name_process("umo worker")
         realtime.drop_realtime(niceness=0)
         for number in STOP_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
         self._beat()
         for proxy, each, watchdog in zip(self._proxies, defaults, watchdogs, strict=False):
-            proxy.server.begin_anew(each, watchdog)
+            proxy.server.begin_anew(each, watchdog, hold)
         while not self._is_left_alone():
             self._beat()
             for proxy in self._proxies:
                 self._serve(proxy)
-        for proxy, order in zip(self._proxies, self._orders, strict=True):
-            self._set_fault_time(NEVER)
-            proxy.server.reset_all(order)
+        self._reset_alone()
         return 0
+
+    def _reset_alone(self) -> None:
+        """Nobody else is left who could: for `reset_for`, and as long as an attempt reaches anything new."""
+        self._set_fault_time(NEVER)
+        until, attempts = monotonic() + self._reset_for, Attempts()
+        due = list(zip(self._proxies, self._orders, strict=True))
+        while due:
+            left, reached = [], set[tuple[int, str]]()
+            for proxy, order in due:
+                failed = proxy.server.reset_all(order)
+                reached.update((id(proxy), text) for text in order if text not in failed)
+                if failed:
+                    left.append((proxy, order))
+            if not attempts.add(reached) and monotonic() > until:
+                break
+            due = left
+            if due:
+                sleep(ATTEMPT_PAUSE)
+        for proxy in self._proxies:
+            proxy.server.perform({"call": "close"})
 
     def _beat(self) -> None:
         now = monotonic_ns()
@@ -109,7 +137,7 @@ class WorkerProcess:
         self._lost = run_state.gone(self._slice())
         if not self._lost and not self._control_hangs:
             return False
-        if run_state.gone(0.0, Who.GUARDIAN) and run_state.gone(0.0, Who.STANDBY):
+        if all(run_state.gone(0.0, who) for who in (Who.GUARDIAN, Who.STANDBY, Who.RESERVE)):
             return True
         if self._lost:
             sleep(REQUEST_INTERVAL)

@@ -6,13 +6,11 @@ defaults first. At the end of a run the workers are ended when every actuator is
 
 from __future__ import annotations
 
-import mmap
 import os
 import signal
 from collections.abc import Callable, Collection, Sequence
-from contextlib import suppress
 from math import inf
-from time import monotonic, monotonic_ns, sleep
+from time import monotonic, monotonic_ns
 from typing import Any
 
 from umo.cycle.stage import Stage
@@ -23,28 +21,21 @@ from umo.drivers.off_cycle.proxy import MARGIN, Worker
 from umo.drivers.off_cycle.shared_memory import Cell
 from umo.objects import Compound
 from umo.objects.stop_order import stop_sequence
-from umo.process.reset import DEATH_TIMEOUT, LOOK_INTERVAL
+from umo.process.reset import DEATH_TIMEOUT
 from umo.process.run_state import RunState, worker
 from umo.process.worker import WorkerProcess
 from umo.system import realtime
-from umo.system.processes import ProcessHandle, carry_out
+from umo.system.processes import Child, carry_out
 from umo.text import some
 from umo.wiring import Wired
 
-FIRST_PAUSE, MAX_PAUSE = 0.1, 5.0
-"""Time in s from one replacement of a worker to the next: the first one is made at once, then it doubles."""
-
-
-def _reaped(pid: int) -> bool:
-    """Wait for the end of a process that was killed; False if it does not end. The standby guardian is not its
-    parent."""
-    until = monotonic() + DEATH_TIMEOUT
-    with suppress(ChildProcessError):
-        while not os.waitpid(pid, os.WNOHANG)[0]:
-            if monotonic() > until:
-                return False
-            sleep(LOOK_INTERVAL)
-    return True
+FIRST_PAUSE, MAX_PAUSE = 0.05, 0.5
+"""Time in s from the death of a worker that had not brought its outputs to their defaults to the next: it doubles. All
+others are replaced at once."""
+FIRST_HOLD, MAX_HOLD = 0.1, 5.0
+"""Time in s for which a worker keeps its outputs at their defaults, from the second replacement on: it doubles."""
+CALM = 60.0
+"""Time in s that a worker has to live for the next replacement to count as the first one."""
 
 
 def groups_of(wired: Wired) -> list[list[str]]:
@@ -80,8 +71,17 @@ class _Group:
         self.number, self.names = number, names
         self.proxies = [driver for name in names if isinstance(driver := wired.drivers[name], OffCycle)]
         self.watchdogs = [wired.watchdogs.get(name) for name in names]
-        self.pid = 0
-        self.next_fork, self.pause = 0.0, FIRST_PAUSE
+        self.child: Child | None = None
+        """Its process, as the guardian that has forked it knows it."""
+        self.ended_for = ""
+        """Why it was killed, in words; "": it was not."""
+        self.given_up = inf
+        """Time in s from which it counts as blocked in the kernel, once it was killed."""
+        self.begun = 0.0
+        """Time in s at which it was forked."""
+        self.generation = 0
+        """How often the outputs had been initialised when it was forked."""
+        self.next_fork, self.pause, self.hold = 0.0, FIRST_PAUSE, 0.0
         for proxy in self.proxies:
             proxy.worker = _Link(run_state, number, proxy.exchange.cells)
 
@@ -96,10 +96,31 @@ class _Group:
         beat: int = self.proxies[0].exchange.cells[Cell.BEAT]
         return (monotonic_ns() - beat) * 1e-9
 
+    @property
+    def initialized(self) -> int:
+        """How often the outputs of the driver were initialised for which that was done least often."""
+        return min(int(proxy.exchange.cells[Cell.GENERATION]) for proxy in self.proxies)
+
     def begin(self) -> None:
         """It has a moment for its first sign of life."""
+        self.begun, self.generation = monotonic(), self.initialized
         for proxy in self.proxies:
             proxy.exchange.cells[Cell.BEAT] = monotonic_ns()
+
+    def note_end(self) -> None:
+        """It has ended: when is the next one forked, and for how long does that keep its outputs at their defaults?"""
+        now = monotonic()
+        if now - self.begun > CALM:
+            self.hold = 0.0
+        if self.initialized > self.generation:
+            self.next_fork, self.pause = now, FIRST_PAUSE
+        else:  # it has perhaps not come to resetting them: a driver that crashes at once is not forked all the time
+            self.next_fork, self.pause = now + self.pause, min(2 * self.pause, MAX_PAUSE)
+        self.child, self.ended_for, self.given_up = None, "", inf
+
+    def lengthen(self) -> None:
+        """The hold of the next worker."""
+        self.hold = min(max(2 * self.hold, FIRST_HOLD), MAX_HOLD)
 
 
 class Workers:
@@ -117,8 +138,6 @@ class Workers:
         self._groups = [_Group(number, names, wired, run_state) for number, names in enumerate(groups)]
         by_item = {id(wire.item): wire for wire in wired.wires}
         self._stop_order = [by_item[id(item)] for item in stop_sequence(machine)]
-        self._pids = mmap.mmap(-1, 8 * max(1, len(self._groups)))  # shared: the standby guardian ends them too
-        self._cells = memoryview(self._pids).cast("q")
 
     # The guardian ----------------------------------------------------------------------------------------
 
@@ -132,7 +151,7 @@ class Workers:
         pid = self._run_state.fork(worker(group.number))
         if pid == 0:
             carry_out(lambda: self._work(group, replaces))
-        group.pid = self._cells[group.number] = pid
+        group.child = Child(pid)
 
     def _work(self, group: _Group, replaces: bool) -> int:
         realtime.leave_core(self._wired.process.cpu)  # that of the control process
@@ -140,44 +159,50 @@ class Workers:
         for proxy in group.proxies:
             orders.append([wire.channel.text for wire in self._stop_order if wire.driver is proxy])
             defaults.append({wire.channel.text: wire.default for wire in self._wired.wires if wire.driver is proxy})
-        hang = self._wired.process.hang_timeout
-        process = WorkerProcess(self._run_state, group.proxies, orders, hang, self._wired.injection)
-        return process.run(defaults, group.watchdogs) if replaces else process.run()
+        limits = self._wired.process
+        process = WorkerProcess(
+            self._run_state, group.proxies, orders, limits.hang_timeout, limits.reset_for, self._wired.injection
+        )
+        return process.run(defaults, group.watchdogs, group.hold) if replaces else process.run()
 
     def look(self) -> None:
-        """Replace those that have died, were stopped by a signal, or give no sign of life."""
+        """Replace those that have died, were stopped by a signal, or give no sign of life. The next one brings the
+        outputs to their defaults first: at once, unless the one before had not even come to that."""
         for group in self._groups:
             why = self._ending(group)
             if why:
                 names = some([f"driver {name}" for name in group.names])
-                replaced = self._run_state.stage is Stage.RUNNING
-                then = "; its outputs are brought to their defaults" if replaced else ""
-                self._say(f"the worker process of {names} {why}{then}")
-            if not group.pid and self._run_state.stage is Stage.RUNNING and monotonic() >= group.next_fork:
-                group.next_fork = monotonic() + group.pause
-                group.pause = min(2 * group.pause, MAX_PAUSE)
+                self._say(f"the worker process of {names} {why}{self._consequence(group)}")
+            if group.child is None and self._run_state.stage is Stage.RUNNING and monotonic() >= group.next_fork:
                 self._fork(group, replaces=True)
+                group.lengthen()
+
+    def _consequence(self, group: _Group) -> str:
+        if self._run_state.stage is not Stage.RUNNING:
+            return ""
+        stay = f", where they stay for {group.hold:g} s" if group.hold else ""
+        return f"; its outputs are brought to their defaults{stay}"
 
     def _ending(self, group: _Group) -> str:
-        """How it has ended, or was ended, in words; "" as long as it serves."""
-        if not group.pid:
+        """How it has ended, or was ended, in words; "" as long as it serves, or is not dead yet: nobody else may open
+        its device before."""
+        child = group.child
+        if child is None:
             return ""
-        pid, status = os.waitpid(group.pid, os.WNOHANG | os.WUNTRACED)
-        if not pid and group.silence <= group.limit:
-            return ""
-        if not pid:
-            why = f"gave no sign of life for {group.limit:g} s"
-        elif os.WIFSTOPPED(status):
-            why = "was stopped by a signal"
-        else:
-            why = f"was killed ({signal_name(os.WTERMSIG(status))})" if os.WIFSIGNALED(status) else "has ended"
-        if not pid or os.WIFSTOPPED(status):
-            os.kill(group.pid, signal.SIGKILL)
-            if not _reaped(group.pid):  # nobody else may open its device
-                why += ", and cannot be killed: it is blocked in a call of the kernel"
-                group.next_fork = inf
-        group.pid = self._cells[group.number] = 0
-        return why
+        if child.ended:
+            why = group.ended_for or _how(child.status)
+            group.note_end()
+            return why
+        if group.ended_for:
+            if monotonic() > group.given_up:
+                names = some([f"driver {name}" for name in group.names])
+                self._say(f"the worker process of {names} cannot be killed: it is blocked in a call of the kernel")
+        elif child.was_stopped or group.silence > group.limit:
+            silent = f"gave no sign of life for {group.limit:g} s"
+            group.ended_for = "was stopped by a signal" if child.was_stopped else silent
+            group.given_up = monotonic() + DEATH_TIMEOUT
+            child.send(signal.SIGKILL)
+        return ""
 
     # The end of the run ------------------------------------------------------------------------------------
 
@@ -194,11 +219,17 @@ class Workers:
             self._kill(group)
 
     def _kill(self, group: _Group) -> None:
-        pid = int(self._cells[group.number])
-        self._cells[group.number] = 0
-        with suppress(OSError):
-            if pid and not self._run_state.gone(0.0, worker(group.number)):
-                ProcessHandle(pid).send(signal.SIGKILL)
-        if pid:
-            _reaped(pid)
-        self._run_state.gone(1.0, worker(group.number))
+        """Nobody uses its device any more when this returns, unless it is blocked in a call of the kernel. Of a worker
+        of another guardian's the lock proves which process it is."""
+        who = worker(group.number)
+        if group.child is not None and group.child.is_own:
+            group.child.end(DEATH_TIMEOUT)
+        else:
+            self._run_state.end(who, DEATH_TIMEOUT)
+        self._run_state.gone(1.0, who)
+
+
+def _how(status: int | None) -> str:
+    """How a worker has ended by itself."""
+    killed = status is not None and os.WIFSIGNALED(status)
+    return f"was killed ({signal_name(os.WTERMSIG(status))})" if killed and status is not None else "has ended"

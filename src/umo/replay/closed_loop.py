@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import os
 import select
-import signal
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -24,9 +23,11 @@ from umo.cycle.machine import ConnectedMachine
 from umo.cycle.stopping import TimeLimit
 from umo.errors import text_of
 from umo.process.job import Job, Plan
+from umo.process.reset import DEATH_TIMEOUT
 from umo.replay.program import wiring_of
 from umo.replay.shrinking import ReplayedError
 from umo.replay.tape import NotReplayable, Tape, events_of
+from umo.system.processes import Child
 from umo.wiring.run_options import WIRING_OPTIONS
 
 MORE = 1.25
@@ -65,9 +66,7 @@ class Trial:
         try:
             text = _received(ready)
         finally:
-            with suppress(ProcessLookupError):
-                os.kill(child, signal.SIGKILL)
-            os.waitpid(child, 0)
+            Child(child).end(DEATH_TIMEOUT)
             os.close(ready)
         found = json.loads(text or "null")
         if isinstance(found, str):

@@ -20,6 +20,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, NoReturn
 
+from umo.system.processes import Child, wait_for_any
 from umo.system.realtime import adopt_orphans, die_with_parent
 
 POSSIBLE = sys.platform.startswith("linux") and hasattr(os, "fork")
@@ -81,7 +82,7 @@ class Runner:
         self._address = address
         self.orders: Orders = {}
         self.known: dict[int, float] = {}
-        self._children: list[int] = []
+        self._children: list[Child] = []
         """The processes of the snapshots that it has forked, as far as they have not ended."""
         self._link = self._begin({})
 
@@ -94,7 +95,7 @@ class Runner:
     def snapshot(self, period: int, time: float) -> None:
         """Fork a snapshot of this moment, the end of a period. It returns in the runner, and again, with other orders,
         in each process that goes on from here. There is none where the computer has no room for it."""
-        self._children = [each for each in self._children if not _has_ended(each)]
+        self._children = [each for each in self._children if not each.ended]
         ready, told = os.pipe()
         try:
             child = os.fork()
@@ -107,7 +108,7 @@ class Runner:
             self._link.close()
             self._wait(period, time, told)
             return
-        self._children.append(child)
+        self._children.append(Child(child))
         os.close(told)
         if os.read(ready, 1):
             self.known[period] = time
@@ -156,13 +157,6 @@ def _is_own(connection: socket.socket) -> bool:
     """Whether a process of the same user is at the other end."""
     _, user, _ = struct.unpack("3i", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
     return bool(user == os.getuid())
-
-
-def _has_ended(child: int) -> bool:
-    try:
-        return os.waitpid(child, os.WNOHANG)[0] == child
-    except ChildProcessError:
-        return True
 
 
 class SnapshotList:
@@ -217,7 +211,7 @@ class SnapshotList:
             readable, _, _ = select.select(
                 [each for each in (self._listener, runner, asked) if each is not None], [], []
             )
-            _reap()
+            wait_for_any()
             came = self._accept_all()
             if came is not None:
                 runner, self._orders = came, {}
@@ -276,19 +270,10 @@ class SnapshotList:
         self._snapshots[self._origin].send(**orders, known=list(self._times.items()))
 
 
-def _reap() -> bool:
-    """Let go of the processes that have ended; whether there are others."""
-    with suppress(ChildProcessError):
-        while os.waitpid(-1, os.WNOHANG)[0]:
-            pass
-        return True
-    return False
-
-
 def _await_all() -> None:
     """Wait until all have ended. What control code has started in the background may go on."""
     until = time.monotonic() + PATIENCE
-    while _reap() and time.monotonic() < until:
+    while wait_for_any() and time.monotonic() < until:
         time.sleep(0.002)
 
 

@@ -1,4 +1,7 @@
-"""Other processes: whether they live, are stopped, or have ended; and the name of this one in lists of processes."""
+"""Other processes: whether they live, are stopped, or have ended; and the name of this one in lists of processes.
+
+This is the only module that sends signals to other processes and waits for children: a number alone is never enough.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ import sys
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from pathlib import Path
+from time import monotonic, sleep
 from typing import NoReturn
 
 from umo.text import printable
@@ -24,40 +28,146 @@ BOOT = Path("/proc/sys/kernel/random/boot_id")
 KERNEL_THREAD = 0x200000
 STOPPED, ENDED = "Tt", "ZX"
 """States of processes that were stopped by a signal or a debugger, and of those that have ended."""
+LOOK_INTERVAL = 0.0005
+"""Time in s between two looks for the end of a process."""
 MAX_NAME_BYTES = 15
 """Bytes of the name of a process (prctl(2), PR_SET_NAME)."""
 
 
 class ProcessHandle:
-    """A process, known by a descriptor: no other process can take its place, as with its id (pidfd_open(2), Linux 5.3;
-    by its id alone where that is refused)."""
+    """A process, known by a descriptor: no other process can take its place, as with its number (pidfd_open(2), Linux
+    5.3). Where there is no descriptor, number and start time stand for it.
+
+    To be made while the number is certain to be that of the process: it is this process, a child that was not waited
+    for, or the parent (`parent_of_this`), or it is proved afterwards (`known`, `RunState.process`).
+    """
 
     def __init__(self, pid: int) -> None:
         self.pid = pid
-        self._poll: select.poll | None = None
+        self._file, self._maker = -1, os.getpid()
+        self._poll = select.poll()
+        self._started = ""
         with suppress(OSError):
             self._file = os.pidfd_open(pid)
-            self._poll = select.poll()
             self._poll.register(self._file, select.POLLIN)
+        if self._file < 0:
+            self._started = _start_time(pid)
+
+    def __del__(self) -> None:
+        if self._file >= 0 and self._maker == os.getpid():
+            with suppress(OSError):
+                os.close(self._file)
 
     def send(self, number: int) -> None:
         """Send a signal, if the process has not ended."""
         with suppress(ProcessLookupError):
-            if self._poll is None:
-                os.kill(self.pid, number)
-            else:
+            if self._file >= 0:
                 signal.pidfd_send_signal(self._file, number)
+            elif self._started and self._started == _start_time(self.pid):
+                os.kill(self.pid, number)
 
     @property
     def ended(self) -> bool:
         """Whether it has ended: its files and connections are closed then."""
-        if self._poll is not None:
+        if self._file >= 0:
             return bool(self._poll.poll(0))
-        try:
-            os.kill(self.pid, 0)
-        except ProcessLookupError:
-            return True
+        fields = _stat(self.pid)
+        if len(fields) <= START:
+            return not is_used(self.pid)  # else it cannot be told
+        return fields[0] in ENDED or fields[START] != self._started
+
+    @property
+    def state(self) -> str:
+        """R, S, D, T, t, Z as in proc_pid_stat(5); X when it has ended."""
+        found = state(self.pid)
+        return "X" if self.ended else found
+
+    @property
+    def is_stopped(self) -> bool:
+        """Whether it was stopped by a signal, or by a debugger."""
+        return self.state in STOPPED
+
+    def end(self, within: float) -> bool:
+        """Kill it, and wait up to `within` s for its end; False if it has not ended: it is blocked in the kernel."""
+        self.send(signal.SIGKILL)
+        until = monotonic() + within
+        while not self.ended:
+            if monotonic() > until:
+                return False
+            sleep(LOOK_INTERVAL)
+        return True
+
+
+class Child(ProcessHandle):
+    """A child of the process that makes this, which alone waits for it (waitpid(2)): until then its number is its own.
+    A process that inherits this by a fork sees the end of it too, but not how it ended."""
+
+    def __init__(self, pid: int) -> None:
+        super().__init__(pid)
+        self.status: int | None = None
+        """How it ended, as of waitpid(2); None: not yet, or that is not known."""
+        self.was_stopped = False
+        """Whether it was stopped by a signal when it was looked at."""
+        self._waited = False
+
+    def send(self, number: int) -> None:
+        if self._file >= 0 or self._maker != os.getpid():
+            super().send(number)
+        elif not self._waited:
+            with suppress(ProcessLookupError):
+                os.kill(self.pid, number)
+
+    @property
+    def is_own(self) -> bool:
+        """Whether this process waits for it."""
+        return self._maker == os.getpid()
+
+    @property
+    def ended(self) -> bool:
+        if self._maker != os.getpid():
+            return super().ended
+        if not self._waited:
+            try:
+                pid, status = os.waitpid(self.pid, os.WNOHANG | os.WUNTRACED)
+            except ChildProcessError:  # the kernel has let go of it: SIGCHLD is ignored
+                self._waited = True
+            else:
+                self.was_stopped |= bool(pid) and os.WIFSTOPPED(status)
+                if pid and not os.WIFSTOPPED(status):
+                    self._waited, self.status = True, status
+        return self._waited
+
+
+def known(pid: int, text: str) -> ProcessHandle | None:
+    """The process that had this `identity`; None: it is gone."""
+    handle = ProcessHandle(pid)
+    return handle if text and identity(pid) == text else None  # it lives, so it had the number before
+
+
+def parent_of_this(pid: int) -> ProcessHandle | None:
+    """The process from which this one was forked, if it still lives."""
+    handle = ProcessHandle(pid)
+    return handle if os.getppid() == pid else None
+
+
+def is_used(pid: int) -> bool:
+    """Whether some process has this number, perhaps another one than before: nothing may be done to it."""
+    try:
+        os.kill(pid, 0)
+    except (ProcessLookupError, OverflowError):
         return False
+    except OSError:  # another user's
+        return True
+    return True
+
+
+def wait_for_any() -> bool:
+    """Let go of the children that have ended, also of those that were adopted; whether there are others."""
+    with suppress(ChildProcessError):
+        while os.waitpid(-1, os.WNOHANG)[0]:
+            pass
+        return True
+    return False
 
 
 def adjust_oom_score(change: int) -> None:
@@ -89,22 +199,23 @@ def flush() -> None:
             stream.flush()
 
 
-def is_stopped(pid: int) -> bool:
-    """Whether a process was stopped by a signal, or by a debugger."""
-    return state(pid) in STOPPED
-
-
 def state(pid: int) -> str:
     """R, S, D, T, t, Z as in proc_pid_stat(5); X where there is no such process."""
     return (_stat(pid) or ["X"])[0]
 
 
+def _start_time(pid: int) -> str:
+    """Clock ticks since the start of the computer, as text; empty where there is no such process, or it cannot be
+    told."""
+    fields = _stat(pid)
+    return fields[START] if len(fields) > START else ""
+
+
 def identity(pid: int) -> str:
     """A text that no other process has, not even one that gets its number later, or after a restart of the computer;
     empty where there is no such process, or it cannot be told."""
-    fields = _stat(pid)
     with suppress(OSError):
-        return f"{BOOT.read_text().strip()} {pid} {fields[START]}" if len(fields) > START else ""
+        return f"{BOOT.read_text().strip()} {pid} {started}" if (started := _start_time(pid)) else ""
     return ""
 
 

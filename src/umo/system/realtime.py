@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import gc
 import os
+import signal
 import socket
 import sys
 from collections.abc import Iterator
@@ -113,7 +114,7 @@ def die_with_parent(parent: int, number: int) -> None:
     """Be sent this signal when the process `parent` (pid) ends, however it does (prctl(2)); at once if it has."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, number, 0, 0, 0)
     if os.getppid() != parent:
-        os.kill(os.getpid(), number)
+        signal.raise_signal(signal.Signals(number))
 
 
 def adopt_orphans(yes: bool) -> None:

@@ -52,6 +52,8 @@ class DeviceServer:
         self._followed = -1
         """The count of what is wanted up to which orders were carried out."""
         self._due = 0
+        self._held_until = 0
+        """Time in ns on its clock up to which the outputs are kept at their defaults."""
         self._interval = MIN_INTERVAL
 
     def assign(self, inputs: Sequence[int], outputs: Sequence[int]) -> None:
@@ -171,7 +173,7 @@ class DeviceServer:
 
     def work(self) -> None:
         """What is due now: orders, the transfer of a period."""
-        if self._cells[Cell.AWAY_SINCE] == NEVER:
+        if self._cells[Cell.AWAY_SINCE] == NEVER and not self._is_held:
             self._follow_orders()
         if self.ns() >= self._due:
             self._transfer()
@@ -214,15 +216,27 @@ class DeviceServer:
             cause = causes.get(channel.text, "the driver returned no value" if raw == UNREAD else "")
             self._judge(rows, number, raw, began - round(age * 1e9), cause)
 
-    def _write(self, rows: IntArray) -> None:
+    @property
+    def _is_held(self) -> bool:
+        return self.ns() < self._held_until
+
+    def _to_write(self) -> tuple[list[int], IntArray]:
+        """The outputs that a transfer writes, by number, and their raw integers."""
+        if self._is_held:
+            defaults = [self._initialized[channel.text][1] or 0 for channel in self._groups[1]]
+            return list(self._outputs), np.array(defaults, np.int64)
         wanted = self.exchange.wanted.read()[1]
         current = wanted[Wanted.GENERATION] == self._cells[Cell.GENERATION]
         numbers = [number for number in self._outputs if current[number]]
+        return numbers, wanted[Wanted.RAW, numbers]
+
+    def _write(self, rows: IntArray) -> None:
+        numbers, raws = self._to_write()
         if not numbers:
             return
         complete = len(numbers) == len(self._outputs)
         channels = self._groups[1] if complete else tuple(self._channels[number] for number in numbers)
-        raws, causes = wanted[Wanted.RAW, numbers], {}
+        causes: Mapping[str, str] = {}
         began = self.ns()
         self.on_call()
         try:
@@ -334,9 +348,11 @@ class DeviceServer:
 
     # The place of a worker that died, and the end ------------------------------------------------------------------
 
-    def begin_anew(self, defaults: Mapping[str, int | None], watchdog: float | None) -> None:
+    def begin_anew(self, defaults: Mapping[str, int | None], watchdog: float | None, hold: float = 0.0) -> None:
         """Open the driver and initialise all of its channels (each with its default, by its text): another worker has
-        died, and nothing is known of the outputs. Until this succeeds the device counts as away."""
+        died, and nothing is known of the outputs. Until this succeeds the device counts as away. For `hold` s the
+        outputs stay at their defaults, whatever is wanted."""
+        self._held_until = self.ns() + round(hold * 1e9)
         self._initialized = {text: (self._channel(text), raw) for text, raw in defaults.items()}
         self._watchdog = watchdog
         began = self.ns()
@@ -353,16 +369,33 @@ class DeviceServer:
             self._post(rows)
 
     def reset_all(self, order: Sequence[str]) -> dict[str, str]:
-        """Every output to its default, in this order of the channels' texts; the causes of those that failed."""
+        """Every output to its default, in this order of the channels' texts; the causes of those that failed. After a
+        failure the next attempt opens the driver anew."""
         failed: dict[str, str] = {}
+        if not self.opened and (why := self._open_again()):
+            return dict.fromkeys(order, why)
         for text in order:
             if text in self._initialized:
                 answer = self.perform({"call": "reset", "channel": text, "raw": self._initialized[text][1]})
                 if "error" in answer:
                     failed[text] = answer["text"]
-        with suppress(*FAILURES):
-            self._do_close({})
+        if failed:
+            self.opened = False
+            with suppress(*FAILURES):
+                self.on_call()
+                self.driver.close()
         return failed
+
+    def _open_again(self) -> str:
+        """Open the driver and initialise its channels as before; why that failed, or ""."""
+        try:
+            self._do_open({})
+            for channel, default in self._initialized.values():
+                self.on_call()
+                self.driver.initialize(channel, default)
+        except FAILURES as error:
+            return text_of(error) if not self.opened else ""  # each output is tried
+        return ""
 
 
 def _kind(error: BaseException) -> str:
