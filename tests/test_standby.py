@@ -255,10 +255,10 @@ def test_a_guardian_that_is_stopped_while_it_resets_is_followed_by_the_next_proc
     assert_safe(cells)
 
 
-def test_where_only_a_stopped_standby_guardian_is_left_the_reset_comes_when_it_goes_on(
+def test_a_guardian_that_is_killed_as_it_lets_a_process_reset_is_followed_by_that_one(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The guardian is killed between letting a process reset and forking the next one that waits."""
+    """Before the next one waits; and the standby guardian is stopped."""
     stand_by = Resetter.stand_by
 
     def lethal(self: Resetter, first: bool = True) -> None:
@@ -269,11 +269,9 @@ def test_where_only_a_stopped_standby_guardian_is_left_the_reset_comes_when_it_g
     with monkeypatch.context() as patch:
         patch.setattr(Resetter, "stand_by", lethal)
         patch.setattr(Standby, "look", lambda self: None)  # it does not replace the one that is stopped
-        run = running(tmp_path)
+        run = running(tmp_path, process={"hang_timeout": "200 ms"})
     os.kill(run.standby, signal.SIGSTOP)
     os.kill(run.control, signal.SIGKILL)
-    until_dead(run.guardian)
-    os.kill(run.standby, signal.SIGCONT)
     outcome = run.outcome()
     assert (outcome.status, outcome.unreached) == (1, [])
     assert_safe(cells)
