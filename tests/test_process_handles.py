@@ -169,6 +169,9 @@ def test_who_does_not_get_a_lock_is_not_taken_for_its_holder() -> None:
     assert child.end(20.0)
     assert state.hold(Who.STANDBY)
     assert state.holds(Who.STANDBY)
+    state.release(Who.STANDBY)  # its memory ends with this test
+    assert not state.holds(Who.STANDBY)
+    assert state.gone(0.0, Who.STANDBY)
 
 
 def test_a_state_that_cannot_be_read_is_no_end(monkeypatch: pytest.MonkeyPatch) -> None:

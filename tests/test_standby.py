@@ -18,7 +18,7 @@ from helpers.runs import Run, assert_safe, standing, until_dead
 from helpers.tiers import some
 from helpers.waiting import until
 from umo.cycle import transfer
-from umo.process import guardian, run_end
+from umo.process import guardian, run_end, standby
 from umo.process.reset import Resetter
 from umo.process.run_state import RunState, Who
 from umo.process.standby import Standby
@@ -233,6 +233,45 @@ def test_a_guardian_killed_while_it_resets_is_followed_by_the_standby_guardian(
     os.kill(run.guardian, signal.SIGKILL)
     assert "not reached yet" in run.message("notice")["text"]
     away.unlink()
+    outcome = run.outcome()
+    assert (outcome.status, outcome.unreached) == (1, [])
+    assert_safe(cells)
+
+
+def test_a_guardian_that_is_stopped_while_it_resets_is_followed_by_the_next_process_that_waits(
+    tmp_path: Path, cells: Cells, away: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The one before has begun to reset, and the standby guardian is dead."""
+    monkeypatch.setattr(standby, "CONCLUDING_LIMIT", 0.3)
+    monkeypatch.setattr(standby, "RESERVE_GRACE", 0.2)
+    run = running(tmp_path, at=25, action="kill", away=str(away))
+    assert "not reached yet" in run.message("notice")["text"]
+    os.kill(run.guardian, signal.SIGSTOP)
+    os.kill(run.standby, signal.SIGKILL)
+    away.unlink()
+    outcome = run.outcome()
+    assert (outcome.status, outcome.unreached) == (1, [])
+    assert "standby guardian reset every actuator" in str(outcome.failure)
+    assert_safe(cells)
+
+
+def test_a_guardian_that_is_killed_as_it_lets_a_process_reset_is_followed_by_that_one(
+    tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before the next one waits; and the standby guardian is stopped."""
+    stand_by = Resetter.stand_by
+
+    def lethal(self: Resetter, first: bool = True) -> None:
+        if not first:
+            os.kill(os.getpid(), signal.SIGKILL)
+        stand_by(self)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Resetter, "stand_by", lethal)
+        patch.setattr(Standby, "look", lambda self: None)  # it does not replace the one that is stopped
+        run = running(tmp_path, process={"hang_timeout": "200 ms"})
+    os.kill(run.standby, signal.SIGSTOP)
+    os.kill(run.control, signal.SIGKILL)
     outcome = run.outcome()
     assert (outcome.status, outcome.unreached) == (1, [])
     assert_safe(cells)

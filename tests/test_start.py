@@ -136,7 +136,7 @@ def test_processes_that_were_stopped_or_killed_are_named_and_go_on_to_be_stopped
     with umo.start(process_box.machine, process_box.wiring(tmp_path / "box"), process_box.forever) as machine:
         while not (machine.pid and machine.standby and machine.values):
             machine.poll(0.1)
-        pids = {name: getattr(machine, name) for name in ("guardian", "standby", "pid")}
+        pids = {name: getattr(machine, name) for name in ("guardian", "standby", "reserve", "pid")}
         stopped = {name: pid for name, pid in pids.items() if name not in killed}
         for pid in pids.values():
             os.kill(pid, signal.SIGSTOP)

@@ -256,3 +256,4 @@ def test_each_worker_has_a_lock_of_its_own() -> None:
     state.hold(worker(1))
     assert state.gone(0.0, worker(0))
     assert state.gone(0.0)
+    state.release(worker(1))  # its memory ends with this test

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 from functools import cache
+from math import inf
 from pathlib import Path
 from time import monotonic, monotonic_ns, sleep
 
@@ -110,9 +111,9 @@ class Box:
 
     @property
     def answers_for(self) -> float:
-        """s since the end of a fault that has ended by itself."""
-        until = self.cells[UNTIL]
-        return (monotonic_ns() - until) * 1e-9 if until else float("inf")
+        """s since the end of a fault whose time has ended; below 0: it lasts. Infinite where no fault is switched on."""
+        until = self.cells[UNTIL] if self.cells[FAULT] else 0
+        return (monotonic_ns() - until) * 1e-9 if until else inf
 
     def fault(self, name: str, value: int = 0, seconds: float = 0.0) -> None:
         """Switch a fault of box.c on, for so many seconds (0: until `heal`)."""

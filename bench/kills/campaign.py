@@ -144,7 +144,7 @@ def _judge(kind: Kind, found: Try, run: Run, moment: int) -> tuple[Try, Run, int
     """Judge the end; how often outputs had left their defaults then, and when to look again."""
     ended = run.wait_end(kind.limit)
     left, at_end, again = run.box.left, run.box.values, monotonic() + AFTERWARDS
-    answered = run.box.answers_for
+    answered = run.box.answers_for - run.told_for
     found.wrong = ""
     if not ended:
         found.unsafe = f"its processes still ran {kind.limit:g} s later"

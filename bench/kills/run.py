@@ -12,7 +12,7 @@ from enum import Enum
 from functools import cache
 from pathlib import Path
 from random import Random
-from time import monotonic, sleep
+from time import monotonic, sleep, time
 
 import umo
 from bench.kills import kept, processes
@@ -198,6 +198,12 @@ class Run:
     def status(self) -> int | None:
         """Exit status of the starter, or less than 0 for the signal that killed it."""
         return self.starter.poll()
+
+    @property
+    def told_for(self) -> float:
+        """s since its end was recorded, right after the last reset; 0 where there is no record."""
+        written = [file.stat().st_mtime for file in (self.folder / "state").rglob("*") if file.is_file()]
+        return max(0.0, time() - max(written)) if written else 0.0
 
     @property
     def wrong_readings(self) -> int:

@@ -266,7 +266,7 @@ def outage(which: str, number: int, limits: Sequence[float]) -> Strike:
 
 
 def again_and_again(which: str, number: int, times: int) -> Strike:
-    """Whatever takes the place of a process meets with the same."""
+    """Whatever takes the place of a process meets with the same, until the outputs are driven again."""
 
     def strike(run: Run, moments: Random) -> int:
         at_work(run, moments)
@@ -279,6 +279,8 @@ def again_and_again(which: str, number: int, times: int) -> Strike:
             until = monotonic_ns() + round(START_LIMIT * 1e9)
             while processes.alive(pid) and monotonic_ns() < until:
                 sleep(processes.LOOK)
+        while not all(run.box.values) and run.starter.poll() is None and monotonic_ns() < until:
+            sleep(processes.LOOK)  # they stay at their defaults for a while
         return moment
 
     return strike

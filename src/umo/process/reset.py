@@ -110,13 +110,10 @@ class Resetter:
         self.dismiss()
         if child.status is not None and os.WIFEXITED(child.status):
             return False
-        self._close_pipe()
-        self.stand_by()
-        return True
-
-    def _close_pipe(self) -> None:
         for file in (self._waiting_pipe, self._start_pipe):
             os.close(file)
+        self.stand_by()
+        return True
 
     def hand_over(self) -> None:
         """Work for another guardian from now on, which calls this: the child was the guardian's."""
@@ -225,17 +222,24 @@ class Resetter:
         """Let the child on standby work, or fork another; False where that cannot be."""
         try:
             if self._reserve is not None and len(numbers) == len(self._wires):
-                os.write(self._start_pipe, b"!")
-                self._child, self._reserve = self._reserve, None
-                with suppress(OSError):  # another one waits from now on, if it can be had
-                    self._close_pipe()
-                    self.stand_by(first=False)
+                self._let_reserve_work(self._reserve)
                 return True
             self._child = self._fork(lambda guardian: self._work(guardian, numbers))
         except OSError:
             self._child = None
             return False
         return True
+
+    def _let_reserve_work(self, child: Child) -> None:
+        """Another one waits first, if it can be had: whenever this guardian is killed, one is left."""
+        pipe = self._start_pipe, self._waiting_pipe
+        self._reserve = None
+        with suppress(OSError):
+            self.stand_by(first=False)
+        self._child = child
+        os.write(pipe[0], b"!")
+        for file in pipe:
+            os.close(file)
 
     def _fork(self, work: Callable[[int], int], fork: Callable[[], int] = lambda: os.fork()) -> Child:
         """A child that does this work; it is told the pid of this process."""

@@ -113,6 +113,8 @@ class Started:
         """The outcome that the control process sent at its end. The guardian's is the last word."""
         self.standby = 0
         """The standby guardian's pid, once it is known; 0 before."""
+        self.reserve = 0
+        """The pid of the reset process that follows both guardians, once it is known; 0 before."""
         self._others: dict[str, ProcessHandle] = {}
         """The other processes of the run, by what they are."""
         self._stop_asked = False
@@ -268,6 +270,8 @@ class Started:
                 message["files"] = ()
                 with suppress(FramesError):
                     self.frames = Reader("the run", ends)
+        elif kind == "reserve":
+            self.reserve = message["pid"]
         elif kind == "standby":
             self.standby = message["pid"]
         elif kind == "notice":

@@ -174,6 +174,7 @@ class Workers:
                 names = some([f"driver {name}" for name in group.names])
                 self._say(f"the worker process of {names} {why}{self._consequence(group)}")
             if group.child is None and self._run_state.stage is Stage.RUNNING and monotonic() >= group.next_fork:
+                group.next_fork = monotonic() + MAX_PAUSE  # where it cannot be forked
                 self._fork(group, replaces=True)
                 group.lengthen()
 

@@ -72,7 +72,7 @@ class ProcessHandle:
         if self._file >= 0:
             return bool(self._poll.poll(0))
         fields = _stat(self.pid)
-        if len(fields) <= START:
+        if len(fields) <= START or not self._started:
             return not is_used(self.pid)  # else it cannot be told
         return fields[0] in ENDED or fields[START] != self._started
 
