@@ -37,7 +37,10 @@ from umo.wiring.wired import apply_parameters
 
 C = TypeVar("C", bound=Compound)
 
-
+CALL_MARGIN = 1.0
+"""Time in s that a call of a driver may take in addition to twice its timeout, before a signal ends it."""
+SIMULATED_CALL_LIMIT = 0.25
+"""The same in all, where no driver has a device."""
 _ENTERING = threading.Lock()
 _ENTERED: set[int] = set()
 """Ids of the machines that are connected or being connected."""
@@ -149,6 +152,7 @@ class connect(Generic[C]):
             self.wired = resolve(self.root, given, distribute_options(self._options, wiring=given).wiring)
         name = type(self.root).__name__
         device_claim = self.device_claim or DeviceClaim(self.wired.devices, name, acknowledge=self._acknowledge)
+        self.stop.call_limit, self.stop.leave_at_once = self._call_limit, self._leave_at_once
         self.stop.install()
         try:
             for wire in self.wired.wires:
@@ -317,6 +321,26 @@ class connect(Generic[C]):
                 add_note(raised, f"also, while {what}: {text_of(error)}" if what else str(error))
         if raised is not None and raised is not cause:
             raise raised
+
+    def _call_limit(self) -> float:
+        """Time in s after which a call of a driver hangs."""
+        timeouts = [self.wired.drivers[name].timeout for name in self.wired.hardware]
+        return CALL_MARGIN + 2 * max(timeouts) if timeouts else SIMULATED_CALL_LIMIT
+
+    def _leave_at_once(self) -> list[str]:
+        """Reset and release everything in the midst of the user's code, which does not end: it is called no more. The
+        paths of the actuators that were not reached."""
+        if not hasattr(self, "_device_claim"):  # it is not connected yet
+            return []
+        self.image.end()
+        for driver in self._controllers.values():
+            driver.end()
+        unreached, _ = self._reset()
+        self.image.transfer.end_writing()
+        self._finalize()
+        self._close()
+        self._end_custody(unreached, None)
+        return [failure.path for failure in unreached]
 
     def _show_last(self) -> None:
         self.machine.finish_period()

@@ -203,6 +203,7 @@ class Control:
             busy_wait = realtime.default_busy_wait(plan.wired.period or 0.0)
         self._connection = connection = connect(plan.machine, plan.wired)
         connection.device_claim = self._device_claim
+        connection.stop.insists = False  # code that does not end is the guardian's to end, and signals are its requests
         connection.on_step = self._run_state.beat
         connection.kept = self._kept.get(NUMBERS, {})
         connection.alarm_states = self._kept.get(ALARMS, {})

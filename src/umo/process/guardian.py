@@ -14,10 +14,13 @@ import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from types import FrameType
+from typing import NoReturn
 
+from umo.cycle.insisting import place_within
 from umo.cycle.stage import Stage
 from umo.cycle.stopping import SIGNALS
-from umo.errors import text_of
+from umo.errors import Interrupted, text_of
 from umo.latency.blackbox import ON_DEMAND
 from umo.process import kept_values
 from umo.process.compiling import prepare_if_asked
@@ -41,7 +44,7 @@ from umo.system.device_record import INSPECT, DeviceClaim
 from umo.system.processes import adjust_oom_score, carry_out, flush, name_process
 from umo.system.realtime import CorePlace
 from umo.system.streams import keep_open, log_on_lines
-from umo.text import some
+from umo.text import in_brackets, some
 
 OOM_SCORE_CHANGE = -500
 """Change of the guardian's score for the kernel's choice when memory runs out, where that is permitted."""
@@ -57,6 +60,8 @@ def main(file: int, job_file: int) -> int:
     log_on_lines()
     name_process("umo guardian")
     adjust_oom_score(OOM_SCORE_CHANGE)
+    for number in SIGNALS:
+        signal.signal(number, _interrupt)
     channel = MessageSocket(socket.socket(fileno=file))
     device_claim = guardian = None
     name = "the run"
@@ -82,6 +87,11 @@ def main(file: int, job_file: int) -> int:
     channel.send("ended", outcome=outcome.dump())
     tell_final_message(channel, name, outcome)
     return outcome.status
+
+
+def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
+    """A stop is asked for while the station's own code declares the machine. Nothing is driven yet."""
+    raise Interrupted(f"stopped before the machine was started{in_brackets(place_within(frame, None))}", number)
 
 
 class Guardian:

@@ -25,7 +25,7 @@ from umo.objects import Compound
 from umo.objects.stop_order import stop_sequence
 from umo.process.reset_state import Reached, ResetState
 from umo.system import realtime
-from umo.system.processes import carry_out, name_process
+from umo.system.processes import carry_out, end_child, name_process
 from umo.text import some
 from umo.wiring import Wired
 
@@ -104,8 +104,7 @@ class Resetter:
     def dismiss(self) -> None:
         """The machine ended safely: no reset is needed."""
         if self._child:
-            os.kill(self._child, signal.SIGKILL)
-            os.waitpid(self._child, 0)
+            end_child(self._child, DEATH_TIMEOUT)
             self._child = 0
 
     def reset(

@@ -10,14 +10,13 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable
-from contextlib import suppress
 from time import monotonic, sleep
 
 from umo.errors import text_of
 from umo.process.messages import MessageSocket
 from umo.process.reset import DEATH_TIMEOUT, STOP_SIGNALS
 from umo.process.run_state import RunState, Who
-from umo.system.processes import ProcessHandle, carry_out, name_process
+from umo.system.processes import ProcessHandle, carry_out, end_child, name_process
 
 LOOK_INTERVAL = 0.1
 """Time in s between two looks at the guardian's signs of life; its death is seen at once."""
@@ -81,10 +80,7 @@ class Standby:
     def dismiss(self) -> None:
         """End it: the run is over, recorded and told."""
         if self._pid:
-            with suppress(ProcessLookupError):
-                os.kill(self._pid, signal.SIGKILL)
-            with suppress(ChildProcessError):  # it had ended, and has been waited for
-                os.waitpid(self._pid, 0)
+            end_child(self._pid, DEATH_TIMEOUT)
             self._pid = 0
 
     # The standby guardian ------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import suppress
+from math import inf
 from pathlib import Path
 from time import monotonic
 from types import TracebackType
@@ -43,6 +44,10 @@ run can be replayed."""
 
 STOPPED_LOOK_INTERVAL = 0.5
 """Time in s between two looks for processes that were stopped by a signal."""
+START_STOP_TIMEOUT = 10.0
+"""Timeout in s for a guardian to stop that was asked to before it guards: a station's code may pass over that."""
+GUARDIAN_END_TIMEOUT = 2.0
+"""Timeout in s for the end of a guardian that has told the outcome."""
 STANDBY_END_TIMEOUT = 1.0
 """Timeout in s for the end of a standby guardian that has told the outcome."""
 
@@ -110,6 +115,8 @@ class Started:
         """The standby guardian's pid, once it is known; 0 before."""
         self._stop_asked = False
         """Whether a stop was asked for."""
+        self._start_limit = inf
+        """Time at which a guardian that was asked to stop, and has not forked anything, is killed."""
         self._next_look = 0.0
         """Time of the next look for stopped processes."""
         self._lock = threading.RLock()
@@ -179,13 +186,28 @@ class Started:
             if self._outcome is None and self._channel.ended:
                 objects = [] if self.frames is None else self.frames.layout.objects
                 actuators = [each["path"] for each in objects if each.get("actuator")]
-                ended = self._guardian.wait()
-                self._outcome = vanished(ended, self._left_outcome, actuators, self._name, running=self.pid is not None)
+                self._outcome = vanished(self._end_of_guardian(), self._left_outcome, actuators, self._name, running=self.pid is not None)
             if self._outcome is None:
+                if monotonic() > self._start_limit and not self._is_under_way:
+                    self._guardian.kill()
                 self._look_for_stopped()
             elif self._guardian.returncode is None:
-                self._guardian.wait()
+                self._end_of_guardian()
                 self._channel.peer_is_gone(STANDBY_END_TIMEOUT)  # the standby guardian holds the devices until it ends
+
+    @property
+    def _is_under_way(self) -> bool:
+        """Whether the guardian has begun to guard; before that nothing is driven."""
+        return bool(self.standby or self.pid)
+
+    def _end_of_guardian(self) -> int:
+        """The exit status of a guardian that has told the outcome, or has closed its end of the channel. One that does
+        not end then was stopped by a signal, and is killed: it has nothing left to do."""
+        for _ in range(2):
+            with suppress(subprocess.TimeoutExpired):
+                return self._guardian.wait(GUARDIAN_END_TIMEOUT)
+            self._guardian.kill()
+        return -signal.SIGKILL  # blocked in a call of the kernel: it ends after that
 
     def _look_for_stopped(self) -> None:
         """Say that no guardian can stop the machine: each has died or was stopped by a signal. Those that were stopped
@@ -226,6 +248,9 @@ class Started:
         """Request a safe stop, like this signal does. Returns at once."""
         self._stop_asked = True
         self._channel.send("stop", signal=number)
+        if not self._is_under_way:  # it may be at work in the station's own code, and does not listen
+            self._start_limit = min(self._start_limit, monotonic() + START_STOP_TIMEOUT)
+            self._guardian.send_signal(number)
 
     def stop(self) -> Outcome:
         """Stop safely, wait for the end and return the outcome."""

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from pathlib import Path
+from time import monotonic, sleep
 from typing import NoReturn
 
 from umo.text import printable
@@ -24,6 +25,8 @@ BOOT = Path("/proc/sys/kernel/random/boot_id")
 KERNEL_THREAD = 0x200000
 STOPPED, ENDED = "Tt", "ZX"
 """States of processes that were stopped by a signal or a debugger, and of those that have ended."""
+LOOK_INTERVAL = 0.0005
+"""Time in s between two looks at a process."""
 MAX_NAME_BYTES = 15
 """Bytes of the name of a process (prctl(2), PR_SET_NAME)."""
 
@@ -58,6 +61,20 @@ class ProcessHandle:
         except ProcessLookupError:
             return True
         return False
+
+
+def end_child(pid: int, within: float) -> bool:
+    """Kill a child that nobody has waited for, and wait up to `within` s for its end; whether it has ended. One that is
+    blocked in a call of the kernel ends after that call."""
+    with suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGKILL)
+    until = monotonic() + within
+    with suppress(ChildProcessError):  # somebody else has waited for it
+        while not os.waitpid(pid, os.WNOHANG)[0]:
+            if monotonic() > until:
+                return False
+            sleep(LOOK_INTERVAL)
+    return True
 
 
 def adjust_oom_score(change: int) -> None:
