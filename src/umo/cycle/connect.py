@@ -18,6 +18,7 @@ from umo.cycle.alarming import declared_alarms, engine_of
 from umo.cycle.clock import Clock, WallClock
 from umo.cycle.equipment import equipment_in
 from umo.cycle.image import Image
+from umo.cycle.insisting import call_limit
 from umo.cycle.journal import CAPACITY, Journal
 from umo.cycle.machine import ConnectedMachine, axes_in
 from umo.cycle.off_cycle import image_of
@@ -37,10 +38,6 @@ from umo.wiring.wired import apply_parameters
 
 C = TypeVar("C", bound=Compound)
 
-CALL_MARGIN = 1.0
-"""Time in s that a call of a driver may take in addition to twice its timeout, before a signal ends it."""
-SIMULATED_CALL_LIMIT = 0.25
-"""The same in all, where no driver has a device."""
 _ENTERING = threading.Lock()
 _ENTERED: set[int] = set()
 """Ids of the machines that are connected or being connected."""
@@ -324,8 +321,7 @@ class connect(Generic[C]):
 
     def _call_limit(self) -> float:
         """Time in s after which a call of a driver hangs."""
-        timeouts = [self.wired.drivers[name].timeout for name in self.wired.hardware]
-        return CALL_MARGIN + 2 * max(timeouts) if timeouts else SIMULATED_CALL_LIMIT
+        return call_limit([self.wired.drivers[name].timeout for name in self.wired.hardware])
 
     def _leave_at_once(self) -> list[str]:
         """Reset and release everything in the midst of the user's code, which does not end: it is called no more. The

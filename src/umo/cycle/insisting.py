@@ -31,8 +31,14 @@ from umo.system.processes import flush
 from umo.system.streams import say_without_waiting
 from umo.text import LIBRARY, STATIONS, UMO, in_brackets, place_among, printable, some
 
+CALL_MARGIN = 1.0
+"""Time in s that a call of a driver may take in addition to twice its timeout, before a signal ends it."""
+SIMULATED_CALL_LIMIT = 0.25
+"""Time in s that a call may take where no driver has a device."""
 MAX_RAISED = 2
 """Number of times that code may pass over an `Interrupted`."""
+STOPPING, HANDLER = f"{UMO}cycle{os.sep}stopping.py", "_caught"
+"""File and name of the handler of signals."""
 LOOPS = ("cycle/run.py", "cycle/connect.py")
 """Files of umo whose functions end by themselves once a stop was asked for: what is around them is not interrupted."""
 ROOMS = ("alarms", "control", "cycle", "drivers", "objects", "operation", "plant", "testing", "user_code.py", "wiring")
@@ -70,10 +76,19 @@ def side_of(file: str) -> Side:
             return Side.LOOP
         return Side.CALLER if name in CALLERS else Side.DRIVER if name.startswith(DRIVERS) else Side.UMO
     installed = f"{os.sep}site-packages{os.sep}"
-    if file.startswith("<frozen ") or (file.startswith(LIBRARY) and installed not in file):
+    if file.startswith(("<frozen ", "<string>")) or (file.startswith(LIBRARY) and installed not in file):
         return Side.LIBRARY
     package = file.rpartition(installed)[2].partition(os.sep)[0] if installed in file else ""
     return Side.LIBRARY if package in INSTALLED else Side.USER
+
+
+def _side(frame: FrameType) -> Side:
+    """The side of a frame: also of a program that was given as a text (`python -c`). What Python generates, such as the
+    constructors of dataclasses, has the same name of a file."""
+    file = frame.f_code.co_filename
+    if file == "<string>" and frame.f_code.co_name == "<module>":
+        return Side.USER
+    return side_of(file)
 
 
 class Standing(NamedTuple):
@@ -90,11 +105,21 @@ class Standing(NamedTuple):
 def standing_of(frame: FrameType | None) -> Standing:
     """Where a thread is, by its innermost frame."""
     within: list[FrameType] = []  # frames that are not umo's, up to one that is
-    call = inner = None
+    call: FrameType | None = None
+    inner: FrameType | None = None
     at_once = True
     while frame is not None:
-        side = side_of(frame.f_code.co_filename)
-        is_called = inner is not None and side_of(inner.f_code.co_filename) in (Side.USER, Side.LIBRARY, Side.DRIVER)
+        if frame.f_code.co_name == HANDLER and frame.f_code.co_filename == STOPPING:
+            frame, within, call, inner, at_once = (
+                frame.f_back,
+                [],
+                None,
+                None,
+                True,
+            )  # it has interrupted an earlier one
+            continue
+        side = _side(frame)
+        is_called = inner is not None and _side(inner) in (Side.USER, Side.LIBRARY, Side.DRIVER)
         if side in (Side.USER, Side.LIBRARY):
             within.append(frame)
         else:
@@ -114,7 +139,7 @@ def standing_of(frame: FrameType | None) -> Standing:
 
 def _users(frames: Iterable[FrameType]) -> FrameType | None:
     """The innermost frame of the user's code among these."""
-    return next((each for each in frames if side_of(each.f_code.co_filename) is Side.USER), None)
+    return next((each for each in frames if _side(each) is Side.USER), None)
 
 
 def place_within(frame: FrameType | None, until: FrameType | None) -> str:
@@ -125,6 +150,11 @@ def place_within(frame: FrameType | None, until: FrameType | None) -> str:
         found.append((frame.f_code.co_filename, frame.f_lineno, frame.f_code.co_name))
         frame = None if frame is until else frame.f_back
     return place_among(reversed(found))
+
+
+def call_limit(timeouts: Sequence[float]) -> float:
+    """Time in s after which a call of a driver hangs; `timeouts`: of the drivers that have devices, s."""
+    return CALL_MARGIN + 2 * max(timeouts) if timeouts else SIMULATED_CALL_LIMIT
 
 
 class Connection(NamedTuple):

@@ -99,13 +99,13 @@ def request_stop(number: int | None = None) -> None:
 def _caught(number: int, frame: FrameType | None) -> None:
     found = [flag for flag, is_of_main_thread in _flags.items() if is_of_main_thread]
     is_further = all(flag.caught for flag in found)
-    for flag in found:
-        flag.caught = True
-    request_stop(number)
     if not is_further:
         _insistence[:] = [Insistence()]
         _insistence[0].begin(frame)
-    elif all(flag.insists for flag in found):
+    for flag in found:  # from here on another signal, which may interrupt this handler, is a further one
+        flag.caught = True
+    request_stop(number)
+    if is_further and all(flag.insists for flag in found):
         _insistence[0].insist(number, frame, [Connection(flag.call_limit(), flag.leave_at_once) for flag in found])
 
 

@@ -186,7 +186,9 @@ class Started:
             if self._outcome is None and self._channel.ended:
                 objects = [] if self.frames is None else self.frames.layout.objects
                 actuators = [each["path"] for each in objects if each.get("actuator")]
-                self._outcome = vanished(self._end_of_guardian(), self._left_outcome, actuators, self._name, running=self.pid is not None)
+                self._outcome = vanished(
+                    self._end_of_guardian(), self._left_outcome, actuators, self._name, running=self.pid is not None
+                )
             if self._outcome is None:
                 if monotonic() > self._start_limit and not self._is_under_way:
                     self._guardian.kill()
