@@ -251,7 +251,7 @@ def assert_reset(file: Path) -> None:
 def test_the_second_signal_ends_what_does_not_end_and_the_outputs_are_reset(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
-    monkeypatch.setattr(insisting, "SIMULATED_CALL_LIMIT", 0.0)
+    monkeypatch.setattr(insisting, "SIMULATED_CALL_LIMIT", 0.0 if "plant" in where else 1e9)
     case = Case(tmp_path, where)
     child = Child(case.told, case.drive)
     until(case.begun.exists if where == "cleaning up" else case.ready.exists)
@@ -261,7 +261,10 @@ def test_the_second_signal_ends_what_does_not_end_and_the_outputs_are_reset(
     until(case.ready.exists)
     child.send(signal.SIGTERM)  # another one: two of the same kind would count as one
     assert child.status() == 128 + signal.SIGTERM
-    (line,) = case.told.read_text().splitlines()
+    *notices, line = case.told.read_text().splitlines()
+    assert all(
+        each.startswith("umo: a call of a driver is under way") for each in notices
+    )  # of the device, while it is
     said, _, at = line.partition(f"{HERE}:")
     assert said == "umo: " + ENDED[where].partition("{here}")[0]
     assert at.partition(" ")[2].startswith(ENDED[where].partition("{line} ")[2])
@@ -405,7 +408,7 @@ def test_a_call_of_a_driver_is_ended_by_a_signal_that_finds_it_again_after_its_l
         insistence.begin(frame)
         now += after
         try:
-            insistence.insist(signal.SIGTERM, frame, [insisting.Connection(1.0, list)])
+            insistence.insist(signal.SIGTERM, frame, [insisting.SignalledMachine(1.0, list)])
         except Interrupted as error:
             ended.append(str(error))
 
@@ -420,7 +423,7 @@ def test_calls_of_a_driver_that_end_are_never_interrupted() -> None:
 
     def signals(frame: FrameType) -> None:
         nonlocal now
-        insistence.insist(signal.SIGTERM, frame, [insisting.Connection(1.0, list)])
+        insistence.insist(signal.SIGTERM, frame, [insisting.SignalledMachine(1.0, list)])
         now += 50.0
 
     calls(5, signals)
@@ -436,6 +439,28 @@ def test_a_signal_that_interrupts_the_handler_of_another_finds_the_code_that_thi
         connection.stop.end_wait = lambda: rest and rest.pop()()
         os.kill(os.getpid(), signal.SIGINT)
         wait_for_ever()
+
+
+def test_where_a_guardian_ends_what_hangs_further_signals_interrupt_nothing() -> None:
+    m = Machine(timer=timer(), valve=BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF))
+    connection = connect(m)
+    connection.stop.insists = False
+    with connection:
+        for number in (signal.SIGTERM, signal.SIGTERM, signal.SIGINT):
+            os.kill(os.getpid(), number)
+        assert connection.stop.signal == signal.SIGTERM
+
+
+def test_a_machine_that_is_connected_after_a_stop_is_asked_anew() -> None:
+    first, second = (
+        Machine(timer=timer(), valve=BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF)) for _ in range(2)
+    )
+    with connect(first) as one:
+        os.kill(os.getpid(), signal.SIGINT)
+        with connect(second) as other:
+            assert other.cycle.running
+            os.kill(os.getpid(), signal.SIGINT)
+            assert (one.cycle.running, other.cycle.running) == (False, False)
 
 
 def test_the_time_of_a_call_is_that_of_the_drivers_that_have_devices() -> None:

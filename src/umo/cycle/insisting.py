@@ -157,7 +157,7 @@ def call_limit(timeouts: Sequence[float]) -> float:
     return CALL_MARGIN + 2 * max(timeouts) if timeouts else SIMULATED_CALL_LIMIT
 
 
-class Connection(NamedTuple):
+class SignalledMachine(NamedTuple):
     """A machine that is connected, as far as a signal concerns it."""
 
     limit: float
@@ -181,7 +181,7 @@ class Insistence:
         """The first signal has come."""
         self._find_call(standing_of(frame))
 
-    def insist(self, number: int, frame: FrameType | None, connections: Sequence[Connection]) -> None:
+    def insist(self, number: int, frame: FrameType | None, connections: Sequence[SignalledMachine]) -> None:
         """A further signal has come."""
         standing, limit = standing_of(frame), max((each.limit for each in connections), default=0.0)
         if standing.call is not None:
@@ -208,7 +208,7 @@ class Insistence:
             self._call, self._since = standing.call, self._clock()
         return self._clock() - self._since
 
-    def _end(self, number: int, what: str, connections: Sequence[Connection]) -> NoReturn:
+    def _end(self, number: int, what: str, connections: Sequence[SignalledMachine]) -> NoReturn:
         """Raise `Interrupted`, or end the process if that was of no use."""
         self._raised += 1
         if self._raised > MAX_RAISED and not self._is_leaving:
@@ -233,7 +233,7 @@ def _at_return(frame: FrameType, call: Callable[[], NoReturn]) -> None:
     sys.settrace(lambda *_: None)
 
 
-def _leave_and_exit(number: int, what: str, connections: Sequence[Connection]) -> NoReturn:
+def _leave_and_exit(number: int, what: str, connections: Sequence[SignalledMachine]) -> NoReturn:
     """Bring all outputs to their defaults in the midst of the user's code, say so, and end this process."""
     left: list[str] = []
     for each in connections:

@@ -10,7 +10,7 @@ from types import FrameType
 from typing import Any
 
 from umo.cycle.frame import Frame
-from umo.cycle.insisting import Connection, Insistence
+from umo.cycle.insisting import Insistence, SignalledMachine
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
 if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # ignored: under nohup
@@ -106,7 +106,9 @@ def _caught(number: int, frame: FrameType | None) -> None:
         flag.caught = True
     request_stop(number)
     if is_further and all(flag.insists for flag in found):
-        _insistence[0].insist(number, frame, [Connection(flag.call_limit(), flag.leave_at_once) for flag in found])
+        _insistence[0].insist(
+            number, frame, [SignalledMachine(flag.call_limit(), flag.leave_at_once) for flag in found]
+        )
 
 
 def _in_main_thread() -> bool:

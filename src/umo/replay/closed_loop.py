@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import os
 import select
-import signal
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -27,12 +26,15 @@ from umo.process.job import Job, Plan
 from umo.replay.program import wiring_of
 from umo.replay.shrinking import ReplayedError
 from umo.replay.tape import NotReplayable, Tape, events_of
+from umo.system.processes import end_child
 from umo.wiring.run_options import WIRING_OPTIONS
 
 MORE = 1.25
 """Times the recorded duration after which a trial ends: the error may come later."""
 PATIENCE = 120.0
 """Wall-clock time in s of a trial at most."""
+END_TIMEOUT = 5.0
+"""Timeout in s for the end of a trial that was killed."""
 FAULT = "fault"
 """The option that injects faults."""
 
@@ -65,9 +67,7 @@ class Trial:
         try:
             text = _received(ready)
         finally:
-            with suppress(ProcessLookupError):
-                os.kill(child, signal.SIGKILL)
-            os.waitpid(child, 0)
+            end_child(child, END_TIMEOUT)
             os.close(ready)
         found = json.loads(text or "null")
         if isinstance(found, str):

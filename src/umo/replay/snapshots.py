@@ -20,6 +20,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, NoReturn
 
+from umo.system.processes import end_child
 from umo.system.realtime import adopt_orphans, die_with_parent
 
 POSSIBLE = sys.platform.startswith("linux") and hasattr(os, "fork")
@@ -30,6 +31,8 @@ EVERY = 2000
 """Periods between two snapshots."""
 MOST = 15
 """Snapshots that are kept beside the first one, each of some MB: the last 30,000 periods that were visited."""
+BEGIN_TIMEOUT = 5.0
+"""Timeout in s for a process to take its place in the list: for a snapshot that was forked, and for who has come."""
 PATIENCE = 2.0
 """Time in s for the processes to end."""
 Orders = dict[str, Any]
@@ -109,7 +112,11 @@ class Runner:
             return
         self._children.append(child)
         os.close(told)
-        if os.read(ready, 1):
+        if not select.select([ready], [], [], BEGIN_TIMEOUT)[
+            0
+        ]:  # it may be stopped: there is no snapshot of this moment
+            end_child(child, PATIENCE)
+        elif os.read(ready, 1):
             self.known[period] = time
         os.close(ready)
 
@@ -244,8 +251,10 @@ class SnapshotList:
             if not _is_own(connection):
                 connection.close()
                 continue
+            connection.settimeout(BEGIN_TIMEOUT)
             link = Link(connection)
             message = link.receive()
+            connection.settimeout(None)
             if message is None:
                 link.close()
             elif message["kind"] == "runner":
