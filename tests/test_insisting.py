@@ -495,6 +495,17 @@ def test_the_files_of_umo_that_are_named_are_there() -> None:
         assert Path(UMO, name).exists(), name
 
 
+def test_a_program_that_serves_is_asked_and_then_ended() -> None:
+    asked: list[int] = []
+    before = signal.getsignal(signal.SIGTERM)
+    with insisting.asked_by_signals(lambda: asked.append(1)):
+        os.kill(os.getpid(), signal.SIGTERM)
+        assert asked == [1]
+        with pytest.raises(Interrupted, match=rf"it does not end: {HERE}:\d+ in test_a_program"):
+            os.kill(os.getpid(), signal.SIGINT)
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
 # As a user starts them -------------------------------------------------------------------------------------
 
 OBJECTS = """

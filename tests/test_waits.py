@@ -217,11 +217,13 @@ def test_a_guardian_in_a_stations_own_code_is_ended_by_a_stop(
     until(ready.exists)
     outcome = machine.stop()
     machine._channel.close()
-    assert outcome.failure is not None
     if kind == "ValueError":
         assert outcome.status == 128 + signal.SIGTERM
-        assert outcome.failure.message.startswith("stopped before the machine was started (")
+        (notice,) = machine.notices
+        assert notice.startswith("stopped before the machine was started (")
+        assert re.search(r"endless.py:\d+ in machine\)$", notice)
     else:
+        assert outcome.failure is not None
         assert "before the machine was started" in outcome.failure.message
 
 

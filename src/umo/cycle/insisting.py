@@ -17,8 +17,10 @@ reset in the midst of that code, and the process ends.
 from __future__ import annotations
 
 import os
+import signal
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from enum import Enum, auto
 from functools import lru_cache
 from time import monotonic
@@ -155,6 +157,27 @@ def place_within(frame: FrameType | None, until: FrameType | None) -> str:
 def call_limit(timeouts: Sequence[float]) -> float:
     """Time in s after which a call of a driver hangs; `timeouts`: of the drivers that have devices, s."""
     return CALL_MARGIN + 2 * max(timeouts) if timeouts else SIMULATED_CALL_LIMIT
+
+
+@contextmanager
+def asked_by_signals(ask: Callable[[], object]) -> Iterator[None]:
+    """For a program that serves and has no outputs: in the block SIGINT and SIGTERM ask it to stop, by this function. A
+    further one raises `Interrupted` where it is."""
+    asked = False
+
+    def handler(number: int, frame: FrameType | None) -> None:
+        nonlocal asked
+        if asked:
+            raise Interrupted(f"it does not end{_at(place_within(frame, None))}", number)
+        asked = True
+        ask()
+
+    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, former in before.items():
+            signal.signal(number, signal.SIG_DFL if former is None else former)
 
 
 class SignalledMachine(NamedTuple):

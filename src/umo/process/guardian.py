@@ -66,6 +66,7 @@ def main(file: int, job_file: int) -> int:
     device_claim = guardian = None
     name = "the run"
     try:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)  # the starter has blocked them until here
         with open(job_file, "rb") as opened:
             job = Job.load(opened.read())
         plan = Plan(job)
@@ -79,7 +80,7 @@ def main(file: int, job_file: int) -> int:
     except BaseException as error:
         if guardian is not None and guardian.is_followed:
             raise  # the standby guardian takes over as soon as this process has ended
-        outcome = Outcome(Failed.of(error))
+        outcome = _outcome_of(error, channel)
         if guardian is not None and guardian.forked:
             outcome = guardian.give_up(outcome)
         elif device_claim is not None:  # nothing was driven
@@ -87,6 +88,16 @@ def main(file: int, job_file: int) -> int:
     channel.send("ended", outcome=outcome.dump())
     tell_final_message(channel, name, outcome)
     return outcome.status
+
+
+def _outcome_of(error: BaseException, channel: MessageSocket) -> Outcome:
+    """The outcome where an error has ended the guardian before it guards, or in doing so."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    if not isinstance(error, Interrupted):
+        return Outcome(Failed.of(error))
+    channel.send("notice", text=text_of(error))
+    return Outcome(stopped_by=error.number)
 
 
 def _interrupt(number: int, frame: FrameType | None) -> NoReturn:

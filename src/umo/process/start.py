@@ -17,7 +17,7 @@ from types import TracebackType
 from typing import Any
 
 from umo.cycle.stage import Progress, Stage
-from umo.cycle.stopping import signal_name
+from umo.cycle.stopping import SIGNALS, signal_name
 from umo.errors import DriverError, FramesError, TaskFailed
 from umo.exit_status import ExitStatus
 from umo.frames import Reader
@@ -130,13 +130,21 @@ class Started:
             file.write(text)
             file.seek(0)
             files = [there.fileno(), file.fileno()]
-            self._guardian = subprocess.Popen(
-                [sys.executable, "-m", "umo.process", *map(str, files), station_name(job.name)],
-                pass_fds=files,
-                stdin=subprocess.DEVNULL,
-                start_new_session=True,  # Ctrl-C at the terminal is for the starter to pass on
-                env=FIXED_HASHES | environ | {"PYTHONPATH": os.pathsep.join(filter(None, job.path))} | ONE_THREAD,
-            )
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)  # for the guardian, until it handles them
+            try:
+                self._guardian = self._begun(files, environ, job)
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+    def _begun(self, files: list[int], environ: dict[str, str], job: Job) -> subprocess.Popen[bytes]:
+        """The process of the guardian, which inherits these files: its end of the channel, and the job."""
+        return subprocess.Popen(
+            [sys.executable, "-m", "umo.process", *map(str, files), station_name(job.name)],
+            pass_fds=files,
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,  # Ctrl-C at the terminal is for the starter to pass on
+            env=FIXED_HASHES | environ | {"PYTHONPATH": os.pathsep.join(filter(None, job.path))} | ONE_THREAD,
+        )
 
     @property
     def guardian(self) -> int:
