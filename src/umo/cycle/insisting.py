@@ -109,17 +109,8 @@ def standing_of(frame: FrameType | None) -> Standing:
     within: list[FrameType] = []  # frames that are not umo's, up to one that is
     call: FrameType | None = None
     inner: FrameType | None = None
-    at_once = True
+    at_once, frame = True, _interrupted(frame)
     while frame is not None:
-        if frame.f_code.co_name == HANDLER and frame.f_code.co_filename == STOPPING:
-            frame, within, call, inner, at_once = (
-                frame.f_back,
-                [],
-                None,
-                None,
-                True,
-            )  # it has interrupted an earlier one
-            continue
         side = _side(frame)
         is_called = inner is not None and _side(inner) in (Side.USER, Side.LIBRARY, Side.DRIVER)
         if side in (Side.USER, Side.LIBRARY):
@@ -137,6 +128,16 @@ def standing_of(frame: FrameType | None) -> Standing:
         frame, inner = frame.f_back, frame
     own = _users(within)
     return Standing(own, at_once and call is None and own is not None, call)
+
+
+def _interrupted(frame: FrameType | None) -> FrameType | None:
+    """The frame that the handler of signals has interrupted; a signal may also interrupt the handler of another."""
+    found = frame
+    while frame is not None:
+        if frame.f_code.co_name == HANDLER and frame.f_code.co_filename == STOPPING:
+            found = frame.f_back
+        frame = frame.f_back
+    return found
 
 
 def _users(frames: Iterable[FrameType]) -> FrameType | None:
@@ -204,13 +205,13 @@ class Insistence:
         """The first signal has come."""
         self._find_call(standing_of(frame))
 
-    def insist(self, number: int, frame: FrameType | None, connections: Sequence[SignalledMachine]) -> None:
+    def insist(self, number: int, frame: FrameType | None, machines: Sequence[SignalledMachine]) -> None:
         """A further signal has come."""
-        standing, limit = standing_of(frame), max((each.limit for each in connections), default=0.0)
+        standing, limit = standing_of(frame), max((each.limit for each in machines), default=0.0)
         if standing.call is not None:
             place = place_within(frame, standing.call)
             if self._find_call(standing) >= limit:
-                self._end(number, f"a call of a driver does not end{_at(place)}", connections)
+                self._end(number, f"a call of a driver does not end{_at(place)}", machines)
             what = f"a call of a driver is under way{in_brackets(place)}"
             say_without_waiting(printable(f"umo: {what}; a signal in {limit:.2g} s ends it, if that does not end"))
         if standing.code is None:
@@ -219,7 +220,7 @@ class Insistence:
 
         def end() -> NoReturn:
             where = place if standing.at_once else place_within(code, code)
-            self._end(number, f"the application does not end{_at(where)}", connections)
+            self._end(number, f"the application does not end{_at(where)}", machines)
 
         if standing.at_once:
             end()
@@ -231,12 +232,12 @@ class Insistence:
             self._call, self._since = standing.call, self._clock()
         return self._clock() - self._since
 
-    def _end(self, number: int, what: str, connections: Sequence[SignalledMachine]) -> NoReturn:
+    def _end(self, number: int, what: str, machines: Sequence[SignalledMachine]) -> NoReturn:
         """Raise `Interrupted`, or end the process if that was of no use."""
         self._raised += 1
         if self._raised > MAX_RAISED and not self._is_leaving:
             self._is_leaving = True
-            _leave_and_exit(number, what, connections)
+            _leave_and_exit(number, what, machines)
         _tell_in_a_line()
         raise Interrupted(what, number)
 
@@ -256,10 +257,10 @@ def _at_return(frame: FrameType, call: Callable[[], NoReturn]) -> None:
     sys.settrace(lambda *_: None)
 
 
-def _leave_and_exit(number: int, what: str, connections: Sequence[SignalledMachine]) -> NoReturn:
+def _leave_and_exit(number: int, what: str, machines: Sequence[SignalledMachine]) -> NoReturn:
     """Bring all outputs to their defaults in the midst of the user's code, say so, and end this process."""
     left: list[str] = []
-    for each in connections:
+    for each in machines:
         try:
             left += each.leave()
         except BaseException as error:

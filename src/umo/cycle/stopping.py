@@ -41,8 +41,7 @@ class StopFlag:
     def __init__(self) -> None:
         self.requested = False
         self.signal: int | None = None
-        self.caught = False
-        """Whether the operating system's signal has come, and not only somebody's request."""
+        self._to_come = {"first signal": True}
         self.time_over = False
         """Whether a `TimeLimit` has requested it."""
         self.end_wait: Callable[[], object] = lambda: None
@@ -57,7 +56,8 @@ class StopFlag:
 
     def install(self) -> None:
         """Start listening."""
-        self.requested, self.signal, self.caught, self.time_over = False, None, False, False
+        self.requested, self.signal, self.time_over = False, None, False
+        self._to_come = {"first signal": True}
         _flags[self] = _in_main_thread()
         if _flags[self] and not _before:
             _before.update({number: signal.signal(number, _caught) for number in SIGNALS})
@@ -70,6 +70,11 @@ class StopFlag:
             while _before:
                 number, handler = _before.popitem()
                 signal.signal(number, signal.SIG_DFL if handler is None else handler)
+
+    def is_first_signal(self) -> bool:
+        """Whether no signal of the operating system's has come before: True once. In one step, as a signal may interrupt
+        the handler of another."""
+        return self._to_come.pop("first signal", False)
 
     def request(self, number: int | None = None) -> None:
         self.signal = self.signal or number
@@ -98,14 +103,14 @@ def request_stop(number: int | None = None) -> None:
 
 def _caught(number: int, frame: FrameType | None) -> None:
     found = [flag for flag, is_of_main_thread in _flags.items() if is_of_main_thread]
-    is_further = all(flag.caught for flag in found)
-    if not is_further:
+    first = [flag.is_first_signal() for flag in found]
+    request_stop(number)
+    if any(first):
         _insistence[:] = [Insistence()]
         _insistence[0].begin(frame)
-    for flag in found:  # from here on another signal, which may interrupt this handler, is a further one
-        flag.caught = True
-    request_stop(number)
-    if is_further and all(flag.insists for flag in found):
+    elif all(flag.insists for flag in found):
+        if not _insistence:  # it has interrupted the handler of the first one
+            _insistence.append(Insistence())
         _insistence[0].insist(
             number, frame, [SignalledMachine(flag.call_limit(), flag.leave_at_once) for flag in found]
         )

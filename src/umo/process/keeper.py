@@ -178,7 +178,9 @@ def _work(path: Path, title: KeptValues, reader: Reader, cells: Any, core: int |
             signal.signal(number, signal.SIG_IGN)
         assert reader.ends is not None
         _close_all_but(reader.ends.alive)
-        realtime.drop_realtime()
+        realtime.drop_realtime(
+            niceness=0
+        )  # its looks are due: where others have the processors, what is kept grows old
         realtime.leave_core(core)
         adjust_oom_score(OOM_SCORE_CHANGE)
         name_process("umo keeper")
