@@ -31,8 +31,10 @@ from umo.cycle.sequences import next_period
 from umo.drivers import Channel
 from umo.errors import Interrupted, StopError
 from umo.exit_status import ExitStatus
+from umo.process import Started
+from umo.process.job import Job
 from umo.process.outcome import status_of
-from umo.process.start import ONE_THREAD
+from umo.process.start import ONE_THREAD, RunFailed
 from umo.states import OnOff
 from umo.system.processes import state
 from umo.system.realtime import die_with_parent
@@ -610,3 +612,21 @@ def test_a_command_in_code_that_does_not_end_is_ended_with_a_line(
     assert line in (told if line.startswith("umo") else out)
     if line.startswith("umo"):
         assert len(told.splitlines()) == 1
+
+
+@pytest.mark.slow
+def test_a_second_stop_ends_a_setup_that_does_not_end_in_the_control_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    station(tmp_path, "setup")
+    machine = Started(Job(station=str(tmp_path / "pump"), options={"realtime": True}, path=list(sys.path)))
+    until((tmp_path / "ready").exists)
+    machine.ask_to_stop()
+    machine.ask_to_stop()
+    with pytest.raises(RunFailed, match=r"the application does not end: .*objects\.py:"):
+        machine.wait(20.0)
+    machine._channel.close()
+    assert machine.outcome is not None
+    assert (machine.outcome.status - 128) in (signal.SIGTERM, signal.SIGINT)
+    assert not machine.outcome.unsafe

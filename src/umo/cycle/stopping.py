@@ -72,8 +72,8 @@ class StopFlag:
                 signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
     def is_first_signal(self) -> bool:
-        """Whether no signal of the operating system's has come before: True once. In one step, as a signal may interrupt
-        the handler of another."""
+        """Whether no signal of the operating system's has come before: True once. In one step: one may interrupt the
+        handler of another."""
         return self._to_come.pop("first signal", False)
 
     def request(self, number: int | None = None) -> None:

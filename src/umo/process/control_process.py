@@ -206,7 +206,6 @@ class Control:
             busy_wait = realtime.default_busy_wait(plan.wired.period or 0.0)
         self._connection = connection = connect(plan.machine, plan.wired)
         connection.device_claim = self._device_claim
-        connection.stop.insists = False  # code that does not end is the guardian's to end, and signals are its requests
         connection.on_step = self._run_state.beat
         connection.kept = self._kept.get(NUMBERS, {})
         connection.alarm_states = self._kept.get(ALARMS, {})
@@ -309,6 +308,7 @@ class Control:
             others = [thread.name for thread in threading.enumerate() if thread is not threading.main_thread()]
             text = f"the control process has other Python threads, which will delay it: {', '.join(others)}"
             self._channel.send("notice", text=text)
+        connection.stop.insists = False  # from here on code that does not end is the guardian's to end
         self._run_state.enter(Stage.RUNNING)  # first: who is told so may count on it
         self._channel.send(
             "running",

@@ -285,6 +285,8 @@ class Guardian:
             for file in message["files"]:
                 os.close(file)
             if message["kind"] == "stop":
+                if self._stop_signal is not None and self._run_state.stage is Stage.STARTING:
+                    self._insist()
                 self._ask(_signal(message.get("signal")))
             elif message["kind"] == "keep":
                 self._watcher.keep(ON_DEMAND)
@@ -293,6 +295,12 @@ class Guardian:
         if (asked := self._watcher.stop) is not None:
             self._ask(asked)
         self._pass_on()
+
+    def _insist(self) -> None:
+        """A stop is asked for once more while the control process connects: a further signal ends code that does not
+        end by itself (`umo.cycle.insisting`). It is of another kind: of two of one kind that wait, one is lost."""
+        assert self._control is not None
+        self._control.process.send(signal.SIGINT)
 
     def _pass_on(self) -> None:
         """Ask the control process to stop, once."""
