@@ -14,6 +14,9 @@
 `pytest --umo-certificates DIR` writes each certificate that a test makes, by this fixture or by `conform`, to
 DIR/NAME.json. `--umo-minutes N` is the time budget for each subject (default: 0.5).
 
+A second Ctrl-C or SIGTERM ends a test whose machine does not end by itself, and the session with it, with the status of
+the signal (130, 143).
+
 The module stands beside the package, and imports umo only where it is used: pytest loads plug-ins in every project of
 an environment.
 """
@@ -55,6 +58,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    config.pluginmanager.register(EndedBySignal())
     folder = config.getoption("--umo-certificates")
     if folder is not None:
         from umo.testing.conformance import runner
@@ -67,6 +71,22 @@ def pytest_unconfigure(config: pytest.Config) -> None:
         from umo.testing.conformance import runner
 
         del runner.on_certificate[:1]
+
+
+class EndedBySignal:
+    """A session that a further signal has ended (`umo.errors.Interrupted`) has the exit status of the signal."""
+
+    status: int | None = None
+
+    def pytest_keyboard_interrupt(self, excinfo: pytest.ExceptionInfo[BaseException]) -> None:
+        number = getattr(excinfo.value, "number", None)
+        if type(excinfo.value).__module__ == "umo.errors" and isinstance(number, int):
+            self.status = 128 + number
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        if self.status is not None:
+            session.exitstatus = self.status
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

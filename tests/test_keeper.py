@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import errno
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import KW_ONLY
 from pathlib import Path
-from typing import Annotated
+from types import SimpleNamespace
+from typing import Annotated, cast
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from helpers.machines import timer
 from umo import Compound, DigitalSensor, Number, connect, published
@@ -94,14 +97,50 @@ def test_the_time_of_the_disk_does_not_delay_the_next_look(bench: Bench) -> None
         waits.append(within)
         now += within
         count(bench, len(waits))()
-        return len(waits) == 4
+        return len(waits) == 5
 
     def slow(path: Path, data: bytes) -> None:
         nonlocal now
-        now += (0.2, 0.5, 3.0, 0.0)[len(waits) - 1]
+        now += (0.1, 0.2, 0.5, 3.0, 0.0)[len(waits) - 1]
 
     keep(bench.reader, Writer(bench.path, KeptValues("press", "simulated"), bench.told, slow), is_gone, lambda: now)
-    assert waits == pytest.approx([INTERVAL, INTERVAL - 0.2, INTERVAL - 0.5, 0.0])
+    assert waits == pytest.approx([0.0, INTERVAL - 0.1, INTERVAL - 0.2, INTERVAL - 0.5, 0.0])
+
+
+class Timed:
+    """A run whose newest period is that of the injected clock, its keeper, and a disk that takes these times in s."""
+
+    def __init__(self, disk: Sequence[float]) -> None:
+        self.now = self.written = 100.0
+        """The clock, and the moment of the period that the file has."""
+        self.ages = [0.0]
+        """How much older than the newest period the file was, just before each write of it was finished."""
+        self.rest = list(disk)
+
+    def is_gone(self, within: float) -> bool:
+        self.now += within
+        return not self.rest
+
+    def take(self, reader: object) -> None:
+        found = self.now
+        self.now += self.rest.pop(0) if self.rest else 0.0
+        self.ages.append(self.now - self.written)
+        self.written = found
+
+
+@given(st.lists(st.floats(0.0, 0.5), min_size=1, max_size=12))
+def test_what_is_kept_is_at_no_moment_older_than_a_second_where_the_disk_takes_half_of_one(disk: list[float]) -> None:
+    timed = Timed(disk)
+    keep(cast(Reader, SimpleNamespace(is_finished=False)), cast(Writer, timed), timed.is_gone, lambda: timed.now)
+    assert max(timed.ages) <= 1.0 + 1e-9
+
+
+@given(st.lists(st.floats(0.0, 20.0), min_size=1, max_size=12))
+def test_on_a_slower_disk_it_is_older_by_no_more_than_two_writes_take(disk: list[float]) -> None:
+    timed = Timed(disk)
+    keep(cast(Reader, SimpleNamespace(is_finished=False)), cast(Writer, timed), timed.is_gone, lambda: timed.now)
+    pairs = zip([0.0, *disk], [*disk, 0.0], strict=True)
+    assert max(timed.ages) <= max(max(INTERVAL, before) + write for before, write in pairs) + 1e-9
 
 
 def test_the_last_frame_is_written_when_the_writer_is_gone(bench: Bench) -> None:

@@ -37,5 +37,6 @@ def test_the_hierarchy_drawn_at_the_top_of_errors_is_the_real_one():
         assert bases == [parents[-1], *([beside] if beside else [])]
         parents.append(name)
         left.discard(name)
-    assert {"UmoError", "Cancelled", "Failure", "Mistake"} == left
+    assert {"UmoError", "Cancelled", "Interrupted", "Failure", "Mistake"} == left
+    assert issubclass(umo.errors.Interrupted, KeyboardInterrupt)
     assert issubclass(umo.errors.Cancelled, BaseException) and not issubclass(umo.errors.Cancelled, Exception)

@@ -16,6 +16,7 @@ from helpers.machines import Board, bench, on, wired
 from umo import connect, run
 from umo.drivers import Channel
 from umo.drivers.timerfd import TimerFd
+from umo.errors import Interrupted
 from umo.states import OnOff
 from umo.system.device_record import DeviceRecord, standing
 from umo.testing import Scripted, VirtualTimer, periods
@@ -161,7 +162,8 @@ def test_one_signal_stops_every_machine_of_the_process():
             cut(signal.SIGINT)
             assert (a.cycle.running, b.cycle.running) == (False, False)
         assert a.cycle.running is False
-        cut(signal.SIGINT)  # still caught
+        with pytest.raises(Interrupted, match=r"the application does not end: tests/test_stopping.py:\d+ in test_one_"):
+            os.kill(os.getpid(), signal.SIGINT)  # still caught: the code after the loop does not end by itself
 
 
 def test_machines_may_be_left_in_any_order_and_the_last_one_gives_the_handlers_back():

@@ -60,6 +60,15 @@ def _rebuilt(kind: type[UmoError], args: tuple[Any, ...], state: dict[str, Any])
     return error
 
 
+class Interrupted(KeyboardInterrupt):
+    """A signal has ended code of the user's that did not end by itself, or that ran before there was a machine.
+    `number`: that of the signal."""
+
+    def __init__(self, what: str, number: int) -> None:
+        super().__init__(what)
+        self.number = number
+
+
 class DeclarationError(UmoError, TypeError):
     """The declaration of the machine is wrong."""
 
@@ -269,7 +278,7 @@ def text_of(error: BaseException) -> str:
     """The one text of an exception, in one line. One of umo, of the operating system or of a device explains itself;
     any other comes from a mistake in code: its type is before its text, the place where it was raised behind it."""
     said = str_of(error).strip()
-    if said and isinstance(error, UmoError | OSError):
+    if said and isinstance(error, UmoError | OSError | Interrupted):
         return in_a_line(said)
     first = said.partition("\n")[0]
     return ": ".join(filter(None, (type(error).__name__, first))) + in_brackets(place_of(error))

@@ -15,7 +15,7 @@ from functools import partial
 from math import nan
 from typing import Any, NamedTuple
 
-from umo.errors import Cancelled, TaskFailed, UmoError, forget_frames, text_of
+from umo.errors import Cancelled, Interrupted, TaskFailed, UmoError, forget_frames, text_of
 
 MAX_LENGTH = 2000
 """Length of an error's text at most, characters."""
@@ -38,8 +38,8 @@ def attempt(call: Callable[..., Any], *arguments: Any) -> tuple[Any, Raised | No
     """The result of a call of the user's code and None; or None and what it raised, whatever that is.
 
     Only a Ctrl-C passes: a KeyboardInterrupt in the main thread, while Python's own handler of SIGINT is installed.
-    While a machine is connected it is not: SIGINT asks the machine to stop, and code that raises KeyboardInterrupt has
-    failed like any other."""
+    While a machine is connected it is not: SIGINT asks the machine to stop, code that raises KeyboardInterrupt has
+    failed like any other, and the `Interrupted` of a further signal passes."""
     try:
         return call(*arguments), None
     except BaseException as error:
@@ -76,7 +76,9 @@ def refuse_exit(error: BaseException, what: str) -> None:
 
 
 def is_interrupt(error: BaseException) -> bool:
-    """Whether an exception is the user's Ctrl-C, and not raised by code."""
+    """Whether an exception is the user's Ctrl-C, or another signal of his, and not raised by code."""
+    if isinstance(error, Interrupted):
+        return True
     return (
         isinstance(error, KeyboardInterrupt)
         and threading.current_thread() is threading.main_thread()

@@ -19,6 +19,7 @@ from typing import NamedTuple
 from umo.errors import UmoError
 from umo.system import folders
 from umo.system.device_record import STICKY_MODE, state_folder
+from umo.system.file_locks import lock_within
 
 try:
     import fcntl
@@ -56,6 +57,10 @@ def file_of(station: str) -> Path:
     return folders.checked(state_folder() / FOLDER) / f"{name or '_'}{SUFFIX}"
 
 
+LOCK_TIMEOUT = 0.2
+"""Timeout in s for another writer of the file: another run of the station. It is tried again at the next look."""
+
+
 def append(file: Path, records: Iterable[AlarmRecord]) -> None:
     """Add records at the end, all or none of them. OSError if they cannot be written."""
     data = "".join(f"{json.dumps(record._asdict())}\n" for record in records).encode()[-MAX_BYTES:]
@@ -78,8 +83,8 @@ def _opened(file: Path) -> Iterator[FileIO]:
     for _ in range(TRIES):
         number = os.open(file, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW, STICKY_MODE)
         with FileIO(number, "r+") as stream:
-            if fcntl is not None:
-                fcntl.flock(stream, fcntl.LOCK_EX)
+            if fcntl is not None and not lock_within(stream, LOCK_TIMEOUT):
+                break
             if _is_at(file, number):
                 yield stream
                 return

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import signal
 from collections.abc import Coroutine
 from contextlib import suppress
 from typing import Any
 
+from umo.cycle.insisting import asked_by_signals
 from umo.system.realtime import drop_realtime
 
 NICENESS = 15
@@ -20,10 +20,8 @@ def step_back() -> None:
 
 
 async def until_stopped(work: Coroutine[Any, Any, object]) -> None:
-    """Work until it ends, or SIGINT or SIGTERM cancels it."""
+    """Work until it ends, or SIGINT or SIGTERM cancels it. A further one ends code that does not end."""
     serving = asyncio.ensure_future(work)
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, serving.cancel)
-    with suppress(asyncio.CancelledError):
+    with asked_by_signals(lambda: loop.call_soon_threadsafe(serving.cancel)), suppress(asyncio.CancelledError):
         await serving

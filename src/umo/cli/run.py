@@ -15,7 +15,7 @@ from typing import Any
 from umo.cycle import Frame, connect, drive
 from umo.cycle.stopping import TimeLimit
 from umo.cycle.trace import Statistics, Trace
-from umo.errors import text_of
+from umo.errors import Interrupted, text_of
 from umo.exit_status import ExitStatus
 from umo.process import kept_values
 from umo.process.compiling import prepare_if_asked, start_compiled
@@ -218,9 +218,9 @@ def _drive(plan: Plan, result: RunSummary, observers: list[Any], recorded: Recor
                 faults.add_new(events)
                 outcome.stopped_by = connection.stop.signal
                 outcome.time_over = connection.stop.time_over and outcome.stopped_by is None
-    except KeyboardInterrupt:
-        raise
     except BaseException as error:  # SystemExit too: the run did not come to its end
+        if isinstance(error, KeyboardInterrupt) and not isinstance(error, Interrupted):
+            raise
         outcome.failure = Failed.of(error)
     outcome.reports = plain_reports(connection.reports)
 

@@ -18,10 +18,10 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from umo.cycle.stopping import SIGNALS, signal_name
-from umo.errors import UmoError, text_of
+from umo.errors import Interrupted, UmoError, text_of
 from umo.exit_status import ExitStatus
 from umo.system.processes import HASH_SEED
-from umo.text import did_you_mean
+from umo.text import did_you_mean, in_brackets, place_of
 
 from .console import err
 
@@ -194,8 +194,10 @@ def guarded(work: Callable[[], int | None]) -> None:
     except (OSError, UnicodeError) as error:  # of files and folders that were named
         say(_about_file(error))
         status = ExitStatus.MISTAKE
-    except KeyboardInterrupt:
-        status = 128 + signal.SIGINT
+    except KeyboardInterrupt as error:
+        is_told = isinstance(error, Interrupted)
+        say(text_of(error) if is_told else f"interrupted{in_brackets(place_of(error))}")
+        status = 128 + (error.number if isinstance(error, Interrupted) else signal.SIGINT)
     except BaseException as error:  # SystemExit too: whoever ends Python in the middle has not succeeded
         say(text_of(error))
         status = ExitStatus.FAILED

@@ -19,6 +19,7 @@ from umo.cycle.attempts import Attempts
 from umo.cycle.clock import Clock, WallClock
 from umo.cycle.equipment import equipment_in
 from umo.cycle.image import Image
+from umo.cycle.insisting import call_limit
 from umo.cycle.journal import CAPACITY, Journal
 from umo.cycle.machine import ConnectedMachine, axes_in
 from umo.cycle.off_cycle import image_of
@@ -37,7 +38,6 @@ from umo.wiring import Wired, distribute_options, resolve
 from umo.wiring.wired import apply_parameters
 
 C = TypeVar("C", bound=Compound)
-
 
 _ENTERING = threading.Lock()
 _ENTERED: set[int] = set()
@@ -150,6 +150,7 @@ class connect(Generic[C]):
             self.wired = resolve(self.root, given, distribute_options(self._options, wiring=given).wiring)
         name = type(self.root).__name__
         device_claim = self.device_claim or DeviceClaim(self.wired.devices, name, acknowledge=self._acknowledge)
+        self.stop.call_limit, self.stop.leave_at_once = self._call_limit, self._leave_at_once
         self.stop.install()
         try:
             for wire in self.wired.wires:
@@ -318,6 +319,25 @@ class connect(Generic[C]):
                 add_note(raised, f"also, while {what}: {text_of(error)}" if what else str(error))
         if raised is not None and raised is not cause:
             raise raised
+
+    def _call_limit(self) -> float:
+        """Time in s after which a call of a driver hangs."""
+        return call_limit([self.wired.drivers[name].timeout for name in self.wired.hardware])
+
+    def _leave_at_once(self) -> list[str]:
+        """Reset and release everything in the midst of the user's code, which does not end: it is called no more. The
+        paths of the actuators that were not reached."""
+        if not hasattr(self, "_device_claim"):  # it is not connected yet
+            return []
+        self.image.end()
+        for driver in self._controllers.values():
+            driver.end()
+        unreached, _ = self._reset()
+        self.image.transfer.end_writing()
+        self._finalize()
+        self._close()
+        self._end_custody(unreached, None)
+        return [failure.path for failure in unreached]
 
     def _show_last(self) -> None:
         self.machine.finish_period()

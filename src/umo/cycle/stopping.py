@@ -1,14 +1,16 @@
-"""SIGINT, SIGTERM and SIGHUP set a flag that is read between periods; they never raise inside a driver call."""
+"""SIGINT, SIGTERM and SIGHUP set a flag that is read between periods. A further one ends what does not end by itself
+(`insisting`)."""
 
 from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import FrameType
 from typing import Any
 
 from umo.cycle.frame import Frame
+from umo.cycle.insisting import Insistence, SignalledMachine
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
 if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # ignored: under nohup
@@ -25,10 +27,12 @@ def signal_name(number: int) -> str:
 
 _flags: dict[StopFlag, bool] = {}  # every connected machine's, and whether it was connected in the main thread
 _before: dict[int, Any] = {}  # the handlers from before the first of those
+_insistence: list[Insistence] = []  # one, from the first signal to the end of the last machine
 
 
 class StopFlag:
-    """`requested` becomes true at the first signal; further ones change nothing, so resetting is not interrupted.
+    """`requested` becomes true at the first signal. Further ones end the user's code that does not end by itself; they
+    do not interrupt a reset.
 
     One signal stops every machine of the process. Python handles signals in the main thread alone: while no
     machine was connected there, the flags are only set by `request`.
@@ -37,14 +41,23 @@ class StopFlag:
     def __init__(self) -> None:
         self.requested = False
         self.signal: int | None = None
+        self._to_come = {"first signal": True}
         self.time_over = False
         """Whether a `TimeLimit` has requested it."""
         self.end_wait: Callable[[], object] = lambda: None
         """Function that is called at each request: the machine's timer does not wait any longer."""
+        self.insists = True
+        """Whether further signals end what does not end by itself. A guardian does that for its control process."""
+        self.call_limit: Callable[[], float] = lambda: 0.0
+        """Time in s after which a call of one of the machine's drivers hangs."""
+        self.leave_at_once: Callable[[], Sequence[str]] = lambda: ()
+        """Function that brings the machine's outputs to their defaults in the midst of the user's code, and returns
+        the paths of those that were not reached."""
 
     def install(self) -> None:
         """Start listening."""
         self.requested, self.signal, self.time_over = False, None, False
+        self._to_come = {"first signal": True}
         _flags[self] = _in_main_thread()
         if _flags[self] and not _before:
             _before.update({number: signal.signal(number, _caught) for number in SIGNALS})
@@ -53,9 +66,15 @@ class StopFlag:
         """Stop listening. The last machine that disconnects restores the signal handlers."""
         _flags.pop(self, None)
         if _in_main_thread() and not any(_flags.values()):
+            _insistence.clear()
             while _before:
                 number, handler = _before.popitem()
                 signal.signal(number, signal.SIG_DFL if handler is None else handler)
+
+    def is_first_signal(self) -> bool:
+        """Whether no signal of the operating system's has come before: True once. In one step: one may interrupt the
+        handler of another."""
+        return self._to_come.pop("first signal", False)
 
     def request(self, number: int | None = None) -> None:
         self.signal = self.signal or number
@@ -83,7 +102,18 @@ def request_stop(number: int | None = None) -> None:
 
 
 def _caught(number: int, frame: FrameType | None) -> None:
+    found = [flag for flag, is_of_main_thread in _flags.items() if is_of_main_thread]
+    first = [flag.is_first_signal() for flag in found]
     request_stop(number)
+    if any(first):
+        _insistence[:] = [Insistence()]
+        _insistence[0].begin(frame)
+    elif all(flag.insists for flag in found):
+        if not _insistence:  # it has interrupted the handler of the first one
+            _insistence.append(Insistence())
+        _insistence[0].insist(
+            number, frame, [SignalledMachine(flag.call_limit(), flag.leave_at_once) for flag in found]
+        )
 
 
 def _in_main_thread() -> bool:

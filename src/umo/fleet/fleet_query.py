@@ -6,7 +6,6 @@ question changes nothing, and reads no other files.
 
 from __future__ import annotations
 
-import fcntl
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from datetime import UTC, datetime, timedelta
@@ -17,8 +16,11 @@ import duckdb
 
 from umo.errors import OptionError
 from umo.fleet.fleet_record_files import MERGING, hour_files
+from umo.system.file_locks import lock_within
 from umo.tables.value_tables import SCHEMAS
 
+MERGING_TIMEOUT = 60.0
+"""Timeout in s for the recorder's merging of the files of an hour."""
 READS = (duckdb.StatementType.SELECT, duckdb.StatementType.EXPLAIN)
 
 
@@ -68,8 +70,11 @@ def _show(connection: Any, folder: Path, kind: str, oldest: str) -> None:
 def _unmerged(folder: Path) -> Iterator[None]:
     """While the recorder merges nothing; a folder in which nobody may lock is read as it is."""
     with ExitStack() as held:
+        is_merging = False
         with suppress(OSError):
-            fcntl.flock(held.enter_context(open(folder / MERGING)), fcntl.LOCK_SH)
+            is_merging = not lock_within(held.enter_context(open(folder / MERGING)), MERGING_TIMEOUT, shared=True)
+        if is_merging:
+            raise OptionError(f"{folder}: the recorder has merged files for {MERGING_TIMEOUT:g} s; it may be stopped")
         yield
 
 

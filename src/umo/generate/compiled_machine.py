@@ -16,6 +16,8 @@ from umo.generate.struct_memory import StructMemory
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wconversion", "-Werror")
 """Flags of a compiler: each operation is rounded by itself, and nothing is converted in silence."""
 LIBRARY = "machine.so"
+COMPILE_TIMEOUT = 120.0
+"""Timeout in s for the compiler."""
 
 
 def compiler() -> str | None:
@@ -32,7 +34,10 @@ def compiled(folder: Path, *flags: str) -> Path:
     sources += [str(file) for file in sorted(folder.glob("umo_*.c"))]
     library = folder / LIBRARY
     command = [cc, *FLAGS, *flags, "-fPIC", "-shared", "-o", str(library), *sources, "-lm"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=COMPILE_TIMEOUT)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise DeclarationError(f"the compiler {cc} failed: {error}") from None
     if done.returncode:
         raise DeclarationError(f"{folder} does not compile: {done.stderr.strip()[:2000]}")
     return library

@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from umo.errors import DeclarationError
-from umo.generate.compiled_machine import FLAGS, compiler
+from umo.generate.compiled_machine import COMPILE_TIMEOUT, FLAGS, compiler
 from umo.generate.controller_folder import RUNTIME, TARGET_HEADER, TARGETS
 from umo.generate.controller_model import ControllerModel
 from umo.generate.live_fields import LiveStruct
@@ -37,8 +37,6 @@ ON_HOST = Path(__file__).parent / "on_host"
 HEADERS = "umo.h", "umo_python.h"
 NOT_ON_COLUMNS = "umo_object_reset(", "umo_referenced(", "umo_set_reading(", "umo_time(", "->zero_offset"
 """What translated code cannot do on the memory of Python."""
-COMPILE_TIMEOUT = 120.0
-"""Time in s."""
 TAKEN = POINTER(c_bool)
 WRITE = CFUNCTYPE(c_int16, c_int32, c_double, TAKEN)
 WRITE_MANY = CFUNCTYPE(c_int16, POINTER(c_int16), c_int16, POINTER(c_double), POINTER(c_bool), TAKEN)
@@ -174,7 +172,11 @@ def _files() -> list[Path]:
 
 
 def _version(cc: str) -> str:
-    return subprocess.run([cc, "--version"], capture_output=True, text=True, check=False).stdout
+    try:
+        words = [cc, "--version"]
+        return subprocess.run(words, capture_output=True, text=True, check=False, timeout=COMPILE_TIMEOUT).stdout
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise DeclarationError(f"the compiler {cc} failed: {error}") from None
 
 
 def _cache() -> Path:

@@ -19,10 +19,16 @@ from umo.cycle import connect
 from umo.cycle.cache_warming import wait_busily
 from umo.drivers.timerfd import Ticker
 from umo.errors import DriverError
+from umo.latency import native
 from umo.latency.native import Slice
 from umo.objects import BinaryActuator, Compound, DigitalActuator, DigitalSensor, atoms
 from umo.states import OnOff
 from umo.system import realtime
+
+START_TIMEOUT = 60.0
+"""Timeout in s for the process to begin: it imports umo."""
+END_TIMEOUT = 5.0
+"""Timeout in s for its end."""
 
 
 class Example(Compound):
@@ -61,6 +67,7 @@ class Loop:
     """
 
     def __init__(self, period: float, priority: int = 80) -> None:
+        self._period = period
         self._here, there = Pipe()
         with there:
             words = [there.fileno(), period, priority]
@@ -76,6 +83,7 @@ class Loop:
         """Granted: 0 for none."""
         self.cpu: int | None
         try:
+            self._await(START_TIMEOUT)
             self.refusals, self.priority, self.cpu = self._here.recv()
         except EOFError:
             self.close()
@@ -91,11 +99,22 @@ class Loop:
     def run(self, periods: int, busy_wait: float = 0.0) -> Slice:
         """Measure one slice, as `native.run`."""
         self._here.send((periods, busy_wait))
+        self._await(native.time_limit(self._period, periods))
         return Slice.of(self._here.recv_bytes())
+
+    def _await(self, limit: float) -> None:
+        """Wait for the next answer. DriverError after `limit` s: it may be stopped."""
+        if not self._here.poll(limit):
+            self._process.kill()
+            raise DriverError(f"the measuring process has not answered for {limit:g} s; it may have been stopped")
 
     def close(self) -> None:
         self._here.close()
-        self._process.wait()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(END_TIMEOUT)
+        self._process.kill()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(END_TIMEOUT)
 
 
 def serve(file: str, period: str, priority: str) -> None:

@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from umo.latency import native
-from umo.latency.loop import Loop
+from umo.latency.loop import END_TIMEOUT, Loop
 from umo.system import realtime
 from umo.system.realtime import Refusal
 
@@ -105,7 +105,9 @@ def measure(
     finally:
         for process in busy:
             process.kill()
-            process.wait()
+        for process in busy:
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(END_TIMEOUT)
 
 
 def _slice(found: Measured, loop: Loop, program: Path | None, periods: int) -> None:

@@ -7,7 +7,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,6 +16,10 @@ import numpy.typing as npt
 
 SOURCE = Path(__file__).parent / "loop.c"
 COMPILERS = ("cc", "gcc", "clang")
+COMPILE_TIMEOUT = 120.0
+"""Timeout in s for the compiler."""
+SLICE_MARGIN = 30.0
+"""Time in s that a slice may take in addition to ten times that of its periods."""
 
 
 def compiler() -> str | None:
@@ -32,8 +36,11 @@ def compiled() -> Iterator[Path | None]:
         if found is None:
             yield None
             return
-        compiling = subprocess.run([found, "-O2", "-o", str(program), str(SOURCE)], capture_output=True, check=False)
-        yield program if compiling.returncode == 0 else None
+        words = [found, "-O2", "-o", str(program), str(SOURCE)]
+        failed = True
+        with suppress(OSError, subprocess.TimeoutExpired):
+            failed = subprocess.run(words, capture_output=True, check=False, timeout=COMPILE_TIMEOUT).returncode != 0
+        yield None if failed else program
 
 
 class Slice(NamedTuple):
@@ -55,4 +62,11 @@ class Slice(NamedTuple):
 def run(program: Path, period: float, periods: int, priority: int, cpu: int | None, busy_wait: float = 0.0) -> Slice:
     """Run the program once, with so many periods. It stops to sleep `busy_wait` s before each tick."""
     words = [round(period * 1e9), periods, priority, -1 if cpu is None else cpu, round(busy_wait * 1e9)]
-    return Slice.of(subprocess.run([str(program), *map(str, words)], capture_output=True, check=True).stdout)
+    limit = time_limit(period, periods)
+    done = subprocess.run([str(program), *map(str, words)], capture_output=True, check=True, timeout=limit)
+    return Slice.of(done.stdout)
+
+
+def time_limit(period: float, periods: int) -> float:
+    """Timeout in s for a slice of so many periods: others may take the processor, or stop the loop."""
+    return SLICE_MARGIN + 10 * period * periods

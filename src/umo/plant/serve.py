@@ -6,12 +6,12 @@ import asyncio
 import contextlib
 import json
 import os
-import signal
 import stat
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from umo.cycle.insisting import asked_by_signals
 from umo.errors import DriverError, WiringError
 from umo.presentation.durations import duration
 from umo.presentation.value_text import measure
@@ -35,14 +35,13 @@ Summary = dict[str, Any]
 
 
 def serve_until_signal(plant: Wired, maps: Sequence[RegisterMap], *, ready: Ready, report: Path | None) -> Summary:
-    """`serve`, blocking until SIGINT or SIGTERM."""
+    """`serve`, blocking until SIGINT or SIGTERM. A further one ends a plant whose step does not end."""
 
     async def main() -> Summary:
         stop = asyncio.Event()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            with contextlib.suppress(NotImplementedError):  # Windows: Ctrl-C still ends asyncio.run
-                asyncio.get_running_loop().add_signal_handler(number, stop.set)
-        return await serve(plant, maps, ready=ready, stop=stop, report=report)
+        loop = asyncio.get_running_loop()
+        with asked_by_signals(lambda: loop.call_soon_threadsafe(stop.set)):
+            return await serve(plant, maps, ready=ready, stop=stop, report=report)
 
     return asyncio.run(main())
 

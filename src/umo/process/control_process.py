@@ -52,6 +52,8 @@ RESUMING_TIMEOUT = 0.1
 
 OOM_SCORE_CHANGE = 100
 """Change of the control process's score for the kernel's choice when memory runs out: a guardian is left to reset."""
+ADMISSION_TIMEOUT = 10.0
+"""Timeout in s for the guardian's signs of life before the control process begins."""
 
 
 class Control:
@@ -99,9 +101,10 @@ class Control:
             self._run_state.ask(number)
 
     def wait_for_admission(self) -> None:
-        """Wait for the standby guardian, then use the devices. Ends the process if the guardian dies before."""
+        """Wait for the standby guardian, then use the devices. Nothing is driven before: this ends the process if the
+        guardian dies, or gives no sign of life."""
         while not self._run_state.admitted:
-            if self._run_state.gone(0.0005, Who.GUARDIAN):
+            if self._run_state.gone(0.0005, Who.GUARDIAN) or self._run_state.unwatched > ADMISSION_TIMEOUT:
                 os._exit(1)
         self._device_claim.hold.used_here()
 
@@ -347,6 +350,7 @@ class Control:
             others = [thread.name for thread in threading.enumerate() if thread is not threading.main_thread()]
             text = f"the control process has other Python threads, which will delay it: {', '.join(others)}"
             self._channel.send("notice", text=text)
+        connection.stop.insists = False  # from here on code that does not end is the guardian's to end
         self._run_state.enter(Stage.RUNNING)  # first: who is told so may count on it
         self._channel.send(
             "running",

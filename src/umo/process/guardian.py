@@ -14,10 +14,13 @@ import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from types import FrameType
+from typing import NoReturn
 
+from umo.cycle.insisting import place_within
 from umo.cycle.stage import Stage
 from umo.cycle.stopping import SIGNALS
-from umo.errors import text_of
+from umo.errors import Interrupted, text_of
 from umo.latency.blackbox import ON_DEMAND
 from umo.process import kept_values
 from umo.process.compiling import prepare_if_asked
@@ -41,7 +44,7 @@ from umo.system.device_record import INSPECT, DeviceClaim
 from umo.system.processes import adjust_oom_score, carry_out, flush, name_process
 from umo.system.realtime import CorePlace
 from umo.system.streams import keep_open, log_on_lines
-from umo.text import some
+from umo.text import in_brackets, some
 
 OOM_SCORE_CHANGE = -500
 """Change of the guardian's score for the kernel's choice when memory runs out, where that is permitted."""
@@ -57,10 +60,13 @@ def main(file: int, job_file: int) -> int:
     log_on_lines()
     name_process("umo guardian")
     adjust_oom_score(OOM_SCORE_CHANGE)
+    for number in SIGNALS:
+        signal.signal(number, _interrupt)
     channel = MessageSocket(socket.socket(fileno=file))
     device_claim = guardian = None
     name = "the run"
     try:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)  # the starter has blocked them until here
         with open(job_file, "rb") as opened:
             job = Job.load(opened.read())
         plan = Plan(job)
@@ -74,7 +80,7 @@ def main(file: int, job_file: int) -> int:
     except BaseException as error:
         if guardian is not None and guardian.is_followed:
             raise  # the standby guardian takes over as soon as this process has ended
-        outcome = Outcome(Failed.of(error))
+        outcome = _outcome_of(error, channel)
         if guardian is not None and guardian.is_driving:
             outcome = guardian.give_up(outcome)
         elif device_claim is not None:  # nothing was driven
@@ -82,6 +88,21 @@ def main(file: int, job_file: int) -> int:
     channel.send("ended", outcome=outcome.dump())
     tell_final_message(channel, name, outcome)
     return outcome.status
+
+
+def _outcome_of(error: BaseException, channel: MessageSocket) -> Outcome:
+    """The outcome where an error has ended the guardian before it guards, or in doing so."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    if not isinstance(error, Interrupted):
+        return Outcome(Failed.of(error))
+    channel.send("notice", text=text_of(error))
+    return Outcome(stopped_by=error.number)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
+    """A stop is asked for while the station's own code declares the machine. Nothing is driven yet."""
+    raise Interrupted(f"stopped before the machine was started{in_brackets(place_within(frame, None))}", number)
 
 
 class Guardian:
@@ -279,6 +300,8 @@ class Guardian:
             for file in message["files"]:
                 os.close(file)
             if message["kind"] == "stop":
+                if self._stop_signal is not None and self._run_state.stage is Stage.STARTING:
+                    self._insist()
                 self._ask(_signal(message.get("signal")))
             elif message["kind"] == "keep":
                 self._watcher.keep(ON_DEMAND)
@@ -287,6 +310,12 @@ class Guardian:
         if (asked := self._watcher.stop) is not None:
             self._ask(asked)
         self._pass_on()
+
+    def _insist(self) -> None:
+        """A stop is asked for once more while the control process connects: a further signal ends code that does not
+        end by itself (`umo.cycle.insisting`). It is of another kind: of two of one kind that wait, one is lost."""
+        assert self._control is not None
+        self._control.process.send(signal.SIGINT)
 
     def _pass_on(self) -> None:
         """Ask the control process to stop, once."""

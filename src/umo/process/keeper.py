@@ -1,9 +1,9 @@
 """The keeper: a process that writes kept values and the history of alarms to the disk while a machine runs, and at its
 end.
 
-The guardian forks it and looks after it. It maps the frames read-only, takes the last whole frame at most once a
-second, and writes one file if what is kept has changed: all of it is of this one period. It appends the changes of
-alarms to their history. When the process that writes the frames has ended, or was killed, it writes the last frame and
+The guardian forks it and looks after it. It maps the frames read-only, takes the last whole frame every half a second,
+and writes one file if what is kept has changed: all of it is of this one period. It appends the changes of alarms to
+their history. When the process that writes the frames has ended, or was killed, it writes the last frame and
 ends. It survives all other processes of the run until then, and holds nothing of theirs: no device and no socket.
 Nobody waits for a disk but the keeper.
 """
@@ -31,8 +31,9 @@ from umo.process.run_state import RunState, Who
 from umo.system import realtime
 from umo.system.processes import Child, ProcessHandle, adjust_oom_score, name_process
 
-INTERVAL = 0.95
-"""Time in s from one look of the keeper's to the next. With 50 ms for the disk, what is kept is at most 1 s old."""
+INTERVAL = 0.5
+"""Time in s from one look of the keeper's to the next. What a look finds stands until the next one is written, after
+this time and the disk's: where the disk takes at most as long, what is kept is never older than twice this time."""
 LAST_TIMEOUT = 5.0
 """Timeout in s at the end of a run for the last values."""
 FIRST_PAUSE, MAX_PAUSE = 0.1, 5.0
@@ -184,7 +185,9 @@ def _work(path: Path, title: KeptValues, reader: Reader, cells: Any, core: int |
             signal.signal(number, signal.SIG_IGN)
         assert reader.ends is not None
         _close_all_but(reader.ends.alive)
-        realtime.drop_realtime()
+        realtime.drop_realtime(
+            niceness=0
+        )  # its looks are due: where others have the processors, what is kept grows old
         realtime.leave_core(core)
         adjust_oom_score(OOM_SCORE_CHANGE)
         name_process("umo keeper")
@@ -282,7 +285,7 @@ def keep(
 ) -> None:
     """Write until the run has ended, then the last frame. `is_gone` waits so many s at most for the writer's end. The
     time that the disk takes does not delay the next look, unless it is longer than `INTERVAL`."""
-    gone, due = False, now() + INTERVAL
+    gone, due = False, now()  # the first at once: it may take the place of a keeper that was killed
     while not gone:
         gone = is_gone(max(0.0, due - now())) or reader.is_finished
         due = now() + INTERVAL

@@ -21,11 +21,7 @@ from typing import Any, Protocol
 from umo.errors import UmoError
 from umo.system import folders
 from umo.system.device_record import state_folder
-
-try:
-    import fcntl
-except ImportError:  # nothing is kept on this platform
-    fcntl = None  # type: ignore[assignment]
+from umo.system.file_locks import lock_within
 
 FOLDER, SUFFIX = "kept", ".json"
 VERSION = 1
@@ -36,8 +32,6 @@ MAX_ASIDE = 10
 MODE = 0o1600
 """Mode of a file and of its lock: for the sticky bit systemd-tmpfiles leaves old files alone (tmpfiles.d(5)). One of
 values that do not change is old while the run goes on."""
-LOCK_PAUSE = 0.01
-"""Time in s between two tries to lock a file."""
 NUMBERS, ALARMS, STATES = "numbers", "alarms", "states"
 """The sections: of the kept numbers value, unit and type of each, by path; of alarms that are not normal the number of
 the state, by path; of state machines (`umo.operation`) the name of the state, by path, which the next run does not take
@@ -197,10 +191,7 @@ def locked(path: Path, within: float) -> Iterator[bool]:
     """Keep others from writing a file; whether that was possible within some s: its keeper holds this lock."""
     file = lock_file(path)
     try:
-        until = time.monotonic() + within
-        while not (mine := take_lock(file)) and time.monotonic() < until:
-            time.sleep(LOCK_PAUSE)
-        yield mine
+        yield take_lock(file, within)
     finally:
         os.close(file)
 
@@ -216,10 +207,9 @@ def lock_of(path: Path) -> Path:
     return path.with_suffix(".lock")
 
 
-def take_lock(file: int) -> bool:
-    """Whether it is ours. The kernel gives it back when this process ends."""
+def take_lock(file: int, within: float = 0.0) -> bool:
+    """Whether it is ours, now or within some s. The kernel gives it back when this process ends."""
     try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return lock_within(file, within)
     except OSError:
         return False
-    return True

@@ -38,10 +38,10 @@ class MessageSocket:
             text = json.dumps({"kind": kind, **content}).encode()
             descriptor_passing.send(self._socket, text, files)
 
-    def receive(self, timeout: float | None = 0.0) -> dict[str, Any] | None:
+    def receive(self, timeout: float = 0.0) -> dict[str, Any] | None:
         """The next message within `timeout` s; None if there is none, or none any more (`ended`). Its `files` are
         the receiver's to close. What is not a message is passed over."""
-        if self.ended or not self._poll.poll(None if timeout is None else timeout * 1e3):
+        if self.ended or not self._poll.poll(timeout * 1e3):
             return None
         data, files = self._next()
         if not data:

@@ -10,7 +10,7 @@ from typing import Any
 
 import umo.errors as errors
 from umo.cycle.stopping import signal_name
-from umo.errors import AcknowledgeRequired, RecipeError, StopError, UmoError, WiringError
+from umo.errors import AcknowledgeRequired, Interrupted, RecipeError, StopError, UmoError, WiringError
 from umo.exit_status import ExitStatus
 from umo.process.station import StationError
 from umo.text import Moment, in_a_line, in_brackets, place_of, printable, str_of
@@ -150,6 +150,8 @@ def status_of(failure: BaseException) -> int:
     """A user's mistake is one before the run; what is raised in the run is a failure of it."""
     if isinstance(failure, StopError):
         return ExitStatus.UNREACHED
+    if isinstance(failure, Interrupted):
+        return 128 + failure.number
     is_mistake = isinstance(failure, USER_ERRORS) and not _moment(failure)
     return ExitStatus.MISTAKE if is_mistake else ExitStatus.FAILED
 
@@ -160,10 +162,10 @@ def message_of(failure: BaseException) -> str:
     if isinstance(failure, StopError) and failure.__cause__ is not None:
         return "\n".join([message_of(failure.__cause__).partition("\n")[0], in_a_line(str_of(failure))])
     text = str_of(failure)
-    if not isinstance(failure, UmoError):
+    if not isinstance(failure, UmoError | Interrupted):
         text = f"{type(failure).__name__}: {text}" if text else type(failure).__name__
     first, _, more = text.partition("\n")
-    first += in_brackets(_moment(failure), place_of(failure))
+    first += in_brackets(_moment(failure), "" if isinstance(failure, Interrupted) else place_of(failure))
     if isinstance(failure, WiringError | RecipeError | AcknowledgeRequired) and more:
         return f"{first}\n{more}"
     others = [more, *(note for note in _notes(failure) if not isinstance(note, Moment))]

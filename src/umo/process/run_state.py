@@ -12,11 +12,13 @@ import ctypes
 import errno
 import mmap
 import os
+import select
 import time
 from enum import IntEnum
 
 from umo.cycle.stage import Stage
-from umo.system.processes import ProcessHandle
+from umo.errors import UmoError
+from umo.system.processes import STOPPED, Child, ProcessHandle, state
 
 MUTEX_BYTES = 64
 """Room for a pthread_mutex_t, bytes: it takes 40 on x86-64, 48 on AArch64."""
@@ -48,9 +50,21 @@ HOLD_LIMIT = 1.0
 """Timeout in s for the process's own lock, which others take for microseconds to test it."""
 TEST_TIME = 0.002
 """Time in s for which the lock of a dead process may seem to be held: another one tests it."""
+STOPPED_TIMEOUT = 0.2
+"""Time in s for which a process that was forked may stand stopped (SIGSTOP, a debugger) before it holds its lock."""
+FORK_TIMEOUT = 2.0
+"""Timeout in s for a process that was forked to hold its lock: it needs 1 ms of a processor, which others may have."""
+FORK_LOOK_INTERVAL = 0.02
+"""Time in s between two looks at a process that does not hold its lock yet."""
+END_TIMEOUT = 5.0
+"""Timeout in s for the end of a process that did not come to hold its lock, and was killed."""
 REPORT_AT = 8 * CELLS
 OUTCOME_AT = REPORT_AT + MAX_REPORT_BYTES
 PIDS_AT = OUTCOME_AT + MAX_REPORT_BYTES
+
+
+class NotBegun(UmoError, OSError):
+    """A process that was forked has not come to hold its lock."""
 
 
 def worker(number: int) -> int:
@@ -92,7 +106,7 @@ class RunState:
 
     def fork(self, who: int) -> int:
         """Fork a process in a session of its own, that holds its lock when this returns in its parent; 0 in the child.
-        OSError where no process or pipe can be had."""
+        OSError where no process or pipe can be had, or the process does not come to hold its lock: it is ended."""
         held, holding = os.pipe()
         try:
             pid = os.fork()
@@ -102,14 +116,35 @@ class RunState:
             raise
         if pid:
             os.close(holding)
-            os.read(held, 1)  # until the child closes its end, or is dead already
+            why = self._not_holding(pid, held)
             os.close(held)
+            if why:
+                Child(pid).end(END_TIMEOUT)
+                raise NotBegun(f"a process that was forked {why}")
             return pid
         os.close(held)
         os.setsid()  # a signal to the group or session of another does not reach it
         self.hold(who)
         os.close(holding)
         return 0
+
+    def _not_holding(self, pid: int, held: int) -> str:
+        """Wait until a child holds its lock and closes its end of the pipe, or is dead already; "". Else why it is no
+        longer waited for, in words. The guardian, which waits here, gives its signs of life."""
+        ready = select.poll()
+        ready.register(held, 0)  # POLLHUP comes unasked
+        begun = able = time.monotonic()
+        while not ready.poll(FORK_LOOK_INTERVAL * 1e3):
+            self.watch()
+            now = time.monotonic()
+            able = able if state(pid) in STOPPED else now
+            if now - able >= STOPPED_TIMEOUT:
+                return "was stopped by a signal before it had begun"
+            if now - begun >= FORK_TIMEOUT:
+                return f"did not begin within {FORK_TIMEOUT:g} s"
+            if self.admitted and self.gone(0.0):
+                return "was ended before it had begun: the machine is to be reset"
+        return ""
 
     def hold(self, who: int) -> bool:
         """Take a lock: from now on the others detect the death of this thread. It does not wait for a former holder

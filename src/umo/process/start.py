@@ -10,13 +10,14 @@ import tempfile
 import threading
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import suppress
+from math import inf
 from pathlib import Path
 from time import monotonic
 from types import TracebackType
 from typing import Any
 
 from umo.cycle.stage import Progress, Stage
-from umo.cycle.stopping import signal_name
+from umo.cycle.stopping import SIGNALS, signal_name
 from umo.errors import DriverError, FramesError, TaskFailed
 from umo.exit_status import ExitStatus
 from umo.frames import Reader
@@ -48,6 +49,10 @@ NAMES = {"running": CONTROL, "standby": "standby guardian", "reserve": "reset pr
 """What the process is that a message of this kind tells of."""
 STOPPED_LOOK_INTERVAL = 0.5
 """Time in s between two looks for processes that were stopped by a signal."""
+START_STOP_TIMEOUT = 10.0
+"""Timeout in s for a guardian to stop that was asked to before it guards: a station's code may pass over that."""
+GUARDIAN_END_TIMEOUT = 2.0
+"""Timeout in s for the end of a guardian that has told the outcome."""
 STANDBY_END_TIMEOUT = 1.0
 """Timeout in s for the end of a standby guardian that has told the outcome."""
 
@@ -119,6 +124,8 @@ class Started:
         """The other processes of the run, by what they are."""
         self._stop_asked = False
         """Whether a stop was asked for."""
+        self._start_limit = inf
+        """Time at which a guardian that was asked to stop, and has not forked anything, is killed."""
         self._next_look = 0.0
         """Time of the next look for stopped processes."""
         self._lock = threading.RLock()
@@ -132,14 +139,22 @@ class Started:
             file.write(text)
             file.seek(0)
             files = [there.fileno(), file.fileno()]
-            self._guardian = subprocess.Popen(
-                [sys.executable, "-m", "umo.process", *map(str, files), station_name(job.name)],
-                pass_fds=files,
-                stdin=subprocess.DEVNULL,
-                start_new_session=True,  # Ctrl-C at the terminal is for the starter to pass on
-                env=FIXED_HASHES | environ | {"PYTHONPATH": os.pathsep.join(filter(None, job.path))} | ONE_THREAD,
-            )
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)  # for the guardian, until it handles them
+            try:
+                self._guardian = self._begun(files, environ, job)
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, before)
         self._others["guardian"] = ProcessHandle(self._guardian.pid)
+
+    def _begun(self, files: list[int], environ: dict[str, str], job: Job) -> subprocess.Popen[bytes]:
+        """The process of the guardian, which inherits these files: its end of the channel, and the job."""
+        return subprocess.Popen(
+            [sys.executable, "-m", "umo.process", *map(str, files), station_name(job.name)],
+            pass_fds=files,
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,  # Ctrl-C at the terminal is for the starter to pass on
+            env=FIXED_HASHES | environ | {"PYTHONPATH": os.pathsep.join(filter(None, job.path))} | ONE_THREAD,
+        )
 
     @property
     def guardian(self) -> int:
@@ -189,13 +204,30 @@ class Started:
             if self._outcome is None and self._channel.ended:
                 objects = [] if self.frames is None else self.frames.layout.objects
                 actuators = [each["path"] for each in objects if each.get("actuator")]
-                ended = self._guardian.wait()
-                self._outcome = vanished(ended, self._left_outcome, actuators, self._name, running=self.pid is not None)
+                self._outcome = vanished(
+                    self._end_of_guardian(), self._left_outcome, actuators, self._name, running=self.pid is not None
+                )
             if self._outcome is None:
+                if monotonic() > self._start_limit and not self._is_under_way:
+                    self._guardian.kill()
                 self._look_for_stopped()
             elif self._guardian.returncode is None:
-                self._guardian.wait()
+                self._end_of_guardian()
                 self._channel.peer_is_gone(STANDBY_END_TIMEOUT)  # the standby guardian holds the devices until it ends
+
+    @property
+    def _is_under_way(self) -> bool:
+        """Whether the guardian has begun to guard; before that nothing is driven."""
+        return bool(self.standby or self.pid)
+
+    def _end_of_guardian(self) -> int:
+        """The exit status of a guardian that has told the outcome, or has closed its end of the channel. One that does
+        not end then was stopped by a signal, and is killed: it has nothing left to do."""
+        for _ in range(2):
+            with suppress(subprocess.TimeoutExpired):
+                return self._guardian.wait(GUARDIAN_END_TIMEOUT)
+            self._guardian.kill()
+        return -signal.SIGKILL  # blocked in a call of the kernel: it ends after that
 
     def _look_for_stopped(self) -> None:
         """Say that no guardian can stop the machine: each has died or was stopped by a signal. Those that were stopped
@@ -234,6 +266,9 @@ class Started:
         """Request a safe stop, like this signal does. Returns at once."""
         self._stop_asked = True
         self._channel.send("stop", signal=number)
+        if not self._is_under_way:  # it may be at work in the station's own code, and does not listen
+            self._start_limit = min(self._start_limit, monotonic() + START_STOP_TIMEOUT)
+            self._guardian.send_signal(number)
 
     def stop(self) -> Outcome:
         """Stop safely, wait for the end and return the outcome."""

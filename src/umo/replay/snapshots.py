@@ -31,6 +31,8 @@ EVERY = 2000
 """Periods between two snapshots."""
 MOST = 15
 """Snapshots that are kept beside the first one, each of some MB: the last 30,000 periods that were visited."""
+BEGIN_TIMEOUT = 5.0
+"""Timeout in s for a process to take its place in the list: for a snapshot that was forked, and for who has come."""
 PATIENCE = 2.0
 """Time in s for the processes to end."""
 Orders = dict[str, Any]
@@ -110,7 +112,9 @@ class Runner:
             return
         self._children.append(Child(child))
         os.close(told)
-        if os.read(ready, 1):
+        if not select.select([ready], [], [], BEGIN_TIMEOUT)[0]:  # stopped: there is no snapshot of this moment
+            self._children[-1].end(PATIENCE)
+        elif os.read(ready, 1):
             self.known[period] = time
         os.close(ready)
 
@@ -238,8 +242,10 @@ class SnapshotList:
             if not _is_own(connection):
                 connection.close()
                 continue
+            connection.settimeout(BEGIN_TIMEOUT)
             link = Link(connection)
             message = link.receive()
+            connection.settimeout(None)
             if message is None:
                 link.close()
             elif message["kind"] == "runner":

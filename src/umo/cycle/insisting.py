@@ -1,0 +1,291 @@
+"""What the second signal that asks to stop does, and each one after it: it ends code that does not end by itself.
+
+A signal comes at any moment. The frames of the main thread say where that is:
+
+- The user's code (control, a sequence, a condition, an observer, `setup`, a loop of a program) is interrupted at once:
+  `Interrupted` is raised in it. The outputs are reset on the way out, as after any error.
+- Code of umo's own, or a call of a driver, within the user's code is left alone; the user's code is interrupted as
+  soon as it returns there.
+- A call of a driver, a reset among them, is interrupted only when it hangs: it is still the same call when a signal
+  comes `limit` s after an earlier one. It counts as failed.
+- All else is umo's own and ends by itself.
+
+Code that passes over `Interrupted` is interrupted again by each signal. After `MAX_RAISED` of them the outputs are
+reset in the midst of that code, and the process ends.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from enum import Enum, auto
+from functools import lru_cache
+from time import monotonic
+from types import FrameType, TracebackType
+from typing import Any, NamedTuple, NoReturn
+
+from umo.errors import Interrupted
+from umo.exit_status import ExitStatus
+from umo.system.processes import flush
+from umo.system.streams import say_without_waiting
+from umo.text import LIBRARY, STATIONS, UMO, in_brackets, place_among, printable, some
+
+CALL_MARGIN = 1.0
+"""Time in s that a call of a driver may take in addition to twice its timeout, before a signal ends it."""
+SIMULATED_CALL_LIMIT = 0.25
+"""Time in s that a call may take where no driver has a device."""
+MAX_RAISED = 2
+"""Number of times that code may pass over an `Interrupted`."""
+STOPPING, HANDLER = f"{UMO}cycle{os.sep}stopping.py", "_caught"
+"""File and name of the handler of signals."""
+LOOPS = ("cycle/run.py", "cycle/connect.py")
+"""Files of umo whose functions end by themselves once a stop was asked for: what is around them is not interrupted."""
+ROOMS = ("alarms", "control", "cycle", "drivers", "objects", "operation", "plant", "testing", "user_code.py", "wiring")
+"""The rooms of umo that the user's code calls while a machine is connected. What others are at work with ends by
+itself."""
+DRIVERS = ("drivers/", "plant/", "testing/virtual.py", "testing/scripted.py")
+"""Files of umo's drivers."""
+CALLERS = tuple(f"cycle/{name}.py" for name in ("absence", "image", "off_cycle", "phases", "stand_ins", "transfer"))
+"""Files of umo from which drivers are called."""
+INSTALLED = ("numpy", "pint", "typer", "click", "rich", "pydantic", "_pytest", "pluggy", "coverage")
+"""Packages that are installed and have no code of a machine."""
+
+
+class Side(Enum):
+    """Whose code a file is."""
+
+    USER = auto()
+    LIBRARY = auto()
+    """Python's own, or a package that knows nothing of machines: it works for whoever calls it."""
+    UMO = auto()
+    DRIVER = auto()
+    """Umo's drivers."""
+    CALLER = auto()
+    """Umo's, where drivers are called."""
+    LOOP = auto()
+    """Umo's, where a stop is looked for."""
+
+
+@lru_cache(maxsize=4096)
+def side_of(file: str) -> Side:
+    """The side of a file of code."""
+    if file.startswith(UMO) and not file.startswith(STATIONS):
+        name = file[len(UMO) :].replace(os.sep, "/")
+        if name in LOOPS or not name.startswith(ROOMS):
+            return Side.LOOP
+        return Side.CALLER if name in CALLERS else Side.DRIVER if name.startswith(DRIVERS) else Side.UMO
+    installed = f"{os.sep}site-packages{os.sep}"
+    if file.startswith(("<frozen ", "<string>")) or (file.startswith(LIBRARY) and installed not in file):
+        return Side.LIBRARY
+    package = file.rpartition(installed)[2].partition(os.sep)[0] if installed in file else ""
+    return Side.LIBRARY if package in INSTALLED else Side.USER
+
+
+def _side(frame: FrameType) -> Side:
+    """The side of a frame: also of a program that was given as a text (`python -c`). What Python generates, such as the
+    constructors of dataclasses, has the same name of a file."""
+    file = frame.f_code.co_filename
+    if file == "<string>" and frame.f_code.co_name == "<module>":
+        return Side.USER
+    return side_of(file)
+
+
+class Standing(NamedTuple):
+    """Where the main thread is."""
+
+    code: FrameType | None
+    """Frame of the user's code that may be interrupted; None: there is none."""
+    at_once: bool
+    """Whether nothing of umo's is under way within it."""
+    call: FrameType | None
+    """The outermost frame of the call of a driver that is under way; None: none is."""
+
+
+def standing_of(frame: FrameType | None) -> Standing:
+    """Where a thread is, by its innermost frame."""
+    within: list[FrameType] = []  # frames that are not umo's, up to one that is
+    call: FrameType | None = None
+    inner: FrameType | None = None
+    at_once, frame = True, _interrupted(frame)
+    while frame is not None:
+        side = _side(frame)
+        is_called = inner is not None and _side(inner) in (Side.USER, Side.LIBRARY, Side.DRIVER)
+        if side in (Side.USER, Side.LIBRARY):
+            within.append(frame)
+        else:
+            own = _users(within)
+            if side in (Side.CALLER, Side.DRIVER):
+                if side is Side.CALLER and is_called:
+                    call = call or inner
+            elif own is not None:
+                return Standing(own, at_once and call is None, call)
+            if side is Side.LOOP:
+                return Standing(None, False, call)
+            within, at_once = [], False
+        frame, inner = frame.f_back, frame
+    own = _users(within)
+    return Standing(own, at_once and call is None and own is not None, call)
+
+
+def _interrupted(frame: FrameType | None) -> FrameType | None:
+    """The frame that the handler of signals has interrupted; a signal may also interrupt the handler of another."""
+    found = frame
+    while frame is not None:
+        if frame.f_code.co_name == HANDLER and frame.f_code.co_filename == STOPPING:
+            found = frame.f_back
+        frame = frame.f_back
+    return found
+
+
+def _users(frames: Iterable[FrameType]) -> FrameType | None:
+    """The innermost frame of the user's code among these."""
+    return next((each for each in frames if _side(each) is Side.USER), None)
+
+
+def place_within(frame: FrameType | None, until: FrameType | None) -> str:
+    """`control.py:41 in control`: the place in the user's code between a frame and one around it; "" if there is
+    none."""
+    found = []
+    while frame is not None:
+        found.append((frame.f_code.co_filename, frame.f_lineno, frame.f_code.co_name))
+        frame = None if frame is until else frame.f_back
+    return place_among(reversed(found))
+
+
+def call_limit(timeouts: Sequence[float]) -> float:
+    """Time in s after which a call of a driver hangs; `timeouts`: of the drivers that have devices, s."""
+    return CALL_MARGIN + 2 * max(timeouts) if timeouts else SIMULATED_CALL_LIMIT
+
+
+@contextmanager
+def asked_by_signals(ask: Callable[[], object]) -> Iterator[None]:
+    """For a program that serves and has no outputs: in the block SIGINT and SIGTERM ask it to stop, by this function. A
+    further one raises `Interrupted` where it is."""
+    asked = False
+
+    def handler(number: int, frame: FrameType | None) -> None:
+        nonlocal asked
+        if asked:
+            raise Interrupted(f"it does not end{_at(place_within(frame, None))}", number)
+        asked = True
+        ask()
+
+    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, former in before.items():
+            signal.signal(number, signal.SIG_DFL if former is None else former)
+
+
+class SignalledMachine(NamedTuple):
+    """A machine that is connected, as far as a signal concerns it."""
+
+    limit: float
+    """Time in s after which a call of one of its drivers hangs."""
+    leave: Callable[[], Sequence[str]]
+    """Function that brings its outputs to their defaults at once, and returns the paths of those not reached."""
+
+
+class Insistence:
+    """The signals from the one that has asked the machines of this process to stop, to their end."""
+
+    def __init__(self, clock: Callable[[], float] = monotonic) -> None:
+        self._clock = clock
+        self._call: FrameType | None = None
+        """The call of a driver that was under way at an earlier signal, and since when that is known."""
+        self._since = 0.0
+        self._raised = 0
+        self._is_leaving = False
+
+    def begin(self, frame: FrameType | None) -> None:
+        """The first signal has come."""
+        self._find_call(standing_of(frame))
+
+    def insist(self, number: int, frame: FrameType | None, machines: Sequence[SignalledMachine]) -> None:
+        """A further signal has come."""
+        standing, limit = standing_of(frame), max((each.limit for each in machines), default=0.0)
+        if standing.call is not None:
+            place = place_within(frame, standing.call)
+            if self._find_call(standing) >= limit:
+                self._end(number, f"a call of a driver does not end{_at(place)}", machines)
+            what = f"a call of a driver is under way{in_brackets(place)}"
+            say_without_waiting(printable(f"umo: {what}; a signal in {limit:.2g} s ends it, if that does not end"))
+        if standing.code is None:
+            return
+        code, place = standing.code, place_within(frame, standing.code)
+
+        def end() -> NoReturn:
+            where = place if standing.at_once else place_within(code, code)
+            self._end(number, f"the application does not end{_at(where)}", machines)
+
+        if standing.at_once:
+            end()
+        _at_return(code, end)
+
+    def _find_call(self, standing: Standing) -> float:
+        """Time in s for which the call of a driver that is under way is known."""
+        if standing.call is not self._call:
+            self._call, self._since = standing.call, self._clock()
+        return self._clock() - self._since
+
+    def _end(self, number: int, what: str, machines: Sequence[SignalledMachine]) -> NoReturn:
+        """Raise `Interrupted`, or end the process if that was of no use."""
+        self._raised += 1
+        if self._raised > MAX_RAISED and not self._is_leaving:
+            self._is_leaving = True
+            _leave_and_exit(number, what, machines)
+        _tell_in_a_line()
+        raise Interrupted(what, number)
+
+
+def _at(place: str) -> str:
+    return place and f": {place}"
+
+
+def _at_return(frame: FrameType, call: Callable[[], NoReturn]) -> None:
+    """Call it as soon as the next line of this frame is to begin, or it returns. A debugger that traces this thread
+    traces no longer."""
+
+    def trace(frame: FrameType, event: str, argument: Any) -> NoReturn:
+        call()
+
+    frame.f_trace = trace
+    sys.settrace(lambda *_: None)
+
+
+def _leave_and_exit(number: int, what: str, machines: Sequence[SignalledMachine]) -> NoReturn:
+    """Bring all outputs to their defaults in the midst of the user's code, say so, and end this process."""
+    left: list[str] = []
+    for each in machines:
+        try:
+            left += each.leave()
+        except BaseException as error:
+            left.append(f"all outputs of a machine ({type(error).__name__})")
+    end = f"not reached: {some(left)}" if left else "every actuator is at its default"
+    flush()
+    say_without_waiting(printable(f"umo: {what}, and it passes over what ends it; {end}"))
+    os._exit(ExitStatus.UNREACHED if left else 128 + number)
+
+
+def _tell_in_a_line() -> None:
+    """A program that is ended by `Interrupted` tells it in a line, without a traceback, and ends with the status of its
+    signal."""
+    former = sys.excepthook
+    if getattr(former, "tells_interrupted", False):
+        return
+
+    def hook(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+        if not isinstance(error, Interrupted):
+            former(kind, error, trace)
+            return
+        notes = ", ".join(getattr(error, "__notes__", ()))
+        flush()
+        print(printable(f"umo: {error}{in_brackets(notes)}"), file=sys.stderr)
+        raise SystemExit(128 + error.number)
+
+    hook.tells_interrupted = True  # type: ignore[attr-defined]
+    sys.excepthook = hook
