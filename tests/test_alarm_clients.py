@@ -12,7 +12,7 @@ from helpers.operator import Operator
 from umo import Compound, DigitalSensor, connect
 from umo.alarms import Alarm, AlarmState, High, Priority
 from umo.cycle.client_commands import Mode
-from umo.cycle.events import ALARM, CommandState
+from umo.cycle.events import ALARM, KEPT_EVENTS, CommandState
 from umo.frames.alarm_list import alarm_rows, alarms_text
 from umo.testing import Scripted
 
@@ -167,5 +167,6 @@ def test_an_alarm_out_of_service_comes_back_when_it_is_returned(rig: Rig) -> Non
 
 def test_an_event_that_is_no_longer_kept_leaves_the_time_unknown(rig: Rig) -> None:
     rig.flood(0)
-    rig.connection.machine.events.clear()
+    for _ in range(KEPT_EVENTS):
+        rig.connection.machine.tell("", "something else")
     assert [(row.since, row.who) for row in rig.rows] == [(None, "")] * 2

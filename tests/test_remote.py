@@ -343,7 +343,7 @@ def test_the_events_are_in_the_description_of_the_ring_and_readable_by_it_alone(
     with running() as (m, ring, connection):
         for number in range(600):
             connection.machine.events.add(umo.cycle.events.Event(0.5, "motor", f"happened {number} " + "ä" * 600))
-        periods(m)
+        periods(m, 600 // umo.cycle.events.TOLD_PER_PERIOD)
         with Reader(ring.path) as reader:
             told = reader.events()
             assert [each.number for each in told] == list(range(88, 600))

@@ -1,13 +1,26 @@
-"""Events: what guards, clients and the machine itself did, one after another."""
+"""Events: what guards, clients and the machine itself did, one after another.
+
+Within a period they are noted as data. They are put into words, logged and shown to others when the outputs of the
+period have been sent (docs/decisions/0060).
+"""
 
 from __future__ import annotations
 
+import logging
 from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from enum import IntEnum
-from typing import NamedTuple
+from typing import NamedTuple, overload
 
+from umo.system.streams import log_without_waiting
+from umo.text import some
+
+log = logging.getLogger("umo")
 KEPT_EVENTS = 1000
 """Number of the last events that are kept."""
+TOLD_PER_PERIOD = 20
+"""Number of the events and lines of the log that are told in a period at most, beside the answers to clients: the
+others follow in the next periods."""
 EVENT_TEXT_BYTES = 448
 """Length of an event's text that others see, bytes of UTF-8."""
 END = "end"
@@ -65,13 +78,119 @@ class Event(NamedTuple):
         return self.asked == END and not self.command
 
 
-class Events(deque[Event]):
-    """The last events; `number` counts all."""
+class Note(NamedTuple):
+    """What has happened, not told yet."""
+
+    event: Event | Callable[[], Event | str]
+    """The event; or a function that puts it into words, or a line that is only logged."""
+    logged: bool
+    is_answer: bool
+
+
+class Events(Sequence[Event]):
+    """The last events. Whoever reads them in this process finds those too that were only noted so far; they are logged
+    and shown to others later, by `tell`."""
 
     def __init__(self) -> None:
-        super().__init__(maxlen=KEPT_EVENTS)
-        self.number = 0
+        self._kept: deque[Event] = deque(maxlen=KEPT_EVENTS)
+        self.untold = False
+        """Whether anything is to be told; looked at when the outputs of a period have been sent."""
+        self._noted: deque[Note] = deque(maxlen=KEPT_EVENTS)
+        self._lines: deque[str] = deque(maxlen=KEPT_EVENTS)
+        """What is to be logged and was put into words already."""
+        self.told = 0
+        """Number of events in words so far."""
 
-    def add(self, event: Event) -> None:
-        self.number += 1
-        self.append(event)
+    def add(self, event: Event | Callable[[], Event], *, logged: bool = False) -> None:
+        """Note an event, or a function that makes it later. `logged`: the log has it too, as a warning."""
+        self.untold = True
+        self._noted.append(Note(event, logged, isinstance(event, Event) and event.command > 0))
+
+    def log(self, line: Callable[[], str]) -> None:
+        """Note a warning for the log alone; the function puts it into words later."""
+        self.untold = True
+        self._noted.append(Note(line, True, False))
+
+    def tell(self) -> None:
+        """The outputs of a period have been sent: put into words and log what was noted, the answers to clients and
+        the first of the others."""
+        noted, room = self._noted, TOLD_PER_PERIOD
+        if len(noted) > TOLD_PER_PERIOD:
+            waiting = []
+            for note in noted:
+                room -= not note.is_answer
+                if note.is_answer or room >= 0:
+                    self._take(note)
+                else:
+                    waiting.append(note)
+            noted.clear()
+            noted.extend(waiting)
+        else:
+            self._take_all()
+        self._log()
+
+    def tell_all(self) -> None:
+        """No period follows: tell all that was noted."""
+        self._take_all()
+        self._log()
+
+    def _take_all(self) -> None:
+        while self._noted:
+            self._take(self._noted.popleft())
+
+    def _take(self, note: Note) -> None:
+        found = note.event if isinstance(note.event, Event) else note.event()
+        if isinstance(found, Event):
+            self.told += 1
+            self._kept.append(found)
+        if note.logged:
+            self._lines.append(found if isinstance(found, str) else f"{found.path} {found.text}".lstrip())
+
+    def _log(self) -> None:
+        while self._lines:
+            log_without_waiting(log, self._lines.popleft())
+        self.untold = bool(self._noted)
+
+    @property
+    def number(self) -> int:
+        """Number of all events so far."""
+        self._take_all()
+        return self.told
+
+    def recent(self, count: int) -> list[Event]:
+        """The last events that were told, so many at most."""
+        kept = self._kept
+        return [kept[place] for place in range(-min(count, len(kept)), 0)]
+
+    def __len__(self) -> int:
+        self._take_all()
+        return len(self._kept)
+
+    def __iter__(self) -> Iterator[Event]:
+        self._take_all()
+        return iter(self._kept.copy())
+
+    @overload
+    def __getitem__(self, place: int) -> Event: ...
+    @overload
+    def __getitem__(self, place: slice) -> list[Event]: ...
+    def __getitem__(self, place: int | slice) -> Event | list[Event]:
+        self._take_all()
+        return list(self._kept)[place] if isinstance(place, slice) else self._kept[place]
+
+
+def of_several(time: float, paths: Sequence[str], alone: str, together: str) -> Event:
+    """One event for one cause, whatever the number of the objects concerned: of one object at its path, with the text
+    `alone`; of several at the path of the nearest compound around them, with the text `together` and their paths."""
+    if len(paths) == 1:
+        return Event(time, paths[0], alone)
+    return Event(time, around(paths), f"{together}: {some(paths)}")
+
+
+def around(paths: Sequence[str]) -> str:
+    """The path of what is nearest around objects; "": the machine."""
+    first, last = min(paths).split("."), max(paths).split(".")
+    same = 0
+    while same < min(len(first), len(last)) - 1 and first[same] == last[same]:
+        same += 1
+    return ".".join(first[:same])

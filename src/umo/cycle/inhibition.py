@@ -35,6 +35,8 @@ class Inhibition:
 
     def __post_init__(self) -> None:
         self.condition = self.interlock.condition
+        self._known = self.interlock.reason, latched(self.interlock)
+        self._unevaluated = unevaluated(self.interlock)
 
     def ask(self, latch: bool) -> bool:
         """Evaluate the condition. True if it starts to inhibit now. `latch`: a latched interlock stays from now on."""
@@ -55,15 +57,14 @@ class Inhibition:
     @property
     def brief(self) -> str:
         """The reason without the cause for which a condition cannot be evaluated: one of a few for each interlock."""
-        known = (self.interlock.reason, latched(self.interlock))
-        return self.reason if self.reason in known else unevaluated(self.interlock)
+        return self.reason if self.reason in self._known else self._unevaluated
 
     @property
     def cause(self) -> str:
         """Why its condition cannot be evaluated; empty where it can be."""
         if self.reason is None or self.reason == self.interlock.reason:
             return ""
-        start = f"{unevaluated(self.interlock)}: "
+        start = f"{self._unevaluated}: "
         return self.reason.removeprefix(start) if self.reason.startswith(start) else ""
 
     def acknowledge(self) -> None:

@@ -163,7 +163,7 @@ class ConnectedMachine:
                 self.supervisors.append(law)
         self.axes = axes_in(root)
         self._axis_states: Any = image.columns.axes.data
-        self.events: Events = self.commands.events
+        self.events: Events = image.events
         """The last 1,000 actions of guards and clients."""
         self.stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         self.random = Random(0)
@@ -180,6 +180,9 @@ class ConnectedMachine:
         self.period_open = False
         """Whether a period has begun and its frame was not shown yet."""
         self.clock.on_tick = self._tick
+        image.before_tick = self.finish_period
+        if injection is not None:
+            injection.say = self.events.log
         image.connect(self.commands)
         self._compounds = [root, *(node for node in walk(root) if isinstance(node, Compound))]
         asynchronous = (item for item in image.items if not item.synchronous)
@@ -262,6 +265,7 @@ class ConnectedMachine:
         look, sample_all = cast(WallClock, self.clock).look, self.sample_all
 
         def timeless() -> bool:
+            self.finish_period()
             look()
             return sample_all()
 
@@ -348,7 +352,7 @@ class ConnectedMachine:
     def _equipment_changed(self, changed: Sequence[Equipment]) -> None:
         """It is in fault, or was cleared."""
         self._choose_laws()
-        faults = [(each.compound, partial(EquipmentFault, each.path, each.fault)) for each in changed if each.fault]
+        faults = [(each.compound, each.error_of_this_fault()) for each in changed if each.in_fault]
         for law in self.supervisors if faults else ():
             law.note_faults()
         for compound, fault in faults:  # the cleaning up of one may clear the others: their reasons were taken before
@@ -410,16 +414,19 @@ class ConnectedMachine:
         return self.image.update_some(self._slots_of(part).outputs)
 
     def _update(self) -> bool:
-        try:
-            return self.image.update()
-        finally:
-            self._finish()
+        self.period_open = True  # also where this is not the first time in the period
+        accepted = self.image.update()
+        self._finish()
+        return accepted
 
     def _finish(self) -> None:
-        """The period is over."""
+        """The outputs of the period are sent: it is over, and what has happened in it is told. A period in which
+        sending fails is finished when the machine has been reset, or before the next one."""
         self.period_open = False
         if self.alarms is not None:
             self.alarms.look()
+        if self.events.untold:
+            self.events.tell()
         if self.observers:
             self._show()
 
@@ -427,10 +434,10 @@ class ConnectedMachine:
         """The next `sample` sends what this period has computed. If there was none since the last `update`, it is sent
         now."""
         waiting, self._unsent = self._unsent, True
-        try:
-            return not waiting or self.image.update()
-        finally:
-            self._finish()
+        self.period_open = True
+        accepted = not waiting or self.image.update()
+        self._finish()
+        return accepted
 
     def _send_and_sample(self, sample: Callable[[], bool]) -> bool:
         """Send what the period before has computed and has not expired since, then read the sensors; one DriverError
@@ -456,15 +463,15 @@ class ConnectedMachine:
         if self.clients is not None and self.clients.at_work is not None:
             self.clients.progress(self.frame.progress.text)
 
-    def tell(self, path: str, text: str) -> None:
-        self.events.add(Event(self.clock.now, path, text))
+    def tell(self, path: str, text: str, *, logged: bool = False) -> None:
+        self.events.add(Event(self.clock.now, path, text), logged=logged)
 
     def facts(self) -> dict[str, str]:
         """The state of the machine in words."""
         stage = Stage.RUNNING if self.running else Stage.STOPPING
         mode, holder = (None, "") if self.clients is None else (self.clients.mode, self.clients.lease.holder)
         now, missed = self.clock.now, self.clock.missed_in_all
-        faults = {each.path: each.fault for each in self.equipment.all if each.fault is not None}
+        faults = {each.path: each.reason() for each in self.equipment.all if each.in_fault}
         driven = self._driven(holder) if mode is Mode.MANUAL else ""
         progress = self.frame.progress
         return facts_of(stage, mode, holder, progress, driven=driven, time=now, missed=missed, faults=faults)
@@ -489,12 +496,12 @@ class ConnectedMachine:
             self.period_open, self.clock.missed_in_all = False, 0
 
     def finish_period(self) -> None:
-        """Show the frame of a period whose `sample` or `control` failed, so that no `update` did."""
+        """Before the wait for the next tick: tell and show a period that was not finished, since it failed or nobody
+        called `update`."""
         if self.period_open:
             self._finish()
 
     def _tick(self) -> None:
-        self.finish_period()
         self.period_open = True
         self._started = monotonic_ns()
 

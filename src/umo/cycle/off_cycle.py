@@ -8,8 +8,8 @@ no old value looks fresh. Outputs are posted in each period; `read` gives what t
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Sequence
+from functools import partial
 from time import monotonic_ns
 from typing import Any, NoReturn
 
@@ -17,7 +17,7 @@ import numpy as np
 
 from umo.cycle.clock import Clock
 from umo.cycle.columns import Block
-from umo.cycle.events import Event, Events
+from umo.cycle.events import Event
 from umo.cycle.image import Image
 from umo.cycle.journal import ErrorKind, Kind
 from umo.cycle.transfer import cause_of_failure
@@ -33,7 +33,6 @@ from umo.presentation.durations import duration
 from umo.text import some
 from umo.wiring.wired import Wired
 
-log = logging.getLogger("umo")
 BAD_AGES = 2
 """Number of maximum ages after which a value has failed."""
 
@@ -104,9 +103,8 @@ class OffCycleImage(Image):
         assert self._faults is not None
         return NEVER if self._faults.clock is None else self._machine_ns()
 
-    def begin(self, events: Events) -> None:
-        """From now on no call of these drivers waits. `events` are told which of them are away."""
-        self._events = events
+    def begin(self) -> None:
+        """From now on no call of these drivers waits."""
         for remote in self._remotes:
             self.transfer.on_call()
             remote.driver.begin()
@@ -271,11 +269,7 @@ class OffCycleImage(Image):
         for slot in remote.place:
             self.was_initialized_again(slot)
         self._beginning = False
-        if lost:
-            stay = "is at its default" if len(lost) == 1 else "are at their defaults"
-            self._tell(remote, f"was initialised again; {some(lost)} {stay}")
-        else:
-            self._tell(remote, "was initialised again")
+        self.events.add(partial(_renewed, self.clock.now, remote.name, lost), logged=True)
 
     # Age -----------------------------------------------------------------------------------------------
 
@@ -326,8 +320,7 @@ class OffCycleImage(Image):
                 self._set_stale(slot)
 
     def _tell(self, remote: Remote, text: str) -> None:
-        self._events.add(Event(self.clock.now, f"driver {remote.name}", text))
-        log.warning("driver %s %s", remote.name, text)
+        self.events.add(Event(self.clock.now, f"driver {remote.name}", text), logged=True)
 
     # Some objects --------------------------------------------------------------------------------------
 
@@ -370,6 +363,12 @@ class OffCycleImage(Image):
         if remote is not None and slot in remote.awaited and self.sent[slot] == self.pending[slot]:
             return []
         return super().try_send(slot)
+
+
+def _renewed(now: float, driver: str, lost: Sequence[str]) -> Event:
+    """A worker has initialised a driver again; `lost` are the actuators that stay at their defaults."""
+    stay = "is at its default" if len(lost) == 1 else "are at their defaults"
+    return Event(now, f"driver {driver}", "was initialised again" + (f"; {some(lost)} {stay}" if lost else ""))
 
 
 def image_of(wired: Wired, clock: Clock, equipment: int, axes: int = 0, alarms: int = 0) -> Image:

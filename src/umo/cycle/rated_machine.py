@@ -163,6 +163,7 @@ class RatedMachine(ConnectedMachine):
 
         def sample() -> bool:
             if look is not None:
+                self.finish_period()
                 look()
             # where nobody calls `update`, the parts are read all the same
             self.image.due_inputs = self.image.inputs if self._open else self._inputs
@@ -190,18 +191,18 @@ class RatedMachine(ConnectedMachine):
         return found
 
     def _update(self) -> bool:
-        try:
-            return self._then_parts(self.image.update)
-        finally:
-            self._finish()
+        self.period_open = True
+        accepted = self._then_parts(self.image.update)
+        self._finish()
+        return accepted
 
     def _update_later(self) -> bool:
         """The outputs of the parts are sent at once all the same."""
         waiting, self._unsent = self._unsent, True
-        try:
-            return self._then_parts(self.image.update) if waiting else self._carry_out()
-        finally:
-            self._finish()
+        self.period_open = True
+        accepted = self._then_parts(self.image.update) if waiting else self._carry_out()
+        self._finish()
+        return accepted
 
     def _then_parts(self, send: Callable[[], bool]) -> bool:
         try:

@@ -6,8 +6,8 @@ fails; what moves the slots is in `image.py`.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping, Sequence
+from functools import partial
 from itertools import groupby
 from math import inf
 from typing import Any, cast
@@ -18,6 +18,7 @@ from umo.cycle.clock import Clock
 from umo.cycle.columns import Block, Columns, Scales
 from umo.cycle.conditioning import ConditionedInputs, conditioner_of
 from umo.cycle.conversion import convert_inputs, convert_outputs
+from umo.cycle.events import Events
 from umo.cycle.transfer import Transfer, cause_of_failure
 from umo.drivers.contract import UNREAD, Direction
 from umo.drivers.off_cycle import OffCycle
@@ -28,7 +29,6 @@ from umo.objects.scaling import to_raw, to_value
 from umo.wiring.rates import WHOLE, RateMap
 from umo.wiring.wired import Wire, Wired
 
-log = logging.getLogger("umo")
 MARKED_LOG_INTERVAL = 10.0
 """Least time in s between two lines of the log about one sensor that is marked BAD."""
 MAX_OFFSET_RAW = 2.0**62
@@ -41,6 +41,8 @@ class Slots:
     def __init__(self, wired: Wired, clock: Clock, equipment: int = 0, axes: int = 0, alarms: int = 0) -> None:
         """`equipment`: the number of the compounds that are declared equipment; `axes`, `alarms`: that of these."""
         self.clock = clock
+        self.events = Events()
+        """What has happened in the machine: noted in a period, told when its outputs have been sent."""
         parts = _part_numbers(wired)
         self.wires = sorted(wired.wires, key=_group_order(wired.wires, parts))
         self.items = [wire.item for wire in self.wires]
@@ -315,7 +317,7 @@ class Slots:
     def _log_marked(self) -> None:
         """Log together what was marked BAD together: a thousand lines would take longer than a period."""
         if self._marked:
-            log.warning("%s", DriverError("marked BAD", self._marked))
+            self.events.log(partial(_marked_text, self._marked))
             self._marked = []
 
     def _unconverted(self, slot: int, error: Exception, failures: list[Failure]) -> None:
@@ -352,6 +354,10 @@ class Slots:
         if item.direction is Direction.OUTPUT and not item.synchronous:
             at_default = self.pending[slot] == self._defaults[slot]
             (self.unsent.add if at_default else self.unsent.discard)(slot)
+
+
+def _marked_text(failures: Sequence[Failure]) -> str:
+    return str(DriverError("marked BAD", failures))
 
 
 def _part_numbers(wired: Wired) -> Mapping[int, int]:

@@ -77,8 +77,8 @@ class Transfer:
         if (timer_wire := wired.timer_wire) is not None:  # a paced timer stands in the place of its driver
             driver = timer_wire.driver
             self._names.setdefault(id(driver), self._names.get(id(getattr(driver, "timer", None)), "timer"))
-        memory = np.zeros(len(wires), np.int64) if raws is None else raws
-        self.raws: Any = memory.data  # a memoryview: quicker than numpy's items
+        self._memory = np.zeros(len(wires), np.int64) if raws is None else raws
+        self.raws: Any = self._memory.data  # a memoryview: quicker than numpy's items
         """The raw value that each object last had at the hardware."""
         self.journal: Journal | None = None
         """The journal of transfers of single objects; None if it is not used."""
@@ -373,6 +373,11 @@ class Transfer:
         if self.journal is not None and slot != self.timer:
             before = self.raws[slot]
             self.journal.add(slot, kind, before if raw is None else raw, before, error, time)
+
+    def note_each(self, slots: Sequence[int], kind: Kind) -> None:
+        """The same for actuators, in this order; without an error."""
+        if self.journal is not None:
+            self.journal.add_each(slots, kind, self._memory)
 
     def note_look(self, driver: Driver[Any], found: bool | None) -> None:
         """Into the journal: what a look for a driver that is away has found."""
