@@ -12,6 +12,6 @@ def concerned(events: Iterable[Event]) -> list[str]:
     """The paths, in order; of more than three in one event those that it names."""
     found: list[str] = []
     for event in events:
-        several = re.search(r"\d (?:actuators|commands) .*: ([^:]*)$", event.text)
+        several = re.search(r"\d (?:actuators |commands |released).*: ([^:]*)$", event.text)
         found += [event.path] if several is None else re.split(r", | and ", several[1])
     return found

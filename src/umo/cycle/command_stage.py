@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from umo.cycle.columns import ASKED, TAKEN_BY_CLIENT, Source
-from umo.cycle.events import Event, of_several
+from umo.cycle.events import Event, Paths, of_several
 from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition, inhibitions_of, latched, unevaluated
 from umo.cycle.journal import Kind
@@ -28,6 +28,8 @@ from umo.objects import Actuator, Atomic, Compound, atoms
 from umo.objects.scaling import FloatArray
 from umo.objects.stop_order import stop_sequence
 
+ONE_BY_ONE = 64
+"""Number of actuators from which on the column `restrictions` is set as a whole."""
 A_TICK = 1e-9
 """Tolerance in s of a sum of periods (rounding)."""
 
@@ -101,6 +103,8 @@ class CommandStage:
         self.events = image.events
         self.order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         """The actuators in stop order."""
+        self.place = {slot: number for number, slot in enumerate(self.order)}
+        """The place of each in this order."""
         self.inhibitions = inhibitions_of(root, image.slot_of, self.order)
         """The interlocks, as declared."""
         self._interlocks_of = _by_slot(self.inhibitions)
@@ -179,15 +183,13 @@ class CommandStage:
         self._restrict_one(command)
         return True
 
-    def release_from_client(self, slot: int) -> None:
-        """The program may write the actuator again. Its default is sent, within its rate."""
-        command = self.by_slot[slot]
-        command.client, command.written = "", None
-        self._taken_by_clients.discard(slot)
-        self._restrict_one(command)
-        self._image.set_default(slot)
-        if not command.synchronous:
-            self._image.try_send(slot)
+    def release_from_client(self, slots: Sequence[int]) -> None:
+        """The program may write these actuators again. Their defaults are sent, within their rates."""
+        for slot in slots:
+            self.by_slot[slot].client = ""
+        self._taken_by_clients.difference_update(slots)
+        self._restrict(slots)
+        self._image.bring_to_rest(slots)
 
     def _known(self, slot: int) -> Command:
         """The command of an actuator, also of one without a guard."""
@@ -212,14 +214,14 @@ class CommandStage:
     def inhibit(self, faults: Sequence[Inhibition]) -> dict[int, Failure]:
         """Bring their actuators to their defaults, in stop order, and keep them there; those that failed, by slot."""
         named = {slot for fault in faults for slot in fault.slots}
-        slots = [slot for slot in self.order if slot in named]
+        slots = sorted(named, key=self.place.__getitem__)
         for fault in faults:
             fault.held, fault.reason = True, fault.interlock.reason
         for slot in slots:
             self._known(slot).client = ""
         self._image.transfer.note_each(slots, Kind.INTERLOCKED)
         self._taken_by_clients -= named
-        self._restrict()
+        self._restrict(slots)
         found = self._image.reset_each(slots)
         return {slot: failure for slot, failure in found if failure is not None}
 
@@ -228,7 +230,7 @@ class CommandStage:
         fault is told now."""
         for fault in faults:
             fault.held, fault.reason = False, None
-        self._restrict()
+        self._restrict([slot for fault in faults for slot in fault.slots])
         begun: dict[Inhibition, list[int]] = {}
         for slot, each in [key for key in self._untold if not self.by_slot[key[0]].in_fault]:
             del self._untold[slot, each]
@@ -243,23 +245,30 @@ class CommandStage:
         command = self.by_slot.get(slot)
         return None if command is None else command.reason
 
-    def acknowledge(self, slots: Iterable[int]) -> bool:
-        """Acknowledge latched interlocks whose conditions are false. True if no actuator is inhibited."""
-        commands = [self.by_slot[slot] for slot in slots if slot in self.by_slot]
-        for command in commands:
-            for each in command.interlocks:
-                each.acknowledge()
+    def acknowledge(self, slots: frozenset[int]) -> bool:
+        """Acknowledge latched interlocks of these actuators whose conditions are false. True if none of them is
+        inhibited."""
+        for each in self._inhibiting_some(slots, self.inhibitions):
+            each.acknowledge()
         self._restrict()
-        return all(command.interlocked is None for command in commands)
+        return not self._inhibiting_some(slots, [*self.inhibitions, *self._faults])
 
-    def inhibiting(self, items: Iterable[Atomic], *, latched: bool = False) -> list[str]:
+    def inhibiting(self, slots: frozenset[int], *, latched: bool = False) -> list[str]:
         """The reasons of the interlocks that inhibit one of these, each once; `latched`: of those that latch."""
-        slots = {self._image.slot_of[id(item)] for item in items}
-        asked = (each for each in self.inhibitions if each.interlock.latched or not latched)
-        return list(dict.fromkeys(each.reason for each in asked if each.reason and not slots.isdisjoint(each.slots)))
+        found = self._inhibiting_some(slots, self.inhibitions)
+        asked = (each for each in found if each.interlock.latched or not latched)
+        return list(dict.fromkeys(each.reason for each in asked if each.reason))
 
-    def _restrict(self) -> None:
-        """Set the column `restrictions` of all."""
+    def _inhibiting_some(self, slots: frozenset[int], among: Iterable[Inhibition]) -> list[Inhibition]:
+        """Those that inhibit one of these actuators now."""
+        return [each for each in among if each.reason is not None and not slots.isdisjoint(each.slots)]
+
+    def _restrict(self, slots: Sequence[int] | None = None) -> None:
+        """Set the column `restrictions` of these actuators; None: of all."""
+        if slots is not None and len(slots) < ONE_BY_ONE:
+            for slot in slots:
+                self._restrict_one(self._known(slot))
+            return
         found = self._unrestricted.copy()
         if self.noted is not None:
             found[self.order] = ASKED
@@ -370,12 +379,12 @@ class CommandStage:
 
 
 def _inhibited(now: float, items: Sequence[Atomic], slots: Sequence[int], what: str, reason: str) -> Event:
-    paths = [items[slot].path for slot in slots]
+    paths = Paths(items, slots)
     return of_several(now, paths, f"{what}: {reason}", f"{reason}: {len(paths):,} actuators {what}")
 
 
 def _commands_expired(now: float, items: Sequence[Atomic], slots: Sequence[int], expires: float) -> Event:
-    paths = [items[slot].path for slot in slots]
+    paths = Paths(items, slots)
     alone = f"command expired: not written for {expires:g} s, default sent"
     return of_several(
         now, paths, alone, f"{len(paths):,} commands expired: not written for {expires:g} s, defaults sent"

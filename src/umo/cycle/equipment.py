@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache, partial
+from operator import attrgetter
 from typing import Any
 
 from umo.cycle.command_stage import CommandStage
@@ -42,6 +43,8 @@ class EquipmentState(IntEnum):
 class Equipment:
     """One compound that is declared equipment."""
 
+    number: int
+    """Its place among all: the outer stand before the inner."""
     compound: Compound
     path: str
     slots: list[int]
@@ -101,15 +104,16 @@ class Containment:
     ) -> None:
         self._image, self._commands = image, commands
         self._is_manual, self._changed = is_manual, changed
-        self.all = [self._equipment(each) for each in equipment_in(root)]
+        self.all = [self._equipment(number, each) for number, each in enumerate(equipment_in(root))]
         self._by_id = {id(each.compound): each for each in self.all}
         self._items: dict[str, Atomic] = {item.path: item for item in image.items} if self.all else {}
         """The objects by path."""
         commands.know([each.inhibition for each in self.all if each.inhibition is not None])
 
-    def _equipment(self, compound: Compound) -> Equipment:
+    def _equipment(self, number: int, compound: Compound) -> Equipment:
         items = {self._image.slot_of[id(item)]: item for item in atoms(compound)}
-        actuators = [slot for slot in self._commands.order if slot in items]
+        place = self._commands.place
+        actuators = sorted((slot for slot in items if slot in place), key=place.__getitem__)
         sensors = [slot for slot, item in items.items() if not isinstance(item, Actuator)]
         path = compound._path
         inhibition = None
@@ -117,22 +121,23 @@ class Containment:
             interlock = Interlock(lambda: True, [compound], f"{path} is in fault")
             inhibition = Inhibition(interlock, actuators)
         in_manual_only = compound._settings.equipment == IN_MANUAL
-        return Equipment(compound, path, [*actuators, *sensors], in_manual_only, inhibition)
+        return Equipment(number, compound, path, [*actuators, *sensors], in_manual_only, inhibition)
 
     # Whose failure it is -------------------------------------------------------------------------------
 
     def innermost(self, node: Node | None) -> Equipment | None:
         """The equipment that contains the failures of an object; None: the machine itself."""
-        for each in self._around(node):
+        for each in self.around(node):
             if each.in_fault or not each.in_manual_only or self._is_manual():
                 return each
         return None
 
     def fault_of(self, node: Node) -> EquipmentFault | None:
         """The error for what is to be done with an object of equipment in fault."""
-        return next((each.error() for each in self._around(node) if each.in_fault), None)
+        return next((each.error() for each in self.around(node) if each.in_fault), None)
 
-    def _around(self, node: Node | None) -> Iterator[Equipment]:
+    def around(self, node: Node | None) -> Iterator[Equipment]:
+        """The equipment around an object, the innermost first."""
         while node is not None:
             if (found := self._by_id.get(id(node))) is not None:
                 yield found
@@ -179,14 +184,14 @@ class Containment:
     def enter(self, reasons: Mapping[Equipment, str | Callable[[], str]]) -> None:
         """Put equipment in fault, unless it is. Its actuators are brought to their defaults first."""
         new = []
-        for equipment in self.all:
-            if equipment in reasons and not self.is_in_fault(equipment.compound):
+        for equipment in sorted(reasons, key=attrgetter("number")):  # the outer before the inner
+            if not self.is_in_fault(equipment.compound):
                 equipment.enter(reasons[equipment])
                 new.append(equipment)
         inhibitions = [each.inhibition for each in new if each.inhibition is not None]
         unreached = self._commands.inhibit(inhibitions) if inhibitions else {}
-        self._show()
         for equipment in new:
+            self._image.columns.equipment[equipment.number] = EquipmentState.FAULT
             now, path = self._image.clock.now, equipment.path
             self._commands.events.add(partial(_fault_event, now, path, equipment.reason), logged=True)
             if unreached and (left := [unreached[slot] for slot in equipment.slots if slot in unreached]):
@@ -196,7 +201,7 @@ class Containment:
 
     def is_in_fault(self, node: Node) -> bool:
         """Whether equipment around an object is in fault."""
-        return any(each.in_fault for each in self._around(node))
+        return any(each.in_fault for each in self.around(node))
 
     # And back ------------------------------------------------------------------------------------------
 
@@ -211,13 +216,13 @@ class Containment:
                 why = f"it cannot be cleared while {some(unread)} cannot be read{self._absent(equipment)}"
                 raise EquipmentFault(equipment.path, why)
         failures = {each: failure for each in found if (failure := self._initialize(each)) is not None}
-        cleared = [each for each in found if not any(around in failures for around in self._around(each.compound))]
+        cleared = [each for each in found if not any(around in failures for around in self.around(each.compound))]
         for equipment in cleared:
             equipment.clear()
             self._image.failed.difference_update(equipment.slots)
         self._commands.free([each.inhibition for each in cleared if each.inhibition is not None])
-        self._show()
         for equipment in cleared:
+            self._image.columns.equipment[equipment.number] = EquipmentState.NORMAL
             self._tell(equipment, FAULT_CLEARED)
         if cleared:
             self._changed(cleared)
@@ -258,9 +263,6 @@ class Containment:
             and not item._marks
             and self._image.quality[slot] == Quality.BAD
         )
-
-    def _show(self) -> None:
-        self._image.columns.equipment[:] = [each.in_fault for each in self.all]  # the numbers of EquipmentState
 
     def _tell(self, equipment: Equipment, text: str) -> None:
         self._commands.events.add(Event(self._image.clock.now, equipment.path, text), logged=True)

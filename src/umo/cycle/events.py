@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from enum import IntEnum
 from typing import NamedTuple, overload
 
+from umo.objects.node import Node
 from umo.system.streams import log_without_waiting
 from umo.text import some
 
@@ -28,6 +29,9 @@ END = "end"
 stopped) or FAILED; it has no number of a command."""
 
 
+LET_GO = "let go"
+"""`Event.asked` of the end of what a client has written or called and held; of several that end for one reason, as that
+their lease ends, one event without a number of a command tells all."""
 FAULT = "fault"
 """`Event.asked` of the event that equipment, at its path, has come into fault."""
 IN_FAULT = "in fault: "
@@ -179,12 +183,53 @@ class Events(Sequence[Event]):
         return list(self._kept)[place] if isinstance(place, slice) else self._kept[place]
 
 
-def of_several(time: float, paths: Sequence[str], alone: str, together: str) -> Event:
+class Paths(Sequence[str]):
+    """The paths of objects, each made when it is asked for."""
+
+    def __init__(self, items: Sequence[Node], places: Sequence[int]) -> None:
+        """Those at these places among the items."""
+        self._items, self._places = items, places
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    @overload
+    def __getitem__(self, number: int) -> str: ...
+    @overload
+    def __getitem__(self, number: slice) -> list[str]: ...
+    def __getitem__(self, number: int | slice) -> str | list[str]:
+        if isinstance(number, slice):
+            return [self._items[place]._path for place in self._places[number]]
+        return self._items[self._places[number]]._path
+
+    @property
+    def around(self) -> str:
+        """The path of the compound that is nearest around all of them; "": the machine."""
+        compounds = {id(parent): parent for place in self._places if (parent := self._items[place]._parent)}
+        common: list[Node] = []
+        for number, compound in enumerate(compounds.values()):
+            outer = _with_outer(compound)
+            common = outer if number == 0 else [one for one, other in zip(common, outer, strict=False) if one is other]
+            if len(common) == 1:
+                break
+        return common[-1]._path
+
+
+def _with_outer(node: Node | None) -> list[Node]:
+    """The compounds around it, from the machine to itself."""
+    found: list[Node] = []
+    while node is not None:
+        found.append(node)
+        node = node._parent
+    return found[::-1]
+
+
+def of_several(time: float, paths: Paths, alone: str, together: str) -> Event:
     """One event for one cause, whatever the number of the objects concerned: of one object at its path, with the text
     `alone`; of several at the path of the nearest compound around them, with the text `together` and their paths."""
     if len(paths) == 1:
         return Event(time, paths[0], alone)
-    return Event(time, around(paths), f"{together}: {some(paths)}")
+    return Event(time, paths.around, f"{together}: {some(paths)}")
 
 
 def around(paths: Sequence[str]) -> str:

@@ -250,13 +250,14 @@ class Image(Slots):
             self._accepted(slot)
         return failures
 
-    def bring_to_rest(self, slot: int) -> None:
-        """The default of an actuator is sent next; an asynchronous one is sent it now, and again if it does not accept
+    def bring_to_rest(self, slots: Sequence[int]) -> None:
+        """The defaults of actuators are sent next; an asynchronous one is sent it now, and again if it does not accept
         it."""
-        self.commands.rest(slot)
-        self.set_default(slot)
-        if not self.items[slot].synchronous:
-            self.try_send(slot)
+        for slot in slots:
+            self.commands.rest(slot)
+            self.set_default(slot)
+            if slot in self.asynchronous:
+                self.try_send(slot)
 
     def write_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray) -> bool:
         """Many written at once; their ranges were checked. `each` lists the same slots. Whether all were taken: an

@@ -76,10 +76,11 @@ class Inhibition:
 def inhibitions_of(root: Compound, slot_of: Mapping[int, int], order: Sequence[int]) -> list[Inhibition]:
     """Every interlock of a machine, as declared. `slot_of` tells the slot of an object's id, `order` is the stop
     order."""
+    place = {slot: number for number, slot in enumerate(order)}
     found = []
     for interlock in interlocks_of(root):
         slots = {slot_of[id(item)] for item in interlock.actuators()}
-        found.append(Inhibition(interlock, [slot for slot in order if slot in slots]))
+        found.append(Inhibition(interlock, sorted(slots, key=place.__getitem__)))
     return found
 
 

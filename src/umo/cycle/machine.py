@@ -24,7 +24,7 @@ from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.drivers.faults.wrapper import Injection
 from umo.errors import DriverError, EquipmentFault, forget_frames, text_of
-from umo.objects import Action, Compound, Node, actions_of, atoms, described, numbers_of, walk
+from umo.objects import Action, Atomic, Compound, Node, actions_of, atoms, described, numbers_of, walk
 from umo.objects.laws import laws_in
 from umo.objects.link import Machine
 from umo.objects.stop_order import stop_sequence
@@ -161,6 +161,13 @@ class ConnectedMachine:
             if _has_all(law, *SUPERVISES):
                 law.begin(path)
                 self.supervisors.append(law)
+        self._supervisors_in: dict[int, list[Supervisor]] = {}
+        """The supervisors of the parts in each compound, by its id."""
+        for each in self.supervisors:
+            node: Node | None = each.part
+            while node is not None:
+                self._supervisors_in.setdefault(id(node), []).append(each)
+                node = node._parent
         self.axes = axes_in(root)
         self._axis_states: Any = image.columns.axes.data
         self.events: Events = image.events
@@ -173,6 +180,12 @@ class ConnectedMachine:
         self._elsewhere: set[int] = set()
         """Ids of what runs on controllers."""
         self._laws: list[MethodType] = []
+        self._laws_are_stale = False
+        """Whether equipment was cleared, or has come into fault, since they were chosen."""
+        self._around: dict[int, tuple[Equipment, ...]] = {}
+        """The equipment around the object of each law, by the object's id."""
+        self._places: dict[int, list[tuple[list[MethodType], int]]] = {}
+        """Where the laws of each equipment stand, by its id; made at its first fault since they were chosen."""
         self._after_laws: list[Callable[[], None]] = []
         self._started = 0
         self._unsent = False
@@ -293,6 +306,8 @@ class ConnectedMachine:
                         refuse_exit(error, "supervise")
                         raise
             self.sequences.advance(self.clock)
+            if self._laws_are_stale:
+                self._choose_laws()
             laws = iter(self._laws)
         else:
             laws = iter(self._overrides(part))
@@ -351,25 +366,43 @@ class ConnectedMachine:
 
     def _equipment_changed(self, changed: Sequence[Equipment]) -> None:
         """It is in fault, or was cleared."""
-        self._choose_laws()
+        self._laws_are_stale = True
         faults = [(each.compound, each.error_of_this_fault()) for each in changed if each.in_fault]
-        for law in self.supervisors if faults else ():
+        for equipment in changed if faults else ():
+            self._let_idle(equipment)
+        supervisors = {id(law): law for compound, _ in faults for law in self._supervisors_in.get(id(compound), ())}
+        for law in supervisors.values():
             law.note_faults()
         for compound, fault in faults:  # the cleaning up of one may clear the others: their reasons were taken before
             self._end_in(compound, fault)
 
     def _choose_laws(self) -> None:
-        """What is called in each period: the laws but those of equipment in fault, also in this period; then what
-        waits for them."""
-        self._let_idle(self._laws)
+        """What is called in each period: the laws but those of equipment in fault; then what waits for them."""
+        self._laws_are_stale = False
+        self._places = {}
         laws = self._acting_laws()
         self._laws = [*laws, MethodType(type(self)._laws_have_acted, self)] if self._after_laws else laws
 
-    def _let_idle(self, laws: list[MethodType]) -> None:
-        """Perhaps they act at this moment."""
-        for number, law in enumerate(laws):
-            if self._is_idle(law):
-                laws[number] = MethodType(_idle, law.__self__)
+    def _let_idle(self, equipment: Equipment) -> None:
+        """Its laws are not called any more, also if they are being called one after another at this moment."""
+        if not self._places:
+            for laws in self._law_lists():
+                for number, law in enumerate(laws):
+                    for each in self._around_law(law):
+                        self._places.setdefault(id(each), []).append((laws, number))
+        for laws, number in self._places.get(id(equipment), ()):
+            laws[number] = MethodType(_idle, laws[number].__self__)
+
+    def _law_lists(self) -> list[list[MethodType]]:
+        """The laws that are called, in the lists in which they stand."""
+        return [self._laws]
+
+    def _around_law(self, law: MethodType) -> tuple[Equipment, ...]:
+        found = self._around.get(id(law.__self__))
+        if found is None:
+            node = law.__self__ if isinstance(law.__self__, Node) else None
+            found = self._around[id(law.__self__)] = tuple(self.equipment.around(node))
+        return found
 
     def replace_laws(self, laws: Sequence[MethodType]) -> None:
         """Other functions for the laws of the whole machine, each of the same object, in the same order."""
@@ -377,10 +410,8 @@ class ConnectedMachine:
         self._choose_laws()
 
     def _acting_laws(self) -> list[MethodType]:
-        return [law for law in self._overrides(self.root) if not self._is_idle(law)]
-
-    def _is_idle(self, law: MethodType) -> bool:
-        return isinstance(law.__self__, Node) and self.equipment.is_in_fault(law.__self__)
+        around = self._around_law
+        return [law for law in self._overrides(self.root) if not any(each.in_fault for each in around(law))]
 
     def leave_to_controllers(self, parts: Iterable[Node]) -> None:
         """The laws of these parts are not called here: they run on controllers."""
@@ -392,11 +423,14 @@ class ConnectedMachine:
         """Call it once, after the laws of this period."""
         if call not in self._after_laws:
             self._after_laws.append(call)
-            self._choose_laws()
+            if len(self._after_laws) == 1:
+                self._laws = [*self._laws, MethodType(type(self)._laws_have_acted, self)]
+                self._places = {}
 
     def _laws_have_acted(self) -> None:
         calls, self._after_laws = self._after_laws, []
-        self._choose_laws()
+        self._laws = self._laws[:-1]
+        self._places = {}
         for call in calls:
             call()
 
@@ -456,7 +490,11 @@ class ConnectedMachine:
         self.image.reset_some(self._slots_of(part).all)
 
     def acknowledge(self, part: Node) -> bool:
-        return self.commands.acknowledge(self._slots_of(part).all)
+        return self.commands.acknowledge(self._slots_of(part).actuators)
+
+    def actuators_of(self, part: Node) -> frozenset[int]:
+        """The slots of its actuators."""
+        return self._slots_of(part).actuators
 
     def progress(self, text: str, done: int | None, total: int | None) -> None:
         self.frame.progress = self.frame.progress.then(text, done, total)
@@ -518,13 +556,15 @@ class ConnectedMachine:
     def _slots_of(self, part: Node) -> _PartSlots:
         if id(part) not in self._slots:
             slot_of = self.image.slot_of
-            items = {slot_of[id(item)]: item for item in atoms(part)}
+            items = {slot_of[id(item)]: item for item in ([part] if isinstance(part, Atomic) else atoms(part))}
             sensors = [slot for slot, item in items.items() if item.direction is Direction.INPUT]
-            actuators = [slot for slot in self.stop_order if slot in items]
+            place = self.commands.place
+            actuators = sorted((slot for slot in items if slot in place), key=place.__getitem__)
             self._slots[id(part)] = _PartSlots(
                 [slot for slot in sensors if items[slot].synchronous],
                 [slot for slot, item in items.items() if item.synchronous and item.direction is Direction.OUTPUT],
                 [*actuators, *sensors],
+                frozenset(actuators),
             )
         return self._slots[id(part)]
 
@@ -547,6 +587,7 @@ class _PartSlots(NamedTuple):
     """Slots to update."""
     all: list[int]
     """Slots to reset: the actuators in stop order, then the sensors."""
+    actuators: frozenset[int]
 
 
 def go_on(failed: DriverError, then: Callable[[], object], what: str) -> NoReturn:

@@ -218,6 +218,8 @@ class RatedMachine(ConnectedMachine):
         if self._queue[0][0] > self.clock.number and not self._all_act:
             return self._send_urgent()
         due = self._take_due()
+        if self._laws_are_stale:
+            self._choose_laws()
         self._sample_parts([block for part in due for block in part.inputs])
         failed: list[Failure] = []
         for part in due:
@@ -266,9 +268,11 @@ class RatedMachine(ConnectedMachine):
 
     def _choose_laws(self) -> None:
         for part in self.parts:
-            self._let_idle(part.laws)
             part.laws = []
         super()._choose_laws()
+
+    def _law_lists(self) -> list[list[MethodType]]:
+        return [self._laws, *(part.laws for part in self.parts)]
 
     def _acting_laws(self) -> list[MethodType]:
         """Those at the machine's own rate; the others are the parts'."""

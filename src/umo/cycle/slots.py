@@ -64,6 +64,10 @@ class Slots:
         self.transfer = Transfer(self.wires, wired, self.timer, columns.raws)
         self.scales = scales = Scales(self.wires, self.transfer.defaults)
         self._low, self._high, self._defaults = scales.low.data, scales.high.data, scales.defaults.data
+        self.asynchronous = {
+            slot for slot, item in enumerate(self.items) if item.direction is Direction.OUTPUT and not item.synchronous
+        }
+        """The asynchronous actuators."""
         self.unsent: set[int] = set()
         """Asynchronous actuators whose default the device did not accept. The defaults of the others are sent by every
         `update`."""
