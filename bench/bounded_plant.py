@@ -24,17 +24,19 @@ from umo.operation import PackML
 from umo.testing import VirtualTimer
 
 PERIOD = 0.001
+OF_ZONE = 10
+"""Number of the objects of a zone."""
 
 
-ALARMS = {"cold": Alarm(Low("temperature", -1.0), "it is cold")}
+ALARMS = {"cold": Alarm(Low("temperatures.0", -1.0), "it is cold")}
 NUMBERS = {"gain": Number(tunable=True, minimum=0.0, maximum=10.0)}
 
 
 class Zone(Compound, equipment=True, alarms=ALARMS, numbers=NUMBERS):
-    """One part of the plant: equipment with an actuator, a sensor, a tunable number, an action and an alarm."""
+    """One part of the plant: equipment with ten objects, a law, a tunable number, an action and an alarm."""
 
-    heater: DigitalActuator
-    temperature: DigitalSensor
+    heaters: list[DigitalActuator]
+    temperatures: list[DigitalSensor]
     gain = 1.0
     broken = False
 
@@ -61,7 +63,7 @@ class Hall(Compound, equipment=True):
 
 
 class Plant(Compound):
-    """`zones` that fail alone, and one hall."""
+    """`zones` that fail alone, one hall, valves under one interlock, and probes."""
 
     timer: DigitalSensor
     zones: list[Zone]
@@ -74,7 +76,7 @@ class Plant(Compound):
     def interlocks(self) -> Iterator[Interlock]:
         yield Interlock(lambda: self.stopped, list(self.valves), "emergency stop", latched=True)
         for number, zone in enumerate(self.zones):
-            yield Interlock(lambda: self.each_stopped, [zone.heater], f"zone {number} is open")
+            yield Interlock(lambda: self.each_stopped, list(zone.heaters), f"zone {number} is open")
 
 
 def _actuator(**more: Any) -> DigitalActuator:
@@ -86,11 +88,15 @@ def _sensor(**more: Any) -> DigitalSensor:
 
 
 def plant(count: int) -> Plant:
-    """Of each kind of part so many."""
+    """So many objects in zones of ten, so many valves, probes and fans."""
+    half = OF_ZONE // 2
     timer = DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.0, resolution=1.0, synchronous=False)
     return Plant(
         timer=timer,
-        zones=[Zone(heater=_actuator(), temperature=_sensor()) for _ in range(count)],
+        zones=[
+            Zone(heaters=[_actuator() for _ in range(half)], temperatures=[_sensor() for _ in range(half)])
+            for _ in range(count // OF_ZONE)
+        ],
         valves=[_actuator(expires="1 s") for _ in range(count)],
         probes=[_sensor(on_error="mark") for _ in range(count)],
         hall=Hall(fans=[_actuator() for _ in range(count)]),
@@ -142,7 +148,7 @@ class Signs:
 
 
 class Rig:
-    """A connected plant with so many of each part, whose frames are published. `step` is one period."""
+    """A connected plant with so many objects of each kind, whose frames are published. `step` is one period."""
 
     def __init__(self, count: int) -> None:
         self.count = count
@@ -153,11 +159,9 @@ class Rig:
         drivers = {name: Away() for name in ("heaters", "temperatures", "valves", "probes", "fans")}
         self.drivers: dict[str, Away] = drivers
         wire: dict[str, Any] = {"timer": {"driver": "clock", "period": PERIOD}}
-        names = {"heater": "heaters", "temperature": "temperatures"}
         for item in atoms(self.m):
             if item is not self.m.timer:
-                last = item.path.rpartition(".")[2]
-                wire[item.path] = {"driver": names.get(last) or item.path.split(".")[-2], "channel": item.path}
+                wire[item.path] = {"driver": item.path.split(".")[-2], "channel": item.path}
         log = logging.getLogger("umo")
         handler, propagated = logging.FileHandler(os.devnull), log.propagate
         log.addHandler(handler)
@@ -168,6 +172,7 @@ class Rig:
         self.connection = umo.connect(self.m, {"drivers": {"clock": VirtualTimer(), **drivers}, "wire": wire})
         self._stack.enter_context(self.connection)
         self.machine = self.connection.machine
+        self._watch_resets()
         own, readers = RunDescriptors.pair()
         self._stack.callback(own.close)
         self._stack.callback(readers.close)
@@ -184,12 +189,30 @@ class Rig:
         if not self.signs.silent:
             self.signs.last = self.signs.now
         m = self.m
-        began = thread_time()
+        self.were_reset = 0.0
+        self._began = thread_time()
         m.timer.read()
         m.sample()
         m.control()
         m.update()
-        return thread_time() - began
+        return thread_time() - self._began
+
+    def _watch_resets(self) -> None:
+        """Note when in a period the last actuator was reset, or initialised."""
+        image: Any = self.machine.image
+        self._began = self.were_reset = 0.0
+        reset_each, initialize = image.reset_each, image.initialize
+
+        def watched(slots: Any) -> Iterator[Any]:
+            yield from reset_each(slots)
+            self.were_reset = thread_time() - self._began
+
+        def noted(slot: int) -> Any:
+            failure = initialize(slot)
+            self.were_reset = thread_time() - self._began
+            return failure
+
+        image.reset_each, image.initialize = watched, noted
 
     def steps(self, count: int) -> float:
         """The shortest of some periods, in s."""
@@ -240,10 +263,12 @@ class Rig:
 
     def write_all(self, value: float) -> None:
         """Drive every actuator of the zones, the valves and the hall."""
-        for zone in self.m.zones:
-            zone.heater.write(value)
-        for each in (*self.m.valves, *self.m.hall.fans):
+        for each in (*self.heaters, *self.m.valves, *self.m.hall.fans):
             each.write(value)
+
+    @property
+    def heaters(self) -> list[DigitalActuator]:
+        return [each for zone in self.m.zones for each in zone.heaters]
 
     def hold_all(self) -> None:
         """In manual mode, under the lease: a client writes every valve."""

@@ -115,7 +115,8 @@ def shown_path(file: str) -> str:
 
 @lru_cache(maxsize=1000)
 def _relative(file: str, folder: str) -> str:
-    return min(os.path.relpath(file, folder), file, key=len)
+    """`folder` is the current one."""
+    return min(os.path.relpath(file), file, key=len)
 
 
 def some(names: Sequence[str]) -> str:

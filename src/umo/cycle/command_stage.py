@@ -237,7 +237,8 @@ class CommandStage:
             if each.reason is not None:
                 begun.setdefault(each, []).append(slot)
         for each, slots in begun.items():
-            self._note_inhibited(slots, each)
+            self._image.transfer.note_each(slots, Kind.INTERLOCKED)
+            self._tell_inhibited(slots, each)
 
     # ---------------------------------------------------------------------------------------------------
 
@@ -335,6 +336,7 @@ class CommandStage:
                 self._inhibiting = inhibiting
                 self._taken_by_clients.difference_update(*(each.slots for each in begun))
                 self._restrict()
+        inhibited: list[int] = []
         any_fault = bool(begun) and any(fault.held for fault in self._faults)
         for each in begun:
             for slot in each.slots:
@@ -342,14 +344,15 @@ class CommandStage:
             in_fault = [slot for slot in each.slots if self.by_slot[slot].in_fault] if any_fault else ()
             self._untold |= {(slot, each): None for slot in in_fault}
             if slots := [slot for slot in each.slots if slot not in in_fault] if in_fault else each.slots:
-                self._note_inhibited(slots, each)
+                inhibited += slots
+                self._tell_inhibited(slots, each)
+        self._image.transfer.note_each(inhibited, Kind.INTERLOCKED)
         return {slot for each in begun for slot in each.slots}
 
-    def _note_inhibited(self, slots: Sequence[int], each: Inhibition) -> None:
+    def _tell_inhibited(self, slots: Sequence[int], each: Inhibition) -> None:
         """One interlock inhibits these."""
         waits = each.interlock.latched and each.held  # its reason says so itself once its condition is false
         what = "inhibited until acknowledged" if waits else "inhibited"
-        self._image.transfer.note_each(slots, Kind.INTERLOCKED)
         event = partial(_inhibited, self._image.clock.now, self._image.items, slots, what, str(each.reason))
         self.events.add(event, logged=True)
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import cache, partial
+from functools import partial
 from operator import attrgetter
 from typing import Any
 
@@ -37,6 +37,20 @@ class EquipmentState(IntEnum):
 
     NORMAL = 0
     FAULT = 1
+
+
+class Reason:
+    """The reason of a fault, put into words when it is called."""
+
+    __slots__ = ("_given", "_words")
+
+    def __init__(self, given: str | Callable[[], str]) -> None:
+        self._given, self._words = given, ""
+
+    def __call__(self) -> str:
+        if not self._words:
+            self._words = in_a_line(self._given if isinstance(self._given, str) else self._given())
+        return self._words
 
 
 @dataclass(eq=False)
@@ -68,7 +82,7 @@ class Equipment:
 
     def enter(self, reason: str | Callable[[], str]) -> None:
         """It is in fault."""
-        self.in_fault, self.reason = True, cache(partial(_in_words, reason))
+        self.in_fault, self.reason = True, Reason(reason)
 
     def clear(self) -> None:
         """It is not in fault any longer."""
@@ -157,14 +171,15 @@ class Containment:
         if own:
             raise DriverError(what, own)
 
-    def contain(self, part: Node, error: BaseException) -> bool:
-        """Put the equipment of an object in fault; False if there is none but the machine itself."""
+    def contain(self, part: Node, error: BaseException, text: str = "") -> bool:
+        """Put the equipment of an object in fault; False if there is none but the machine itself. `text`: that of the
+        error."""
         equipment = self.innermost(part)
         if equipment is None or is_interrupt(error):
             return False
         if self.is_in_fault(equipment.compound):
-            self._tell(equipment, f"{CLEANING_UP}{text_of(error)}")
-        self.enter({equipment: text_of(error)})
+            self._tell(equipment, f"{CLEANING_UP}{text or text_of(error)}")
+        self.enter({equipment: text or text_of(error)})
         return True
 
     def contain_sequence(self, task: Task, error: BaseException) -> bool:
@@ -176,9 +191,10 @@ class Containment:
         if any(equipment is None or is_within(each.part, equipment.compound) for each in awaiting):
             task.error = error
             return True
-        if not self.contain(task.part, error):
+        text = text_of(error)
+        if not self.contain(task.part, error, text):
             return False
-        task.fail(error)
+        task.fail(error, text)
         return True
 
     def enter(self, reasons: Mapping[Equipment, str | Callable[[], str]]) -> None:
@@ -266,10 +282,6 @@ class Containment:
 
     def _tell(self, equipment: Equipment, text: str) -> None:
         self._commands.events.add(Event(self._image.clock.now, equipment.path, text), logged=True)
-
-
-def _in_words(reason: str | Callable[[], str]) -> str:
-    return in_a_line(reason if isinstance(reason, str) else reason())
 
 
 def _text_of_failures(what: str, failures: Sequence[Failure]) -> str:

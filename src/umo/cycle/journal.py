@@ -105,16 +105,28 @@ class Journal:
         ENTRY.pack_into(self.buffer, self.count * ENTRY.size, slot, kind, error, raw, before, time)
         self.count += 1
 
-    def add_each(self, slots: Sequence[int], kind: Kind, raws: IntArray) -> None:
-        """An entry for each of these objects, which keep their raw integers: of the whole machine's those in `raws`."""
+    def add_each(
+        self,
+        slots: Sequence[int],
+        kind: Kind,
+        raws: IntArray,
+        error: ErrorKind = ErrorKind.NONE,
+        meant: Sequence[int] | None = None,
+        time: float = nan,
+    ) -> None:
+        """An entry for each of these objects, which keep their raw integers: of the whole machine's those in `raws`.
+        `meant` are those that were to be written."""
         if len(slots) < FEW:
-            for slot in slots:
-                self.add(slot, kind, int(raws[slot]), int(raws[slot]))
+            for number, slot in enumerate(slots):
+                before = int(raws[slot])
+                self.add(slot, kind, before if meant is None else meant[number], before, error, time)
             return
         taken = slots[: self.capacity - self.count]
         rows = np.zeros(len(taken), ENTRIES)
-        rows["slot"], rows["kind"], rows["time"] = taken, kind, nan
+        rows["slot"], rows["kind"], rows["error"], rows["time"] = taken, kind, error, time
         rows["raw"] = rows["before"] = raws[rows["slot"]]
+        if meant is not None:
+            rows["raw"] = meant[: len(taken)]
         start = self.count * ENTRY.size
         self.buffer[start : start + rows.nbytes] = rows.tobytes()
         self.count += len(taken)

@@ -161,6 +161,12 @@ class ConnectedMachine:
             if _has_all(law, *SUPERVISES):
                 law.begin(path)
                 self.supervisors.append(law)
+        self._moved_in: dict[int, list[Compound]] = {}
+        """What moves in each equipment by itself, by the id of the compound: told of its fault."""
+        for equipment in self.equipment.all:
+            nodes = (node for node in (equipment.compound, *walk(equipment.compound)) if isinstance(node, Compound))
+            moving = [each for each in nodes if type(each)._enter_fault is not Compound._enter_fault]
+            self._moved_in[id(equipment.compound)] = moving
         self._supervisors_in: dict[int, list[Supervisor]] = {}
         """The supervisors of the parts in each compound, by its id."""
         for each in self.supervisors:
@@ -436,8 +442,8 @@ class ConnectedMachine:
 
     def _end_in(self, compound: Compound, fault: Callable[[], EquipmentFault]) -> None:
         """Whatever is under way in equipment that is in fault now."""
-        parts = [node for node in (compound, *walk(compound)) if isinstance(node, Compound)]
-        raised = [error for node in parts if (error := attempt(node._enter_fault)[1]) is not None]
+        moved = self._moved_in.get(id(compound), ())
+        raised = [error for node in moved if (error := attempt(node._enter_fault)[1]) is not None]
         errors = self.sequences.end_in(compound, fault)
         if self.clients is not None:
             errors += self.clients.end_in(compound, fault)

@@ -313,9 +313,9 @@ class Task:
         """Whether it has failed, whoever awaited it was cancelled before he took the error, and nobody else knows."""
         return self.error is not None and not self._failure and not self.awaited_by
 
-    def fail(self, error: BaseException) -> None:
-        """It has ended with this error, which lets go of its frames."""
-        self.error, self._failure = error, text_of(error)
+    def fail(self, error: BaseException, text: str = "") -> None:
+        """It has ended with this error, which lets go of its frames; `text`: that of the error."""
+        self.error, self._failure = error, text or text_of(error)
         forget_frames(error)
 
     def _begin(self) -> None:
@@ -467,6 +467,8 @@ class Sequences:
     def end_in(self, compound: Node, fault: Callable[[], BaseException]) -> list[BaseException]:
         """Cancel those of one compound, the last started first; whoever awaits one gets the fault. The errors of their
         cleaning up."""
+        if not self._tasks:
+            return []
         parts = (self._tasks_of.get(id(node)) for node in (compound, *walk(compound)))
         found = sorted((task for tasks in parts if tasks for task in tasks), key=attrgetter("number"))
         ended = [task for task in found if not task.done]

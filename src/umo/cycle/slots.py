@@ -76,7 +76,7 @@ class Slots:
         self.unconfirmed: dict[int, float] = {}
         """Asynchronous actuators with on_error="retry" whose pending value was not confirmed, each with the time in s
         of the first attempt. While they are STALE, it is sent again in every period."""
-        self._marked: list[Failure] = []
+        self._marked: list[tuple[int, str]] = []
         """Failures of the sensors that were marked BAD and not logged yet."""
         self._next_log: dict[int, float] = {}
         """Time in s from which a marked sensor is logged again, by slot."""
@@ -92,6 +92,10 @@ class Slots:
         self.inputs = self._blocks(Direction.INPUT, parts)
         self.outputs = self._blocks(Direction.OUTPUT, parts)
         self.blocks = [*self.inputs, *self.outputs]
+        self._block_of: list[Block | None] = [None] * count
+        """The block in which each slot stands; None for what is asynchronous."""
+        for block in self.blocks:
+            self._block_of[block.slots] = [block] * (block.stop - block.start)
         self.due_inputs, self.due_outputs = self.inputs, self.outputs
         slow = [block for block in self.blocks if block.part != WHOLE]
         self.slow = frozenset(slot for block in slow for slot in range(block.start, block.stop))
@@ -221,10 +225,8 @@ class Slots:
     def _set_quality(self, slot: int, quality: Quality) -> None:
         self.quality[slot] = int(quality)
         self.sampled_good = None
-        if quality is not self.base[slot]:
-            for block in self.blocks:
-                if block.start <= slot < block.stop:
-                    block.unsettled.add(slot)
+        if quality is not self.base[slot] and (block := self._block_of[slot]) is not None:
+            block.unsettled.add(slot)
 
     def _settle(self, block: Block, outside: Sequence[tuple[int, float]], now: float, failures: list[Failure]) -> None:
         """The slow path of `sample`: something in the block is, or was, not as it should be."""
@@ -314,14 +316,14 @@ class Slots:
                 self._set_quality(slot, Quality.BAD)
                 if self.clock.now >= self._next_log.get(slot, 0.0):
                     self._next_log[slot] = self.clock.now + MARKED_LOG_INTERVAL
-                    self._marked.append(self.transfer.failure(slot, cause))
+                    self._marked.append((slot, cause))
         else:
             self._fail(slot, cause, failures)
 
     def _log_marked(self) -> None:
         """Log together what was marked BAD together: a thousand lines would take longer than a period."""
         if self._marked:
-            self.events.log(partial(_marked_text, self._marked))
+            self.events.log(partial(_marked_text, self.transfer, self._marked))
             self._marked = []
 
     def _unconverted(self, slot: int, error: Exception, failures: list[Failure]) -> None:
@@ -360,8 +362,8 @@ class Slots:
             (self.unsent.add if at_default else self.unsent.discard)(slot)
 
 
-def _marked_text(failures: Sequence[Failure]) -> str:
-    return str(DriverError("marked BAD", failures))
+def _marked_text(transfer: Transfer, marked: Sequence[tuple[int, str]]) -> str:
+    return str(DriverError("marked BAD", [transfer.failure(slot, cause) for slot, cause in marked]))
 
 
 def _part_numbers(wired: Wired) -> Mapping[int, int]:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 
+from umo.cycle.columns import ASKED, FREE
 from umo.cycle.events import Event, Paths
 from umo.cycle.sequences import Sequences, next_period
 from umo.errors import CommandRefused
@@ -229,7 +230,10 @@ class Suspension:
         found = [str(each.error()) for each in self._machine.equipment.all if each.in_fault and each.in_manual_only]
         found += [reason for axis in self._axes.values() if (reason := axis.why_not_resumed())]
         commands = self._machine.commands
+        restrictions = self._machine.image.restrictions
         for slot, value in self._changed().items():
+            if restrictions[slot] in (FREE, ASKED):
+                continue
             item = self._actuators[slot]
             if value != item._default_value() and not commands.client_of(slot) and (why := item.inhibited):
                 found.append(f"{item.path} is inhibited: {why}")
