@@ -15,7 +15,9 @@ import select
 import socket
 import stat
 import sys
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from typing import Any, TextIO
 
 CLEAR_LINE = "\r\x1b[2K"
@@ -49,7 +51,7 @@ class _Unwaiting(_Descriptor):
         super().__init__(number, "w", closefd=False)
         self.lost = 0
         self._waiting = bytearray()
-        self._send = _sender(number)
+        self._send, self._let_go = _sender(number)
 
     def write(self, data: object) -> int:
         text = bytes(memoryview(data))  # type: ignore[arg-type]
@@ -62,6 +64,12 @@ class _Unwaiting(_Descriptor):
         if self._waiting:
             late.add(self)
         return len(text)
+
+    def close(self) -> None:
+        if not self.closed:
+            late.discard(self)
+            self._let_go()
+        super().close()
 
     def send_waiting(self) -> None:
         """Send what the reader takes now; then the number of the lines that were lost, if any were."""
@@ -90,26 +98,27 @@ def lost_lines(count: int) -> str:
     return f"{count:,} line{'s were' if count != 1 else ' was'} lost: what reads them did not take them in time"
 
 
-def _sender(number: int) -> Any:
-    """A function that writes bytes to a descriptor and never waits; BlockingIOError where it would have to. O_NONBLOCK
-    must not change the stream of others, so a pipe or terminal is opened again."""
+def _sender(number: int) -> tuple[Callable[[bytes], int], Callable[[], None]]:
+    """A function that writes bytes to a descriptor and never waits, and one that gives up what that needs. The first
+    raises BlockingIOError where it would have to wait. O_NONBLOCK must not change the stream of others, so a pipe or
+    terminal is opened again."""
     with suppress(OSError):
         kind = os.fstat(number).st_mode
         if stat.S_ISSOCK(kind):
             there = socket.socket(fileno=os.dup(number))
-            return lambda data: there.send(data, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+            return lambda data: there.send(data, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL), there.close
         if not (stat.S_ISFIFO(kind) or os.isatty(number)):
-            return lambda data: os.write(number, data)
+            return partial(os.write, number), lambda: None
         flags = os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
         file = os.open(f"/proc/self/fd/{number}", flags)
-        return lambda data: os.write(file, data)
+        return partial(os.write, file), partial(os.close, file)
 
     def write_if_ready(data: bytes) -> int:
         if not is_ready(number):
             raise BlockingIOError
         return os.write(number, data)
 
-    return write_if_ready
+    return write_if_ready, lambda: None
 
 
 def is_ready(number: int) -> bool:
