@@ -306,9 +306,9 @@ class Slots:
             self.unconfirmed.pop(slot, None)
 
     def _fail_input(self, slot: int, cause: str, failures: list[Failure]) -> None:
-        item = cast(Sensor, self.items[slot])
-        age = self.clock.now - self.times[slot]  # NaN before the first reading
-        if item._max_age is not None and age <= item._max_age:
+        item: Any = self.items[slot]
+        max_age = item._max_age
+        if max_age is not None and self.clock.now - self.times[slot] <= max_age:  # NaN before the first reading
             if self.quality[slot] == Quality.GOOD:  # what was not good is no better for being held
                 self._set_quality(slot, Quality.STALE)
         elif item._marks:

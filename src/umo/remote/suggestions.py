@@ -4,7 +4,7 @@ periods of its loop (docs/decisions/0061)."""
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
@@ -40,24 +40,23 @@ def _known(event: Event, layout: Layout) -> Iterator[str]:
         yield from COMMANDS
     elif do in ALARM_COMMANDS:
         yield from _with_parents(layout.alarms)
-    elif do == "write":
-        yield from _named(layout.objects, event.path, "states")
-    elif do == "tune":
-        yield from _named(layout.tunables, event.path, "states")
+    elif do in ("write", "tune"):
+        entries = [each for each in layout.objects if each.get("actuator")] if do == "write" else layout.tunables
+        yield from _named(entries, event.path)
     elif do in ("call", "cancel"):
         yield from _of_action(event, layout)
     else:
         yield from _with_parents(layout.objects)
 
 
-def _named(entries: tuple[Mapping[str, Any], ...], path: str, names: str) -> Iterator[str]:
+def _named(entries: Sequence[Mapping[str, Any]], path: str) -> Iterator[str]:
     """The names of the values of the entry at this path; if there is none, the paths of all."""
     entry = next((each for each in entries if each["path"] == path), None)
-    given = None if entry is None else entry.get(names)
     if entry is None:
         yield from (each["path"] for each in entries)
-    elif given:
-        yield from (str(each) for each in (given.values() if isinstance(given, Mapping) else given))
+    else:
+        yield from (entry[name] for name in ("zero", "one") if name in entry)
+        yield from entry.get("states", {}).values()
 
 
 def _of_action(event: Event, layout: Layout) -> Iterator[str]:

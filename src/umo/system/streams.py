@@ -84,7 +84,7 @@ class _Unwaiting(_Descriptor):
     def _send_some(self) -> None:
         while self._waiting:
             try:
-                taken = self._send(self._waiting[: select.PIPE_BUF])
+                taken = self._send(bytes(self._waiting[: select.PIPE_BUF]))
             except BlockingIOError:
                 return
             except OSError:  # nobody reads it any more
