@@ -19,6 +19,7 @@ from rich.console import Console
 from bench import (
     against,
     alarms,
+    bounds,
     compiled,
     dead_device,
     endurance,
@@ -112,6 +113,8 @@ def main() -> int:
         takes = options.rates * len(several_rates.KINDS) * (several_rates.BLOCK + 2.0)
         report.stream(console, several_rates.TITLE, takes, partial(several_rates.measure, options.rates))
         return 0
+    if options.bounds:
+        return bounds.run(console, options.bounds, options.only)
     if options.alarms:
         takes = options.alarms * alarms.BATCH * len(alarms.KINDS) * 1e-4
         report.stream(console, alarms.TITLE, takes, partial(alarms.measure, options.alarms))
@@ -182,9 +185,20 @@ def _options() -> argparse.Namespace:
     alone.add_argument(
         "--fleet-loop", type=int, metavar="PAIRS", help="a loop of 1 ms in a fleet and without; 30 for a result"
     )
+    alone.add_argument(
+        "--bounds",
+        type=int,
+        nargs="?",
+        const=bounds.REPETITIONS,
+        metavar="REPETITIONS",
+        help=f"what one cause costs the period that it meets; exit status 1 if a bound is broken; default: "
+        f"{bounds.REPETITIONS}",
+    )
     alone.add_argument("--alarms", type=int, metavar="ROUNDS", help="a loop with 1,000 alarms; 50 for a result")
     parser.add_argument("--pairs", type=int, default=30, help="pairs of blocks of a row of --against; default: 30")
-    parser.add_argument("--only", default="", metavar="TEXT", help="--kills and --against: names with this in them")
+    parser.add_argument(
+        "--only", default="", metavar="TEXT", help="--kills, --against and --bounds: names with this in them"
+    )
     parser.add_argument("--seed", type=int, default=campaign.SEED, help="of --kills and --fleet: other random moments")
     return parser.parse_args()
 

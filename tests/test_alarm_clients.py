@@ -12,7 +12,7 @@ from helpers.operator import Operator
 from umo import Compound, DigitalSensor, connect
 from umo.alarms import Alarm, AlarmState, High, Priority
 from umo.cycle.client_commands import Mode
-from umo.cycle.events import ALARM, CommandState
+from umo.cycle.events import ALARM, KEPT_EVENTS, CommandState
 from umo.frames.alarm_list import alarm_rows, alarms_text
 from umo.testing import Scripted
 
@@ -90,13 +90,13 @@ def test_one_is_acknowledged_by_its_path_and_several_by_a_pattern(rig: Rig) -> N
     assert [row.who for row in rig.rows if row.path == "tanks.0.full"] == ["ann"]
 
 
-def test_commands_in_one_period_are_carried_out_one_after_another(rig: Rig) -> None:
+def test_commands_for_many_alarms_are_carried_out_one_after_another_each_in_a_period_of_its_own(rig: Rig) -> None:
     rig.flood(0)
     rig.flood(0, level=10)
     assert rig.states()["tanks.0.flooded"] == "latched unacknowledged"
     rig.ann.do("lease")
     commands = [rig.ann.send(do, "tanks.0.flooded", 60.0) for do in ("acknowledge alarm", "reset alarm", "shelve")]
-    rig.ann.run()
+    rig.ann.run(len(commands))
     assert {rig.ann.answer(each).state for each in commands} == {CommandState.DONE}
     told = [event.text.partition(" (")[0] for event in rig.ann.events if event.asked == ALARM and event.who == "ann"]
     assert told == ["latched acknowledged", "normal", "shelved"]
@@ -123,9 +123,7 @@ def test_what_cannot_be_done_is_refused_with_the_state(rig: Rig) -> None:
         "CommandRefused: tanks.0.full is normal: it cannot be acknowledged"
     )
     assert rig.ann.do("acknowledge alarm").text == '"no alarm there can be acknowledged"'
-    assert rig.ann.do("shelve", "tanks.0.fall", 60.0).text == (
-        "PathError: no alarm 'tanks.0.fall' (did you mean 'tanks.0.full'?)"
-    )
+    assert rig.ann.do("shelve", "tanks.0.fall", 60.0).text == ("PathError: no alarm 'tanks.0.fall'")
 
 
 @pytest.mark.parametrize("time", [0.0, -1.0, True, "10 min", float("nan"), float("inf"), 1e9, None])
@@ -167,5 +165,6 @@ def test_an_alarm_out_of_service_comes_back_when_it_is_returned(rig: Rig) -> Non
 
 def test_an_event_that_is_no_longer_kept_leaves_the_time_unknown(rig: Rig) -> None:
     rig.flood(0)
-    rig.connection.machine.events.clear()
+    for _ in range(KEPT_EVENTS):
+        rig.connection.machine.tell("", "something else")
     assert [(row.since, row.who) for row in rig.rows] == [(None, "")] * 2

@@ -67,7 +67,7 @@ class Rig:
     def ask(self, path: str, operation: Operation, seconds: float = 0.0) -> bool:
         row = self.engine.paths.index(path)
         accepted: bool = self.engine.accepts(row, operation)
-        self.engine.request(row, AlarmRequest(operation, "ann", seconds))
+        self.engine.request([row], AlarmRequest(operation, "ann", seconds))
         return accepted
 
     @property

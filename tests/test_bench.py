@@ -7,8 +7,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from rich.console import Console
 
-from bench import against, faces, native, report, scan, zones
+from bench import against, bounds, faces, native, report, scan, zones
 from bench.driver import Fill, Loop
 from bench.drivers import kernel
 from bench.drivers import table as drivers
@@ -165,3 +166,14 @@ def test_the_command_has_all_that_it_names(capsys: pytest.CaptureFixture[str], m
         command.main()
     assert ended.value.code == 0
     assert "--recording" in capsys.readouterr().out
+
+
+def test_bounds_are_measured_at_every_size_and_a_broken_one_is_told(monkeypatch, capsys):
+    console = Console(width=200)
+    names = ("four writes to misspelt", "an interlock over all valves begins")
+    assert bounds.run(console, 1, only=names[0], sizes=(20, 40)) == 0
+    shown = capsys.readouterr().out
+    assert names[0] in shown and "2 ms" in shown
+    monkeypatch.setattr(bounds, "RESET_RATIO", -1000.0)
+    assert bounds.run(console, 1, only=names[1], sizes=(20,)) == 1
+    assert f"broken: {names[1]}: at the defaults after" in capsys.readouterr().out

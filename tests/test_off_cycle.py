@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from helpers.machines import Bench, Board, actuator, bench, failed, relay, sensor, switch, timer, wired
 from umo import Compound, DigitalActuator, DigitalSensor, Quality, connect
-from umo.cycle.events import LIMIT_COUNT, EventLimit
+from umo.cycle.events import LIMIT_COUNT, EventLimit, limited
 from umo.cycle.image import Image
 from umo.cycle.journal import ENTRY, Journal, Kind
 from umo.drivers import DeviceTimeout, Driver, DriverError
@@ -403,11 +403,11 @@ def test_a_driver_is_back_when_a_value_has_come_and_is_told_of_a_few_times_a_min
 
 def test_what_flickers_is_told_of_a_few_times_a_minute_and_counted() -> None:
     limit = EventLimit()
-    told = [limit.passed(0.1 * number, "is away") for number in range(1200)]
-    assert [text for text in told[:600] if text] == ["is away"] * LIMIT_COUNT
-    assert [text for text in told[600:] if text] == [
-        f"is away ({600 - LIMIT_COUNT} such events before were not told)", *["is away"] * (LIMIT_COUNT - 1)
-    ]  # fmt: skip
+    counts = [limit.admit(0.1 * number) for number in range(1200)]
+    assert [count for count in counts[:600] if count is not None] == [0] * LIMIT_COUNT
+    assert [count for count in counts[600:] if count is not None] == [600 - LIMIT_COUNT, *[0] * (LIMIT_COUNT - 1)]
+    assert limited(1.0, "driver box", "is away", 597).text == "is away (597 such events before were not told)"
+    assert limited(1.0, "driver box", "is away", 0).text == "is away"
 
 
 # Stopping, faults, the journal ------------------------------------------------------------------------------

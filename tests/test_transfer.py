@@ -369,6 +369,7 @@ def test_from_a_frame_back_over_its_journal_stands_what_the_whole_machine_sample
         ended = ring.journal.count
         with suppress(DriverError):
             m.update()
+        m.timer.read()  # a period that failed is shown before the next one
         (frame,) = reader.last(1)
         entries = reader.journal(frame)
         assert entries is not None
@@ -408,13 +409,13 @@ def test_the_channels_of_a_block_that_failed_are_in_the_journal_with_what_was_co
             (TimeoutError("no answer"), ErrorKind.TIMEOUT),
             (OSError("cut"), ErrorKind.OTHER),
         ):
-            m.timer.read()
             m.sample()
             m.motors[1].write(2.0)
             box.broken = error
             with suppress(DriverError):
                 m.update()
             box.broken = None
+            m.timer.read()  # a period that failed is shown before the next one
             entries = reader.journal(reader.latest())
             assert entries is not None
             paths = ["motors.1"] if kind is ErrorKind.CHANNELS else [f"motors.{number}" for number in range(3)]

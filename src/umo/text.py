@@ -7,8 +7,10 @@ import inspect
 import os
 import re
 import time
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 from traceback import walk_tb
@@ -91,12 +93,14 @@ def is_users(file: str) -> bool:
     return not _is_own(file) and not _is_installed(file)
 
 
+@lru_cache(maxsize=1000)
 def _is_own(file: str) -> bool:
     if file.startswith(UMO):
         return not file.startswith(STATIONS)
     return file.startswith(("<frozen ", "<string>")) or (file.startswith(LIBRARY) and not _is_installed(file))
 
 
+@lru_cache(maxsize=1000)
 def _is_installed(file: str) -> bool:
     return any(part in file for part in INSTALLED) and not file.startswith(STATIONS)
 
@@ -104,10 +108,15 @@ def _is_installed(file: str) -> bool:
 def shown_path(file: str) -> str:
     """A path, relative to the current folder where that is shorter."""
     try:
-        relative = os.path.relpath(file)
+        return _relative(file, os.getcwd())
     except (OSError, ValueError):  # the folder is gone; another drive
         return file
-    return min(relative, file, key=len)
+
+
+@lru_cache(maxsize=1000)
+def _relative(file: str, folder: str) -> str:
+    """`folder` is the current one."""
+    return min(os.path.relpath(file), file, key=len)
 
 
 def some(names: Sequence[str]) -> str:
@@ -153,7 +162,24 @@ def options_in(doc: str) -> dict[str, str]:
     return found
 
 
+_SEARCHES = ContextVar("searches", default=True)
+"""Whether messages name what is similar: not within a period, since that takes as long as many periods."""
+
+
+@contextmanager
+def without_search() -> Iterator[None]:
+    """Messages that the block makes name nothing similar: whoever asked looks for that."""
+    before = _SEARCHES.set(False)
+    try:
+        yield
+    finally:
+        _SEARCHES.reset(before)
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """The nearest of the known names, as text to append to a message; empty if none is similar."""
+    """The nearest of the known names, as text to append to a message; empty if none is similar, and within
+    `without_search`."""
+    if not _SEARCHES.get():
+        return ""
     near = difflib.get_close_matches(name[:200], list(islice(known, COMPARED_NAMES)), n=1, cutoff=0.5)
     return f" (did you mean {near[0]!r}?)" if near else ""

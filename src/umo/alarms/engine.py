@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from umo.alarms.alarm_states import PUT_AWAY, PUTTING_AWAY, AlarmState, Operation, transitions
 from umo.alarms.collecting import DeclaredAlarm
@@ -58,6 +60,10 @@ class AlarmEngine:
         self._words = [""] * len(self.declared)
         """The words of the last change of each."""
         self._tables = [transitions(each.alarm.latch, each.alarm.acknowledge) for each in declared]
+        options = [(latch, acknowledge) for latch in (False, True) for acknowledge in (False, True)]
+        self._by_kind = [transitions(*each) for each in options]
+        """The tables by the kind of an alarm, which is the number of its options."""
+        self._kinds = np.array([2 * each.alarm.latch + each.alarm.acknowledge for each in declared], np.intp)
         count = len(self.declared)
         self._seen = np.zeros(count, np.uint8)
         """The results of the conditions that were taken note of."""
@@ -159,19 +165,39 @@ class AlarmEngine:
             state = table.get((state, each.operation), state)
         return (state, operation) in table
 
+    def able(self, rows: Sequence[int], operation: Operation) -> list[int]:
+        """Those of some alarms that accept an operation."""
+        chosen = np.asarray(rows, np.intp)
+        accepted = self._accepting(operation)[self._kinds[chosen], self.states[chosen]]
+        if not self._requests:
+            return chosen[accepted].tolist()  # type: ignore[no-any-return]
+        asked = zip(rows, accepted.tolist(), strict=True)
+        return [row for row, yes in asked if (self.accepts(row, operation) if row in self._requests else yes)]
+
+    def _accepting(self, operation: Operation) -> NDArray[np.bool_]:
+        """Whether each kind of alarm, by its number, accepts an operation in each state."""
+        return np.array([[(state, operation) in table for state in AlarmState] for table in self._by_kind], bool)
+
     def state_of(self, row: int) -> AlarmState:
         return AlarmState(int(self.states[row]))
 
-    def request(self, row: int, request: AlarmRequest) -> None:
-        """Carry it out at the next looks, in the order asked. Of those that put an alarm away, or bring it back, the
-        last one counts."""
-        waiting = self._requests.get(row, [])
-        if request.operation in PUTTING_AWAY:
-            waiting = [each for each in waiting if each.operation not in PUTTING_AWAY]
-        self._requests[row] = [*waiting, request]
+    def request(self, rows: Sequence[int], request: AlarmRequest) -> None:
+        """Carry it out with each of these alarms at the next looks, in the order asked. Of what puts an alarm away, or
+        brings it back, the last one counts."""
+        if not self._requests:
+            self._requests = {row: [request] for row in rows}
+            return
+        for row in rows:
+            waiting = self._requests.get(row)
+            if waiting is None:
+                self._requests[row] = [request]
+            else:
+                if request.operation in PUTTING_AWAY:
+                    waiting = [each for each in waiting if each.operation not in PUTTING_AWAY]
+                self._requests[row] = [*waiting, request]
 
     def _obey(self) -> None:
-        for row in list(self._requests)[:CHANGES_PER_PERIOD]:
+        for row in list(islice(self._requests, CHANGES_PER_PERIOD)):
             for each in self._requests.pop(row):
                 self._carry_out(row, each)
 

@@ -8,14 +8,14 @@ lets the driver be looked for before the next period; until then it is called as
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from time import monotonic_ns
 from typing import Any, NoReturn, Protocol
 
 from umo.cycle.clock import Clock
-from umo.cycle.events import Event, EventLimit, Events
+from umo.cycle.events import Event, EventLimit, Events, limited
 from umo.cycle.stand_ins import Away, NotCalled, Tried
 from umo.drivers.contract import Driver
 from umo.drivers.faults.wrapper import bare
@@ -24,7 +24,6 @@ from umo.presentation.durations import duration
 from umo.text import some
 from umo.user_code import attempt
 
-log = logging.getLogger("umo")
 FIRST_INTERVAL = 0.05
 """Time in s until a driver is looked for again, after the first look or try that was in vain."""
 MAX_INTERVAL = 5.0
@@ -75,7 +74,7 @@ class Absence:
         """Whether it was found, and no call has succeeded yet."""
         self.initialized = False
         """Whether it was initialised since."""
-        self.defaulted: list[str] = []
+        self.defaulted: dict[str, None] = {}
         """The actuators that this has brought to their defaults, where they stay."""
         self.answered = False
         """Whether an initialisation has succeeded for some of its objects at least: it is there."""
@@ -224,8 +223,8 @@ class Absences:
             loses = self._stays_at_default(slot)
             if (failure := self._initialize(slot)) is not None:
                 return failure.cause
-            if loses and loses not in absence.defaulted:
-                absence.defaulted.append(loses)
+            if loses:
+                absence.defaulted[loses] = None
             if not absence.answered:  # once: what fails each time is tried at growing intervals
                 absence.answered, absence.interval = True, FIRST_INTERVAL
         if absence.name in self._watchdogs:
@@ -242,27 +241,34 @@ class Absences:
         if not self._absent:
             self._clock.on_tick = self._on_tick
         if absence.told:
-            again = f", initialised again{_at_defaults(absence.defaulted)}" if absence.initialized else ""
-            self._tell(absence, f"is back after {duration(round(self._clock.now - absence.began, 6))}{again}")
+            self._events.add(partial(_back_event, absence, self._clock.now), logged=True)
 
     def _tell_away(self, absence: Absence) -> None:
         """Once, when it has lasted; a few times a minute."""
         if not absence.judged and self._clock.now - absence.began >= LONG_ABSENCE - ROUNDING:
             absence.judged = True
             limit = self._limits.setdefault(absence.name, EventLimit())
-            if text := limit.passed(self._clock.now, f"is away: {absence.cause}"):
+            if (left_out := limit.admit(self._clock.now)) is not None:
                 absence.told = True
-                self._tell(absence, text)
-
-    def _tell(self, absence: Absence, text: str) -> None:
-        self._events.add(Event(self._clock.now, f"driver {absence.name}", text))
-        log.warning("driver %s %s", absence.name, text)
+                self._events.add(partial(_away_event, absence, self._clock.now, left_out), logged=True)
 
 
 def _answer(driver: Driver[Any]) -> bool | None:
     """What its look says, as one of the three that it may be."""
     found = driver.look()
     return None if found is None else bool(found)
+
+
+def _away_event(absence: Absence, now: float, left_out: int) -> Event:
+    """An absence has lasted."""
+    return limited(now, f"driver {absence.name}", f"is away: {absence.cause}", left_out)
+
+
+def _back_event(absence: Absence, now: float) -> Event:
+    """A driver has ended its absence."""
+    again = f", initialised again{_at_defaults(list(absence.defaulted))}" if absence.initialized else ""
+    text = f"is back after {duration(round(now - absence.began, 6))}{again}"
+    return Event(now, f"driver {absence.name}", text)
 
 
 def _at_defaults(paths: Sequence[str]) -> str:

@@ -24,6 +24,7 @@ from umo.drivers.timerfd import WhileWaiting
 from umo.errors import text_of
 from umo.objects import Atomic, Compound
 from umo.objects.atomic import Calibration
+from umo.system.streams import log_without_waiting
 from umo.wiring.wired import Wire, Wired
 
 log = logging.getLogger("umo")
@@ -94,7 +95,7 @@ class CacheWarming:
 
 
 def _give_up(error: Exception) -> None:
-    log.warning("caches are not warmed: %s", text_of(error))
+    log_without_waiting(log, f"caches are not warmed: {text_of(error)}")
 
 
 def _good_raw(wire: Wire) -> int:

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import inf
-from typing import Any, cast
+from typing import Any
 
 from umo.cycle.client_commands import DEAD_MAN_REASON, DEAD_MAN_TIME, ClientCommand
-from umo.cycle.events import EVENT_TEXT_BYTES, CommandState, Event
+from umo.cycle.events import EVENT_TEXT_BYTES, LET_GO, CommandState, Event, around
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.sequences import Sequences, Task
 from umo.errors import CommandRefused, EquipmentFault, PathError
-from umo.objects import Action, Atomic, Compound, find
+from umo.objects import Action, Atomic, Compound
 from umo.objects.paths import is_within
+from umo.text import some
 from umo.user_code import Raised, as_json, attempt
 
 MAX_ACTIONS = 32
@@ -58,7 +59,10 @@ class _Held:
     lasts: float
     signed: float
     """The time of the last sign of life for it, in s on the clock of the clients."""
-    release: Callable[[], object]
+    part: Atomic | Compound
+    """The object whose action it is, or the actuator."""
+    release: Callable[[], object] | None = None
+    """Of an action: the method that ends it."""
     slot: int = -1
     """The actuator; -1 for an action."""
     is_running: bool = False
@@ -74,6 +78,8 @@ class ClientActions:
         """The sequences of the action that is being carried out at this moment: what it starts belongs here."""
         self._running: list[_Action] = []
         self._held: dict[str, _Held] = {}
+        self._held_actions: set[str] = set()
+        """The paths of the actions among what is held."""
 
     @property
     def any(self) -> bool:
@@ -93,9 +99,9 @@ class ClientActions:
         """Call an action; the answer. One with a release is held; `signed`: the last sign of life for it."""
         if len(self._running) >= MAX_ACTIONS:
             raise CommandRefused(f"{MAX_ACTIONS} actions are running already")
-        begun, path = self._new(command), action.path
+        begun, path = self._new(command, action.part), action.path
         if action.release is not None:
-            self.hold(command, DEAD_MAN_TIME, signed, action.release)
+            self.hold(command, DEAD_MAN_TIME, signed, action.part, release=action.release)
         self._running.append(begun)
         try:
             result = self._call(begun, partial(action.call, **arguments))
@@ -112,19 +118,23 @@ class ClientActions:
         return (CommandState.BEGUN, "") if begun.task is not None else (CommandState.DONE, plain(result))
 
     def hold(
-        self, command: ClientCommand, lasts: float, signed: float, release: Callable[[], object], slot: int = -1
+        self,
+        command: ClientCommand,
+        lasts: float,
+        signed: float,
+        part: Atomic | Compound,
+        *,
+        release: Callable[[], object] | None = None,
+        slot: int = -1,
     ) -> None:
-        """Put what is at the path of the command under dead-man control: `release` ends it `lasts` s after the last
-        sign of life."""
-        self._held[command.path] = _Held(command, lasts, signed, release, slot)
+        """Put what is at the path of the command under dead-man control: it ends `lasts` s after the last sign of life.
+        `part`: the object whose action it is, with the method that ends it; or the actuator, with its slot."""
+        self._held[command.path] = _Held(command, lasts, signed, part, release, slot)
+        if slot < 0:
+            self._held_actions.add(command.path)
 
-    def _new(self, command: ClientCommand) -> _Action:
-        return _Action(command, self._part_of(command.path), Sequences(self._machine.equipment.contain_sequence))
-
-    def _part_of(self, path: str) -> Atomic | Compound:
-        """The object whose action this is, or that has this actuator."""
-        action = self._machine.actions.get(path)
-        return object_at(self._machine.root, path.rpartition(".")[0]) if action is None else action.part
+    def _new(self, command: ClientCommand, part: Atomic | Compound) -> _Action:
+        return _Action(command, part, Sequences(self._machine.equipment.contain_sequence))
 
     def _call(self, action: _Action, call: Callable[[], Any]) -> Any:
         """Its result; the sequence that this is, and those that it starts, belong to the action. EquipmentFault if a
@@ -151,13 +161,23 @@ class ClientActions:
     def end_unsigned(self, signed: Mapping[str, float], now: float) -> None:
         """End what is held without a sign of life. `signed`: the times of the last ones by path, until now."""
         commands = self._machine.commands
-        for path, held in list(self._held.items()):
+        lapsed: list[str] = []
+        reset: dict[str, list[_Held]] = {}
+        for path, held in self._held.items():
             if held.signed < signed[path] <= now:
                 held.signed = signed[path]
             if held.slot >= 0 and not commands.client_of(held.slot):  # an interlock has reset it
-                del self._held[path]
-                self.tell(held.command, CommandState.CANCELLED, commands.inhibited(held.slot) or "it was reset")
+                reset.setdefault(commands.inhibited(held.slot) or "it was reset", []).append(held)
             elif now - held.signed > held.lasts:
+                lapsed.append(path)
+        for why, each in reset.items():
+            for held in each:
+                del self._held[held.command.path]
+            self._tell_ended(each, why)
+        if len(lapsed) == len(self._held):
+            self._release_each(lapsed, DEAD_MAN_REASON)
+        else:  # told one by one: a replay is to know which
+            for path in lapsed:
                 self.release(path, DEAD_MAN_REASON)
 
     def advance(self) -> None:
@@ -212,7 +232,7 @@ class ClientActions:
 
     def cancel_or_release(self, why: str, path: str) -> None:
         """Cancel the action at this path, "": all, and release those that are held. PathError if there is none."""
-        held = [held for held, each in self._held.items() if each.slot < 0]
+        held = [each for each in self._held if each in self._held_actions]
         if path not in ("", *held, *(each.command.path for each in self._running)):
             raise PathError(f"no action {path} is running")
         self.cancel(why, path)
@@ -223,8 +243,7 @@ class ClientActions:
     def drop(self, why: str) -> None:
         """End everything."""
         self.cancel(why)
-        for path in self.held:
-            self.release(path, why)
+        self._release_each(self.held, why)
 
     def end_in(self, compound: Compound, fault: Callable[[], EquipmentFault]) -> list[BaseException]:
         """End the actions of one compound, and the sequences of it that others have started; the errors of their
@@ -236,8 +255,8 @@ class ClientActions:
                 self._end(each, str(fault()))
             else:
                 errors += each.started.end_in(compound, fault)
-        for path, held in list(self._held.items()):
-            if held.slot < 0 and is_within(self._part_of(path), compound):
+        for path in [each for each in self._held if each in self._held_actions] if self._held_actions else ():
+            if path in self._held and is_within(self._held[path].part, compound):
                 self.release(path, "" if path in running else str(fault()))
         return errors
 
@@ -261,20 +280,30 @@ class ClientActions:
     def release(self, path: str, why: str) -> None:
         """End what is held, if it is. A release starts nothing; if it fails, the actuators of its part go to their
         defaults."""
-        held = self._held.pop(path, None)
-        if held is None:
-            return
-        self.cancel(why, path)
-        begun = self._new(held.command)
+        self._release_each([path], why)
+
+    def _release_each(self, paths: Iterable[str], why: str) -> None:
+        """The same of several, for one reason."""
+        found = [held for path in paths if (held := self._held.pop(path, None)) is not None]
+        self._machine.commands.release_from_client([held.slot for held in found if held.slot >= 0])
+        for held in found:
+            if held.slot < 0 and (failed := self._release_action(held, why)) is not None:
+                self.note(f"{held.command.path} could not be released: {failed}")
+                attempt(held.part.reset)
+        if why:
+            self._tell_ended([held for held in found if not held.is_running], why)
+
+    def _release_action(self, held: _Held, why: str) -> object:
+        """Why that failed; None: it did not."""
+        self._held_actions.discard(held.command.path)
+        self.cancel(why, held.command.path)
+        begun = self._new(held.command, held.part)
+        assert held.release is not None
         failed: object = attempt(self._call, begun, held.release)[1]
         if not begun.is_over:
             attempt(self.within, begun.started, begun.cancel)
             failed = "a release starts no sequence"
-        if failed is not None:
-            self.note(f"{path} could not be released: {failed}")
-            attempt(begun.part.reset)
-        if why and not held.is_running:
-            self.tell(held.command, CommandState.CANCELLED, why)
+        return failed
 
     # What is told --------------------------------------------------------------------------------------
 
@@ -283,14 +312,22 @@ class ClientActions:
         now = self._machine.clock.now
         self._machine.events.add(Event(now, command.path, text, command.who, command.number, state, asked=str(command)))
 
+    def _tell_ended(self, ended: Sequence[_Held], why: str) -> None:
+        """What was held has ended for one reason: the end of one as that of its command, of several together."""
+        if len(ended) == 1:
+            self.tell(ended[0].command, CommandState.CANCELLED, why)
+        elif ended:
+            paths, who = [held.command.path for held in ended], ended[0].command.who
+            self._machine.events.add(partial(_several_ended, self._machine.clock.now, who, why, paths))
+
     def note(self, text: str) -> None:
         """What the machine itself says."""
         self._machine.events.add(Event(self._machine.clock.now, "", text))
 
 
-def object_at(root: Compound, path: str) -> Atomic | Compound:
-    """The object at a path; "": the machine."""
-    return cast("Atomic | Compound", find(root, path)) if path else root
+def _several_ended(now: float, who: str, why: str, paths: Sequence[str]) -> Event:
+    text = f"{why}: {len(paths):,} released: {some(paths)}"
+    return Event(now, around(paths), text, who, state=CommandState.CANCELLED, asked=LET_GO)
 
 
 def plain(result: Any) -> str:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from umo.cycle.client_commands import ClientCommand
 from umo.errors import CommandRefused, PathError, RangeError
 from umo.presentation.durations import duration
-from umo.text import did_you_mean, some
-from umo.wiring.patterns import chosen
+from umo.text import some
+from umo.wiring.patterns import is_below
 
 if TYPE_CHECKING:
     from umo.alarms import AlarmEngine
@@ -39,20 +39,19 @@ def operate(alarms: AlarmEngine | None, command: ClientCommand) -> str:
     seconds = _shelf(command.value) if operation is Operation.SHELVE else 0.0
     words = f"for {duration(seconds)}" if seconds else ""
     rows = named(alarms.paths, command.path)
-    able = [row for row in rows if alarms.accepts(row, operation)]
+    able = alarms.able(rows, operation)
     if not able and command.path in alarms.paths:
         raise CommandRefused(f"{command.path} is {alarms.state_of(rows[0])}: it cannot be {done}")
-    for row in able:
-        alarms.request(row, AlarmRequest(operation, command.who, seconds, words))
+    alarms.request(able, AlarmRequest(operation, command.who, seconds, words))
     return f"{done}: {some([alarms.paths[row] for row in able])}" if able else f"no alarm there can be {done}"
 
 
 def named(paths: list[str], path: str) -> list[int]:
     """The numbers of the alarms that a path or pattern names."""
-    try:
-        return chosen(paths, [path] if path else [], "")
-    except PathError:
-        raise PathError(f"no alarm {path!r}{did_you_mean(path, paths)}") from None
+    found = [row for row, each in enumerate(paths) if is_below(path, each)] if path else range(len(paths))
+    if not found:
+        raise PathError(f"no alarm {path!r}")
+    return list(found)
 
 
 def _shelf(value: Any) -> float:

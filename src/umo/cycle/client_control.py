@@ -18,7 +18,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, cast
 
-from umo.cycle.client_actions import ClientActions, object_at, plain
+from umo.cycle.client_actions import ClientActions, plain
 from umo.cycle.client_alarms import ALARM_COMMANDS, operate
 from umo.cycle.client_commands import DEAD_MAN_REASON, DEAD_MAN_TIME, ClientCommand, Inbox, Lease, Levels, Mode
 from umo.cycle.columns import Source
@@ -27,15 +27,17 @@ from umo.cycle.machine import ConnectedMachine
 from umo.cycle.sequences import Sequences
 from umo.cycle.suspension import Suspension
 from umo.errors import CommandRefused, DriverError, EquipmentFault, PathError, StateError, TaskFailed, UmoError
-from umo.objects import Actuator, Atomic, Binary, Compound, Digital, Range, atoms
+from umo.objects import Actuator, Atomic, Binary, Compound, Digital, Range, atoms, walk
 from umo.presentation.digits import setting_text
-from umo.text import did_you_mean
+from umo.text import did_you_mean, some, without_search
 from umo.user_code import attempt
 
 log = logging.getLogger("umo")
 
 COMMANDS_PER_PERIOD = 4
 """Number of commands that are carried out in one period at most."""
+OF_MANY = frozenset(("give back", "mode", "acknowledge", "clear", "cancel", *ALARM_COMMANDS))
+"""The commands that may concern the whole machine: one of these is carried out in a period."""
 
 
 class ClientControl:
@@ -58,10 +60,17 @@ class ClientControl:
         """The client that has asked for a stop."""
         self._stopping = False
         self.lease = Lease()
+        self._objects: dict[str, Atomic | Compound] = {
+            node._path: node for node in (machine.root, *walk(machine.root)) if isinstance(node, Atomic | Compound)
+        }
+        """By path; "": the machine."""
         self._actuators = {item.path: item for item in atoms(machine.root) if isinstance(item, Actuator)}
         self._actions = ClientActions(machine)
+        machine.actuators_of(machine.root)  # it is known from now on: in a period it would take long
         self._active = False
         self._suspension = Suspension(machine)
+        self._next: ClientCommand | None = None
+        """A command that has come in and is carried out in the next period."""
         self._changing: ClientCommand | None = None
         """The change to automatic mode that has begun: `on_resume` runs."""
         self.mode = mode
@@ -84,13 +93,24 @@ class ClientControl:
             self.look_for_stop()
         if self._active:
             self._look_for_life()
-        for _ in range(COMMANDS_PER_PERIOD):
-            command = self.inbox.get()
-            if command is None:
-                break
-            self._answer(command)
+        command, self._next = self._next or self.inbox.get(), None
+        if command is not None:
+            self._take(command)
         if self._active:
             self._go_on()
+
+    def _take(self, command: ClientCommand | None) -> None:
+        """Carry out a command and those that have come in after it, as far as one period has room for them."""
+        room, has_many = COMMANDS_PER_PERIOD, False
+        while command is not None and room:
+            is_of_many = command.do in OF_MANY or command.over
+            if is_of_many and has_many:
+                self._next = command
+                return
+            has_many = has_many or is_of_many
+            self._answer(command)
+            room -= 1
+            command = self.inbox.get() if room else None
 
     def look_for_stop(self) -> None:
         """The run ends as after a signal if somebody asks for it. It needs no lease."""
@@ -123,7 +143,8 @@ class ClientControl:
     # Commands ------------------------------------------------------------------------------------------
 
     def _answer(self, command: ClientCommand) -> None:
-        answer, error = attempt(self._obey, command)
+        with without_search():  # whoever asked does that
+            answer, error = attempt(self._obey, command)
         if error is not None:
             refused = issubclass(error.kind, UmoError) and not issubclass(error.kind, DriverError)
             answer = CommandState.REFUSED if refused else CommandState.FAILED, str(error)
@@ -135,7 +156,7 @@ class ClientControl:
         if command.refused:
             raise CommandRefused(command.refused)
         if command.do not in COMMANDS:
-            raise CommandRefused(f"there is no command {command.do!r}{did_you_mean(command.do, COMMANDS)}")
+            raise CommandRefused(f"there is no command {command.do!r}")
         return COMMANDS[command.do](self, command)
 
     def _take_lease(self, command: ClientCommand) -> tuple[CommandState, str]:
@@ -202,7 +223,7 @@ class ClientControl:
         slot, commands = item._slot, self._machine.commands
         if not commands.take_for_client(slot, command.who):
             raise CommandRefused(f"{item.path} is inhibited: {commands.inhibited(slot)}")
-        self._actions.hold(command, lasts, signed, lambda: commands.release_from_client(slot), slot)
+        self._actions.hold(command, lasts, signed, item, slot=slot)
         try:
             if not self._machine.image.command(slot, value, Source.CLIENT):
                 raise CommandRefused(f"{item.path} is inhibited: {commands.inhibited(slot)}")
@@ -240,10 +261,11 @@ class ClientControl:
         """The latched interlocks of an object, "": of the machine; said if there was none. CommandRefused while the
         condition of one still holds."""
         self.lease.check(command.key)
-        parts, commands = self._items(command.path), self._machine.commands
-        before = commands.inhibiting(parts, latched=True)
-        self._object(command.path).acknowledge()
-        if left := commands.inhibiting(parts, latched=True):
+        part, commands = self._object(command.path), self._machine.commands
+        slots = self._machine.actuators_of(part)
+        before = commands.inhibiting(slots, latched=True)
+        part.acknowledge()
+        if left := commands.inhibiting(slots, latched=True):
             raise CommandRefused(f"{command.path or 'the machine'} is still inhibited: {'; '.join(left)}")
         return CommandState.DONE, "" if before else plain("nothing was latched")
 
@@ -252,9 +274,10 @@ class ClientControl:
         still inhibit their actuators."""
         self.lease.check(command.key)
         cleared = self._machine.clear(self._object(command.path))
-        text = f"cleared: {', '.join(cleared)}" if cleared else "nothing was in fault"
-        parts = [item for path in cleared or [command.path] for item in self._items(path)]
-        if left := self._machine.commands.inhibiting(parts):
+        text = f"cleared: {some(cleared)}" if cleared else "nothing was in fault"
+        parts = [self._object(path) for path in cleared or [command.path]]
+        slots = frozenset().union(*map(self._machine.actuators_of, parts))
+        if left := self._machine.commands.inhibiting(slots):
             text += f"; still inhibited: {'; '.join(left)}"
         return CommandState.DONE, plain(text)
 
@@ -264,11 +287,8 @@ class ClientControl:
         return CommandState.DONE, plain(operate(self._machine.alarms, command))
 
     def _object(self, path: str) -> Atomic | Compound:
-        return object_at(self._machine.root, path)
-
-    def _items(self, path: str) -> list[Atomic]:
-        item = self._object(path)
-        return list(atoms(item)) if isinstance(item, Compound) else [item]
+        found: Atomic | Compound = _known(self._objects, path, "object", f" in {type(self._machine.root).__name__}")
+        return found
 
     # Modes and ends ------------------------------------------------------------------------------------
 
@@ -337,9 +357,10 @@ COMMANDS: Mapping[str, Callable[[ClientControl, ClientCommand], tuple[CommandSta
 """The commands of clients, by name."""
 
 
-def _known(table: Mapping[str, Any], path: str, what: str) -> Any:
+def _known(table: Mapping[str, Any], path: str, what: str, where: str = "") -> Any:
+    """What has this path in a table; PathError if nothing has. Whoever asked looks for the nearest one."""
     if path not in table:
-        raise PathError(f"no {what} {path!r}{did_you_mean(path, table)}")
+        raise PathError(f"no {what} {path!r}{where}")
     return table[path]
 
 

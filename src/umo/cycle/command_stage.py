@@ -8,16 +8,17 @@ here; the column belongs to the command stage. All other writes go straight into
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from math import inf
+from typing import Any
 
 import numpy as np
 
 from umo.cycle.columns import ASKED, TAKEN_BY_CLIENT, Source
-from umo.cycle.events import Event, Events
+from umo.cycle.events import Event, Paths, of_several
 from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition, inhibitions_of, latched, unevaluated
 from umo.cycle.journal import Kind
@@ -27,7 +28,8 @@ from umo.objects import Actuator, Atomic, Compound, atoms
 from umo.objects.scaling import FloatArray
 from umo.objects.stop_order import stop_sequence
 
-log = logging.getLogger("umo")
+ONE_BY_ONE = 64
+"""Number of actuators from which on the column `restrictions` is set as a whole."""
 A_TICK = 1e-9
 """Tolerance in s of a sum of periods (rounding)."""
 
@@ -98,13 +100,19 @@ class CommandStage:
 
     def __init__(self, root: Compound, image: Image) -> None:
         self._image = image
-        self.events = Events()
+        self.events = image.events
         self.order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         """The actuators in stop order."""
+        self.place = {slot: number for number, slot in enumerate(self.order)}
+        """The place of each in this order."""
         self.inhibitions = inhibitions_of(root, image.slot_of, self.order)
         """The interlocks, as declared."""
+        self._interlocks_of = _by_slot(self.inhibitions)
         self._faults: list[Inhibition] = []
         """The inhibitions by faults of equipment: no condition is asked for these."""
+        self._faults_of = _by_slot(self._faults)
+        self._of_equipment: dict[int, Command] = {}
+        """The actuators of equipment: made beforehand, for its first fault."""
         found = (self._command(item) for item in atoms(root) if isinstance(item, Actuator))
         self.by_slot = {command.slot: command for command in found if command.interlocks or command.expires < inf}
         """The guarded actuators, as declared, and those that were taken by a client or inhibited by a fault since."""
@@ -128,7 +136,7 @@ class CommandStage:
 
     def _command(self, item: Actuator) -> Command:
         slot, default = self._image.slot_of[id(item)], item._default_value()
-        interlocks, faults = _naming(slot, self.inhibitions), _naming(slot, self._faults)
+        interlocks, faults = self._interlocks_of.get(slot, []), self._faults_of.get(slot, [])
         return Command(slot, item.path, default, item.synchronous, item.expires or inf, interlocks, faults)
 
     # From the source -----------------------------------------------------------------------------------
@@ -171,49 +179,50 @@ class CommandStage:
         if command.interlocked is not None:
             return False
         command.client = who
-        if slot not in self._taken_by_clients:
-            self._taken_by_clients.add(slot)
-            self._restrict()
+        self._taken_by_clients.add(slot)
+        self._restrict_one(command)
         return True
 
-    def release_from_client(self, slot: int) -> None:
-        """The program may write the actuator again. Its default is sent, within its rate."""
-        command = self.by_slot[slot]
-        command.client, command.written = "", None
-        self._taken_by_clients.discard(slot)
-        self._restrict()
-        self._image.set_default(slot)
-        if not command.synchronous:
-            self._image.try_send(slot)
+    def release_from_client(self, slots: Sequence[int]) -> None:
+        """The program may write these actuators again. Their defaults are sent, within their rates."""
+        for slot in slots:
+            self.by_slot[slot].client = ""
+        self._taken_by_clients.difference_update(slots)
+        self._restrict(slots)
+        self._image.bring_to_rest(slots)
 
     def _known(self, slot: int) -> Command:
         """The command of an actuator, also of one without a guard."""
         command = self.by_slot.get(slot)
         if command is None:
-            command = self.by_slot[slot] = self._command(self._image.items[slot])  # type: ignore[arg-type]
+            command = self._of_equipment.get(slot) or self._command(self._image.items[slot])  # type: ignore[arg-type]
+            self.by_slot[slot] = command
         return command
 
     # Faults of equipment -------------------------------------------------------------------------------
 
     def know(self, faults: Sequence[Inhibition]) -> None:
         """The inhibitions that `inhibit` and `free` will be given; before the first period."""
-        self._faults = list(faults)
+        self._faults, self._faults_of = list(faults), _by_slot(faults)
         for command in self.by_slot.values():
-            command.faults = _naming(command.slot, faults)
+            command.faults = self._faults_of.get(command.slot, [])
+        items: Any = self._image.items
+        self._of_equipment = {slot: self._command(items[slot]) for slot in self._faults_of if slot not in self.by_slot}
         self._numbers = {reason: number for number, reason in enumerate(self.reasons, 1)}
         self._restrict()
 
     def inhibit(self, faults: Sequence[Inhibition]) -> dict[int, Failure]:
         """Bring their actuators to their defaults, in stop order, and keep them there; those that failed, by slot."""
-        slots = {slot for fault in faults for slot in fault.slots}
+        named = {slot for fault in faults for slot in fault.slots}
+        slots = sorted(named, key=self.place.__getitem__)
         for fault in faults:
             fault.held, fault.reason = True, fault.interlock.reason
         for slot in slots:
             self._known(slot).client = ""
-            self._image.transfer.note(slot, Kind.INTERLOCKED)
-        self._taken_by_clients -= slots
-        self._restrict()
-        found = self._image.reset_each([slot for slot in self.order if slot in slots])
+        self._image.transfer.note_each(slots, Kind.INTERLOCKED)
+        self._taken_by_clients -= named
+        self._restrict(slots)
+        found = self._image.reset_each(slots)
         return {slot: failure for slot, failure in found if failure is not None}
 
     def free(self, faults: Sequence[Inhibition]) -> None:
@@ -221,11 +230,15 @@ class CommandStage:
         fault is told now."""
         for fault in faults:
             fault.held, fault.reason = False, None
-        self._restrict()
+        self._restrict([slot for fault in faults for slot in fault.slots])
+        begun: dict[Inhibition, list[int]] = {}
         for slot, each in [key for key in self._untold if not self.by_slot[key[0]].in_fault]:
             del self._untold[slot, each]
             if each.reason is not None:
-                self._tell_inhibited(slot, each)
+                begun.setdefault(each, []).append(slot)
+        for each, slots in begun.items():
+            self._image.transfer.note_each(slots, Kind.INTERLOCKED)
+            self._tell_inhibited(slots, each)
 
     # ---------------------------------------------------------------------------------------------------
 
@@ -233,23 +246,30 @@ class CommandStage:
         command = self.by_slot.get(slot)
         return None if command is None else command.reason
 
-    def acknowledge(self, slots: Iterable[int]) -> bool:
-        """Acknowledge latched interlocks whose conditions are false. True if no actuator is inhibited."""
-        commands = [self.by_slot[slot] for slot in slots if slot in self.by_slot]
-        for command in commands:
-            for each in command.interlocks:
-                each.acknowledge()
+    def acknowledge(self, slots: frozenset[int]) -> bool:
+        """Acknowledge latched interlocks of these actuators whose conditions are false. True if none of them is
+        inhibited."""
+        for each in self._inhibiting_some(slots, self.inhibitions):
+            each.acknowledge()
         self._restrict()
-        return all(command.interlocked is None for command in commands)
+        return not self._inhibiting_some(slots, [*self.inhibitions, *self._faults])
 
-    def inhibiting(self, items: Iterable[Atomic], *, latched: bool = False) -> list[str]:
+    def inhibiting(self, slots: frozenset[int], *, latched: bool = False) -> list[str]:
         """The reasons of the interlocks that inhibit one of these, each once; `latched`: of those that latch."""
-        slots = {self._image.slot_of[id(item)] for item in items}
-        asked = (each for each in self.inhibitions if each.interlock.latched or not latched)
-        return list(dict.fromkeys(each.reason for each in asked if each.reason and not slots.isdisjoint(each.slots)))
+        found = self._inhibiting_some(slots, self.inhibitions)
+        asked = (each for each in found if each.interlock.latched or not latched)
+        return list(dict.fromkeys(each.reason for each in asked if each.reason))
 
-    def _restrict(self) -> None:
-        """Set the column `restrictions`."""
+    def _inhibiting_some(self, slots: frozenset[int], among: Iterable[Inhibition]) -> list[Inhibition]:
+        """Those that inhibit one of these actuators now."""
+        return [each for each in among if each.reason is not None and not slots.isdisjoint(each.slots)]
+
+    def _restrict(self, slots: Sequence[int] | None = None) -> None:
+        """Set the column `restrictions` of these actuators; None: of all."""
+        if slots is not None and len(slots) < ONE_BY_ONE:
+            for slot in slots:
+                self._restrict_one(self._known(slot))
+            return
         found = self._unrestricted.copy()
         if self.noted is not None:
             found[self.order] = ASKED
@@ -258,6 +278,18 @@ class CommandStage:
                 found[each.slots] = self._numbers.get(each.brief, len(self._numbers))
         found[[*self._taken_by_clients]] = TAKEN_BY_CLIENT
         self._image.columns.restrictions[:] = found
+
+    def _restrict_one(self, command: Command) -> None:
+        """The same of one actuator."""
+        slot, both = command.slot, chain(command.faults, command.interlocks)
+        each = next((each for each in both if each.reason is not None), None)
+        if slot in self._taken_by_clients:
+            found = TAKEN_BY_CLIENT
+        elif each is not None:
+            found = self._numbers.get(each.brief, len(self._numbers))
+        else:
+            found = int(self._unrestricted[slot]) if self.noted is None else ASKED
+        self._image.restrictions[slot] = found
 
     def note_writes(self, yes: bool) -> None:
         """Note in `noted` which actuators are written, by whomever; or no longer."""
@@ -304,47 +336,68 @@ class CommandStage:
                 self._inhibiting = inhibiting
                 self._taken_by_clients.difference_update(*(each.slots for each in begun))
                 self._restrict()
+        inhibited: list[int] = []
+        any_fault = bool(begun) and any(fault.held for fault in self._faults)
         for each in begun:
             for slot in each.slots:
                 self.by_slot[slot].client = ""  # it does not start again by itself
-                if self.by_slot[slot].in_fault:
-                    self._untold[slot, each] = None
-                else:
-                    self._tell_inhibited(slot, each)
+            in_fault = [slot for slot in each.slots if self.by_slot[slot].in_fault] if any_fault else ()
+            self._untold |= {(slot, each): None for slot in in_fault}
+            if slots := [slot for slot in each.slots if slot not in in_fault] if in_fault else each.slots:
+                inhibited += slots
+                self._tell_inhibited(slots, each)
+        self._image.transfer.note_each(inhibited, Kind.INTERLOCKED)
         return {slot for each in begun for slot in each.slots}
 
-    def _tell_inhibited(self, slot: int, each: Inhibition) -> None:
+    def _tell_inhibited(self, slots: Sequence[int], each: Inhibition) -> None:
+        """One interlock inhibits these."""
         waits = each.interlock.latched and each.held  # its reason says so itself once its condition is false
         what = "inhibited until acknowledged" if waits else "inhibited"
-        self._happened(self.by_slot[slot], f"{what}: {each.reason}", Kind.INTERLOCKED)
+        event = partial(_inhibited, self._image.clock.now, self._image.items, slots, what, str(each.reason))
+        self.events.add(event, logged=True)
 
-    def _expired(self, due: set[int]) -> set[int]:
+    def _expired(self, due: Container[int]) -> set[int]:
         """The asynchronous ones to be reset now; the default of the others is sent with `update`."""
-        found = set()
-        now = self._image.clock.now
+        found: set[int] = set()
+        told: dict[float, list[int]] = {}
+        now, pending = self._image.clock.now, self._image.pending
         for command in self._expiring:
             slot = command.slot
             if slot not in due and command.has_expired(now):
                 command.written = None
-                if self._image.pending[slot] != command.default:  # where it is, nothing happens that is to be told
-                    text = f"command expired: not written for {command.expires:g} s, default sent"
-                    self._happened(command, text, Kind.EXPIRED)
+                if pending[slot] != command.default:  # where it is, nothing happens that is to be told
+                    told.setdefault(command.expires, []).append(slot)
                 if command.synchronous:
                     self._image.set_default(slot)
                 else:
                     found.add(slot)
+        for expires, slots in told.items():
+            self._image.transfer.note_each(slots, Kind.EXPIRED)
+            self.events.add(partial(_commands_expired, now, self._image.items, slots, expires), logged=True)
         return found
 
     def expire(self) -> None:
         """Before outputs are sent that have waited for the tick: the default in the place of an expired command."""
         self._expired({command.slot for command in self._expiring if not command.synchronous})
 
-    def _happened(self, command: Command, text: str, kind: Kind) -> None:
-        self.events.add(Event(self._image.clock.now, command.path, text))
-        self._image.transfer.note(command.slot, kind)
-        log.warning("%s %s", command.path, text)
+
+def _inhibited(now: float, items: Sequence[Atomic], slots: Sequence[int], what: str, reason: str) -> Event:
+    paths = Paths(items, slots)
+    return of_several(now, paths, f"{what}: {reason}", f"{reason}: {len(paths):,} actuators {what}")
 
 
-def _naming(slot: int, inhibitions: Iterable[Inhibition]) -> list[Inhibition]:
-    """Those that name the actuator of this slot."""
-    return [each for each in inhibitions if slot in each.slots]
+def _commands_expired(now: float, items: Sequence[Atomic], slots: Sequence[int], expires: float) -> Event:
+    paths = Paths(items, slots)
+    alone = f"command expired: not written for {expires:g} s, default sent"
+    return of_several(
+        now, paths, alone, f"{len(paths):,} commands expired: not written for {expires:g} s, defaults sent"
+    )
+
+
+def _by_slot(inhibitions: Iterable[Inhibition]) -> dict[int, list[Inhibition]]:
+    """Those that name each actuator, as declared."""
+    found: dict[int, list[Inhibition]] = {}
+    for each in inhibitions:
+        for slot in each.slots:
+            found.setdefault(slot, []).append(each)
+    return found

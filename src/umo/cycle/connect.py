@@ -240,7 +240,7 @@ class connect(Generic[C]):
         journal = transfer.journal = Journal(CAPACITY + len(self.image.items))
         self.before_first_sample()
         try:
-            self.image.begin(self.machine.events)
+            self.image.begin()
             self.machine.sample_all()
         finally:
             transfer.journal = None
@@ -341,6 +341,7 @@ class connect(Generic[C]):
 
     def _show_last(self) -> None:
         self.machine.finish_period()
+        self.machine.events.tell_all()
         while self.afterwards:
             self.afterwards.pop()()
 

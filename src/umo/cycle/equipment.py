@@ -7,12 +7,12 @@ goes on. What no declared equipment contains ends the run.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import cached_property
+from functools import partial
+from operator import attrgetter
 from typing import Any
 
 from umo.cycle.command_stage import CommandStage
@@ -28,7 +28,6 @@ from umo.objects.sensors import Sensor
 from umo.text import in_a_line, some
 from umo.user_code import is_interrupt
 
-log = logging.getLogger("umo")
 CLEANING_UP = "in its cleaning up: "
 """Words that begin the event of an error in what a fault has ended."""
 
@@ -40,10 +39,26 @@ class EquipmentState(IntEnum):
     FAULT = 1
 
 
+class Reason:
+    """The reason of a fault, put into words when it is called."""
+
+    __slots__ = ("_given", "_words")
+
+    def __init__(self, given: str | Callable[[], str]) -> None:
+        self._given, self._words = given, ""
+
+    def __call__(self) -> str:
+        if not self._words:
+            self._words = in_a_line(self._given if isinstance(self._given, str) else self._given())
+        return self._words
+
+
 @dataclass(eq=False)
 class Equipment:
     """One compound that is declared equipment."""
 
+    number: int
+    """Its place among all: the outer stand before the inner."""
     compound: Compound
     path: str
     slots: list[int]
@@ -52,16 +67,35 @@ class Equipment:
     """Whether it contains its failures in manual mode only."""
     inhibition: Inhibition | None
     """What keeps its actuators at their defaults during a fault; None: it has none."""
-    fault: str | None = None
-    """The reason of its fault; None: it is not in fault."""
+    in_fault: bool = False
+    reason: Callable[[], str] = str
+    """The reason of its fault, put into words when it is asked for; "" if it is not in fault."""
 
     def describe(self) -> dict[str, Any]:
         """As plain data."""
         return {"path": self.path, "states": [state.name.lower() for state in EquipmentState]}
 
+    @property
+    def fault(self) -> str | None:
+        """The reason of its fault; None: it is not in fault."""
+        return self.reason() if self.in_fault else None
+
+    def enter(self, reason: str | Callable[[], str]) -> None:
+        """It is in fault."""
+        self.in_fault, self.reason = True, Reason(reason)
+
+    def clear(self) -> None:
+        """It is not in fault any longer."""
+        self.in_fault, self.reason = False, str
+
     def error(self) -> EquipmentFault:
         """A new one each time: an error that is raised again keeps the frames of each time."""
-        return EquipmentFault(self.path, self.fault or "")
+        return EquipmentFault(self.path, self.reason())
+
+    def error_of_this_fault(self) -> Callable[[], EquipmentFault]:
+        """A function that gives the error of the fault as it is now, also when that is cleared."""
+        path, reason = self.path, self.reason
+        return lambda: EquipmentFault(path, reason())
 
 
 def equipment_in(root: Compound) -> list[Compound]:
@@ -84,13 +118,16 @@ class Containment:
     ) -> None:
         self._image, self._commands = image, commands
         self._is_manual, self._changed = is_manual, changed
-        self.all = [self._equipment(each) for each in equipment_in(root)]
+        self.all = [self._equipment(number, each) for number, each in enumerate(equipment_in(root))]
         self._by_id = {id(each.compound): each for each in self.all}
+        self._items: dict[str, Atomic] = {item.path: item for item in image.items} if self.all else {}
+        """The objects by path."""
         commands.know([each.inhibition for each in self.all if each.inhibition is not None])
 
-    def _equipment(self, compound: Compound) -> Equipment:
+    def _equipment(self, number: int, compound: Compound) -> Equipment:
         items = {self._image.slot_of[id(item)]: item for item in atoms(compound)}
-        actuators = [slot for slot in self._commands.order if slot in items]
+        place = self._commands.place
+        actuators = sorted((slot for slot in items if slot in place), key=place.__getitem__)
         sensors = [slot for slot, item in items.items() if not isinstance(item, Actuator)]
         path = compound._path
         inhibition = None
@@ -98,27 +135,23 @@ class Containment:
             interlock = Interlock(lambda: True, [compound], f"{path} is in fault")
             inhibition = Inhibition(interlock, actuators)
         in_manual_only = compound._settings.equipment == IN_MANUAL
-        return Equipment(compound, path, [*actuators, *sensors], in_manual_only, inhibition)
-
-    @cached_property
-    def _items(self) -> dict[str, Atomic]:
-        """The objects by path; made at the first failure."""
-        return {item.path: item for item in self._image.items}
+        return Equipment(number, compound, path, [*actuators, *sensors], in_manual_only, inhibition)
 
     # Whose failure it is -------------------------------------------------------------------------------
 
     def innermost(self, node: Node | None) -> Equipment | None:
         """The equipment that contains the failures of an object; None: the machine itself."""
-        for each in self._around(node):
-            if each.fault is not None or not each.in_manual_only or self._is_manual():
+        for each in self.around(node):
+            if each.in_fault or not each.in_manual_only or self._is_manual():
                 return each
         return None
 
     def fault_of(self, node: Node) -> EquipmentFault | None:
         """The error for what is to be done with an object of equipment in fault."""
-        return next((each.error() for each in self._around(node) if each.fault is not None), None)
+        return next((each.error() for each in self.around(node) if each.in_fault), None)
 
-    def _around(self, node: Node | None) -> Iterator[Equipment]:
+    def around(self, node: Node | None) -> Iterator[Equipment]:
+        """The equipment around an object, the innermost first."""
         while node is not None:
             if (found := self._by_id.get(id(node))) is not None:
                 yield found
@@ -134,18 +167,19 @@ class Containment:
             found = self.innermost(self._items[failure.path])
             (own if found is None else contained.setdefault(found, [])).append(failure)
         new = {equipment: each for equipment, each in contained.items() if not self.is_in_fault(equipment.compound)}
-        self.enter({equipment: str(DriverError(what, each)) for equipment, each in new.items()})
+        self.enter({equipment: partial(_text_of_failures, what, each) for equipment, each in new.items()})
         if own:
             raise DriverError(what, own)
 
-    def contain(self, part: Node, error: BaseException) -> bool:
-        """Put the equipment of an object in fault; False if there is none but the machine itself."""
+    def contain(self, part: Node, error: BaseException, text: str = "") -> bool:
+        """Put the equipment of an object in fault; False if there is none but the machine itself. `text`: that of the
+        error."""
         equipment = self.innermost(part)
         if equipment is None or is_interrupt(error):
             return False
         if self.is_in_fault(equipment.compound):
-            self._tell(equipment, f"{CLEANING_UP}{text_of(error)}")
-        self.enter({equipment: text_of(error)})
+            self._tell(equipment, f"{CLEANING_UP}{text or text_of(error)}")
+        self.enter({equipment: text or text_of(error)})
         return True
 
     def contain_sequence(self, task: Task, error: BaseException) -> bool:
@@ -157,31 +191,33 @@ class Containment:
         if any(equipment is None or is_within(each.part, equipment.compound) for each in awaiting):
             task.error = error
             return True
-        if not self.contain(task.part, error):
+        text = text_of(error)
+        if not self.contain(task.part, error, text):
             return False
-        task.fail(error)
+        task.fail(error, text)
         return True
 
-    def enter(self, reasons: Mapping[Equipment, str]) -> None:
+    def enter(self, reasons: Mapping[Equipment, str | Callable[[], str]]) -> None:
         """Put equipment in fault, unless it is. Its actuators are brought to their defaults first."""
         new = []
-        for equipment in self.all:
-            if equipment in reasons and not self.is_in_fault(equipment.compound):
-                equipment.fault = in_a_line(reasons[equipment])
+        for equipment in sorted(reasons, key=attrgetter("number")):  # the outer before the inner
+            if not self.is_in_fault(equipment.compound):
+                equipment.enter(reasons[equipment])
                 new.append(equipment)
         inhibitions = [each.inhibition for each in new if each.inhibition is not None]
         unreached = self._commands.inhibit(inhibitions) if inhibitions else {}
-        self._show()
         for equipment in new:
-            self._tell(equipment, f"{IN_FAULT}{equipment.fault}", FAULT)
-            if left := [unreached[slot] for slot in equipment.slots if slot in unreached]:
-                self._tell(equipment, in_a_line(str(DriverError("not brought to their defaults yet", left))))
+            self._image.columns.equipment[equipment.number] = EquipmentState.FAULT
+            now, path = self._image.clock.now, equipment.path
+            self._commands.events.add(partial(_fault_event, now, path, equipment.reason), logged=True)
+            if unreached and (left := [unreached[slot] for slot in equipment.slots if slot in unreached]):
+                self._commands.events.add(partial(_unreached_event, now, path, left), logged=True)
         if new:
             self._changed(new)
 
     def is_in_fault(self, node: Node) -> bool:
         """Whether equipment around an object is in fault."""
-        return any(each.fault is not None for each in self._around(node))
+        return any(each.in_fault for each in self.around(node))
 
     # And back ------------------------------------------------------------------------------------------
 
@@ -189,20 +225,20 @@ class Containment:
         """End the faults of the equipment in a part of the machine and around it; their paths. EquipmentFault, and none
         is cleared, if one of their sensors cannot be read; DriverError if an object cannot be initialised: then its
         equipment, and what is in that, stays in fault."""
-        found = [each for each in self.all if each.fault is not None and _concern(each.compound, part)]
+        found = [each for each in self.all if each.in_fault and _concern(each.compound, part)]
         self._read_slow([slot for equipment in found for slot in equipment.slots])
         for equipment in found:
             if unread := [self._image.items[slot].path for slot in equipment.slots if self._is_unread(slot)]:
                 why = f"it cannot be cleared while {some(unread)} cannot be read{self._absent(equipment)}"
                 raise EquipmentFault(equipment.path, why)
         failures = {each: failure for each in found if (failure := self._initialize(each)) is not None}
-        cleared = [each for each in found if not any(is_within(each.compound, bad.compound) for bad in failures)]
+        cleared = [each for each in found if not any(around in failures for around in self.around(each.compound))]
         for equipment in cleared:
-            equipment.fault = None
+            equipment.clear()
             self._image.failed.difference_update(equipment.slots)
         self._commands.free([each.inhibition for each in cleared if each.inhibition is not None])
-        self._show()
         for equipment in cleared:
+            self._image.columns.equipment[equipment.number] = EquipmentState.NORMAL
             self._tell(equipment, FAULT_CLEARED)
         if cleared:
             self._changed(cleared)
@@ -244,13 +280,20 @@ class Containment:
             and self._image.quality[slot] == Quality.BAD
         )
 
-    def _show(self) -> None:
-        states = [EquipmentState.NORMAL if each.fault is None else EquipmentState.FAULT for each in self.all]
-        self._image.columns.equipment[:] = states
+    def _tell(self, equipment: Equipment, text: str) -> None:
+        self._commands.events.add(Event(self._image.clock.now, equipment.path, text), logged=True)
 
-    def _tell(self, equipment: Equipment, text: str, asked: str = "") -> None:
-        self._commands.events.add(Event(self._image.clock.now, equipment.path, text, asked=asked))
-        log.warning("%s: %s", equipment.path, text)
+
+def _text_of_failures(what: str, failures: Sequence[Failure]) -> str:
+    return str(DriverError(what, failures))
+
+
+def _fault_event(now: float, path: str, reason: Callable[[], str]) -> Event:
+    return Event(now, path, f"{IN_FAULT}{reason()}", asked=FAULT)
+
+
+def _unreached_event(now: float, path: str, failures: Sequence[Failure]) -> Event:
+    return Event(now, path, in_a_line(_text_of_failures("not brought to their defaults yet", failures)))
 
 
 def _concern(compound: Compound, part: Node) -> bool:

@@ -1,15 +1,29 @@
-"""Events: what guards, clients and the machine itself did, one after another."""
+"""Events: what guards, clients and the machine itself did, one after another.
+
+Within a period they are noted as data. They are put into words, logged and shown to others when the outputs of the
+period have been sent (docs/decisions/0060).
+"""
 
 from __future__ import annotations
 
+import logging
 from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from enum import IntEnum
-from typing import NamedTuple
+from typing import NamedTuple, overload
 
+from umo.objects.node import Node
+from umo.system.streams import log_without_waiting
+from umo.text import some
+
+log = logging.getLogger("umo")
 KEPT_EVENTS = 1000
 """Number of the last events that are kept."""
 LIMIT_COUNT, LIMIT_TIME = 3, 60.0
 """Number of absences of one driver that are told within so many s, each with its end."""
+TOLD_PER_PERIOD = 20
+"""Number of the events and lines of the log that are told in a period at most, beside the answers to clients: the
+others follow in the next periods."""
 EVENT_TEXT_BYTES = 448
 """Length of an event's text that others see, bytes of UTF-8."""
 END = "end"
@@ -17,6 +31,9 @@ END = "end"
 stopped) or FAILED; it has no number of a command."""
 
 
+LET_GO = "let go"
+"""`Event.asked` of the end of what a client has written or called and held; of several that end for one reason, as that
+their lease ends, one event without a number of a command tells all."""
 FAULT = "fault"
 """`Event.asked` of the event that equipment, at its path, has come into fault."""
 IN_FAULT = "in fault: "
@@ -54,15 +71,19 @@ class EventLimit:
         self._times: deque[float] = deque(maxlen=LIMIT_COUNT)
         self._left_out = 0
 
-    def passed(self, now: float, text: str) -> str:
-        """The text to be told at this time in s, with the number of those that were left out before; "": it is left
-        out."""
+    def admit(self, now: float) -> int | None:
+        """The number of those that were left out before this one, at a time in s; None: this one is left out, too."""
         if len(self._times) == LIMIT_COUNT and now - self._times[0] < LIMIT_TIME:
             self._left_out += 1
-            return ""
+            return None
         self._times.append(now)
         left_out, self._left_out = self._left_out, 0
-        return f"{text} ({left_out} such events before were not told)" if left_out else text
+        return left_out
+
+
+def limited(time: float, path: str, text: str, left_out: int) -> Event:
+    """An event that an `EventLimit` has admitted, with the number of those that it has left out before."""
+    return Event(time, path, f"{text} ({left_out} such events before were not told)" if left_out else text)
 
 
 class Event(NamedTuple):
@@ -86,13 +107,160 @@ class Event(NamedTuple):
         return self.asked == END and not self.command
 
 
-class Events(deque[Event]):
-    """The last events; `number` counts all."""
+class Note(NamedTuple):
+    """What has happened, not told yet."""
+
+    event: Event | Callable[[], Event | str]
+    """The event; or a function that puts it into words, or a line that is only logged."""
+    logged: bool
+    is_answer: bool
+
+
+class Events(Sequence[Event]):
+    """The last events. Whoever reads them in this process finds those too that were only noted so far; they are logged
+    and shown to others later, by `tell`."""
 
     def __init__(self) -> None:
-        super().__init__(maxlen=KEPT_EVENTS)
-        self.number = 0
+        self._kept: deque[Event] = deque(maxlen=KEPT_EVENTS)
+        self.untold = False
+        """Whether anything is to be told; looked at when the outputs of a period have been sent."""
+        self._noted: deque[Note] = deque(maxlen=KEPT_EVENTS)
+        self._lines: deque[str] = deque(maxlen=KEPT_EVENTS)
+        """What is to be logged and was put into words already."""
+        self.told = 0
+        """Number of events in words so far."""
 
-    def add(self, event: Event) -> None:
-        self.number += 1
-        self.append(event)
+    def add(self, event: Event | Callable[[], Event], *, logged: bool = False) -> None:
+        """Note an event, or a function that makes it later. `logged`: the log has it too, as a warning."""
+        self.untold = True
+        self._noted.append(Note(event, logged, isinstance(event, Event) and event.command > 0))
+
+    def log(self, line: Callable[[], str]) -> None:
+        """Note a warning for the log alone; the function puts it into words later."""
+        self.untold = True
+        self._noted.append(Note(line, True, False))
+
+    def tell(self) -> None:
+        """The outputs of a period have been sent: put into words and log what was noted, the answers to clients and
+        the first of the others."""
+        noted, room = self._noted, TOLD_PER_PERIOD
+        if len(noted) > TOLD_PER_PERIOD:
+            waiting = []
+            for note in noted:
+                room -= not note.is_answer
+                if note.is_answer or room >= 0:
+                    self._take(note)
+                else:
+                    waiting.append(note)
+            noted.clear()
+            noted.extend(waiting)
+        else:
+            self._take_all()
+        self._log()
+
+    def tell_all(self) -> None:
+        """No period follows: tell all that was noted."""
+        self._take_all()
+        self._log()
+
+    def _take_all(self) -> None:
+        while self._noted:
+            self._take(self._noted.popleft())
+
+    def _take(self, note: Note) -> None:
+        found = note.event if isinstance(note.event, Event) else note.event()
+        if isinstance(found, Event):
+            self.told += 1
+            self._kept.append(found)
+        if note.logged:
+            self._lines.append(found if isinstance(found, str) else f"{found.path} {found.text}".lstrip())
+
+    def _log(self) -> None:
+        while self._lines:
+            log_without_waiting(log, self._lines.popleft())
+        self.untold = bool(self._noted)
+
+    @property
+    def number(self) -> int:
+        """Number of all events so far."""
+        self._take_all()
+        return self.told
+
+    def recent(self, count: int) -> list[Event]:
+        """The last events that were told, so many at most."""
+        kept = self._kept
+        return [kept[place] for place in range(-min(count, len(kept)), 0)]
+
+    def __len__(self) -> int:
+        self._take_all()
+        return len(self._kept)
+
+    def __iter__(self) -> Iterator[Event]:
+        self._take_all()
+        return iter(self._kept.copy())
+
+    @overload
+    def __getitem__(self, place: int) -> Event: ...
+    @overload
+    def __getitem__(self, place: slice) -> list[Event]: ...
+    def __getitem__(self, place: int | slice) -> Event | list[Event]:
+        self._take_all()
+        return list(self._kept)[place] if isinstance(place, slice) else self._kept[place]
+
+
+class Paths(Sequence[str]):
+    """The paths of objects, each made when it is asked for."""
+
+    def __init__(self, items: Sequence[Node], places: Sequence[int]) -> None:
+        """Those at these places among the items."""
+        self._items, self._places = items, places
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    @overload
+    def __getitem__(self, number: int) -> str: ...
+    @overload
+    def __getitem__(self, number: slice) -> list[str]: ...
+    def __getitem__(self, number: int | slice) -> str | list[str]:
+        if isinstance(number, slice):
+            return [self._items[place]._path for place in self._places[number]]
+        return self._items[self._places[number]]._path
+
+    @property
+    def around(self) -> str:
+        """The path of the compound that is nearest around all of them; "": the machine."""
+        compounds = {id(parent): parent for place in self._places if (parent := self._items[place]._parent)}
+        common: list[Node] = []
+        for number, compound in enumerate(compounds.values()):
+            outer = _with_outer(compound)
+            common = outer if number == 0 else [one for one, other in zip(common, outer, strict=False) if one is other]
+            if len(common) == 1:
+                break
+        return common[-1]._path
+
+
+def _with_outer(node: Node | None) -> list[Node]:
+    """The compounds around it, from the machine to itself."""
+    found: list[Node] = []
+    while node is not None:
+        found.append(node)
+        node = node._parent
+    return found[::-1]
+
+
+def of_several(time: float, paths: Paths, alone: str, together: str) -> Event:
+    """One event for one cause, whatever the number of the objects concerned: of one object at its path, with the text
+    `alone`; of several at the path of the nearest compound around them, with the text `together` and their paths."""
+    if len(paths) == 1:
+        return Event(time, paths[0], alone)
+    return Event(time, paths.around, f"{together}: {some(paths)}")
+
+
+def around(paths: Sequence[str]) -> str:
+    """The path of what is nearest around objects; "": the machine."""
+    first, last = min(paths).split("."), max(paths).split(".")
+    same = 0
+    while same < min(len(first), len(last)) - 1 and first[same] == last[same]:
+        same += 1
+    return ".".join(first[:same])

@@ -12,6 +12,7 @@ from umo.cycle.image import Image
 from umo.cycle.stage import Progress
 from umo.objects import Atomic, DigitalSensor, MachineNumber
 from umo.objects.numbers import number_in
+from umo.system.streams import log_without_waiting
 from umo.user_code import as_json, attempt
 
 log = logging.getLogger("umo")
@@ -97,4 +98,5 @@ def show(frame: Frame, observers: list[Observer]) -> None:
         _, error = attempt(observer, frame)
         if error is not None:
             observers[:] = [each for each in observers if each is not observer]
-            log.error("observer %s failed and was disabled: %s", as_json(observer, MAX_OBSERVER_TEXT), error.text)
+            name = as_json(observer, MAX_OBSERVER_TEXT)
+            log_without_waiting(log, f"observer {name} failed and was disabled: {error.text}")

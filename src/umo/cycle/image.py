@@ -15,7 +15,6 @@ import numpy as np
 
 from umo.cycle.columns import Block, Source
 from umo.cycle.conversion import send
-from umo.cycle.events import Events
 from umo.cycle.slots import Slots
 from umo.cycle.transfer import FAILURES, cause_of_failure
 from umo.drivers.contract import Direction, WaitEnded
@@ -51,6 +50,8 @@ class Image(Slots):
     """The slots of a connected machine, and what moves them."""
 
     commands: Gate
+    before_tick: Callable[[], object] = staticmethod(bool)
+    """Function that is called before the wait for a tick."""
     fail: Callable[[str, Sequence[Failure]], object] = staticmethod(raise_failures)
     """Function that is told which objects have failed, and what they were to do. It raises, unless the equipment of all
     these objects contains their failure."""
@@ -61,7 +62,7 @@ class Image(Slots):
         for slot, item in enumerate(self.items):
             item._connect(self, slot)
 
-    def begin(self, events: Events) -> None:
+    def begin(self) -> None:
         """Every object is initialised: from now on values move in periods."""
 
     def end(self) -> None:
@@ -166,6 +167,8 @@ class Image(Slots):
         """Read an asynchronous sensor from the hardware, now. Reading the timer advances the clock; `NO_TICK` if a stop
         has ended the wait for its tick."""
         failures: list[Failure] = []
+        if slot == self.timer:
+            self.before_tick()
         try:
             raw = self.transfer.read(slot)
         except WaitEnded:
@@ -247,13 +250,14 @@ class Image(Slots):
             self._accepted(slot)
         return failures
 
-    def bring_to_rest(self, slot: int) -> None:
-        """The default of an actuator is sent next; an asynchronous one is sent it now, and again if it does not accept
+    def bring_to_rest(self, slots: Sequence[int]) -> None:
+        """The defaults of actuators are sent next; an asynchronous one is sent it now, and again if it does not accept
         it."""
-        self.commands.rest(slot)
-        self.set_default(slot)
-        if not self.items[slot].synchronous:
-            self.try_send(slot)
+        for slot in slots:
+            self.commands.rest(slot)
+            self.set_default(slot)
+            if slot in self.asynchronous:
+                self.try_send(slot)
 
     def write_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray) -> bool:
         """Many written at once; their ranges were checked. `each` lists the same slots. Whether all were taken: an

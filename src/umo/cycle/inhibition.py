@@ -35,6 +35,8 @@ class Inhibition:
 
     def __post_init__(self) -> None:
         self.condition = self.interlock.condition
+        self._known = self.interlock.reason, latched(self.interlock)
+        self._unevaluated = unevaluated(self.interlock)
 
     def ask(self, latch: bool) -> bool:
         """Evaluate the condition. True if it starts to inhibit now. `latch`: a latched interlock stays from now on."""
@@ -55,15 +57,14 @@ class Inhibition:
     @property
     def brief(self) -> str:
         """The reason without the cause for which a condition cannot be evaluated: one of a few for each interlock."""
-        known = (self.interlock.reason, latched(self.interlock))
-        return self.reason if self.reason in known else unevaluated(self.interlock)
+        return self.reason if self.reason in self._known else self._unevaluated
 
     @property
     def cause(self) -> str:
         """Why its condition cannot be evaluated; empty where it can be."""
         if self.reason is None or self.reason == self.interlock.reason:
             return ""
-        start = f"{unevaluated(self.interlock)}: "
+        start = f"{self._unevaluated}: "
         return self.reason.removeprefix(start) if self.reason.startswith(start) else ""
 
     def acknowledge(self) -> None:
@@ -75,10 +76,11 @@ class Inhibition:
 def inhibitions_of(root: Compound, slot_of: Mapping[int, int], order: Sequence[int]) -> list[Inhibition]:
     """Every interlock of a machine, as declared. `slot_of` tells the slot of an object's id, `order` is the stop
     order."""
+    place = {slot: number for number, slot in enumerate(order)}
     found = []
     for interlock in interlocks_of(root):
         slots = {slot_of[id(item)] for item in interlock.actuators()}
-        found.append(Inhibition(interlock, [slot for slot in order if slot in slots]))
+        found.append(Inhibition(interlock, sorted(slots, key=place.__getitem__)))
     return found
 
 

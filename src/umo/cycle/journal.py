@@ -8,11 +8,22 @@ frame's raws a reader can go back over the entries to what the transfers moved. 
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from enum import IntEnum
 from math import inf, nan
 
+import numpy as np
+
+from umo.objects.scaling import IntArray
+
 ENTRY = struct.Struct("<IHHqqd")
 """An entry: slot, kind, error, raw, before, time; 32 bytes."""
+ENTRIES = np.dtype(
+    [("slot", "<u4"), ("kind", "<u2"), ("error", "<u2"), ("raw", "<i8"), ("before", "<i8"), ("time", "<f8")]
+)
+"""The same for many at once."""
+FEW = 16
+"""Number of entries below which one after another is quicker."""
 CAPACITY = 4096
 """Number of entries of one period that are kept, beside one for each object: all may fail in a period."""
 OF_BLOCK = -inf
@@ -93,6 +104,33 @@ class Journal:
             return
         ENTRY.pack_into(self.buffer, self.count * ENTRY.size, slot, kind, error, raw, before, time)
         self.count += 1
+
+    def add_each(
+        self,
+        slots: Sequence[int],
+        kind: Kind,
+        raws: IntArray,
+        error: ErrorKind = ErrorKind.NONE,
+        meant: Sequence[int] | None = None,
+        time: float = nan,
+    ) -> None:
+        """An entry for each of these objects, which keep their raw integers: of the whole machine's those in `raws`.
+        `meant` are those that were to be written."""
+        if len(slots) < FEW:
+            for number, slot in enumerate(slots):
+                before = int(raws[slot])
+                self.add(slot, kind, before if meant is None else meant[number], before, error, time)
+            return
+        taken = slots[: self.capacity - self.count]
+        rows = np.zeros(len(taken), ENTRIES)
+        rows["slot"], rows["kind"], rows["error"], rows["time"] = taken, kind, error, time
+        rows["raw"] = rows["before"] = raws[rows["slot"]]
+        if meant is not None:
+            rows["raw"] = meant[: len(taken)]
+        start = self.count * ENTRY.size
+        self.buffer[start : start + rows.nbytes] = rows.tobytes()
+        self.count += len(taken)
+        self.lost += len(slots) - len(taken)
 
     @property
     def entries(self) -> bytes:

@@ -24,7 +24,7 @@ from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.drivers.faults.wrapper import Injection
 from umo.errors import DriverError, EquipmentFault, forget_frames, text_of
-from umo.objects import Action, Compound, Node, actions_of, atoms, described, numbers_of, walk
+from umo.objects import Action, Atomic, Compound, Node, actions_of, atoms, described, numbers_of, walk
 from umo.objects.laws import laws_in
 from umo.objects.link import Machine
 from umo.objects.stop_order import stop_sequence
@@ -161,9 +161,22 @@ class ConnectedMachine:
             if _has_all(law, *SUPERVISES):
                 law.begin(path)
                 self.supervisors.append(law)
+        self._moved_in: dict[int, list[Compound]] = {}
+        """What moves in each equipment by itself, by the id of the compound: told of its fault."""
+        for equipment in self.equipment.all:
+            nodes = (node for node in (equipment.compound, *walk(equipment.compound)) if isinstance(node, Compound))
+            moving = [each for each in nodes if type(each)._enter_fault is not Compound._enter_fault]
+            self._moved_in[id(equipment.compound)] = moving
+        self._supervisors_in: dict[int, list[Supervisor]] = {}
+        """The supervisors of the parts in each compound, by its id."""
+        for each in self.supervisors:
+            node: Node | None = each.part
+            while node is not None:
+                self._supervisors_in.setdefault(id(node), []).append(each)
+                node = node._parent
         self.axes = axes_in(root)
         self._axis_states: Any = image.columns.axes.data
-        self.events: Events = self.commands.events
+        self.events: Events = image.events
         """The last 1,000 actions of guards and clients."""
         self.stop_order = [image.slot_of[id(item)] for item in stop_sequence(root)]
         self.random = Random(0)
@@ -173,6 +186,12 @@ class ConnectedMachine:
         self._elsewhere: set[int] = set()
         """Ids of what runs on controllers."""
         self._laws: list[MethodType] = []
+        self._laws_are_stale = False
+        """Whether equipment was cleared, or has come into fault, since they were chosen."""
+        self._around: dict[int, tuple[Equipment, ...]] = {}
+        """The equipment around the object of each law, by the object's id."""
+        self._places: dict[int, list[tuple[list[MethodType], int]]] = {}
+        """Where the laws of each equipment stand, by its id; made at its first fault since they were chosen."""
         self._after_laws: list[Callable[[], None]] = []
         self._started = 0
         self._unsent = False
@@ -180,6 +199,9 @@ class ConnectedMachine:
         self.period_open = False
         """Whether a period has begun and its frame was not shown yet."""
         self.clock.on_tick = self._tick
+        image.before_tick = self.finish_period
+        if injection is not None:
+            injection.say = self.events.log
         image.connect(self.commands)
         self._compounds = [root, *(node for node in walk(root) if isinstance(node, Compound))]
         asynchronous = (item for item in image.items if not item.synchronous)
@@ -262,6 +284,7 @@ class ConnectedMachine:
         look, sample_all = cast(WallClock, self.clock).look, self.sample_all
 
         def timeless() -> bool:
+            self.finish_period()
             look()
             return sample_all()
 
@@ -289,6 +312,8 @@ class ConnectedMachine:
                         refuse_exit(error, "supervise")
                         raise
             self.sequences.advance(self.clock)
+            if self._laws_are_stale:
+                self._choose_laws()
             laws = iter(self._laws)
         else:
             laws = iter(self._overrides(part))
@@ -347,25 +372,43 @@ class ConnectedMachine:
 
     def _equipment_changed(self, changed: Sequence[Equipment]) -> None:
         """It is in fault, or was cleared."""
-        self._choose_laws()
-        faults = [(each.compound, partial(EquipmentFault, each.path, each.fault)) for each in changed if each.fault]
-        for law in self.supervisors if faults else ():
+        self._laws_are_stale = True
+        faults = [(each.compound, each.error_of_this_fault()) for each in changed if each.in_fault]
+        for equipment in changed if faults else ():
+            self._let_idle(equipment)
+        supervisors = {id(law): law for compound, _ in faults for law in self._supervisors_in.get(id(compound), ())}
+        for law in supervisors.values():
             law.note_faults()
         for compound, fault in faults:  # the cleaning up of one may clear the others: their reasons were taken before
             self._end_in(compound, fault)
 
     def _choose_laws(self) -> None:
-        """What is called in each period: the laws but those of equipment in fault, also in this period; then what
-        waits for them."""
-        self._let_idle(self._laws)
+        """What is called in each period: the laws but those of equipment in fault; then what waits for them."""
+        self._laws_are_stale = False
+        self._places = {}
         laws = self._acting_laws()
         self._laws = [*laws, MethodType(type(self)._laws_have_acted, self)] if self._after_laws else laws
 
-    def _let_idle(self, laws: list[MethodType]) -> None:
-        """Perhaps they act at this moment."""
-        for number, law in enumerate(laws):
-            if self._is_idle(law):
-                laws[number] = MethodType(_idle, law.__self__)
+    def _let_idle(self, equipment: Equipment) -> None:
+        """Its laws are not called any more, also if they are being called one after another at this moment."""
+        if not self._places:
+            for laws in self._law_lists():
+                for number, law in enumerate(laws):
+                    for each in self._around_law(law):
+                        self._places.setdefault(id(each), []).append((laws, number))
+        for laws, number in self._places.get(id(equipment), ()):
+            laws[number] = MethodType(_idle, laws[number].__self__)
+
+    def _law_lists(self) -> list[list[MethodType]]:
+        """The laws that are called, in the lists in which they stand."""
+        return [self._laws]
+
+    def _around_law(self, law: MethodType) -> tuple[Equipment, ...]:
+        found = self._around.get(id(law.__self__))
+        if found is None:
+            node = law.__self__ if isinstance(law.__self__, Node) else None
+            found = self._around[id(law.__self__)] = tuple(self.equipment.around(node))
+        return found
 
     def replace_laws(self, laws: Sequence[MethodType]) -> None:
         """Other functions for the laws of the whole machine, each of the same object, in the same order."""
@@ -373,10 +416,8 @@ class ConnectedMachine:
         self._choose_laws()
 
     def _acting_laws(self) -> list[MethodType]:
-        return [law for law in self._overrides(self.root) if not self._is_idle(law)]
-
-    def _is_idle(self, law: MethodType) -> bool:
-        return isinstance(law.__self__, Node) and self.equipment.is_in_fault(law.__self__)
+        around = self._around_law
+        return [law for law in self._overrides(self.root) if not any(each.in_fault for each in around(law))]
 
     def leave_to_controllers(self, parts: Iterable[Node]) -> None:
         """The laws of these parts are not called here: they run on controllers."""
@@ -388,18 +429,21 @@ class ConnectedMachine:
         """Call it once, after the laws of this period."""
         if call not in self._after_laws:
             self._after_laws.append(call)
-            self._choose_laws()
+            if len(self._after_laws) == 1:
+                self._laws = [*self._laws, MethodType(type(self)._laws_have_acted, self)]
+                self._places = {}
 
     def _laws_have_acted(self) -> None:
         calls, self._after_laws = self._after_laws, []
-        self._choose_laws()
+        self._laws = self._laws[:-1]
+        self._places = {}
         for call in calls:
             call()
 
     def _end_in(self, compound: Compound, fault: Callable[[], EquipmentFault]) -> None:
         """Whatever is under way in equipment that is in fault now."""
-        parts = [node for node in (compound, *walk(compound)) if isinstance(node, Compound)]
-        raised = [error for node in parts if (error := attempt(node._enter_fault)[1]) is not None]
+        moved = self._moved_in.get(id(compound), ())
+        raised = [error for node in moved if (error := attempt(node._enter_fault)[1]) is not None]
         errors = self.sequences.end_in(compound, fault)
         if self.clients is not None:
             errors += self.clients.end_in(compound, fault)
@@ -410,16 +454,19 @@ class ConnectedMachine:
         return self.image.update_some(self._slots_of(part).outputs)
 
     def _update(self) -> bool:
-        try:
-            return self.image.update()
-        finally:
-            self._finish()
+        self.period_open = True  # also where this is not the first time in the period
+        accepted = self.image.update()
+        self._finish()
+        return accepted
 
     def _finish(self) -> None:
-        """The period is over."""
+        """The outputs of the period are sent: it is over, and what has happened in it is told. A period in which
+        sending fails is finished when the machine has been reset, or before the next one."""
         self.period_open = False
         if self.alarms is not None:
             self.alarms.look()
+        if self.events.untold:
+            self.events.tell()
         if self.observers:
             self._show()
 
@@ -427,10 +474,10 @@ class ConnectedMachine:
         """The next `sample` sends what this period has computed. If there was none since the last `update`, it is sent
         now."""
         waiting, self._unsent = self._unsent, True
-        try:
-            return not waiting or self.image.update()
-        finally:
-            self._finish()
+        self.period_open = True
+        accepted = not waiting or self.image.update()
+        self._finish()
+        return accepted
 
     def _send_and_sample(self, sample: Callable[[], bool]) -> bool:
         """Send what the period before has computed and has not expired since, then read the sensors; one DriverError
@@ -449,22 +496,26 @@ class ConnectedMachine:
         self.image.reset_some(self._slots_of(part).all)
 
     def acknowledge(self, part: Node) -> bool:
-        return self.commands.acknowledge(self._slots_of(part).all)
+        return self.commands.acknowledge(self._slots_of(part).actuators)
+
+    def actuators_of(self, part: Node) -> frozenset[int]:
+        """The slots of its actuators."""
+        return self._slots_of(part).actuators
 
     def progress(self, text: str, done: int | None, total: int | None) -> None:
         self.frame.progress = self.frame.progress.then(text, done, total)
         if self.clients is not None and self.clients.at_work is not None:
             self.clients.progress(self.frame.progress.text)
 
-    def tell(self, path: str, text: str) -> None:
-        self.events.add(Event(self.clock.now, path, text))
+    def tell(self, path: str, text: str, *, logged: bool = False) -> None:
+        self.events.add(Event(self.clock.now, path, text), logged=logged)
 
     def facts(self) -> dict[str, str]:
         """The state of the machine in words."""
         stage = Stage.RUNNING if self.running else Stage.STOPPING
         mode, holder = (None, "") if self.clients is None else (self.clients.mode, self.clients.lease.holder)
         now, missed = self.clock.now, self.clock.missed_in_all
-        faults = {each.path: each.fault for each in self.equipment.all if each.fault is not None}
+        faults = {each.path: each.reason() for each in self.equipment.all if each.in_fault}
         driven = self._driven(holder) if mode is Mode.MANUAL else ""
         progress = self.frame.progress
         return facts_of(stage, mode, holder, progress, driven=driven, time=now, missed=missed, faults=faults)
@@ -489,12 +540,12 @@ class ConnectedMachine:
             self.period_open, self.clock.missed_in_all = False, 0
 
     def finish_period(self) -> None:
-        """Show the frame of a period whose `sample` or `control` failed, so that no `update` did."""
+        """Before the wait for the next tick: tell and show a period that was not finished, since it failed or nobody
+        called `update`."""
         if self.period_open:
             self._finish()
 
     def _tick(self) -> None:
-        self.finish_period()
         self.period_open = True
         self._started = monotonic_ns()
 
@@ -511,13 +562,15 @@ class ConnectedMachine:
     def _slots_of(self, part: Node) -> _PartSlots:
         if id(part) not in self._slots:
             slot_of = self.image.slot_of
-            items = {slot_of[id(item)]: item for item in atoms(part)}
+            items = {slot_of[id(item)]: item for item in ([part] if isinstance(part, Atomic) else atoms(part))}
             sensors = [slot for slot, item in items.items() if item.direction is Direction.INPUT]
-            actuators = [slot for slot in self.stop_order if slot in items]
+            place = self.commands.place
+            actuators = sorted((slot for slot in items if slot in place), key=place.__getitem__)
             self._slots[id(part)] = _PartSlots(
                 [slot for slot in sensors if items[slot].synchronous],
                 [slot for slot, item in items.items() if item.synchronous and item.direction is Direction.OUTPUT],
                 [*actuators, *sensors],
+                frozenset(actuators),
             )
         return self._slots[id(part)]
 
@@ -540,6 +593,7 @@ class _PartSlots(NamedTuple):
     """Slots to update."""
     all: list[int]
     """Slots to reset: the actuators in stop order, then the sensors."""
+    actuators: frozenset[int]
 
 
 def go_on(failed: DriverError, then: Callable[[], object], what: str) -> NoReturn:

@@ -8,8 +8,8 @@ no old value looks fresh. Outputs are posted in each period; `read` gives what t
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Sequence
+from functools import partial
 from time import monotonic_ns
 from typing import Any, NoReturn
 
@@ -17,7 +17,7 @@ import numpy as np
 
 from umo.cycle.clock import Clock
 from umo.cycle.columns import Block
-from umo.cycle.events import Event, EventLimit, Events
+from umo.cycle.events import Event, EventLimit, limited
 from umo.cycle.image import Image
 from umo.cycle.journal import ErrorKind, Kind
 from umo.cycle.transfer import cause_of_failure
@@ -33,7 +33,6 @@ from umo.presentation.durations import duration
 from umo.text import some
 from umo.wiring.wired import Wired
 
-log = logging.getLogger("umo")
 BAD_AGES = 2
 """Number of maximum ages after which a value has failed."""
 
@@ -42,7 +41,9 @@ class Remote:
     """One driver off the cycle, as the image meets it. A channel's place is its number in the exchange."""
 
     def __init__(self, image: Image, name: str, driver: OffCycle) -> None:
-        self.name, self.driver = name, driver
+        self.driver = driver
+        self.path = f"driver {name}"
+        """What its events are of."""
         slots = [slot for slot, wire in enumerate(image.wires) if wire.driver is driver]
         self.place = {slot: driver.exchange.place[image.wires[slot].channel.text] for slot in slots}
         """The place of each slot's channel."""
@@ -110,9 +111,8 @@ class OffCycleImage(Image):
         assert self._faults is not None
         return NEVER if self._faults.clock is None else self._machine_ns()
 
-    def begin(self, events: Events) -> None:
-        """From now on no call of these drivers waits. `events` are told which of them are away."""
-        self._events = events
+    def begin(self) -> None:
+        """From now on no call of these drivers waits."""
         for remote in self._remotes:
             self.transfer.on_call()
             remote.driver.begin()
@@ -208,7 +208,7 @@ class OffCycleImage(Image):
         if remote.told_away and arrived and driver.exchange.cells[Cell.AWAY_SINCE] == NEVER:
             remote.told_away = remote.told_again = False
             if remote.tells_end:
-                self._tell(remote, "is back")
+                self.events.add(Event(now, remote.path, "is back"), logged=True)
 
     def _date(self, remote: Remote, stamps: IntArray, now: float) -> bool:
         """Whether a value has come that was not there before."""
@@ -284,14 +284,11 @@ class OffCycleImage(Image):
         for slot in remote.place:
             self.was_initialized_again(slot)
         self._beginning = False
-        if lost:
-            stay = "is at its default" if len(lost) == 1 else "are at their defaults"
-            text = f"was initialised again; {some(lost)} {stay}"
-        else:
-            text = "was initialised again"
         if lost or not remote.told_again:
-            text = remote.limits["initialised"].passed(self.clock.now, text)
-            remote.told_again = self._tell(remote, text) and remote.told_away
+            left_out = remote.limits["initialised"].admit(self.clock.now)
+            remote.told_again = left_out is not None and remote.told_away
+            if left_out is not None:
+                self.events.add(partial(_renewed, self.clock.now, remote.path, lost, left_out), logged=True)
 
     # Age -----------------------------------------------------------------------------------------------
 
@@ -307,8 +304,10 @@ class OffCycleImage(Image):
                 self._too_old(remote, slot)
         if not fresh.all() and not remote.told_away and now - remote.last > max(LONG_ABSENCE, BAD_AGES * max_age):
             remote.told_away = True
-            text = remote.limits["away"].passed(now, f"is away: {remote.driver.cause(-1)}")
-            remote.tells_end = self._tell(remote, text)
+            left_out = remote.limits["away"].admit(now)
+            remote.tells_end = left_out is not None
+            if left_out is not None:
+                self.events.add(partial(_away, now, remote.path, remote.driver.cause(-1), left_out), logged=True)
 
     def _set_stale(self, slot: int) -> None:
         if self.quality[slot] == Quality.GOOD:  # what was not good is no better for being old
@@ -341,13 +340,6 @@ class OffCycleImage(Image):
                     del remote.awaited[slot]
             elif late > driver.max_age:
                 self._set_stale(slot)
-
-    def _tell(self, remote: Remote, text: str) -> bool:
-        """Whether there is something to tell."""
-        if text:
-            self._events.add(Event(self.clock.now, f"driver {remote.name}", text))
-            log.warning("driver %s %s", remote.name, text)
-        return bool(text)
 
     # Some objects --------------------------------------------------------------------------------------
 
@@ -390,6 +382,18 @@ class OffCycleImage(Image):
         if remote is not None and slot in remote.awaited and self.sent[slot] == self.pending[slot]:
             return []
         return super().try_send(slot)
+
+
+def _away(now: float, path: str, cause: str, left_out: int) -> Event:
+    """No value of a driver has come for long."""
+    return limited(now, path, f"is away: {cause}", left_out)
+
+
+def _renewed(now: float, path: str, lost: Sequence[str], left_out: int) -> Event:
+    """A worker has initialised a driver again; `lost` are the actuators that stay at their defaults."""
+    stay = "is at its default" if len(lost) == 1 else "are at their defaults"
+    text = "was initialised again" + (f"; {some(lost)} {stay}" if lost else "")
+    return limited(now, path, text, left_out)
 
 
 def image_of(wired: Wired, clock: Clock, equipment: int, axes: int = 0, alarms: int = 0) -> Image:

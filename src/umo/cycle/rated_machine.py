@@ -163,6 +163,7 @@ class RatedMachine(ConnectedMachine):
 
         def sample() -> bool:
             if look is not None:
+                self.finish_period()
                 look()
             # where nobody calls `update`, the parts are read all the same
             self.image.due_inputs = self.image.inputs if self._open else self._inputs
@@ -190,18 +191,18 @@ class RatedMachine(ConnectedMachine):
         return found
 
     def _update(self) -> bool:
-        try:
-            return self._then_parts(self.image.update)
-        finally:
-            self._finish()
+        self.period_open = True
+        accepted = self._then_parts(self.image.update)
+        self._finish()
+        return accepted
 
     def _update_later(self) -> bool:
         """The outputs of the parts are sent at once all the same."""
         waiting, self._unsent = self._unsent, True
-        try:
-            return self._then_parts(self.image.update) if waiting else self._carry_out()
-        finally:
-            self._finish()
+        self.period_open = True
+        accepted = self._then_parts(self.image.update) if waiting else self._carry_out()
+        self._finish()
+        return accepted
 
     def _then_parts(self, send: Callable[[], bool]) -> bool:
         try:
@@ -217,6 +218,8 @@ class RatedMachine(ConnectedMachine):
         if self._queue[0][0] > self.clock.number and not self._all_act:
             return self._send_urgent()
         due = self._take_due()
+        if self._laws_are_stale:
+            self._choose_laws()
         self._sample_parts([block for part in due for block in part.inputs])
         failed: list[Failure] = []
         for part in due:
@@ -265,9 +268,11 @@ class RatedMachine(ConnectedMachine):
 
     def _choose_laws(self) -> None:
         for part in self.parts:
-            self._let_idle(part.laws)
             part.laws = []
         super()._choose_laws()
+
+    def _law_lists(self) -> list[list[MethodType]]:
+        return [self._laws, *(part.laws for part in self.parts)]
 
     def _acting_laws(self) -> list[MethodType]:
         """Those at the machine's own rate; the others are the parts'."""

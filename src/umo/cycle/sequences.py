@@ -12,6 +12,7 @@ import math
 import sys
 from collections.abc import Callable, Coroutine, Generator
 from functools import partial
+from operator import attrgetter
 from types import CodeType, CoroutineType, FrameType, coroutine
 from typing import Any, TypeVar
 
@@ -19,7 +20,7 @@ from umo.cycle.clock import Clock
 from umo.duration import seconds as in_seconds
 from umo.errors import Cancelled, TaskFailed, TimeExpired, forget_frames, text_of
 from umo.objects import Node
-from umo.objects.paths import is_within
+from umo.objects.paths import walk
 from umo.text import add_note, in_brackets, place_among, shown_path, str_of
 from umo.user_code import refuse_exit
 
@@ -173,6 +174,8 @@ class Task:
             raise TypeError(f"{sequence!r} is not a sequence; call an `async def` function")
         self._sequence = sequence
         self.part = part
+        self.number = 0
+        """Of a started one: its place in the order started."""
         self._contain, self._end_within = contain, end_within
         self.awaited_by: list[Task | None] = []
         """The started sequences that await it; None: one that nobody has started."""
@@ -310,9 +313,9 @@ class Task:
         """Whether it has failed, whoever awaited it was cancelled before he took the error, and nobody else knows."""
         return self.error is not None and not self._failure and not self.awaited_by
 
-    def fail(self, error: BaseException) -> None:
-        """It has ended with this error, which lets go of its frames."""
-        self.error, self._failure = error, text_of(error)
+    def fail(self, error: BaseException, text: str = "") -> None:
+        """It has ended with this error, which lets go of its frames; `text`: that of the error."""
+        self.error, self._failure = error, text or text_of(error)
         forget_frames(error)
 
     def _begin(self) -> None:
@@ -394,7 +397,11 @@ class Sequences:
 
     def __init__(self, contain: Callable[[Task, BaseException], bool] = lambda task, error: False) -> None:
         self._contain = contain
-        self._tasks: list[Task] = []
+        self._tasks: dict[Task, None] = {}
+        """In the order started."""
+        self._tasks_of: dict[int, dict[Task, None]] = {}
+        """The same of each object, by its id."""
+        self._number = 0
         self._advancing = False
         self.paused = False
         """Whether they are not advanced: no time passes for them."""
@@ -418,8 +425,16 @@ class Sequences:
 
     def start(self, sequence: Sequence, part: Any = None) -> Task:
         task = Task(sequence, part, self._contain, self._end)
-        self._tasks.append(task)
+        self._number += 1
+        task.number = self._number
+        self._tasks[task] = None
+        self._tasks_of.setdefault(id(part), {})[task] = None
         return task
+
+    def _remove(self, task: Task) -> None:
+        if task in self._tasks:
+            del self._tasks[task]
+            del self._tasks_of[id(task.part)][task]
 
     def _end(self, end: Callable[[], Any]) -> Any:
         return end() if self.end_within is None else self.end_within(end)
@@ -433,27 +448,29 @@ class Sequences:
             raise TaskFailed("a sequence called `control` of the root; only the cycle may call it, once per period")
         self._advancing = True
         try:
-            for task in self._tasks.copy():  # what they start begins with the next period
+            for task in list(self._tasks):  # what they start begins with the next period
                 if task.clock is not clock or task.paused:
                     continue
                 try:
                     over = task.advance(tick) and _is_settled(task)
                 except BaseException as error:
                     if not self._contain(task, error):
-                        if task in self._tasks:
-                            self._tasks.remove(task)
+                        self._remove(task)
                         task.error = error  # its text is asked for by who needs it: it may take long
                         raise
                     over = not task.awaited_by  # else whoever awaits it may be cancelled before he takes the error
-                if over and task in self._tasks:  # not: it was cancelled with the others meanwhile
-                    self._tasks.remove(task)
+                if over:
+                    self._remove(task)
         finally:
             self._advancing = False
 
     def end_in(self, compound: Node, fault: Callable[[], BaseException]) -> list[BaseException]:
         """Cancel those of one compound, the last started first; whoever awaits one gets the fault. The errors of their
         cleaning up."""
-        found = [task for task in self._tasks if is_within(task.part, compound)]
+        if not self._tasks:
+            return []
+        parts = (self._tasks_of.get(id(node)) for node in (compound, *walk(compound)))
+        found = sorted((task for tasks in parts if tasks for task in tasks), key=attrgetter("number"))
         ended = [task for task in found if not task.done]
         for task in ended:
             task.fail(fault())
@@ -468,7 +485,7 @@ class Sequences:
         others are added to it as notes."""
         errors: list[BaseException] = []
         while self._tasks:  # cleaning up may start more
-            tasks, self._tasks = self._tasks, []
+            tasks, self._tasks, self._tasks_of = list(self._tasks), {}, {}
             errors += cancel_all(tasks)
             untold = [task for task in tasks if task.error is not None and task.is_untold]
             errors += [task.error for task in untold if task.error and not self._contain(task, task.error)]

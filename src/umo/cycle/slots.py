@@ -6,8 +6,8 @@ fails; what moves the slots is in `image.py`.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping, Sequence
+from functools import partial
 from itertools import groupby
 from math import inf
 from typing import Any, cast
@@ -18,6 +18,7 @@ from umo.cycle.clock import Clock
 from umo.cycle.columns import Block, Columns, Scales
 from umo.cycle.conditioning import ConditionedInputs, conditioner_of
 from umo.cycle.conversion import convert_inputs, convert_outputs
+from umo.cycle.events import Events
 from umo.cycle.transfer import Transfer, cause_of_failure
 from umo.drivers.contract import UNREAD, Direction
 from umo.drivers.off_cycle import OffCycle
@@ -28,7 +29,6 @@ from umo.objects.scaling import to_raw, to_value
 from umo.wiring.rates import WHOLE, RateMap
 from umo.wiring.wired import Wire, Wired
 
-log = logging.getLogger("umo")
 MARKED_LOG_INTERVAL = 10.0
 """Least time in s between two lines of the log about one sensor that is marked BAD."""
 MAX_OFFSET_RAW = 2.0**62
@@ -41,6 +41,8 @@ class Slots:
     def __init__(self, wired: Wired, clock: Clock, equipment: int = 0, axes: int = 0, alarms: int = 0) -> None:
         """`equipment`: the number of the compounds that are declared equipment; `axes`, `alarms`: that of these."""
         self.clock = clock
+        self.events = Events()
+        """What has happened in the machine: noted in a period, told when its outputs have been sent."""
         parts = _part_numbers(wired)
         self.wires = sorted(wired.wires, key=_group_order(wired.wires, parts))
         self.items = [wire.item for wire in self.wires]
@@ -62,6 +64,10 @@ class Slots:
         self.transfer = Transfer(self.wires, wired, self.timer, columns.raws)
         self.scales = scales = Scales(self.wires, self.transfer.defaults)
         self._low, self._high, self._defaults = scales.low.data, scales.high.data, scales.defaults.data
+        self.asynchronous = {
+            slot for slot, item in enumerate(self.items) if item.direction is Direction.OUTPUT and not item.synchronous
+        }
+        """The asynchronous actuators."""
         self.unsent: set[int] = set()
         """Asynchronous actuators whose default the device did not accept. The defaults of the others are sent by every
         `update`."""
@@ -70,7 +76,7 @@ class Slots:
         self.unconfirmed: dict[int, float] = {}
         """Asynchronous actuators with on_error="retry" whose pending value was not confirmed, each with the time in s
         of the first attempt. While they are STALE, it is sent again in every period."""
-        self._marked: list[Failure] = []
+        self._marked: list[tuple[int, str]] = []
         """Failures of the sensors that were marked BAD and not logged yet."""
         self._next_log: dict[int, float] = {}
         """Time in s from which a marked sensor is logged again, by slot."""
@@ -86,6 +92,10 @@ class Slots:
         self.inputs = self._blocks(Direction.INPUT, parts)
         self.outputs = self._blocks(Direction.OUTPUT, parts)
         self.blocks = [*self.inputs, *self.outputs]
+        self._block_of: list[Block | None] = [None] * count
+        """The block in which each slot stands; None for what is asynchronous."""
+        for block in self.blocks:
+            self._block_of[block.slots] = [block] * (block.stop - block.start)
         self.due_inputs, self.due_outputs = self.inputs, self.outputs
         slow = [block for block in self.blocks if block.part != WHOLE]
         self.slow = frozenset(slot for block in slow for slot in range(block.start, block.stop))
@@ -215,10 +225,8 @@ class Slots:
     def _set_quality(self, slot: int, quality: Quality) -> None:
         self.quality[slot] = int(quality)
         self.sampled_good = None
-        if quality is not self.base[slot]:
-            for block in self.blocks:
-                if block.start <= slot < block.stop:
-                    block.unsettled.add(slot)
+        if quality is not self.base[slot] and (block := self._block_of[slot]) is not None:
+            block.unsettled.add(slot)
 
     def _settle(self, block: Block, outside: Sequence[tuple[int, float]], now: float, failures: list[Failure]) -> None:
         """The slow path of `sample`: something in the block is, or was, not as it should be."""
@@ -298,9 +306,9 @@ class Slots:
             self.unconfirmed.pop(slot, None)
 
     def _fail_input(self, slot: int, cause: str, failures: list[Failure]) -> None:
-        item = cast(Sensor, self.items[slot])
-        age = self.clock.now - self.times[slot]  # NaN before the first reading
-        if item._max_age is not None and age <= item._max_age:
+        item: Any = self.items[slot]
+        max_age = item._max_age
+        if max_age is not None and self.clock.now - self.times[slot] <= max_age:  # NaN before the first reading
             if self.quality[slot] == Quality.GOOD:  # what was not good is no better for being held
                 self._set_quality(slot, Quality.STALE)
         elif item._marks:
@@ -308,14 +316,14 @@ class Slots:
                 self._set_quality(slot, Quality.BAD)
                 if self.clock.now >= self._next_log.get(slot, 0.0):
                     self._next_log[slot] = self.clock.now + MARKED_LOG_INTERVAL
-                    self._marked.append(self.transfer.failure(slot, cause))
+                    self._marked.append((slot, cause))
         else:
             self._fail(slot, cause, failures)
 
     def _log_marked(self) -> None:
         """Log together what was marked BAD together: a thousand lines would take longer than a period."""
         if self._marked:
-            log.warning("%s", DriverError("marked BAD", self._marked))
+            self.events.log(partial(_marked_text, self.transfer, self._marked))
             self._marked = []
 
     def _unconverted(self, slot: int, error: Exception, failures: list[Failure]) -> None:
@@ -352,6 +360,10 @@ class Slots:
         if item.direction is Direction.OUTPUT and not item.synchronous:
             at_default = self.pending[slot] == self._defaults[slot]
             (self.unsent.add if at_default else self.unsent.discard)(slot)
+
+
+def _marked_text(transfer: Transfer, marked: Sequence[tuple[int, str]]) -> str:
+    return str(DriverError("marked BAD", [transfer.failure(slot, cause) for slot, cause in marked]))
 
 
 def _part_numbers(wired: Wired) -> Mapping[int, int]:

@@ -9,14 +9,17 @@ change is refused.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
-from umo.cycle.events import Event
+import numpy as np
+
+from umo.cycle.columns import ASKED, FREE
+from umo.cycle.events import Event, Paths
 from umo.cycle.sequences import Sequences, next_period
 from umo.errors import CommandRefused
-from umo.objects import Actuator, Compound, atoms, walk
-from umo.objects.paths import is_within
+from umo.objects import Actuator, Atomic, Compound, atoms, walk
 from umo.text import some
 from umo.user_code import Raised, attempt
 
@@ -74,6 +77,12 @@ class Suspension:
         }
         self._actuators = {slot: cast(Actuator, machine.image.items[slot]) for slot in machine.stop_order}
         """The actuators by slot, in stop order."""
+        self._order = np.array(machine.stop_order, np.intp)
+        """Their slots."""
+        self._defaults = machine.image.scales.defaults[self._order]
+        self._holding = {slot for slot, item in self._actuators.items() if item.when_suspended == "hold"}
+        """Those that are declared to hold."""
+        self._axis_of = {id(node): node._suspension for node in compounds if hasattr(node, "_suspension")}
         self._left: dict[int, float] | None = None
         """The values that the application has left, by slot, but for those of laws; None: it is not suspended."""
         self._by_others: set[int] = set()
@@ -94,8 +103,8 @@ class Suspension:
         self._machine.sequences.paused = True
         self._note_writes(MANUAL)
         if self._left is None:
-            pending = self._machine.image.pending
-            self._left = {slot: pending[slot] for slot in self._actuators}
+            pending = self._machine.image.columns.pending[self._order]
+            self._left = dict(zip(self._actuators, pending.tolist(), strict=True))
             for path, axis in self._axes.items():
                 self._ask(path, axis, axis.suspend)
         for node in self._told:
@@ -147,32 +156,40 @@ class Suspension:
         by_laws = noted | {image.slot_of[id(item)] for axis in self._axes.values() for item in axis.driven()}
         self._stop_noting()
         if self._left is not None:
-            self._left = {slot: value for slot, value in self._left.items() if slot not in by_laws}
-        found: dict[str, list[str]] = {what: [] for what in (STOPPED, "held", "its law writes", "just written")}
-        for slot, item in self._actuators.items():
-            if image.pending[slot] == item._default_value() or commands.client_of(slot):
+            for slot in by_laws:
+                self._left.pop(slot, None)
+        found: dict[str, list[int]] = {what: [] for what in (STOPPED, "held", "its law writes", "just written")}
+        for slot in self._away_from_defaults():
+            if commands.client_of(slot):
                 continue
             if slot in by_laws:
                 what = "its law writes"
             elif slot in by_others:
                 what = "just written"
-            elif item.when_suspended == "hold" and slot not in failed:
+            elif slot in self._holding and slot not in failed:
                 what = "held"
             else:
                 what = STOPPED
-                image.bring_to_rest(slot)
-            found[what].append(item.path)
+            found[what].append(slot)
+        image.bring_to_rest(found[STOPPED])
         self._tell_what_drives(found)
+
+    def _away_from_defaults(self) -> list[int]:
+        """The actuators whose pending value is another than their default, in stop order."""
+        pending = self._machine.image.columns.pending[self._order]
+        away: list[int] = self._order[pending != self._defaults].tolist()
+        return away
 
     def _stop_noting(self) -> None:
         self._machine.commands.note_writes(False)
         self._by_others, self._failed = set(), set()
 
-    def _tell_what_drives(self, found: dict[str, list[str]]) -> None:
-        said = [*self._said, *(f"{what}: {some(paths)}" for what, paths in found.items() if paths)]
-        changed, self._said = bool(found[STOPPED] or self._said), []
-        if changed or (said and self._cause == MANUAL):
-            self._tell("", f"{self._cause}: {'; '.join(said)}")
+    def _tell_what_drives(self, found: dict[str, list[int]]) -> None:
+        axes, self._said = self._said, []
+        if axes or found[STOPPED] or (any(found.values()) and self._cause == MANUAL):
+            machine = self._machine
+            told = partial(_what_drives, machine.clock.now, self._cause, axes, found, machine.image.items)
+            machine.events.add(told)
 
     def _end_within(self, end: Callable[[], Any]) -> Any:
         """Sequences of the application are cancelled. What they write in their cleaning up is what the application has
@@ -199,19 +216,24 @@ class Suspension:
         """Equipment is in fault: what the application did in it has ended, and is not gone on with."""
         if self._left is None:
             return
-        self._left = {slot: left for slot, left in self._left.items() if not is_within(self._actuators[slot], compound)}
+        slot_of = self._machine.image.slot_of
         for node in (compound, *walk(compound)):
-            if axis := self._axes.get(node._path):
+            if isinstance(node, Actuator):
+                self._left.pop(slot_of[id(node)], None)
+            elif (axis := self._axis_of.get(id(node))) is not None:
                 axis.forget()
 
     # The application goes on ---------------------------------------------------------------------------
 
     def check(self) -> None:
         """CommandRefused if the application cannot go on from here."""
-        found = [str(each.error()) for each in self._machine.equipment.all if each.fault and each.in_manual_only]
+        found = [str(each.error()) for each in self._machine.equipment.all if each.in_fault and each.in_manual_only]
         found += [reason for axis in self._axes.values() if (reason := axis.why_not_resumed())]
         commands = self._machine.commands
+        restrictions = self._machine.image.restrictions
         for slot, value in self._changed().items():
+            if restrictions[slot] in (FREE, ASKED):
+                continue
             item = self._actuators[slot]
             if value != item._default_value() and not commands.client_of(slot) and (why := item.inhibited):
                 found.append(f"{item.path} is inhibited: {why}")
@@ -224,8 +246,10 @@ class Suspension:
 
     def _changed(self) -> dict[int, float]:
         """What the application has left of the actuators that stand elsewhere now, the last of the stop order first."""
-        left, pending = self._left or {}, self._machine.image.pending
-        return {slot: left[slot] for slot in reversed(self._actuators) if slot in left and left[slot] != pending[slot]}
+        pending = self._machine.image.pending
+        changed = {slot: left for slot, left in (self._left or {}).items() if left != pending[slot]}
+        place = self._machine.commands.place
+        return {slot: changed[slot] for slot in sorted(changed, key=place.__getitem__, reverse=True)}
 
     def end(self) -> bool:
         """The mode becomes automatic: what the application has left is restored, then `on_resume` runs, then the
@@ -272,6 +296,14 @@ class Suspension:
 
     def _tell(self, path: str, text: str) -> None:
         self._machine.events.add(Event(self._machine.clock.now, path, text))
+
+
+def _what_drives(
+    now: float, cause: str, axes: Sequence[str], found: Mapping[str, Sequence[int]], items: Sequence[Atomic]
+) -> Event:
+    """What becomes of what was driven."""
+    said = [*axes, *(f"{what}: {some(Paths(items, slots))}" for what, slots in found.items() if slots)]
+    return Event(now, "", f"{cause}: {'; '.join(said)}")
 
 
 async def _sent() -> None:

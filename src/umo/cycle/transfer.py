@@ -77,8 +77,8 @@ class Transfer:
         if (timer_wire := wired.timer_wire) is not None:  # a paced timer stands in the place of its driver
             driver = timer_wire.driver
             self._names.setdefault(id(driver), self._names.get(id(getattr(driver, "timer", None)), "timer"))
-        memory = np.zeros(len(wires), np.int64) if raws is None else raws
-        self.raws: Any = memory.data  # a memoryview: quicker than numpy's items
+        self._memory = np.zeros(len(wires), np.int64) if raws is None else raws
+        self.raws: Any = self._memory.data  # a memoryview: quicker than numpy's items
         """The raw value that each object last had at the hardware."""
         self.journal: Journal | None = None
         """The journal of transfers of single objects; None if it is not used."""
@@ -346,10 +346,14 @@ class Transfer:
         causes, whole = error.causes if isinstance(error, ChannelsFailed) else {}, cause_of_failure(error)
         named = [(slot, causes[text]) for slot in slots if (text := self.wires[slot].channel.text) in causes]
         failed = named or [(slot, whole) for slot in slots]
-        raws = {} if written is None else dict(zip(slots, written, strict=True))
-        kind = Kind.FAILED_READ if written is None else Kind.FAILED_WRITE
-        for slot, _ in failed:
-            self.note(slot, kind, ErrorKind.CHANNELS if named else ErrorKind.of(error), raws.get(slot), time)
+        if self.journal is not None:
+            numbers = [slot for slot, _ in failed]
+            kind = ErrorKind.CHANNELS if named else ErrorKind.of(error)
+            if written is None:
+                self.note_each(numbers, Kind.FAILED_READ, kind, None, time)
+            else:
+                meant = dict(zip(slots, written, strict=True))
+                self.note_each(numbers, Kind.FAILED_WRITE, kind, [meant[slot] for slot in numbers], time)
         return failed
 
     def failure(self, slot: int, cause: str) -> Failure:
@@ -373,6 +377,18 @@ class Transfer:
         if self.journal is not None and slot != self.timer:
             before = self.raws[slot]
             self.journal.add(slot, kind, before if raw is None else raw, before, error, time)
+
+    def note_each(
+        self,
+        slots: Sequence[int],
+        kind: Kind,
+        error: ErrorKind = ErrorKind.NONE,
+        raws: Sequence[int] | None = None,
+        time: float = nan,
+    ) -> None:
+        """The same for many objects, none of them the timer, in this order."""
+        if self.journal is not None:
+            self.journal.add_each(slots, kind, self._memory, error, raws, time)
 
     def note_look(self, driver: Driver[Any], found: bool | None) -> None:
         """Into the journal: what a look for a driver that is away has found."""

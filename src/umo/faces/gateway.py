@@ -20,7 +20,7 @@ from umo.faces.command_users import RefusalLimit, lives, remote_refusal, who_tex
 from umo.faces.face import User
 from umo.frames import Reader
 from umo.frames.client_memory import LEASE
-from umo.remote.commander import SIGNS_OF_LIFE, Answers, Commander, error_of
+from umo.remote.commander import SIGNS_OF_LIFE, Answers, Commander, error_of, has_ended
 from umo.system.roles import Roles
 
 LEASE_TIME = 2.0
@@ -229,7 +229,7 @@ class Gateway:
     async def _look_after(self) -> None:
         for path, hold in list(self._held.items()):
             gone = not lives(hold.user)
-            if gone or self._has_ended(hold):
+            if gone or self._has_ended(hold, path):
                 del self._held[path]
             if gone:
                 self._send_on("let go", path=path, who=who_text(hold.user, self._face))
@@ -244,12 +244,14 @@ class Gateway:
     def _is_used(self) -> bool:
         return bool(self._held or self._pending)
 
-    def _has_ended(self, hold: Hold) -> bool:
+    def _has_ended(self, hold: Hold, path: str) -> bool:
         """Whether the machine has ended it: by an interlock, a fault, a change of the mode."""
         if events := self._reader.events(hold.next):
             hold.next = events[-1].number + 1
         ends = (each.event for each in events if each.event.state is CommandState.CANCELLED)
-        return any(each.command == hold.command for each in ends)
+        return any(
+            each.command == hold.command or (not each.command and has_ended(each, path, self._reader)) for each in ends
+        )
 
     async def _give_back(self) -> None:
         with suppress(UmoError):

@@ -27,7 +27,7 @@ import numpy as np
 
 from umo.cycle.events import EVENT_TEXT_BYTES, Event
 from umo.cycle.frame import Signal
-from umo.cycle.journal import ErrorKind, Kind
+from umo.cycle.journal import ENTRIES, ErrorKind, Kind
 from umo.errors import FramesError
 from umo.objects import Atomic, Quality
 from umo.objects.description import described
@@ -68,9 +68,7 @@ NAME = 64
 EVENTS = 512
 """Number of events that are kept, the last ones."""
 
-ENTRY = np.dtype(
-    [("slot", "<u4"), ("kind", "<u2"), ("error", "<u2"), ("raw", "<i8"), ("before", "<i8"), ("time", "<f8")]
-)
+ENTRY = ENTRIES
 """An entry of the journal (`umo.cycle.journal`)."""
 
 EVENT_ROW = np.dtype(

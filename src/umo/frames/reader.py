@@ -329,6 +329,11 @@ class Reader:
             return reason_of_client(self.holder)
         return self.layout.interlocks[state - 1] if state <= len(self.layout.interlocks) else "an unknown interlock"
 
+    def is_taken(self, path: str) -> bool:
+        """Whether a client has taken the actuator at a path, by the newest frame; False for any other path."""
+        number, frame = self._index.get(path), self.latest()
+        return number is not None and frame is not None and int(frame["restrictions"][number]) == TAKEN_BY_CLIENT
+
     def faults(self, frame: Any) -> dict[str, str]:
         """The equipment in fault at a frame, by path: the reason, as long as the event that told it is kept."""
         if frame is None or not frame["equipment"].any():

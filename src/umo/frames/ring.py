@@ -182,7 +182,7 @@ class Ring:
             self._refresh(index % len(self._tunables))
         if self._machine.clients is not None:
             self.show(self._machine.clients)
-        if self._told != self._events.number:  # last: whoever sees an answer finds the lease and the mode as told
+        if self._told != self._events.told:  # last: whoever sees an answer finds the lease and the mode as told
             self._tell()
 
     def _refresh(self, number: int) -> None:
@@ -190,9 +190,9 @@ class Ring:
 
     def _tell(self) -> None:
         """Publish the new events, as far as they are kept. Tuned numbers are shown before their event."""
-        new = min(self._events.number - self._told, len(self._events))
-        self._told = self._events.number
-        for number, event in enumerate(list(self._events)[-new:], self._told - new):
+        new = self._events.recent(self._events.told - self._told)
+        self._told = self._events.told
+        for number, event in enumerate(new, self._told - len(new)):
             if event.path in self._tunable_at:
                 self._refresh(self._tunable_at[event.path])
             at = self._events_at + number % EVENTS * EVENT_ROW.itemsize
@@ -276,7 +276,8 @@ class Ring:
 
     def close(self) -> None:
         """End the ring: readers see the end, the last frames and events."""
-        if self._told != self._events.number:
+        self._events.tell_all()
+        if self._told != self._events.told:
             self._tell()
         self.state(Stage.ENDED)
         self.usage.close()

@@ -8,7 +8,6 @@ gives the laws back to Python, which is said.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable
 from contextlib import suppress
 from ctypes import c_void_p
@@ -46,7 +45,6 @@ from umo.objects import Compound, Quality, Vector
 from umo.objects.atomic import Binary
 from umo.wiring.wired import Wired
 
-log = logging.getLogger("umo")
 COMPARED = 20
 """Periods in which each law is compared."""
 BAD_INPUT, NEVER_READ, NO_HOST = 6, 7, 10
@@ -238,8 +236,7 @@ class CompiledLaws:
         self._release()
         self._machine.replace_laws(self._python)
         text = f"the laws run in Python, not compiled: {reason}"
-        self._machine.tell("", text)
-        log.warning("%s", text)
+        self._machine.tell("", text, logged=True)
 
     def release(self) -> None:
         """The machine is disconnected: its objects have their attributes themselves again."""

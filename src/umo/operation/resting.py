@@ -32,7 +32,7 @@ class Resting:
             left = image.pending[item._slot]
             if left != item._default_value() and item.when_suspended != "hold":
                 self._left[place] = left
-                image.bring_to_rest(item._slot)
+                image.bring_to_rest((item._slot,))
 
     def end(self) -> None:
         """The work goes on."""

@@ -44,7 +44,7 @@ from umo.remote.queue import Receiver
 from umo.system import realtime
 from umo.system.device_record import DeviceClaim
 from umo.system.processes import adjust_oom_score, identity, name_process, parent_of_this
-from umo.system.streams import say_without_waiting
+from umo.system.streams import late, lost_lines, never_wait, say_without_waiting, send_waiting
 from umo.text import Moment, in_brackets
 
 RESUMING_TIMEOUT = 0.1
@@ -179,6 +179,16 @@ class Control:
                     return False
                 self._run_state.end(who, DEATH_TIMEOUT)
         return True
+
+    @property
+    def keeps_time(self) -> bool:
+        """Whether the loop keeps its periods by the wall clock: no output may hold it up."""
+        return self._plan.wired.realtime
+
+    def tell_lost_lines(self) -> None:
+        """What this process has printed, and nobody has read, is gone: say how much that was."""
+        if lost := send_waiting():
+            self._channel.send("notice", text=f"{self._plan.name}: {lost_lines(lost)}")
 
     def run(self) -> Outcome:
         """Connect, drive, leave; whatever ends it is in the outcome."""
@@ -333,6 +343,8 @@ class Control:
             request_stop(run_state.asked)
         elif run_state.unwatched > self._unwatched_limit:
             self._stop(f"no sign of life from the guardian for {run_state.unwatched:.1f} s")
+        if late:  # what is printed
+            send_waiting()
 
     def _stop(self, why: str) -> None:
         self._alarm = self._alarm or why
@@ -376,8 +388,11 @@ def drive_and_report(control: Control, traces: IO[bytes]) -> int:
     for number in SIGNALS:  # until the machine is connected
         signal.signal(number, control.take_note)
     control.wait_for_admission()
+    if control.keeps_time:
+        never_wait()
     faulthandler.register(WHERE_SIGNAL, file=traces, all_threads=False)
     outcome = control.run()
     outcome = control.reset_if_alone(outcome)
+    control.tell_lost_lines()
     control.say_how_it_ended(outcome)
     return outcome.status

@@ -14,12 +14,13 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from umo.cycle.client_commands import DEAD_MAN_TIME, LONGEST_LEASE, SHORTEST_LEASE
-from umo.cycle.events import CommandState, Event
+from umo.cycle.events import LET_GO, CommandState, Event
 from umo.cycle.stage import Stage
 from umo.errors import CommandRefused, FramesError, LeaseHeld, RangeError, TaskFailed, UmoError
 from umo.frames import Reader
 from umo.frames.client_memory import LEASE, ClientMemory
 from umo.remote.queue import Sender
+from umo.remote.suggestions import with_nearest
 from umo.system.processes import user_name
 
 ANSWER_PAUSE = 0.002
@@ -218,8 +219,8 @@ class HeldLease:
     def _told(self, path: str) -> str:
         since = self._since.get(path, self._station.reader.next_event)
         events = (each.event for each in self._station.reader.events(since))
-        ends = (each.text for each in events if each.path == path and each.state is CommandState.CANCELLED)
-        return next(ends, "")
+        reader = self._station.reader
+        return next((each.text for each in events if has_ended(each, path, reader)), "")
 
     def _keep(self) -> None:
         """Give signs of life until the block ends, or the lease is lost."""
@@ -248,7 +249,8 @@ class Answers:
         events = self._reader.events(self._next)
         if events:
             self._next = events[-1].number + 1
-        found = [each.event for each in events if each.event.command == self._number]
+        layout = self._reader.layout
+        found = [with_nearest(each.event, layout) for each in events if each.event.command == self._number]
         self.begun = self.begun or bool(found)
         if not found and ended:
             raise FramesError(f"{self._reader.about['station']} has ended before it answered")
@@ -259,6 +261,21 @@ class Answers:
     def end(self) -> Event | None:
         """The last answer, if it has come."""
         return next((event for event in self.new() if event.state is not CommandState.BEGUN), None)
+
+
+def has_ended(event: Event, path: str, reader: Reader) -> bool:
+    """Whether an event tells that what was held at this path has ended: by itself, or with others for one reason. Of
+    those the text names the first: what is still taken by a client has not ended."""
+    if event.state is not CommandState.CANCELLED:
+        return False
+    if event.command or event.asked != LET_GO:
+        return event.path == path
+    return is_beside(path, event.path) and not reader.is_taken(path)
+
+
+def is_beside(path: str, around: str) -> bool:
+    """Whether a path is below another; "": every one is."""
+    return not around or path.startswith(f"{around}.")
 
 
 def error_of(event: Event) -> Exception:

@@ -11,11 +11,13 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from umo.cycle.client_commands import DEAD_MAN_REASON, ClientCommand
-from umo.cycle.events import CommandState
+from umo.cycle.events import LET_GO, CommandState
 from umo.replay.player import Player
 
 LEASE_ENDED = "was not renewed"
 """The end of the event that tells the end of a lease without a sign of life."""
+ALL = "*"
+"""In the place of a path: everything that is held."""
 LONG = 1e6
 """Time in s that is longer than any dead-man time and any lease."""
 
@@ -67,7 +69,8 @@ class TapeLevels:
         elif DEAD_MAN_REASON in event.text and event.state is CommandState.REFUSED:
             self._refused.add(event.command)
         elif event.text.startswith(DEAD_MAN_REASON):
-            self._ends.setdefault(event.time, set()).add(event.path)
+            all_of_them = event.asked == LET_GO and not event.command
+            self._ends.setdefault(event.time, set()).add(ALL if all_of_them else event.path)
 
     @property
     def _time(self) -> float:
@@ -88,7 +91,8 @@ class TapeLevels:
 
     def signed(self, path: str, lease: int) -> float:
         now = self.now()
-        ended = path in self._ends.get(self._time, ()) or self._inbox.taken in self._refused
+        ends = self._ends.get(self._time, ())
+        ended = path in ends or (ALL in ends and path != "") or self._inbox.taken in self._refused
         return 0.0 if ended else now
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import logging
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from operator import attrgetter, index
 from typing import Any, Protocol
 
@@ -40,6 +41,9 @@ class Injection:
         self.drivers: list[FaultyDriver] = []
         self.tells = True
         """Whether what begins and ends is logged: by the control process, not by a worker process."""
+        self.say: Callable[[Callable[[], str]], object] = _log
+        """Function that logs a line, which is given as a function that makes it: a machine does so when the outputs of
+        its period have been sent."""
 
     @property
     def active(self) -> int:
@@ -51,6 +55,15 @@ class Injection:
         ended = [effect for driver in self.drivers for effect in driver.end()]
         self.clock = None
         return any(effect.output or effect.channel is None for effect in ended)
+
+
+def _log(line: Callable[[], str]) -> None:
+    log.warning("%s", line())
+
+
+def _said(what: str, effect: Effect, now: float) -> str:
+    where = "" if effect.channel is None else f" (channel {effect.channel.text})"
+    return f"injected fault {what} at {number_text(now)} s: {effect.text}{where}"
 
 
 def _of_driver(name: str) -> Any:
@@ -115,8 +128,7 @@ class FaultyDriver(Driver[Any]):
 
     def _log(self, what: str, effect: Effect, now: float) -> None:
         if self._injection.tells:
-            where = "" if effect.channel is None else f" (channel {effect.channel.text})"
-            log.warning("injected fault %s at %s s: %s%s", what, number_text(now), effect.text, where)
+            self._injection.say(partial(_said, what, effect, now))
 
     def _concerning(self, channels: Sequence[Channel], output: bool) -> list[Effect]:
         acting = self.active()

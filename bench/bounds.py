@@ -1,0 +1,503 @@
+"""What a client, a lease, a mode, a fault, a clear, a lapse or a flood of alarms costs the one period that it meets.
+
+python -m bench --bounds [REPETITIONS]
+
+Each cause is brought about in a machine with 1,000 and with 10,000 objects of each kind (`bounded_plant.py`), on a
+simulated driver, with frames published; the period that it meets and idle periods are timed in turns, in time of the
+processor. Of a cause that resets actuators the time until they are at their defaults is compared with that of `reset()`
+of the same actuators in the same run; what else it costs has the bound of the others.
+"""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from statistics import median
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from bench.bounded_plant import Rig, failing
+from umo.cycle.client_control import COMMANDS_PER_PERIOD
+
+TITLE = "What one cause costs the period that it meets"
+SIZES = 1_000, 10_000
+LIMIT = 2.0
+"""ms that a cause may cost at 1,000 objects."""
+RESET_RATIO = 1.3
+"""The same of a cause that resets, as a ratio to `reset()` of the same actuators."""
+LINEAR = 13.0
+"""Ratio of the costs at 10,000 and 1,000 objects above which a cause is worse than linear: 10 and what caches add."""
+EACH_PART = 0.08
+"""ms for each equipment beyond the first that fails in the same period."""
+NOTICEABLE = 2.0
+"""ms at 10,000 objects below which the ratio is not judged."""
+REPETITIONS = 9
+WIDTH = 200
+"""Characters of a line of the table."""
+
+
+def _nothing(rig: Rig) -> None:
+    """Nothing is to be prepared."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One cause. `arm` brings it about in the next period; `before` and `after` are not timed."""
+
+    name: str
+    arm: Callable[[Rig], object]
+    verbs: Sequence[str] = ()
+    """The commands of clients that it measures."""
+    before: Callable[[Rig], object] = _nothing
+    after: Callable[[Rig], object] = _nothing
+    resets: Callable[[Rig], Sequence[Any]] | None = None
+    """The actuators that are reset; None: none is."""
+    parts: bool = False
+    """Whether each zone fails: each has a bound of its own."""
+    reacts: bool = False
+    """Whether the resets are the reaction to an interlock: nothing else may precede them."""
+    expected: str = ""
+    """The beginning of the answer to the last command, or of the last event: that it did happen."""
+
+
+@dataclass
+class Cost:
+    """What a cause costs at one size, ms."""
+
+    parts: int
+    """Number of zones."""
+
+    idle: list[float] = field(default_factory=list)
+    met: list[float] = field(default_factory=list)
+    at_defaults: list[float] = field(default_factory=list)
+    """From the tick until the actuators concerned were reset."""
+    reset: list[float] = field(default_factory=list)
+
+    @property
+    def extra(self) -> float:
+        return max(median(more - less for more, less in zip(self.met, self.idle, strict=True)), 0.0)
+
+    @property
+    def ratio(self) -> float:
+        """The time until the actuators are at their defaults, as a ratio to `reset()`."""
+        each = zip(self.at_defaults, self.idle, self.reset, strict=True)
+        return median((until - idle) / reset for until, idle, reset in each)
+
+    @property
+    def rest(self) -> float:
+        """What it costs beside the resets."""
+        each = zip(self.met, self.idle, self.reset, strict=True)
+        return median(more - less - RESET_RATIO * reset for more, less, reset in each)
+
+
+def measure(cause: Cause, rig: Rig, repetitions: int) -> Cost:
+    """In turns with idle periods."""
+    cost = Cost(len(rig.m.zones))
+    for _ in range(repetitions):
+        cause.before(rig)
+        rig.drain()
+        cost.idle.append(rig.steps(3) * 1e3)
+        cause.arm(rig)
+        cost.met.append(rig.step() * 1e3)
+        cost.at_defaults.append(rig.were_reset * 1e3)
+        if cause.expected and not rig.happened(cause.expected):
+            raise AssertionError(f"{cause.name}: {cause.expected!r} did not happen, but {rig.last()!r}")
+        rig.drain()
+        cause.after(rig)
+        rig.drain()
+        if cause.resets is not None:
+            rig.write_all(5.0)
+            rig.steps(2)
+            cost.reset.append(rig.reset_time(cause.resets(rig)) * 1e3)
+            rig.steps(2)
+    return cost
+
+
+@contextmanager
+def _without_collector() -> Iterator[None]:
+    """As in the control process."""
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+        gc.unfreeze()
+
+
+# The causes -----------------------------------------------------------------------------------------------
+
+
+def _four(do: str, path: str = "", value: Any = None, **more: Any) -> Callable[[Rig], None]:
+    """As many of one command as are carried out in a period; `{}` in the path counts."""
+
+    def arm(rig: Rig) -> None:
+        for number in range(COMMANDS_PER_PERIOD):
+            rig.ask(do, path.format(number), value, **more)
+
+    return arm
+
+
+def _asks(do: str, path: str = "", value: Any = None, **more: Any) -> Callable[[Rig], None]:
+    return lambda rig: rig.ask(do, path, value, **more)
+
+
+def _in_turn(*steps: Callable[[Rig], object]) -> Callable[[Rig], None]:
+    def all_of_them(rig: Rig) -> None:
+        for step in steps:
+            step(rig)
+            rig.drain()
+
+    return all_of_them
+
+
+def _lease(rig: Rig) -> None:
+    rig.do("lease")
+
+
+def _manual(rig: Rig) -> None:
+    rig.do("lease")
+    rig.do("mode", value="manual")
+
+
+def _automatic(rig: Rig) -> None:
+    rig.signs.silent = False
+    rig.do("lease", over=True)
+    rig.do("mode", value="automatic")
+    rig.do("give back")
+
+
+def _held(rig: Rig) -> None:
+    _manual(rig)
+    rig.hold_all()
+
+
+def _driven(rig: Rig) -> None:
+    rig.write_all(5.0)
+
+
+def _driven_valves(rig: Rig) -> None:
+    for each in rig.m.valves:
+        each.write(5.0)
+
+
+def _driven_fans(rig: Rig) -> None:
+    for each in rig.m.hall.fans:
+        each.write(5.0)
+
+
+def _rest(rig: Rig) -> None:
+    rig.write_all(0.0)
+
+
+def _set(name: str, value: Any, where: str = "") -> Callable[[Rig], None]:
+    """Set an attribute of the machine, or of each of its zones."""
+
+    def act(rig: Rig) -> None:
+        for owner in rig.m.zones if where == "zones" else [rig.m]:
+            setattr(owner, name, value)
+
+    return act
+
+
+def _break_one(rig: Rig) -> None:
+    rig.m.zones[0].broken = True
+
+
+def _acknowledged(rig: Rig) -> None:
+    rig.m.stopped = rig.m.each_stopped = False
+    rig.drain()
+    rig.m.acknowledge()
+
+
+def _cleared(rig: Rig) -> None:
+    for zone in rig.m.zones:
+        zone.broken = False
+    if rig.drivers["temperatures"].away:
+        rig.drivers["temperatures"].away = False
+        _look_now(rig)
+        rig.steps(3)
+    rig.drain()
+    rig.m.cycle.clear()
+
+
+def _valves(rig: Rig) -> Sequence[Any]:
+    return rig.m.valves
+
+
+def _probes(rig: Rig) -> Sequence[Any]:
+    return rig.m.probes
+
+
+def _heaters(rig: Rig) -> Sequence[Any]:
+    return rig.heaters
+
+
+def _fans(rig: Rig) -> Sequence[Any]:
+    return rig.m.hall.fans
+
+
+def _cold(yes: bool) -> Callable[[Rig], None]:
+    def act(rig: Rig) -> None:
+        for zone in rig.m.zones:
+            rig.drivers["temperatures"].set(zone.temperatures[0].path, -100 if yes else 100)
+
+    return act
+
+
+def _settle_alarms(rig: Rig) -> None:
+    """All alarms normal again."""
+    _cold(False)(rig)
+    for _ in range(rig.count // 10):
+        rig.step()
+    rig.do("lease", over=True)
+    rig.do("acknowledge alarm")
+    for _ in range(rig.count // 10):
+        rig.step()
+    rig.do("give back")
+
+
+def _alarmed(rig: Rig) -> None:
+    _cold(True)(rig)
+    for _ in range(rig.count // 10):
+        rig.step()
+    _lease(rig)
+
+
+def _fail_sequences(rig: Rig) -> None:
+    for zone in rig.m.zones:
+        zone.cycle.start(failing())
+    rig.step()
+
+
+def _fail_hall(rig: Rig) -> None:
+    rig.m.hall.cycle.start(failing())
+    rig.step()
+
+
+def _away(name: str, yes: bool) -> Callable[[Rig], None]:
+    def act(rig: Rig) -> None:
+        rig.drivers[name].away = yes
+
+    return act
+
+
+def _long_away(rig: Rig) -> None:
+    """The probes' device was away for long enough to be initialised again."""
+    rig.drivers["probes"].away = True
+    for _ in range(600):
+        rig.step()
+
+
+def _look_now(rig: Rig) -> None:
+    for absence in rig.machine.image.transfer.absences._absent.values():
+        absence.due = 0.0
+
+
+def _found(rig: Rig) -> None:
+    rig.drivers["probes"].away = False
+    _look_now(rig)
+
+
+def _probes_back(rig: Rig) -> None:
+    _found(rig)
+    rig.steps(3)
+
+
+def _expire(rig: Rig) -> None:
+    """The valves' commands expire in the period after this."""
+    for valve in rig.m.valves:
+        valve.write(5.0)
+    rig.step()
+    for command in rig.machine.commands.by_slot.values():
+        if command.written is not None:
+            command.written -= 2.0
+
+
+def _silent(rig: Rig) -> None:
+    """The next period finds no sign of life for what is held, but one of the lease itself."""
+    rig.signs.silent = True
+    rig.signs.now += 0.6
+
+
+def _lease_lapses(rig: Rig) -> None:
+    rig.signs.silent = True
+    rig.signs.now += 5.0
+
+
+def _started_hall(rig: Rig) -> None:
+    _lease(rig)
+    for do in ("reset", "start"):
+        rig.do("call", f"hall.unit.{do}")
+    _driven_fans(rig)
+
+
+def _stopped_hall(rig: Rig) -> None:
+    rig.do("call", "hall.unit.stop")
+    rig.do("give back")
+
+
+MISSPELT = "zones.{}.heaters.5x"
+BACK = _asks("give back")
+CAUSES = [
+    # Leases
+    Cause("a lease is taken", _asks("lease"), ["lease"], after=BACK, expected="done"),
+    Cause("a lease is given back, nothing held", BACK, ["give back"], before=_lease, expected="done"),
+    Cause("a lease is given back, every valve held", BACK, before=_held, after=_automatic, expected="done"),
+    Cause("a lease is taken over, every valve held", lambda rig: rig.ask_other("lease", over=True), before=_held,
+          after=_automatic, expected="done"),
+    Cause("a lease lapses, every valve held", _lease_lapses, before=_held, after=_automatic),
+    Cause("the signs of life for every held valve lapse", _silent, before=_held, after=_automatic),
+    # Commands
+    Cause("four writes", _four("write", "valves.{}", 5.0), ["write"], before=_manual, after=_automatic,
+          expected="done"),
+    Cause("four writes to misspelt paths", _four("write", MISSPELT, 5.0), before=_manual, after=_automatic,
+          expected="refused"),
+    Cause("four written values are let go", _four("let go", "valves.{}"), ["let go"], before=_held, after=_automatic,
+          expected="done"),
+    Cause("four numbers are tuned", _four("tune", "zones.{}.gain", 2.0), ["tune"], before=_lease, after=BACK,
+          expected="done"),
+    Cause("four misspelt numbers", _four("tune", "zones.{}.gian", 2.0), before=_lease, after=BACK, expected="refused"),
+    Cause("four actions are called", _four("call", "zones.{}.warm"), ["call"], before=_manual, after=_automatic,
+          expected="done"),
+    Cause("four misspelt actions", _four("call", "zones.{}.wram"), before=_manual, after=_automatic,
+          expected="refused"),
+    Cause("all actions are cancelled", _asks("cancel"), ["cancel"], before=_lease, after=BACK, expected="done"),
+    Cause("four unknown commands", _four("wirte", "valves.{}", 5.0), before=_lease, after=BACK, expected="refused"),
+    Cause("a stop is asked for", lambda rig: rig.ask_to_stop(), after=lambda rig: rig.go_on()),
+    # Modes
+    Cause("manual mode, every valve driven", _asks("mode", value="manual"), ["mode"],
+          before=_in_turn(_lease, _driven_valves), after=_in_turn(_automatic, _rest), expected="done"),
+    Cause("automatic mode, every valve was driven", _asks("mode", value="automatic"),
+          before=_in_turn(_lease, _driven_valves, _asks("mode", value="manual")), after=_in_turn(BACK, _rest),
+          expected="done"),
+    # Interlocks
+    Cause("an interlock over all valves begins", _set("stopped", True), before=_driven, after=_acknowledged,
+          resets=_valves, reacts=True, expected="emergency stop"),
+    Cause("an interlock over all valves ends", _set("stopped", False), before=_set("stopped", True),
+          after=_acknowledged),
+    Cause("an interlock of each heater begins", _set("each_stopped", True), before=_driven, after=_acknowledged,
+          resets=_heaters, reacts=True),
+    Cause("an interlock of each heater ends", _set("each_stopped", False), before=_set("each_stopped", True)),
+    Cause("four acknowledge everything, all valves latched", _four("acknowledge"), ["acknowledge"],
+          before=_in_turn(_lease, _set("stopped", True), _set("stopped", False)), after=BACK, expected="done"),
+    Cause("all valves' commands expire", _expire, after=_rest),
+    # Faults
+    Cause("the law of one zone fails", _break_one, before=_driven, after=_cleared),
+    Cause("the law of each zone fails", _set("broken", True, "zones"), before=_driven, after=_cleared,
+          resets=_heaters, parts=True),
+    Cause("a sequence of each zone fails", _fail_sequences, before=_driven, after=_cleared, resets=_heaters,
+          parts=True),
+    Cause("the sensors' driver fails: each zone in fault", _away("temperatures", True), before=_driven,
+          after=_cleared, resets=_heaters, parts=True),
+    Cause("one equipment with many actuators fails", _fail_hall, before=_driven, after=_cleared, resets=_fans),
+    Cause("a clear of everything, each zone in fault", _asks("clear"), ["clear"],
+          before=_in_turn(_lease, _fail_sequences), after=BACK, resets=_heaters, parts=True, expected="done"),
+    Cause("four misspelt clears", _four("clear", MISSPELT), before=_lease, after=BACK, expected="refused"),
+    Cause("all probes are marked BAD", _away("probes", True), after=_probes_back),
+    Cause("a driver that was away for long is back", _found, before=_long_away, after=_probes_back, resets=_probes),
+    # Units
+    Cause("a unit with many actuators is held", _asks("call", "hall.unit.hold"), before=_started_hall,
+          after=_in_turn(_stopped_hall, _rest), expected="done"),
+    Cause("a unit with many actuators goes on", _asks("call", "hall.unit.unhold"),
+          before=_in_turn(_started_hall, _asks("call", "hall.unit.hold")), after=_in_turn(_stopped_hall, _rest),
+          expected="done"),
+    # Alarms
+    Cause("every zone's alarm at once", _cold(True), after=_settle_alarms),
+    Cause("all alarms are acknowledged", _asks("acknowledge alarm"), ["acknowledge alarm"], before=_alarmed,
+          after=_settle_alarms, expected="done"),
+    Cause("all alarms are reset", _asks("reset alarm"), ["reset alarm"], before=_lease, after=BACK, expected="done"),
+    Cause("a thousand alarms are shelved", _asks("shelve", "probes", value=600), ["shelve"], before=_lease,
+          after=_in_turn(_asks("unshelve", "probes"), BACK), expected="done"),
+    Cause("a thousand alarms are unshelved", _asks("unshelve", "probes"), ["unshelve"],
+          before=_in_turn(_lease, _asks("shelve", "probes", value=600)), after=BACK, expected="done"),
+    Cause("a thousand alarms are put out of service", _asks("remove from service", "probes"), ["remove from service"],
+          before=_lease, after=_in_turn(_asks("return to service", "probes"), BACK), expected="done"),
+    Cause("a thousand alarms return to service", _asks("return to service", "probes"), ["return to service"],
+          before=_in_turn(_lease, _asks("remove from service", "probes")), after=BACK, expected="done"),
+    Cause("four misspelt alarms", _four("shelve", "zones.{}.clod", 600), before=_lease, after=BACK,
+          expected="refused"),
+]  # fmt: skip
+
+
+# The table ------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Row:
+    """One cause at all sizes."""
+
+    cause: Cause
+    costs: Sequence[Cost]
+
+    @property
+    def broken(self) -> str:
+        """Which bound is broken, in words; "": none."""
+        small, large = self.costs[0], self.costs[-1]
+        if self.cause.resets is not None:
+            if self.cause.reacts and (ratio := max(each.ratio for each in self.costs)) > RESET_RATIO:
+                return f"at the defaults after {ratio:.2f} times reset()"
+            limit = LIMIT + (EACH_PART * small.parts if self.cause.parts else 0.0)
+            return f"{small.rest:.1f} ms beside the resets, limit {limit:g}" if small.rest > limit else ""
+        if small.extra > LIMIT:
+            return f"{small.extra:.1f} ms"
+        if large.extra > NOTICEABLE and large.extra > LINEAR * max(small.extra, NOTICEABLE / LINEAR):
+            return "worse than linear"
+        return ""
+
+
+def run(console: Console, repetitions: int, only: str = "", sizes: Sequence[int] = SIZES) -> int:
+    """Measure and print; exit status 1 if a bound is broken."""
+    causes = [each for each in CAUSES if only in each.name]
+    found: dict[str, list[Cost]] = {cause.name: [] for cause in causes}
+    with console.status(TITLE) as status:
+        for size in sizes:
+            status.update(f"{size:,} objects: connecting")
+            rig = Rig(size)
+            try:
+                with _without_collector():
+                    rig.steps(20)
+                    for cause in causes:
+                        status.update(f"{size:,} objects: {cause.name}")
+                        few = repetitions if size == sizes[0] else max(repetitions // 3, 1)
+                        found[cause.name].append(measure(cause, rig, few))
+            finally:
+                rig.close()
+    rows = [Row(cause, found[cause.name]) for cause in causes]
+    Console(width=WIDTH, highlight=False).print(_table(rows, sizes))
+    broken = [f"{row.cause.name}: {row.broken}" for row in rows if row.broken]
+    for text in broken:
+        console.print(f"broken: {text}")
+    return 1 if broken else 0
+
+
+def _table(rows: Sequence[Row], sizes: Sequence[int]) -> Table:
+    grid = Table(title=f"{TITLE} (ms)")
+    grid.add_column("cause", no_wrap=True)
+    grid.add_column("bound", no_wrap=True)
+    for size in sizes:
+        for what in ("idle", "with it", "extra", "/ reset()"):
+            grid.add_column(f"{size:,}\n{what}", justify="right")
+    grid.add_column("10 x", justify="right")
+    for row in rows:
+        cells = []
+        for cost in row.costs:
+            ratio = f"{cost.ratio:.2f}" if cost.reset and any(cost.at_defaults) else ""
+            cells += [f"{median(cost.idle):.2f}", f"{median(cost.met):.2f}", f"{cost.extra:.2f}", ratio]
+        small, large = row.costs[0].extra, row.costs[-1].extra
+        linear = f"{large / small:.1f}" if small > 0 else ""
+        grid.add_row(row.cause.name, bound_of(row.cause), *cells, linear)
+    return grid
+
+
+def bound_of(cause: Cause) -> str:
+    """The bound at 1,000 objects, as the page docs/bounds.md has it."""
+    if cause.resets is None:
+        return f"{LIMIT:g} ms"
+    each = f" and {EACH_PART:g} ms a zone" if cause.parts else ""
+    return f"{RESET_RATIO:g} times reset(), {'then' if cause.reacts else 'and'} {LIMIT:g} ms{each}"
