@@ -18,9 +18,10 @@ from umo.control.checks import check_numbers
 from umo.control.inputs import HOMING, Accept, value_of
 from umo.control.profile import Profile
 from umo.cycle.parallel import together
-from umo.cycle.sequences import Task, advancing, next_period
+from umo.cycle.sequences import next_period
 from umo.errors import AxisError, Busy, DeclarationError, EquipmentFault, HomingError, RangeError, TaskFailed
 from umo.objects import Actuator, Compound, DigitalSensor, Number, Quality, Range, action
+from umo.objects.link import Task
 from umo.objects.reaction import declared_reaction
 from umo.presentation.digits import number_text
 from umo.presentation.value_text import measure, span
@@ -194,7 +195,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         self.enable()
         self._go(lambda: self._jog(velocity))
         self._begin("jog")
-        self._jogged_by = next(iter(advancing()), None)
+        self._jogged_by = self._machine.current_task
 
     def halt(self) -> None:
         """End a jog, whoever has begun it: decelerate to standstill. An axis that is not enabled, or does something

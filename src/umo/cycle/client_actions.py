@@ -119,7 +119,7 @@ class ClientActions:
         self._held[command.path] = _Held(command, lasts, signed, release, slot)
 
     def _new(self, command: ClientCommand) -> _Action:
-        return _Action(command, self._part_of(command.path), Sequences(self._machine.equipment.contain_sequence))
+        return _Action(command, self._part_of(command.path), self._machine.sequences.others())
 
     def _part_of(self, path: str) -> Atomic | Compound:
         """The object whose action this is, or that has this actuator."""
@@ -131,7 +131,7 @@ class ClientActions:
         sequence is to be started in equipment in fault."""
         result = self.within(action.started, call)
         if isinstance(result, Coroutine):
-            task = Task(result, action.part)
+            task = action.started.task(result, action.part)
             if (fault := self._machine.fault_of(action.part)) is not None:
                 task.cancel()  # it never begins
                 raise fault

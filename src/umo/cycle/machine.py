@@ -210,6 +210,10 @@ class ConnectedMachine:
             vars(self.image).pop("fail", None)
 
     @property
+    def current_task(self) -> Task | None:
+        return self.sequences.current.task
+
+    @property
     def is_manual(self) -> bool:
         return self.clients is not None and self.clients.mode is Mode.MANUAL
 
