@@ -16,6 +16,7 @@ import time
 from enum import IntEnum
 
 from umo.cycle.stage import Stage
+from umo.system.shared_cells import HEAD, SharedText
 
 MUTEX_BYTES = 64
 """Room for a pthread_mutex_t, bytes: it takes 40 on x86-64, 48 on AArch64."""
@@ -35,15 +36,17 @@ class Who(IntEnum):
     """The child of the guardian that resets the machine, while it works."""
 
 
-STAGE, BEAT, ASKED, WATCH, ADMITTED, CONCLUDING, REPORT_LENGTH, OUTCOME_LENGTH, EXCUSED = range(9)
+STAGE, BEAT, ASKED, WATCH, ADMITTED, CONCLUDING, EXCUSED = range(7)
+"""The cells: numbers, each of which means something by itself."""
 CELLS = 16
 MAX_REPORT_BYTES = 1 << 16
 """Length of a report at most, bytes."""
 HOLD_LIMIT = 1.0
 """Timeout in s for the process's own lock, which others take for microseconds to test it."""
 REPORT_AT = 8 * CELLS
-OUTCOME_AT = REPORT_AT + MAX_REPORT_BYTES
-LOCKS_AT = OUTCOME_AT + MAX_REPORT_BYTES
+REPORT_BYTES = HEAD.size + MAX_REPORT_BYTES
+OUTCOME_AT = REPORT_AT + REPORT_BYTES
+LOCKS_AT = OUTCOME_AT + REPORT_BYTES
 
 
 def worker(number: int) -> int:
@@ -70,6 +73,8 @@ class RunState:
         places = range(LOCKS_AT, LOCKS_AT + MUTEX_BYTES * count, MUTEX_BYTES)
         self._locks = [ctypes.c_char.from_buffer(self._memory, at) for at in places]
         self._cells = memoryview(self._memory)[:REPORT_AT].cast("q")
+        self._report = SharedText(self._memory, REPORT_AT, REPORT_BYTES)
+        self._outcome = SharedText(self._memory, OUTCOME_AT, REPORT_BYTES)
         attributes = ctypes.create_string_buffer(64)
         self._libc.pthread_mutexattr_init(attributes)
         self._libc.pthread_mutexattr_setpshared(attributes, PROCESS_SHARED)
@@ -165,7 +170,7 @@ class RunState:
 
     def report(self, text: bytes) -> None:
         """Write the report of the end. A report that is too long is dropped; the guardian then treats it as invalid."""
-        self._put(REPORT_AT, REPORT_LENGTH, text)
+        _put(self._report, text)
 
     # The guardian --------------------------------------------------------------------------------------
 
@@ -208,7 +213,7 @@ class RunState:
 
     def reported(self) -> bytes:
         """The report of the control process at its end."""
-        return self._get(REPORT_AT, REPORT_LENGTH)
+        return _get(self._report)
 
     def conclude(self) -> None:
         """The guardian resets, or records and tells the end, from now on: its signs of life may be far apart."""
@@ -222,16 +227,19 @@ class RunState:
 
     def settle(self, text: bytes) -> None:
         """The machine is reset, with this outcome. It stands if the guardian dies before it is recorded and told."""
-        self._put(OUTCOME_AT, OUTCOME_LENGTH, text)
+        _put(self._outcome, text)
         self.conclude()
 
     def settled(self) -> bytes:
         """The outcome, empty before there is one."""
-        return self._get(OUTCOME_AT, OUTCOME_LENGTH)
+        return _get(self._outcome)
 
-    def _put(self, at: int, length: int, text: bytes) -> None:
-        self._memory[at : at + min(len(text), MAX_REPORT_BYTES)] = text[:MAX_REPORT_BYTES]
-        self._cells[length] = len(text)
 
-    def _get(self, at: int, length: int) -> bytes:
-        return bytes(self._memory[at : at + min(max(self._cells[length], 0), MAX_REPORT_BYTES)])
+def _put(place: SharedText, text: bytes) -> None:
+    place.put(1, text if len(text) <= MAX_REPORT_BYTES else b"")
+
+
+def _get(place: SharedText) -> bytes:
+    """Empty as well while it is not whole: its writer was killed or stopped within it."""
+    found = place.get()
+    return b"" if found is None else found[1]
