@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple, cast
 
-from umo.cycle.sequences import Sequence, Task, adopting, cancel_all, next_period, own_task, with_notes
+from umo.cycle.sequences import Sequence, Task, adopting, cancel_all, check_condition, next_period, own_task, with_notes
 from umo.cycle.wait_graph import ParallelParts
 from umo.errors import Cancelled
 from umo.objects import link
@@ -77,6 +77,7 @@ async def unless(condition: Callable[[], bool], sequence: Sequence | link.Task) 
     task, tick = _task(sequence, own), None
     own.waits_for = ParallelParts([task], _never)
     try:
+        check_condition("unless", condition)
         while not condition():
             if task.advance(tick):
                 return True

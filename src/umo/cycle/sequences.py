@@ -22,7 +22,7 @@ from umo.duration import seconds as in_seconds
 from umo.errors import Cancelled, TaskFailed, TimeExpired, forget_frames, text_of
 from umo.objects import Node
 from umo.objects.paths import is_within
-from umo.text import add_note, in_brackets, place_among, shown_path, str_of
+from umo.text import add_note, cut_repr, in_brackets, place_among, shown_path, str_of
 from umo.user_code import refuse_exit
 
 Sequence = Coroutine[Any, Any, Any]
@@ -93,11 +93,20 @@ async def until(condition: Callable[[], bool], timeout: str | float | None = Non
     """Wait until the condition is true, and has been true in every period for the time `stays`. It is evaluated at
     once, then once per period. TimeExpired after `timeout` (default: no timeout). Times are in s, or texts ("20 ms").
     """
+    check_condition("until", condition)
     steady = in_seconds(stays)
     limit = math.inf if timeout is None else in_seconds(timeout)
+    if steady > limit:
+        raise ValueError(f"until(): it cannot stay true for {steady:g} s within {limit:g} s")
     if not await _pass(limit, condition, steady):
         what = f"did not stay true for {steady:g} s" if steady else "did not come true"
         raise TimeExpired(f"{_described(condition)} {what} within {limit:g} s")
+
+
+def check_condition(function: str, condition: object) -> None:
+    """TypeError for what cannot be asked in each period, such as the result of a comparison."""
+    if not callable(condition):
+        raise TypeError(f"{function}() takes a function, such as `lambda: ...`, not {cut_repr(condition)}")
 
 
 @coroutine
@@ -203,7 +212,7 @@ class Task(Waiter):
         parent: Task | None = None,
     ) -> None:
         if not isinstance(sequence, Coroutine):
-            raise TypeError(f"{sequence!r} is not a sequence; call an `async def` function")
+            raise TypeError(f"{cut_repr(sequence)} is not a sequence; call an `async def` function")
         super().__init__(parent)
         self._sequence = sequence
         self.part: Any = part if parent is None else parent.part
