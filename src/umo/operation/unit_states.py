@@ -269,4 +269,11 @@ class UnitStates:
     def describe(self) -> dict[str, Any]:
         """As plain data."""
         modes = {str(int(each)): title(each) for each in UnitMode}
-        return {"path": self.path, "part": self.part._path, "modes": modes, **self.model.describe()}
+        possible = [name for name in IN_MANUAL if self._is_possible_in_manual(name)]
+        about = {"path": self.path, "part": self.part._path, "modes": modes, "in_manual": possible}
+        return {**about, **self.model.describe()}
+
+    def _is_possible_in_manual(self, name: str) -> bool:
+        """Whether a command needs no sequence, wherever it is given."""
+        targets = set(self.model.commands[name].values())
+        return name == ABORT or not any(self._is_overridden(target) for target in targets)
