@@ -22,7 +22,7 @@ from umo.cycle.phases import Phases
 from umo.errors import DriverError, FramesError
 from umo.frames import Reader, Ring, Stage, rings
 from umo.frames.frame_server import folder
-from umo.frames.layout import Layout, describe_objects
+from umo.frames.layout import EVENT_ROW, Layout, describe_objects
 from umo.frames.memory import RunDescriptors
 from umo.states import OnOff
 from umo.testing import Scripted, VirtualTimer, periods
@@ -76,7 +76,7 @@ def test_the_header_alone_is_enough_to_read_a_frame() -> None:
         content = ring._map[:]
     header = struct.unpack_from("<8sIIQQQQQQ", content)
     magic, version, _, first, size, slots, journal, capacity, described = header
-    assert (magic, version) == (b"umoframe", 8)
+    assert (magic, version) == (b"umoframe", 9)
     text = json.loads(content[256 : 256 + described])
     fields = {field["name"]: field for field in text["fields"]}
     paths = [entry["path"] for entry in text["objects"]]
@@ -403,6 +403,33 @@ def test_with_checksums_a_flipped_byte_is_noticed() -> None:
         ends.close()
 
 
+def test_with_checksums_an_event_is_seen_whole_or_not_at_all() -> None:
+    """Where stores are not ordered its number may be seen before its text: the answer of another command."""
+    m = bench()
+    connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
+    with connection:
+        phases = Phases(connection.image, connection.wired.drivers)
+        layout = Layout(describe_objects(connection.image.items), tuple(phases.names), {"station": "x"})
+        ends, readers = RunDescriptors.pair()
+        ring = Ring(connection.machine, phases, layout, ends, checksum=True)
+        connection.machine.observers.append(ring)
+        m.cycle.tell("the first")
+        periods(m)
+        row = slice(ring._events_at, ring._events_at + EVENT_ROW.itemsize)
+        with Reader("bench", readers) as reader:
+            (event,) = reader.events()
+            assert event.event.text == "the first"
+            before = bytes(ring._bytes[row])
+            for place in range(8, len(before)):
+                ring._bytes[row.start + place] ^= 1
+                assert reader.events() == []
+                ring._bytes[row] = before
+            assert reader.events() == [event]
+        connection.machine.observers.remove(ring)
+        ring.close()
+        ends.close()
+
+
 def test_with_checksums_the_content_of_an_earlier_lap_is_not_taken_for_the_frame() -> None:
     """On a processor with weakly ordered stores the new sequence number may be seen before the frame behind it."""
     m = bench()
@@ -479,8 +506,8 @@ def test_a_ring_that_cannot_be_made_leaves_nothing_behind(calls: list[str], monk
 
 def test_a_ring_of_another_version_is_refused_with_a_sentence() -> None:
     with running() as (_, ring, _connection):
-        ring._map[8] = 9
-        with pytest.raises(FramesError, match="frames of version 9, this umo reads version 8"):
+        ring._map[8] = 10
+        with pytest.raises(FramesError, match="frames of version 10, this umo reads version 9"):
             Reader(ring.path)
 
 

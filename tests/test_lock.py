@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from helpers.cycling import Cycle
+from helpers.cycling import Cycle, by_hand
 from helpers.machines import Bench, bench, wired
 from umo import TaskFailed, connect
 from umo.control import Lock, first, next_period, timeout, together, unless, wait
@@ -168,7 +168,7 @@ def test_to_take_a_lock_that_one_has_already_is_an_error(run):
 
 def test_a_lock_outside_of_a_sequence_is_an_error():
     with pytest.raises(TaskFailed, match="only in a sequence that the cycle advances"):
-        uses(Lock(), 0, [], "a").send(None)
+        by_hand(uses(Lock(), 0, [], "a"))
 
 
 def test_a_lock_made_in_setup_is_free_in_the_next_connection():

@@ -495,7 +495,7 @@ def test_a_client_operates_the_unit_in_automatic_mode_and_what_it_starts_outlive
         assert "state: execute" in ann.notes
 
 
-def test_in_manual_mode_the_states_wait_but_stop_and_abort_are_possible() -> None:
+def test_in_manual_mode_the_states_wait_but_abort_is_possible() -> None:
     with running() as (m, unit):
         lead_to(m, S.EXECUTE)
         ann = Operator(m)
@@ -504,7 +504,7 @@ def test_in_manual_mode_the_states_wait_but_stop_and_abort_are_possible() -> Non
         m.filler.open.add("execute")
         ann.run(20)
         assert unit.state is S.EXECUTE
-        assert unit.possible == ["stop", "abort"]
+        assert unit.possible == ["abort"]  # `stopping` is a sequence, which would wait
         assert "manual mode" in ann.call("filler.unit.hold").text
         assert ann.call("filler.unit.abort").state is CommandState.DONE
         assert unit.state is S.ABORTED
@@ -641,6 +641,116 @@ def test_a_law_of_the_users_own_may_have_a_method_supervise() -> None:
 
     with connect(Watched(timer=timer())) as m:
         periods(m, 3)
+
+
+# What is accepted happens ---------------------------------------------------------------------------------
+
+
+def gated(base: Any, every: bool = True) -> Any:
+    """States with a sequence for each acting state (or for that of the work alone), which ends when the test lets
+    it."""
+
+    def gate(name: str) -> Any:
+        async def sequence(self: Any) -> None:
+            await until(lambda: name in self.part.open)
+
+        return sequence
+
+    names = [sequence_name(base.model, each) for each in base.model.acting if every or each is base.model.execute]
+    return type(f"{'All' if every else 'Work'}Of{base.__name__}", (base,), {name: gate(name) for name in names})
+
+
+KINDS = [gated(base, every) for base in (PackML, Procedure) for every in (False, True)]
+
+
+def reachable(kind: Any) -> list[Any]:
+    """The states in which a unit can stay: acting ones where it has something to do."""
+    names = {name for name in vars(kind) if not name.startswith("_")}
+    return [
+        each
+        for each in type(kind.model.first)
+        if each not in kind.model.acting or sequence_name(kind.model, each) in names
+    ]
+
+
+def lead(m: Any, wanted: Any) -> None:
+    """Bring a unit into a state, by commands and ends of sequences."""
+    unit = m.filler.unit
+    steps = [(at, name, then) for name, targets in unit.model.commands.items() for at, then in targets.items()]
+    steps += [(at, "", then) for at, then in unit.model.acting.items()]
+    ways: dict[Any, list[tuple[str, Any]]] = {unit.model.first: []}
+    queue = deque(ways)
+    while queue:
+        state = queue.popleft()
+        for at, cause, then in steps:
+            if at is state and then not in ways:
+                ways[then] = [*ways[at], (cause, then)]
+                queue.append(then)
+    for cause, then in ways[wanted]:
+        if cause:
+            unit.command(cause)
+            periods(m)
+        elif unit.state is not then:  # an acting state in which there is something to do
+            name = sequence_name(unit.model, unit.state)
+            periods(m, 2)
+            m.filler.open.add(name)
+            periods(m, 2)
+            m.filler.open.discard(name)
+    assert unit.state is wanted
+
+
+def where_it_leads(model: Any, command: str, at: Any) -> Any:
+    """The state that a command reaches in the end, when what there is to do has been done."""
+    then = model.commands[command][at]
+    while then in model.acting and then is not model.execute:
+        then = model.acting[then]
+    return then
+
+
+@pytest.mark.parametrize("mode", ["automatic", "manual"])
+@pytest.mark.parametrize(
+    ("kind", "at"),
+    [pytest.param(kind, at, id=f"{kind.__name__}-{at.name.lower()}") for kind in KINDS for at in reachable(kind)],
+)
+def test_a_command_is_refused_or_what_it_says_happens(kind: Any, at: Any, mode: str) -> None:
+    """`stop` was answered as done in manual mode, and the unit stayed in Stopping: its sequence waited."""
+    for command in kind.model.commands:
+        with running(kind) as (m, unit):
+            lead(m, at)
+            ann = Operator(m)
+            ann.do("lease", seconds=1000.0)
+            ann.mode(mode)
+            ann.run(2)
+            before = kind.model.aborted if (mode, at) == ("manual", kind.model.aborting) else at
+            assert unit.state is before
+            possible = unit.possible
+            answer = ann.call(f"filler.unit.{command}")
+            m.filler.open |= {sequence_name(kind.model, each) for each in kind.model.acting} - {"execute"}
+            ann.run(5)
+            if answer.state is CommandState.DONE:
+                assert command in possible
+                assert unit.state is where_it_leads(kind.model, command, before)
+            else:
+                assert (answer.state, command in possible) == (CommandState.REFUSED, False)
+                assert f"{command} is not possible" in answer.text
+                assert mode == "automatic" or unit.state is before
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_whatever_a_unit_does_it_can_be_brought_to_a_standstill_in_manual_mode(kind: Any) -> None:
+    for at in reachable(kind):
+        if at in (kind.model.aborting, kind.model.aborted):
+            continue
+        with running(kind) as (m, unit):
+            lead(m, at)
+            ann = Operator(m)
+            ann.do("lease", seconds=1000.0)
+            ann.mode("manual")
+            answers = [ann.call(f"filler.unit.{each}") for each in ("stop", "abort")]
+            assert CommandState.DONE in {each.state for each in answers}
+            assert unit.state in (kind.model.aborted, kind.model.stopped)
+            if answers[0].state is CommandState.REFUSED and "manual" in answers[0].text:
+                assert answers[0].text.endswith("change the mode (`umo mode`), or abort it")
 
 
 # ISA-88 -------------------------------------------------------------------------------------------------

@@ -349,4 +349,4 @@ def test_the_events_are_in_the_description_of_the_ring_and_readable_by_it_alone(
             assert [each.number for each in told] == list(range(88, 600))
             assert told[-1].event.text.startswith("happened 599 ä")
             text = json.loads(reader.layout.describe())["events"]
-            assert (text["count"], text["entry_bytes"]) == (512, 768)
+            assert (text["count"], text["entry_bytes"]) == (512, 776)

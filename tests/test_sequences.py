@@ -15,10 +15,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from helpers.cycling import Cycle, after, gather, steps_until_done, stubborn
+from helpers.cycling import Cycle, after, by_hand, gather, steps_until_done, stubborn
 from helpers.machines import actuator
 from umo import Compound, DigitalActuator, TaskFailed, connect
-from umo.control import next_period, timeout, together, unless, until, wait
+from umo.control import first, next_period, timeout, together, unless, until, wait
 from umo.cycle.clock import Clock
 from umo.cycle.sequences import Sequences, Task
 from umo.errors import Cancelled, DeclarationError, TimeExpired
@@ -459,7 +459,7 @@ def test_a_block_outside_of_a_sequence_is_an_error():
             pass
 
     with pytest.raises(TaskFailed, match="only in a sequence"):
-        block().send(None)
+        by_hand(block())
 
 
 # Waiting for a task ----------------------------------------------------------------------------------
@@ -510,17 +510,21 @@ def test_to_wait_for_a_task_that_failed_is_an_error_with_its_cause(when):
         assert isinstance(caught.value.__cause__, ValueError)
 
 
-def test_two_sequences_that_wait_for_each_other_can_be_cancelled():
+def test_of_two_sequences_that_wait_for_each_other_the_second_is_told():
+    """It was told of neither: each waited until its time limit, or for ever."""
     tasks = []
 
-    async def waits(other, block):
-        async with timeout(block):
-            await tasks[other]
+    async def one():
+        await tasks[1]
+
+    async def other():
+        async with timeout("9 ms"):
+            await tasks[0]
 
     with Cycle() as cycle:
-        tasks += [cycle.start(waits(1, "3 ms")), cycle.start(waits(0, "9 ms"))]
-        with contextlib.suppress(TimeExpired):
-            cycle.steps(6)
+        tasks += [cycle.start(one()), cycle.start(other())]
+        with pytest.raises(TaskFailed, match=r"other awaits .*one: it would wait for itself \(.*one awaits .*other\)"):
+            cycle.steps(2)
         assert [task.done for task in tasks] == [True, True]
 
 
@@ -532,7 +536,7 @@ def test_a_task_that_waits_for_itself_is_an_error():
 
     with Cycle() as cycle:
         own.append(cycle.start(snake()))
-        with pytest.raises(TaskFailed, match="snake awaited itself"):
+        with pytest.raises(TaskFailed, match=r"snake awaits sequence .*snake: it would wait for itself$"):
             cycle.steps(1)
 
 
@@ -661,6 +665,31 @@ def test_a_cancelled_sequence_has_left_when_cancel_returns_whatever_it_does_abou
             task.cancel()
             assert task.done
     assert log == ["returned", "left"]
+
+
+def test_a_sequence_that_waits_again_whatever_cancels_it_is_named_with_its_place():
+    """It was told as "coroutine ignored GeneratorExit", without a name: the application was searched for it."""
+
+    async def swallows():
+        for _ in range(3):  # the third time is Python's own, when the sequence is freed
+            with contextlib.suppress(BaseException):
+                await wait("1 s")
+
+    async def stops(how):
+        task = cycle.start(swallows())
+        await wait("2 ms")
+        task.cancel() if how == "cancel" else await first(task, wait("1 ms"))
+
+    place = r"tests/test_sequences\.py:\d+ in swallows"
+    message = rf"sequence .*swallows was cancelled and did not end: it waits again \({place}\)"
+    for how in ("cancel", "first"):
+        with Cycle() as cycle:
+            cycle.start(stops(how))
+            with pytest.raises(TaskFailed, match=message):
+                cycle.steps(5)
+    with pytest.raises(TaskFailed, match=message), Cycle() as cycle:
+        cycle.start(swallows())
+        cycle.steps(2)
 
 
 def test_an_error_in_what_a_cancelled_sequence_went_on_to_await_is_not_lost():

@@ -183,3 +183,12 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
         return ""
     near = difflib.get_close_matches(name[:200], list(islice(known, COMPARED_NAMES)), n=1, cutoff=0.5)
     return f" (did you mean {near[0]!r}?)" if near else ""
+
+
+def cut_repr(given: object, longest: int = 60) -> str:
+    """What was given by mistake, for a message: its `repr` in one line, cut; of what has none its type."""
+    try:
+        text = " ".join(repr(given).split())
+    except BaseException:  # it is of the user's, or an int with more digits than Python prints
+        text = f"<{type(given).__name__}>"
+    return text if len(text) <= longest else f"{text[:longest]}..."

@@ -68,3 +68,9 @@ async def stubborn(log, name):
     finally:
         log.append(name)
         raise RuntimeError(f"cleaning up {name}")
+
+
+def by_hand(sequence):
+    """Two steps of a sequence that no cycle advances: in the first it asks for its task, and nobody answers."""
+    sequence.send(None)
+    sequence.send(None)

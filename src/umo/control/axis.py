@@ -18,12 +18,15 @@ from umo.control.checks import check_numbers
 from umo.control.inputs import HOMING, Accept, value_of
 from umo.control.profile import Profile
 from umo.cycle.parallel import together
-from umo.cycle.sequences import Task, advancing, next_period
+from umo.cycle.sequences import next_period
 from umo.errors import AxisError, Busy, DeclarationError, EquipmentFault, HomingError, RangeError, TaskFailed
 from umo.objects import Actuator, Compound, DigitalSensor, Number, Quality, Range, action
+from umo.objects.link import Task
 from umo.objects.reaction import declared_reaction
 from umo.presentation.digits import number_text
 from umo.presentation.value_text import measure, span
+from umo.text import cut_repr, some
+from umo.user_code import attempt
 
 ACCEPTED_WHEN_REFERENCED = Quality.OUT_OF_RANGE
 """Quality that is accepted of a referenced encoder: at an end of its range an axis may stand a little outside. The
@@ -194,7 +197,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         self.enable()
         self._go(lambda: self._jog(velocity))
         self._begin("jog")
-        self._jogged_by = next(iter(advancing()), None)
+        self._jogged_by = self._machine.current_task
 
     def halt(self) -> None:
         """End a jog, whoever has begun it: decelerate to standstill. An axis that is not enabled, or does something
@@ -245,6 +248,12 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
     def state(self) -> AxisState:
         """What the axis does, in PLCopen's words."""
         return axis_state.state_of(self)
+
+    def shown_state(self) -> AxisState:
+        """The state that others see, of the axis's own: a `state` of a subclass is asked by nobody but the program. An
+        error, as with a `profile` that is none, is ERROR_STOP."""
+        found, error = attempt(axis_state.state_of, self)
+        return AxisState.ERROR_STOP if error else found
 
     def describe_axis(self) -> Mapping[str, Any]:
         """What others must know of it, as plain data (`umo.control.axis_state.described`)."""
@@ -469,6 +478,12 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
 
 
 async def move_together(*moves: tuple[Axis, float]) -> None:
-    """Move several axes, `(axis, position)` each, so that they start and arrive together."""
-    duration = max(axis.time_to(position) for axis, position in moves)
+    """Move several axes, `(axis, position)` each, so that they start and arrive together. TypeError for what is no such
+    pair, ValueError for an axis that is given twice: none moves then."""
+    for each in moves:
+        if not isinstance(each, tuple | list) or len(each) != 2 or not isinstance(each[0], Axis):
+            raise TypeError(f"move_together() takes pairs such as `(axis, 80.0)`, not {cut_repr(each)}")
+    if twice := [axis._path for n, (axis, _) in enumerate(moves) if axis in [other for other, _ in moves[:n]]]:
+        raise ValueError(f"move_together() has {some(twice)} twice")
+    duration = max((axis.time_to(position) for axis, position in moves), default=0.0)
     await together(*(axis.move_to(position, duration=duration) for axis, position in moves))

@@ -8,9 +8,8 @@ from typing import NamedTuple, Protocol
 
 from umo.control.inputs import HOMING, Accept
 from umo.control.profile import Profile
-from umo.cycle.sequences import Task
 from umo.objects import Actuator, DigitalSensor, Quality
-from umo.objects.link import Cycle
+from umo.objects.link import Cycle, Task
 from umo.presentation.digits import digits_of
 from umo.presentation.value_text import measure
 

@@ -12,9 +12,10 @@ from typing import Any, TypeAlias, TypeVar, overload
 import numpy as np
 
 from umo.errors import BadInput
-from umo.objects import BinarySensor, DigitalSensor, Quality, Sensor, Vector
+from umo.objects import Atomic, BinarySensor, DigitalSensor, Quality, Sensor, Vector
 from umo.objects.scaling import BoolArray, FloatArray
 from umo.states import TwoState
+from umo.text import cut_repr
 
 S = TypeVar("S", bound=TwoState)
 
@@ -41,7 +42,11 @@ def value_of(
         values = sensor.read()
         _check_all(sensor, accept, where)
         return values
-    value = sensor.read()
+    try:
+        value = sensor.read()
+    except AttributeError:
+        _refuse_other("value_of", sensor)
+        raise
     if sensor._image.quality[sensor._slot]:  # not GOOD; the property would make an enum of it at each reading
         _check(sensor, accept)
     return value
@@ -49,7 +54,11 @@ def value_of(
 
 def state_of(sensor: BinarySensor[S], accept: Accept = ()) -> S:
     """The sensor's state; BadInput if its quality is not accepted."""
-    state = sensor.read()
+    try:
+        state = sensor.read()
+    except AttributeError:
+        _refuse_other("state_of", sensor)
+        raise
     if sensor._image.quality[sensor._slot]:
         _check(sensor, accept)
     return state
@@ -76,3 +85,9 @@ def _accepts(accept: Accept, quality: Quality) -> bool:
     if quality is Quality.GOOD or quality is Quality.STALE:
         return True
     return quality is accept if isinstance(accept, Quality) else quality in accept
+
+
+def _refuse_other(function: str, given: object) -> None:
+    """TypeError for what is no sensor."""
+    if not isinstance(given, Atomic):
+        raise TypeError(f"{function}() takes a sensor, not {cut_repr(given)}") from None

@@ -134,14 +134,14 @@ class ClientActions:
             self._held_actions.add(command.path)
 
     def _new(self, command: ClientCommand, part: Atomic | Compound) -> _Action:
-        return _Action(command, part, Sequences(self._machine.equipment.contain_sequence))
+        return _Action(command, part, self._machine.sequences.others())
 
     def _call(self, action: _Action, call: Callable[[], Any]) -> Any:
         """Its result; the sequence that this is, and those that it starts, belong to the action. EquipmentFault if a
         sequence is to be started in equipment in fault."""
         result = self.within(action.started, call)
         if isinstance(result, Coroutine):
-            task = Task(result, action.part)
+            task = action.started.task(result, action.part)
             if (fault := self._machine.fault_of(action.part)) is not None:
                 task.cancel()  # it never begins
                 raise fault

@@ -30,6 +30,7 @@ from umo.cycle.transfer import UNCONTROLLED_TIMEOUT, settling, wait_for
 from umo.drivers.faults.wrapper import bare
 from umo.errors import DeclarationError, DriverError, Failure, StopError, text_of
 from umo.objects import Compound, Sensor, atoms, walk
+from umo.objects.compound import check_machine
 from umo.objects.description import html_of
 from umo.system.device_record import DeviceClaim
 from umo.text import Moment, add_note
@@ -67,6 +68,7 @@ class connect(Generic[C]):
         acknowledge: bool = False,
         **options: Any,
     ) -> None:
+        check_machine("connect", root)
         if root._parent is not None:
             raise DeclarationError(f"{root._path} is a part of a machine; connect the whole machine")
         self.root = root

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 
-from umo.cycle.sequences import Task, advancing, next_period
+from umo.cycle import wait_graph
+from umo.cycle.sequences import Task, next_period, own_task
 from umo.errors import TaskFailed
 
 
@@ -19,58 +20,73 @@ class Lock:
 
     First come, first served; one that is paused (`task.paused`: a part that is held) is passed over, and keeps its
     place. It is given back when the block ends, also by an error or a cancellation; then the first one that waits has
-    it at once. A sequence that is cancelled while it waits leaves the queue. TaskFailed if the sequence has it already,
-    itself or by a sequence that awaits it.
+    it at once. A sequence that is cancelled while it waits leaves the queue. TaskFailed, which names the circle, if the
+    sequence can never get it: whoever has it waits for this sequence, by whatever locks and sequences.
     """
 
     def __init__(self) -> None:
-        self._holder: Task | None = None
-        self._queue: deque[tuple[Task, ...]] = deque()
-        """Those that wait: each with the sequences that it is a part of, the outermost first."""
+        self._owner: Task | None = None
+        """The innermost sequence that has it."""
+        self._queue: deque[Task] = deque()
+        """Those that wait for it, the first that came first."""
 
     @property
     def holder(self) -> str | None:
         """The name of the sequence that has it: that of its `async def` function. None: it is free."""
-        return None if self._holder is None else self._holder.name
+        return None if self._owner is None else self._owner.name
 
     @property
     def locked(self) -> bool:
         """Whether a sequence has it."""
-        return self._holder is not None
+        return self._owner is not None
 
     async def __aenter__(self) -> Lock:
-        chain = tuple(advancing())
-        if not chain:
-            raise TaskFailed("a Lock can be used only in a sequence that the cycle advances")
-        if self._holder in chain:
-            raise TaskFailed(f"{chain[-1].name} waits for a Lock that {self.holder} has: it would wait for itself")
-        own = chain[-1]
-        self._queue.append(chain)
-        if self._holder is None:
+        own = await own_task("a Lock")
+        if self._owner is not None:
+            self._refuse(own, self._owner)
+        self._queue.append(own)
+        if self._owner is None:
             self._pass_on()
+        own.waits_for = self
         try:
-            while self._holder is not own:
+            while self._owner is not own:
                 await next_period()
-                if self._holder is None:  # those that wait were paused when it was given back
+                if self._owner is None:  # those that wait were paused when it was given back
                     self._pass_on()
         except BaseException:
-            self._leave(chain)
+            self._leave(own)
             raise
+        finally:
+            own.waits_for = None
         return self
 
     async def __aexit__(self, *error: object) -> None:
         self._pass_on()
 
-    def _leave(self, chain: tuple[Task, ...]) -> None:
+    def _refuse(self, own: Task, owner: Task) -> None:
+        """TaskFailed for a sequence that can never get it."""
+        if own.machine is not owner.machine:
+            raise TaskFailed(f"{own.name} waits for a Lock that {owner.name} of another machine has")
+        if (why := wait_graph.circle(own, owner)) is not None:
+            raise TaskFailed(f"{own.name} waits for a Lock that {owner.name} has: {why}")
+
+    def _leave(self, own: Task) -> None:
         """A sequence that waits is cancelled, perhaps after the lock was passed on to it."""
-        if self._holder is chain[-1]:
+        if self._owner is own:
             self._pass_on()
         else:
-            self._queue.remove(chain)
+            self._queue.remove(own)
 
     def _pass_on(self) -> None:
         """To the first one that waits and is not paused."""
-        chain = next((each for each in self._queue if not any(task.paused for task in each)), None)
-        self._holder = None if chain is None else chain[-1]
-        if chain is not None:
-            self._queue.remove(chain)
+        if self._owner is not None:
+            self._owner.holds.remove(self)
+        self._owner = next((each for each in self._queue if not _is_paused(each)), None)
+        if self._owner is not None:
+            self._queue.remove(self._owner)
+            self._owner.holds.append(self)
+
+
+def _is_paused(task: Task) -> bool:
+    """Whether the sequence, or one that runs it, is paused."""
+    return any(each.paused for each in task.lineage)

@@ -97,9 +97,8 @@ class Supervisor(Protocol):
 class MotionAxis(Protocol):
     """A compound that is an axis of motion (`umo.control.Axis`)."""
 
-    @property
-    def state(self) -> int:
-        """What it does: the number of one of its states."""
+    def shown_state(self) -> int:
+        """What it does, for frames: the number of one of its states. It raises nothing."""
 
     def describe_axis(self) -> Mapping[str, Any]:
         """Its path, states, position, limits and actions, as plain data."""
@@ -230,6 +229,10 @@ class ConnectedMachine:
             self.image.fail = self.equipment.failed
         else:
             vars(self.image).pop("fail", None)
+
+    @property
+    def current_task(self) -> Task | None:
+        return self.sequences.current.task
 
     @property
     def is_manual(self) -> bool:
@@ -556,7 +559,7 @@ class ConnectedMachine:
         frame.number, frame.time, frame.missed = clock.number, clock.now, clock.missed
         frame.signal_values = read_numbers(frame.signals)
         for number, axis in enumerate(self.axes):
-            self._axis_states[number] = axis.state
+            self._axis_states[number] = axis.shown_state()
         show(frame, self.observers)
 
     def _slots_of(self, part: Node) -> _PartSlots:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple, cast
 
-from umo.cycle.sequences import Sequence, Task, adopting, cancel_all, next_period, with_notes
+from umo.cycle.sequences import Sequence, Task, adopting, cancel_all, check_condition, next_period, own_task, with_notes
+from umo.cycle.wait_graph import ParallelParts
 from umo.errors import Cancelled
 from umo.objects import link
 
@@ -22,14 +23,18 @@ class First(NamedTuple):
 async def together(*sequences: Sequence | link.Task) -> tuple[Any, ...]:
     """Run sequences in parallel and return their results. The first error cancels the others and is raised. A started
     sequence, what `cycle.start` returned, may be among them, and is cancelled as the others are."""
-    tasks = [_task(each) for each in sequences]
+    own = await own_task("together()")
+    tasks = [_task(each, own) for each in sequences]
     running, tick = tasks, None
+    own.waits_for = ParallelParts(tasks, any)
     try:
         while running := [task for task in running if not task.advance(tick)]:
             tick = await next_period()
     except BaseException as failure:
         _cancel_after(failure, tasks)
         raise
+    finally:
+        own.waits_for = None
     return tuple(task.result for task in tasks)
 
 
@@ -44,14 +49,17 @@ async def first(*sequences: Sequence | link.Task) -> First:
     """
     if not sequences:
         raise TypeError("first() needs a sequence: of none, none can end")
-    tasks = [_task(each) for each in sequences]
+    own = await own_task("first()")
+    tasks, tick = [_task(each, own) for each in sequences], None
+    own.waits_for = ParallelParts(tasks, all)
     try:
-        tick = None
         while (ended := next((n for n, task in enumerate(tasks) if task.advance(tick)), None)) is None:
             tick = await next_period()
     except BaseException as failure:
         _cancel_after(failure, tasks)
         raise
+    finally:
+        own.waits_for = None
     if errors := cancel_all(tasks):
         raise with_notes(errors.pop(0), errors)
     return First(ended, tasks[ended].result)
@@ -65,8 +73,11 @@ async def unless(condition: Callable[[], bool], sequence: Sequence | link.Task) 
     The condition is evaluated at once, when the sequence does not begin if it is true, and then once per period before
     the sequence's step. An error in the condition cancels the sequence and is raised.
     """
-    task, tick = _task(sequence), None
+    own = await own_task("unless()")
+    task, tick = _task(sequence, own), None
+    own.waits_for = ParallelParts([task], _never)
     try:
+        check_condition("unless", condition)
         while not condition():
             if task.advance(tick):
                 return True
@@ -74,12 +85,19 @@ async def unless(condition: Callable[[], bool], sequence: Sequence | link.Task) 
     except BaseException as failure:
         _cancel_after(failure, [task])
         raise
+    finally:
+        own.waits_for = None
     task.cancel()
     return False
 
 
-def _task(sequence: Sequence | link.Task) -> Task:
-    return Task(_ended(sequence) if isinstance(sequence, Task) else cast(Sequence, sequence))
+def _never(stuck: Iterable[bool]) -> bool:
+    """The condition may come true whatever becomes of the sequence."""
+    return False
+
+
+def _task(sequence: Sequence | link.Task, own: Task) -> Task:
+    return Task(_ended(sequence) if isinstance(sequence, Task) else cast(Sequence, sequence), parent=own)
 
 
 @adopting

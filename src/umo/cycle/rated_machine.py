@@ -18,7 +18,7 @@ from umo.cycle.clock import Clock, WallClock
 from umo.cycle.columns import Block
 from umo.cycle.image import Image
 from umo.cycle.machine import ConnectedMachine, go_on
-from umo.cycle.sequences import Task, advancing
+from umo.cycle.sequences import Task
 from umo.errors import DriverError, Failure
 from umo.objects import Compound, Node
 from umo.objects.link import Machine
@@ -106,8 +106,8 @@ class PartMachine:
     @property
     def clock(self) -> Clock:
         """In a sequence, whoever's it is, the clock by which that takes its steps."""
-        tasks = advancing()
-        return (tasks[0].clock or self.whole.clock) if tasks else self._clock
+        task = self.whole.current_task
+        return self._clock if task is None else task.clock or self.whole.clock
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.whole, name)

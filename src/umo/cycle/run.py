@@ -10,6 +10,8 @@ from umo.cycle.connect import connect
 from umo.cycle.frame import Observer
 from umo.errors import DeclarationError
 from umo.objects import Compound, DigitalSensor, children
+from umo.objects.compound import check_machine
+from umo.text import cut_repr
 from umo.wiring import distribute_options
 
 C = TypeVar("C", bound=Compound)
@@ -33,11 +35,14 @@ def run(
     reset to their defaults. Each of the `options` is handed to all who take one of its name: the application and the
     drivers, as for `umo run` and `umo.start`; OptionError if nobody does. `acknowledge` as for `connect`.
     """
+    check_machine("run", machine)
     _timer_of(machine)
+    _check_application(application)
+    watching = _checked_observers(observers)
     shares = distribute_options(options, application=application, wiring=wiring)
     connection = connect(machine, wiring, acknowledge=acknowledge, **shares.wiring)
     with connection as m:
-        connection.machine.observers.extend(observers)
+        connection.machine.observers.extend(watching)
         return drive(m, application, **shares.application)
 
 
@@ -45,6 +50,8 @@ def drive(m: C, application: Application[C] | None = None, **options: Any) -> An
     """The loop of a connected machine. Ends when the application ends or a stop is requested, which ends the wait for a
     tick. The `options` are those of the application (those of drivers belong to `connect`); OptionError if it does not
     take one."""
+    check_machine("drive", m)
+    _check_application(application)
     shares = distribute_options(options, application=application, wiring={})
     timer = _timer_of(m)
     task = None if application is None else m.cycle.start(application(m, **shares.application))
@@ -55,6 +62,19 @@ def drive(m: C, application: Application[C] | None = None, **options: Any) -> An
         m.control()
         m.update()
     return task.result if task is not None and task.done else None
+
+
+def _check_application(application: object) -> None:
+    if application is not None and not callable(application):
+        raise DeclarationError(f"an application is an `async def` function of the machine, not {cut_repr(application)}")
+
+
+def _checked_observers(observers: Iterable[Observer]) -> list[Observer]:
+    found = list(observers) if isinstance(observers, Iterable) else [observers]
+    for each in found:
+        if not callable(each):
+            raise DeclarationError(f"observers are a list of functions that take a frame, not {cut_repr(observers)}")
+    return found
 
 
 def _timer_of(machine: Compound) -> DigitalSensor:

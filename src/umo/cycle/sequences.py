@@ -14,25 +14,37 @@ from collections.abc import Callable, Coroutine, Generator
 from functools import partial
 from operator import attrgetter
 from types import CodeType, CoroutineType, FrameType, coroutine
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
+from umo.cycle import wait_graph
 from umo.cycle.clock import Clock
+from umo.cycle.wait_graph import Waiter
 from umo.duration import seconds as in_seconds
 from umo.errors import Cancelled, TaskFailed, TimeExpired, forget_frames, text_of
 from umo.objects import Node
 from umo.objects.paths import walk
-from umo.text import add_note, in_brackets, place_among, shown_path, str_of
+from umo.text import add_note, cut_repr, in_brackets, place_among, shown_path, str_of
 from umo.user_code import refuse_exit
 
 Sequence = Coroutine[Any, Any, Any]
 Adopting = TypeVar("Adopting", bound=Callable[..., Any])
 
-_PERIOD = object()
-"""The only object that a sequence may yield to the cycle; anything else, even None, is an error."""
+
+class _Request:
+    """What a sequence may yield to whoever advances it; anything else, even None, is an error."""
+
+    def __init__(self, what: str) -> None:
+        self._what = what
+
+    def __repr__(self) -> str:
+        return f"<{self._what}: only umo's cycle advances a sequence>"
+
+
+_PERIOD = _Request("a wait for the next period")
+_WHO = _Request("a question for the task")
+"""It is answered at once, with the `Task` that is advanced."""
 AWAITABLE_HINT = "a sequence can await only the functions of umo.control"
 """Words of a message: what a sequence can await."""
-_ADVANCING: list[Task] = []
-"""The sequences that take a step just now, the innermost last."""
 _ADOPTING: set[CodeType] = set()
 """The code of the functions that have a started sequence as a part of theirs: it is cancelled with them."""
 
@@ -44,9 +56,27 @@ def adopting(function: Adopting) -> Adopting:
     return function
 
 
-def advancing() -> list[Task]:
-    """The sequences that take a step just now, the innermost last."""
-    return _ADVANCING
+class CurrentTask:
+    """Which started sequence of a machine takes a step, or is cancelled, at this moment."""
+
+    __slots__ = ("task",)
+
+    def __init__(self) -> None:
+        self.task: Task | None = None
+        """None: none of them."""
+
+
+@coroutine
+def _who() -> Generator[object, Any, Task | None]:
+    return cast("Task | None", (yield _WHO))
+
+
+async def own_task(what: str) -> Task:
+    """The innermost task that advances the sequence that calls this. TaskFailed where none does; `what` needs it."""
+    found = await _who()
+    if found is None:
+        raise TaskFailed(f"{what} can be used only in a sequence that the cycle advances")
+    return found
 
 
 @coroutine
@@ -64,11 +94,20 @@ async def until(condition: Callable[[], bool], timeout: str | float | None = Non
     """Wait until the condition is true, and has been true in every period for the time `stays`. It is evaluated at
     once, then once per period. TimeExpired after `timeout` (default: no timeout). Times are in s, or texts ("20 ms").
     """
+    check_condition("until", condition)
     steady = in_seconds(stays)
     limit = math.inf if timeout is None else in_seconds(timeout)
+    if steady > limit:
+        raise ValueError(f"until(): it cannot stay true for {steady:g} s within {limit:g} s")
     if not await _pass(limit, condition, steady):
         what = f"did not stay true for {steady:g} s" if steady else "did not come true"
         raise TimeExpired(f"{_described(condition)} {what} within {limit:g} s")
+
+
+def check_condition(function: str, condition: object) -> None:
+    """TypeError for what cannot be asked in each period, such as the result of a comparison."""
+    if not callable(condition):
+        raise TypeError(f"{function}() takes a function, such as `lambda: ...`, not {cut_repr(condition)}")
 
 
 @coroutine
@@ -130,11 +169,10 @@ class timeout:
         """The error with which the block was cancelled when the time was over."""
 
     async def __aenter__(self) -> timeout:
-        if not _ADVANCING:
-            raise TaskFailed("timeout() can be used only in a sequence that the cycle advances")
+        task = await own_task("timeout()")
         if self._task is not None:
             raise TaskFailed("a timeout() that is in use was used once more; make one for each block")
-        self._task, self._passed, self._expiry = _ADVANCING[-1], 0.0, None
+        self._task, self._passed, self._expiry = task, 0.0, None
         self._task.limits.append(self)
         return self
 
@@ -159,9 +197,10 @@ class timeout:
         return self._expiry
 
 
-class Task:
-    """A started sequence. `part`: the object of the machine to which it belongs. `contain` is told of its failure;
-    whether the machine goes on. `end_within` calls what ends it when it is cancelled."""
+class Task(Waiter):
+    """A sequence that the cycle advances: one that was started, or one that runs in parallel with others in `parent`.
+    `part`: the object of the machine to which it belongs. `contain` is told of its failure; whether the machine goes
+    on. `end_within` calls what ends it when it is cancelled. `current`: that of its machine."""
 
     def __init__(
         self,
@@ -169,16 +208,19 @@ class Task:
         part: Any = None,
         contain: Callable[[Task, BaseException], bool] | None = None,
         end_within: Callable[[Callable[[], Any]], Any] | None = None,
+        *,
+        current: CurrentTask | None = None,
+        parent: Task | None = None,
     ) -> None:
         if not isinstance(sequence, Coroutine):
-            raise TypeError(f"{sequence!r} is not a sequence; call an `async def` function")
+            raise TypeError(f"{cut_repr(sequence)} is not a sequence; call an `async def` function")
+        super().__init__(parent)
         self._sequence = sequence
-        self.part = part
+        self.part: Any = part if parent is None else parent.part
         self.number = 0
         """Of a started one: its place in the order started."""
         self._contain, self._end_within = contain, end_within
-        self.awaited_by: list[Task | None] = []
-        """The started sequences that await it; None: one that nobody has started."""
+        self._current = current
         self._begun = False
         self._cancelling = self._cancelled = False
         self.done = False
@@ -192,16 +234,15 @@ class Task:
         """The clock of the part by which it takes its steps; None: that of the machine."""
         self.limits: list[timeout] = []
         """The time limits of the blocks that it is in, the outermost first."""
-        self.paused = False
-        """Whether it takes no steps: no time passes for it."""
 
-    def __await__(self) -> Generator[object, Clock, Any]:
-        """Wait for its end in another sequence. Returns its result; TaskFailed if it failed or was cancelled. If the
-        other one is cancelled meanwhile, so is this one (as in asyncio)."""
-        if self in _ADVANCING:
-            raise TaskFailed(f"{self.name} awaited itself")
-        awaiting = _ADVANCING[0] if _ADVANCING else None
+    def __await__(self) -> Generator[object, Any, Any]:
+        """Wait for its end in another sequence. Returns its result; TaskFailed if it failed or was cancelled, and if
+        it waits for the other one. If the other one is cancelled meanwhile, so is this one (as in asyncio)."""
+        awaiting = yield from own_task(f"await {self.name}").__await__()
+        if not self.done:
+            self._refuse(awaiting)
         self.awaited_by.append(awaiting)
+        awaiting.waits_for = self
         try:
             while not self.done:
                 yield _PERIOD
@@ -209,6 +250,8 @@ class Task:
             self.awaited_by.remove(awaiting)
             self.cancel()  # nobody awaits what fails in its cleaning up
             raise
+        finally:
+            awaiting.waits_for = None
         self.awaited_by.remove(awaiting)
         error, self.error = self.error, None
         if error is not None:
@@ -218,6 +261,18 @@ class Task:
         if self._cancelled:
             raise TaskFailed(f"{self.name} was cancelled")
         return self.result
+
+    def _refuse(self, awaiting: Task) -> None:
+        """TaskFailed if another sequence cannot await this one."""
+        if awaiting.machine is not self.machine:
+            raise TaskFailed(f"{awaiting.name} cannot await {self.name}, which another machine has started")
+        if (why := wait_graph.circle(awaiting, self)) is not None:
+            raise TaskFailed(f"{awaiting.name} awaits {self.name}: {why}")
+
+    @property
+    def machine(self) -> object:
+        """What identifies the machine that advances it; None: none does."""
+        return cast(Task, self.lineage[-1])._current
 
     def advance(self, tick: Clock | None) -> bool:
         """One step; whether that was the last. The first needs no tick. What the sequence raises comes out here."""
@@ -242,9 +297,13 @@ class Task:
             self._step(self._sequence.throw, expiry)
 
     def _step(self, resume: Callable[[Any], object], what: object) -> None:
-        _ADVANCING.append(self)
+        current = self._current
+        if current is not None:
+            before, current.task = current.task, self
         try:
             awaited = resume(what)
+            while awaited is _WHO:
+                awaited = self._sequence.send(self)
         except StopIteration as end:
             self.done, self.result = True, end.value
             return
@@ -256,7 +315,8 @@ class Task:
                 raise mistake.with_traceback(error.__traceback__) from error
             raise
         finally:
-            _ADVANCING.pop()
+            if current is not None:
+                current.task = before
         if awaited is not _PERIOD:
             text = f"a sequence awaited {awaited!r}; {AWAITABLE_HINT}"
             raise with_notes(TypeError(f"{text}{in_brackets(self._place)}"), cancel_all([self]))
@@ -299,14 +359,28 @@ class Task:
         self.done = self._cancelled = True
         if _dropped(self._sequence):
             return
+        current = self._current
+        if current is not None:
+            before, current.task = current.task, self
         try:
-            self._sequence.throw(Cancelled())
-            self._sequence.close()  # it awaited again: GeneratorExit ends it
-        except (Cancelled, StopIteration):
-            return
+            if self._awaits_after(Cancelled) and self._awaits_after(GeneratorExit):
+                raise TaskFailed(f"{self.name} was cancelled and did not end: it waits again{in_brackets(self._place)}")
+        finally:
+            if current is not None:
+                current.task = before
+
+    def _awaits_after(self, end: type[BaseException]) -> bool:
+        """Raise this in the sequence; whether it awaits something all the same."""
+        try:
+            awaited = self._sequence.throw(end())
+            while awaited is _WHO:
+                awaited = self._sequence.send(self)
+        except (end, Cancelled, StopIteration):
+            return False
         except BaseException as error:
             refuse_exit(error, self.name)
             raise
+        return True
 
     @property
     def is_untold(self) -> bool:
@@ -323,6 +397,11 @@ class Task:
         if inspect.iscoroutine(self._sequence) and inspect.getcoroutinestate(self._sequence) != inspect.CORO_CREATED:
             self.done = True
             raise TypeError(f"{self.name} was started twice; call the `async def` function again for each start")
+
+    @property
+    def shown(self) -> Waiter:
+        own = self.parent is not None and getattr(self._sequence, "cr_code", None) in _ADOPTING
+        return self.parent.shown if own and self.parent is not None else self
 
     @property
     def name(self) -> str:
@@ -395,8 +474,13 @@ class Sequences:
     """All sequences that run side by side on one machine. `contain` is told of one that has failed; whether the machine
     goes on."""
 
-    def __init__(self, contain: Callable[[Task, BaseException], bool] = lambda task, error: False) -> None:
+    def __init__(
+        self,
+        contain: Callable[[Task, BaseException], bool] = lambda task, error: False,
+        current: CurrentTask | None = None,
+    ) -> None:
         self._contain = contain
+        self.current = current or CurrentTask()
         self._tasks: dict[Task, None] = {}
         """In the order started."""
         self._tasks_of: dict[int, dict[Task, None]] = {}
@@ -423,8 +507,16 @@ class Sequences:
         """The frames in which each waits, the outermost first."""
         return [task.frames for task in self._tasks]
 
+    def others(self) -> Sequences:
+        """Other sequences of the same machine, for which there is none yet."""
+        return Sequences(self._contain, self.current)
+
+    def task(self, sequence: Sequence, part: Any = None) -> Task:
+        """A sequence of this machine that somebody else advances."""
+        return Task(sequence, part, current=self.current)
+
     def start(self, sequence: Sequence, part: Any = None) -> Task:
-        task = Task(sequence, part, self._contain, self._end)
+        task = Task(sequence, part, self._contain, self._end, current=self.current)
         self._number += 1
         task.number = self._number
         self._tasks[task] = None

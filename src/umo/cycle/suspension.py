@@ -267,7 +267,7 @@ class Suspension:
             self._machine.image.hasten(slot)
         for axis in self._axes.values():
             axis.restore()
-        self.resuming = Sequences(self._machine.equipment.contain_sequence)
+        self.resuming = self._machine.sequences.others()
         if changed:
             self.resuming.start(_sent())
         nodes = [node for node in self._resuming if self._machine.fault_of(node) is None]

@@ -33,13 +33,14 @@ from umo.objects import Atomic, Quality
 from umo.objects.description import described
 
 MAGIC = b"umoframe"
-VERSION = 8
+VERSION = 9
 HEADER = struct.Struct("<8sIIQQQQQQ")
 """Magic, version, flags, offset of the first slot, bytes of a slot, slots, offset of the journal, its entries, bytes of
 the description."""
 CHECKSUM = 1
 """Flag: each frame carries a CRC-32, as the order of stores is not certain on this processor: of `sequence` (the even
-one) and all that follows `checksum` up to the end of the last field; and one of its entries."""
+one) and all that follows `checksum` up to the end of the last field; and one of its entries. A reader proves events by
+theirs too."""
 
 
 class Live:
@@ -74,6 +75,7 @@ ENTRY = ENTRIES
 EVENT_ROW = np.dtype(
     [
         ("sequence", "<u8"),
+        ("checksum", "<u8"),
         ("time", "<f8"),
         ("command", "<u8"),
         ("state", "<u8"),
@@ -83,16 +85,24 @@ EVENT_ROW = np.dtype(
         ("text", f"S{EVENT_TEXT_BYTES}"),
     ]
 )
-"""An event (`umo.cycle.events`): texts are UTF-8 and cut to their places."""
+"""An event (`umo.cycle.events`): texts are UTF-8 and cut to their places. The checksum is the CRC-32 of its `sequence`,
+and of all that follows."""
 
-_EVENT = struct.Struct("<dQQ" + "".join(f"{EVENT_ROW[i].itemsize}s" for i in range(4, 8)))
+_EVENT = struct.Struct("<dQQ" + "".join(f"{EVENT_ROW[i].itemsize}s" for i in range(5, 9)))
+EVENT_BODY = 16
+"""Offset in a row of what follows the checksum."""
 
 
-def pack_event(memory: Any, at: int, event: Event) -> None:
-    """Write an event to its row, without the `sequence` that stands before it."""
+def pack_event(memory: Any, at: int, event: Event, sequence: int) -> None:
+    """Write an event to its row at `at`, but for the `sequence` itself, which completes it."""
     texts = (event.who, event.path, event.asked, event.text)
-    places = (cut(text, EVENT_ROW[4 + i].itemsize) for i, text in enumerate(texts))
-    _EVENT.pack_into(memory, at, event.time, event.command, event.state, *places)
+    places = (cut(text, EVENT_ROW[5 + i].itemsize) for i, text in enumerate(texts))
+    body = _EVENT.pack(event.time, event.command, event.state, *places)
+    memory[at + 8 : at + EVENT_BODY + len(body)] = event_checksum(sequence, body).to_bytes(8, "little") + body
+
+
+def event_checksum(sequence: int, body: bytes) -> int:
+    return zlib.crc32(body, zlib.crc32(sequence.to_bytes(8, "little")))
 
 
 def cut(text: str, size: int) -> bytes:

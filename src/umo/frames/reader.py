@@ -30,6 +30,7 @@ from umo.frames.layout import (
     CHECKSUM,
     DESCRIPTION,
     ENTRY,
+    EVENT_BODY,
     EVENT_ROW,
     EVENTS,
     HEADER,
@@ -40,6 +41,7 @@ from umo.frames.layout import (
     Layout,
     Live,
     Places,
+    event_checksum,
 )
 from umo.frames.memory import RunDescriptors, mapped
 from umo.objects import Quality
@@ -456,6 +458,8 @@ class Reader:
         numbers = np.arange(max(start, stop - EVENTS, 0), stop)
         rows = self._events[numbers % EVENTS]
         whole = self._events["sequence"][numbers % EVENTS] == numbers + 1  # after the copy
+        if self._checked:
+            whole &= np.array([_is_whole(row) for row in rows], bool)
         whole &= (rows["sequence"] == numbers + 1) & np.isfinite(rows["time"]) & (rows["state"] <= max(CommandState))
         return [
             NumberedEvent(int(number), Event(
@@ -519,6 +523,11 @@ class Reader:
 
     def __exit__(self, *error: object) -> None:
         self.close()
+
+
+def _is_whole(row: Any) -> bool:
+    """Whether the copy of an event's row is what was written."""
+    return bool(row["checksum"] == event_checksum(int(row["sequence"]), row.tobytes()[EVENT_BODY:]))
 
 
 def progress_of(frame: Any) -> Progress:

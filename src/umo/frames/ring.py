@@ -197,7 +197,7 @@ class Ring:
                 self._refresh(self._tunable_at[event.path])
             at = self._events_at + number % EVENTS * EVENT_ROW.itemsize
             self._words[at >> 3] = 0
-            pack_event(self._map, at + 8, event)
+            pack_event(self._map, at, event, number + 1)
             self._words[at >> 3] = number + 1
             self._live[Live.EVENT] = number + 1
 

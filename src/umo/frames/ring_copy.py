@@ -62,7 +62,7 @@ class RingCopy:
         """Set the event of this number, from 0; they come in order."""
         at = self._places.events + number % EVENTS * EVENT_ROW.itemsize
         self._words[at >> 3] = 0
-        pack_event(self._map, at + 8, event)
+        pack_event(self._map, at, event, number + 1)
         self._words[at >> 3] = number + 1
         self._words[Live.EVENT] = number + 1
 

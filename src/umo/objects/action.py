@@ -17,7 +17,7 @@ from umo.objects.laws import laws_in
 from umo.objects.paths import walk
 from umo.objects.range import Range
 from umo.signature import signature_of
-from umo.text import did_you_mean
+from umo.text import cut_repr, did_you_mean
 from umo.user_code import told_as
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -82,6 +82,8 @@ def action(
     mark = _Mark(ranges, harmless, apart, release)
     if function is None:
         return lambda method: _marked(method, mark)
+    if not callable(function):
+        raise DeclarationError(f"@action marks a method, not {cut_repr(function)}; its arguments are given by name")
     return _marked(function, mark)
 
 

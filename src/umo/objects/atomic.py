@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from math import nan
 from typing import TYPE_CHECKING, ClassVar, Generic, NamedTuple, TypeVar, cast
 
 import numpy as np
@@ -18,6 +20,7 @@ from umo.objects.units import check_unit, convert
 from umo.presentation.digits import NO_VALUE, digits_of, number_text
 from umo.presentation.value_text import measure, quality_text, span
 from umo.states import TwoState
+from umo.text import cut_repr
 
 if TYPE_CHECKING:
     from umo.objects.link import Image
@@ -35,6 +38,8 @@ class Atomic(Node):
     _image: Image
 
     def __init__(self, synchronous: bool) -> None:
+        if not isinstance(synchronous, bool):
+            raise DeclarationError(f"synchronous={cut_repr(synchronous)} is neither True nor False")
         self._parent = None
         self._name = ""
         self._synchronous = synchronous
@@ -257,9 +262,14 @@ class Digital(Atomic):
 
 
 def _finite(name: str, number: float) -> float:
-    if isinstance(number, bool) or not isinstance(number, int | float) or not math.isfinite(number):
-        raise DeclarationError(f"{name}={number!r} is not a finite number")
-    return float(number)
+    is_number = isinstance(number, int | float) and not isinstance(number, bool)
+    value = nan
+    if is_number:
+        with suppress(OverflowError):
+            value = float(number)
+    if not math.isfinite(value):
+        raise DeclarationError(f"{name}={cut_repr(number)} is not a finite number")
+    return value
 
 
 def _raws(raws: Iterable[int]) -> tuple[int, ...]:

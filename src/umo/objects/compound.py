@@ -30,6 +30,7 @@ from umo.objects.node import Node
 from umo.objects.paths import named
 from umo.objects.reaction import Reaction
 from umo.signature import hints_of
+from umo.text import cut_repr
 
 if TYPE_CHECKING:
     from umo.objects.interlock import Interlock
@@ -340,3 +341,10 @@ def _check_type(where: str, value: object, hint: Any) -> None:
             raise DeclarationError(f"{where} must have the states {args[0].__name__}, not {value.states.__name__}")
     elif isinstance(value, Node) and hint is not Any and get_origin(hint) not in (Union, UnionType):
         raise DeclarationError(f"{where} is annotated {hint}, which does not accept {value!r}")
+
+
+def check_machine(function: str, given: object) -> None:
+    """DeclarationError for what is no machine, such as its class or the function that makes it."""
+    if not isinstance(given, Compound):
+        hint = f"; call it: {function}({given.__name__}(...))" if hasattr(given, "__name__") else ""
+        raise DeclarationError(f"{function}() takes a machine, a Compound, not {cut_repr(given)}{hint}")

@@ -100,9 +100,9 @@ def _is_valid(name: str, value: Any) -> bool:
                 return seconds(value) > 0
         return type(value) is int and value >= 1
     if name == "equipment":
-        return value in (True, False, IN_MANUAL)
+        return value is True or value is False or (isinstance(value, str) and value == IN_MANUAL)
     if name == "when_suspended":
-        return value in REACTIONS
+        return isinstance(value, str) and value in REACTIONS
     return isinstance(value, Mapping) or callable(value)
 
 

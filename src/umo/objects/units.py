@@ -14,6 +14,7 @@ import numpy as np
 
 from umo.errors import DeclarationError, RangeError, text_of
 from umo.presentation.value_text import measure
+from umo.text import cut_repr
 
 if TYPE_CHECKING:
     from pint import UnitRegistry
@@ -41,9 +42,15 @@ LOGARITHMIC_DIGITS = 12
 """Number of digits to which a way over logarithms is good: 30 dBm are 1000 mW, not 1000.0000000000007."""
 
 
-@lru_cache(maxsize=1024)
 def check_unit(unit: str) -> str:
     """The unit itself when pint knows it; DeclarationError otherwise."""
+    if not isinstance(unit, str):
+        raise DeclarationError(f"{cut_repr(unit)} is not a unit; write a text such as mm/s")
+    return _checked_unit(unit)
+
+
+@lru_cache(maxsize=1024)
+def _checked_unit(unit: str) -> str:
     if not unit:
         return unit
     if len(unit) > MAX_LENGTH or not _UNIT.fullmatch(unit):

@@ -17,6 +17,7 @@ from umo.objects.scaling import BoolArray, ByteArray, FloatArray, IntArray
 from umo.objects.sensors import BinarySensor, DigitalSensor
 from umo.presentation.value_text import measure, span
 from umo.states import TwoState
+from umo.text import cut_repr
 
 if TYPE_CHECKING:
     from umo.objects.link import Image
@@ -35,6 +36,8 @@ class Vector(Generic[A]):
     """
 
     def __init__(self, objects: Iterable[A]) -> None:
+        if not isinstance(objects, Iterable):
+            raise DeclarationError(f"a Vector takes objects, such as a list of them, not {cut_repr(objects)}")
         self._objects = tuple(objects)
         if not self._objects:
             raise DeclarationError("a Vector needs at least one object")

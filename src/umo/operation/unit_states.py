@@ -18,8 +18,9 @@ from umo.user_code import attempt, briefly
 
 MAX_RESULT_TEXT = 100
 """Length of a wrong result of `refusal` in its message at most, characters."""
-IN_MANUAL = (STOP, ABORT, CLEAR)
-"""The commands that are possible while the machine is in manual mode."""
+IN_MANUAL = {STOP: "abort it", ABORT: "", CLEAR: "clear the fault alone (`umo clear`)"}
+"""The commands that are possible while the machine is in manual mode, and what to do instead where one of them waits
+for a sequence."""
 
 
 class UnitStates:
@@ -121,9 +122,21 @@ class UnitStates:
             return f"{name} is not possible in the state {title(state)}; possible: {known}"
         if not self._has(targets[state]):
             return f"{name} is not possible in the mode {title(self.mode)}"
-        if self.part.cycle.manual and name not in IN_MANUAL:
-            return f"{name} is not possible in manual mode: the application waits (`umo mode` changes it)"
+        if self.part.cycle.manual and (why := self._refusal_in_manual(name, targets[state])) is not None:
+            return f"{name} is not possible in manual mode: {why}"
         return self._asked_refusal(name)
+
+    def _refusal_in_manual(self, name: str, target: IntEnum) -> str | None:
+        """In manual mode no sequence takes a step. A part is aborted without one; any other command that leads to a
+        sequence would be accepted, and not carried out."""
+        if name not in IN_MANUAL:
+            return "the application waits (`umo mode` changes it)"
+        if name == ABORT or not self._has_sequence(target):
+            return None
+        sequence = sequence_name(self.model, target)
+        return (
+            f"its sequence `{sequence}` waits with the application; change the mode (`umo mode`), or {IN_MANUAL[name]}"
+        )
 
     def _has(self, state: IntEnum) -> bool:
         """Whether the mode has a state, and the one that an acting state leads to."""
@@ -210,9 +223,13 @@ class UnitStates:
             if self._work is None:
                 self._work = self.part.cycle.start(self.execute())
             return self._work.done
-        if self._task is None and self._is_overridden(state) and state not in self.excluded.get(self.mode, ()):
+        if self._task is None and self._has_sequence(state):
             self._task = self.part.cycle.start(getattr(self, sequence_name(self.model, state))())
         return self._task is None or self._task.done
+
+    def _has_sequence(self, state: IntEnum) -> bool:
+        """Whether there is something to do in an acting state."""
+        return self._is_overridden(state) and state not in self.excluded.get(self.mode, ())
 
     def _is_overridden(self, state: IntEnum) -> bool:
         return hasattr(type(self), sequence_name(self.model, state))
@@ -252,4 +269,11 @@ class UnitStates:
     def describe(self) -> dict[str, Any]:
         """As plain data."""
         modes = {str(int(each)): title(each) for each in UnitMode}
-        return {"path": self.path, "part": self.part._path, "modes": modes, **self.model.describe()}
+        possible = [name for name in IN_MANUAL if self._is_possible_in_manual(name)]
+        about = {"path": self.path, "part": self.part._path, "modes": modes, "in_manual": possible}
+        return {**about, **self.model.describe()}
+
+    def _is_possible_in_manual(self, name: str) -> bool:
+        """Whether a command needs no sequence, wherever it is given."""
+        targets = set(self.model.commands[name].values())
+        return name == ABORT or not any(self._is_overridden(target) for target in targets)

@@ -19,6 +19,7 @@ from enum import IntEnum
 from umo.cycle.stage import Stage
 from umo.errors import UmoError
 from umo.system.processes import STOPPED, Child, ProcessHandle, state
+from umo.system.shared_cells import HEAD, SharedText
 
 MUTEX_BYTES = 64
 """Room for a pthread_mutex_t, bytes: it takes 40 on x86-64, 48 on AArch64."""
@@ -59,8 +60,9 @@ FORK_LOOK_INTERVAL = 0.02
 END_TIMEOUT = 5.0
 """Timeout in s for the end of a process that did not come to hold its lock, and was killed."""
 REPORT_AT = 8 * CELLS
-OUTCOME_AT = REPORT_AT + MAX_REPORT_BYTES
-PIDS_AT = OUTCOME_AT + MAX_REPORT_BYTES
+REPORT_BYTES = HEAD.size + MAX_REPORT_BYTES
+OUTCOME_AT = REPORT_AT + REPORT_BYTES
+PIDS_AT = OUTCOME_AT + REPORT_BYTES
 
 
 class NotBegun(UmoError, OSError):
@@ -93,6 +95,8 @@ class RunState:
         self._locks = [ctypes.c_char.from_buffer(self._memory, at) for at in places]
         self._cells = memoryview(self._memory)[:REPORT_AT].cast("q")
         self._pids = memoryview(self._memory)[PIDS_AT:first].cast("q")
+        self._report = SharedText(self._memory, REPORT_AT, REPORT_BYTES)
+        self._outcome = SharedText(self._memory, OUTCOME_AT, REPORT_BYTES)
         attributes = ctypes.create_string_buffer(64)
         self._libc.pthread_mutexattr_init(attributes)
         self._libc.pthread_mutexattr_setpshared(attributes, PROCESS_SHARED)
@@ -236,7 +240,7 @@ class RunState:
 
     def report(self, text: bytes) -> None:
         """Write the report of the end. A report that is too long is dropped; the guardian then treats it as invalid."""
-        self._put(REPORT_AT, REPORT_LENGTH, text)
+        _put(self._report, text)
 
     # The guardian --------------------------------------------------------------------------------------
 
@@ -279,7 +283,7 @@ class RunState:
 
     def reported(self) -> bytes:
         """The report of the control process at its end."""
-        return self._get(REPORT_AT, REPORT_LENGTH)
+        return _get(self._report)
 
     def conclude(self) -> None:
         """The guardian resets, or records and tells the end, from now on: its signs of life may be far apart."""
@@ -293,7 +297,7 @@ class RunState:
 
     def settle(self, text: bytes) -> None:
         """The machine is reset, with this outcome. It stands if the guardian dies before it is recorded and told."""
-        self._put(OUTCOME_AT, OUTCOME_LENGTH, text)
+        _put(self._outcome, text)
         self.conclude()
 
     def note_told(self) -> None:
@@ -307,11 +311,14 @@ class RunState:
 
     def settled(self) -> bytes:
         """The outcome, empty before there is one."""
-        return self._get(OUTCOME_AT, OUTCOME_LENGTH)
+        return _get(self._outcome)
 
-    def _put(self, at: int, length: int, text: bytes) -> None:
-        self._memory[at : at + min(len(text), MAX_REPORT_BYTES)] = text[:MAX_REPORT_BYTES]
-        self._cells[length] = len(text)
 
-    def _get(self, at: int, length: int) -> bytes:
-        return bytes(self._memory[at : at + min(max(self._cells[length], 0), MAX_REPORT_BYTES)])
+def _put(place: SharedText, text: bytes) -> None:
+    place.put(1, text if len(text) <= MAX_REPORT_BYTES else b"")
+
+
+def _get(place: SharedText) -> bytes:
+    """Empty as well while it is not whole: its writer was killed or stopped within it."""
+    found = place.get()
+    return b"" if found is None else found[1]

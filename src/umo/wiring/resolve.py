@@ -35,6 +35,7 @@ from umo.objects import (
     walk,
 )
 from umo.objects.atomic import Calibration
+from umo.objects.compound import check_machine
 from umo.objects.linearization import fitted
 from umo.objects.numbers import MachineNumber, numbers_of
 from umo.objects.scaling import to_raw
@@ -67,6 +68,7 @@ FAULT_OPTION = "--fault "
 def check(root: Compound, wiring: Path | str | Mapping[str, Any] | None = None) -> list[Mistake]:
     """Every mistake in the wiring; empty if it fits the machine. Nothing is opened. Its parameters are tried on the
     machine, which calls `setup`, and taken back."""
+    check_machine("check", root)
     resolver = _Resolver(root, wiring, {})
     wired, mistakes = resolver.run()
     if not mistakes and (text := mistake_of_parameters(root, wired.parameters)):

@@ -52,7 +52,7 @@ def distribute_options(
         drivers, complete = _driver_options(SIMULATED if wiring is None else wiring)
     else:  # whoever connects reads the wiring anyway
         drivers, complete = {}, True
-    of_wiring = {*drivers, *(WIRING_OPTIONS if wiring != {} else ())}
+    of_wiring = {*drivers, *(() if isinstance(wiring, Mapping) and not wiring else WIRING_OPTIONS)}
     known = of_wiring.union(*(parameters_of(each, skip) for each, skip in takers.values() if each is not None))
     for name in given:
         if name not in known and complete:  # else it may be of a driver that the wiring misspells: `check` says so

@@ -12,7 +12,7 @@ from umo.drivers.contract import Driver
 from umo.duration import seconds
 from umo.errors import DeclarationError, Mistake, text_of
 from umo.system.packages import package_of, station_of
-from umo.text import did_you_mean
+from umo.text import cut_repr, did_you_mean
 
 if TYPE_CHECKING:
     from umo.wiring.schema import Entry
@@ -83,6 +83,10 @@ class WiringSource:
 
 def read(wiring: Path | str | Mapping[str, Any]) -> WiringSource:
     """The wiring of a TOML file, or of its contents as a mapping; nothing is raised, faults are collected."""
+    if not isinstance(wiring, Mapping | str | Path):
+        source = WiringSource(cut_repr(wiring))
+        source.mistake("", "it is no wiring: a TOML file, its contents as a dict, or None")
+        return source
     source = WiringSource("wiring" if isinstance(wiring, Mapping) else str(wiring))
     try:
         _fill(source, _named(wiring) if isinstance(wiring, Mapping) else _load(source, Path(wiring)))

@@ -255,11 +255,10 @@ class DeviceServer:
 
     def _follow_orders(self) -> None:
         """Each call that was ordered, once; of several for one channel the last."""
-        posted = self.exchange.wanted.count
-        if posted == self._followed:
+        if self.exchange.wanted.count == self._followed:
             return
-        self._followed = posted
-        rows, wanted = self.exchange.arrivals.read()[1], self.exchange.wanted.read()[1]
+        self._followed, wanted = self.exchange.wanted.read()
+        rows = self.exchange.arrivals.read()[1]
         new = np.flatnonzero(wanted[Wanted.ORDER] != rows[Row.ORDER]).tolist()
         for number in new:
             rows[Row.ORDER, number] = wanted[Wanted.ORDER, number]

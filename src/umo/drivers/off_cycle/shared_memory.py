@@ -1,8 +1,10 @@
 """The memory in which a worker process and the control process exchange the raw integers of one driver.
 
-Every cell has one writer. What belongs together stands in one of two banks: the writer fills the bank that is not
-valid, then counts on; the last bit of the count names the valid one. A reader that sees the count unchanged afterwards
-has read one whole state. The memory is anonymous: no file of it could be cut by others.
+Every cell has one writer, and means something by itself. What belongs together stands in one of two banks: the writer
+fills the bank that is not valid, then counts on; the last bit of the count names the valid one. Banks, requests and
+answers carry a number and a checksum, by which a reader proves that its copy is whole (`umo.system.shared_cells`). The
+causes of failures are for people alone: one that is read while it changes may be a mixture of two. The memory is
+anonymous: no file of it could be cut by others.
 """
 
 from __future__ import annotations
@@ -10,13 +12,16 @@ from __future__ import annotations
 import json
 import mmap
 from collections.abc import Sequence
-from contextlib import suppress
 from enum import IntEnum
+from math import prod
+from struct import Struct
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 
 from umo.drivers.contract import Channel, IntArray
+from umo.system.shared_cells import SharedText
 
 NEVER = -1
 """Stamp of a value that has not come yet."""
@@ -24,8 +29,13 @@ TEXT_BYTES = 200
 """Room for the cause of a failure, bytes."""
 REQUEST_BYTES, ANSWER_BYTES = 1 << 14, 1 << 17
 """Room for a request and for its answer, bytes."""
-MAX_READS = 1000
-"""Number of tries to read a whole bank: its writer would have to fill two between each two of them."""
+MAX_READS = 10
+"""Number of tries to read a whole bank: its writer would have to fill two between each two of them. Then the bank that
+was read before stands."""
+
+BANK = Struct("<qq")
+BANK_HEAD = 2
+"""The head of a bank: its checksum, over all that follows, and the count for which it was written."""
 
 
 class Cell(IntEnum):
@@ -86,31 +96,54 @@ class Order(IntEnum):
 
 
 class Banks:
-    """Two banks of rows and the count that names the valid one. The stores of one process must become visible to the
-    other in their order: so it is on x86, and on ARM where the interpreter's own locks come between them."""
+    """Two banks of rows and the count that names the valid one. Each bank has the count for which it was written and a
+    checksum over that and its rows: a reader proves each copy, also where stores become visible in another order than
+    they were made in, and where the writer was killed within one."""
 
-    def __init__(self, memory: IntArray, cells: IntArray, count: Cell) -> None:
-        """`memory` of the shape (2, rows, channels)."""
-        self._memory, self._cells, self._count = memory, cells.data, count
+    def __init__(self, memory: IntArray, cells: IntArray, count: Cell, rows: IntArray) -> None:
+        """`memory`: `words(rows.shape)` words, in which these rows become the valid ones."""
+        half = len(memory) // 2
+        self._banks = [memory[:half].data, memory[half:].data]
+        self._cells, self._count, self._shape = cells.data, count, rows.shape
+        self._new = np.empty(half, np.int64)
+        """The bank that is posted next: checksum, count, rows."""
+        self._fill(0, rows)
+        self._last = bytes(self._banks[0])
+        """The bank that was read last."""
+
+    @staticmethod
+    def words(shape: tuple[int, ...]) -> int:
+        """The size of two banks for rows of this shape, int64."""
+        return 2 * (BANK_HEAD + prod(shape))
 
     @property
     def count(self) -> int:
         return int(self._cells[self._count])
 
     def read(self) -> tuple[int, IntArray]:
-        """A copy of the valid bank, with its count."""
+        """A copy of the valid bank, with its count: of the last one that this process has seen whole, where the new one
+        is not yet."""
         for _ in range(MAX_READS):
             count = self.count
-            rows = self._memory[count & 1].copy()
-            if self.count == count:
+            bank = bytes(self._banks[count & 1])
+            proof, number = BANK.unpack_from(bank)
+            if number == count and proof == crc32(memoryview(bank)[8:]):
+                self._last = bank
                 break
-        return count, rows
+        rows = np.frombuffer(self._last, np.int64, offset=BANK.size).reshape(self._shape).copy()
+        return int(BANK.unpack_from(self._last)[1]), rows
 
     def post(self, rows: IntArray) -> None:
         """Make these the valid ones."""
         count = self.count + 1
-        self._memory[count & 1] = rows
+        self._fill(count, rows)
         self._cells[self._count] = count
+
+    def _fill(self, count: int, rows: IntArray) -> None:
+        new = self._new
+        new[1], new[BANK_HEAD:] = count, rows.reshape(-1)
+        new[0] = crc32(new.data[1:])
+        self._banks[count & 1][:] = new.data
 
 
 class Exchange:
@@ -122,25 +155,26 @@ class Exchange:
         self.place = {channel.text: number for number, channel in enumerate(self.channels)}
         """The number of each channel, by its text."""
         count = len(self.channels)
-        banks = 2 * (len(Row) + len(Wanted)) * count
-        words = len(Cell) + banks
+        own = np.zeros((len(Row), count), np.int64)
+        own[Row.STAMP] = NEVER
+        wanted = np.zeros((len(Wanted), count), np.int64)
+        split = len(Cell) + Banks.words(own.shape)
+        words = split + Banks.words(wanted.shape)
         size = 8 * words + TEXT_BYTES * (count + 1) + REQUEST_BYTES + ANSWER_BYTES
         self._memory = mmap.mmap(-1, size) if shared else bytearray(size)
         numbers = np.frombuffer(self._memory, np.int64, words)
         numbers.fill(0)
-        cells, rest = numbers[: len(Cell)], numbers[len(Cell) :]
+        cells = numbers[: len(Cell)]
         self.cells: Any = cells.data
         self.cells[Cell.AWAY_SINCE] = self.cells[Cell.NOW] = NEVER
-        split = 2 * len(Row) * count
-        own, wanted = rest[:split].reshape(2, len(Row), count), rest[split:].reshape(2, len(Wanted), count)
-        own[:, Row.STAMP] = NEVER
-        self.arrivals = Banks(own, cells, Cell.ARRIVED)
+        self.arrivals = Banks(numbers[len(Cell) : split], cells, Cell.ARRIVED, own)
         """Worker: the values of all channels (`Row`)."""
-        self.wanted = Banks(wanted, cells, Cell.POSTED)
+        self.wanted = Banks(numbers[split:], cells, Cell.POSTED, wanted)
         """Control process: what the outputs are to be (`Wanted`)."""
         self._texts = 8 * words
-        self._request = self._texts + TEXT_BYTES * (count + 1)
-        self._answer = self._request + REQUEST_BYTES
+        requests = self._texts + TEXT_BYTES * (count + 1)
+        self._request = SharedText(self._memory, requests, REQUEST_BYTES)
+        self._answer = SharedText(self._memory, requests + REQUEST_BYTES, ANSWER_BYTES)
 
     # Texts -----------------------------------------------------------------------------------------------
 
@@ -158,7 +192,7 @@ class Exchange:
     def ask(self, request: dict[str, Any]) -> int:
         """Put down a request; its number."""
         number = int(self.cells[Cell.REQUESTED]) + 1
-        self._put(self._request, REQUEST_BYTES, {**request, "number": number})
+        self._request.put(number, json.dumps(request).encode())
         self.cells[Cell.REQUESTED] = number
         return number
 
@@ -166,28 +200,19 @@ class Exchange:
         """The request that is not answered yet, with its number. None as well while one takes the place of another that
         nobody waits for any longer."""
         number = int(self.cells[Cell.REQUESTED])
-        if number == self.cells[Cell.ANSWERED]:
-            return None
-        with suppress(ValueError):
-            request = self._get(self._request, REQUEST_BYTES)
-            return (number, request) if request["number"] == number else None
-        return None
+        return None if number == self.cells[Cell.ANSWERED] else _of_number(self._request, number)
 
     def answer(self, number: int, answer: dict[str, Any]) -> None:
-        self._put(self._answer, ANSWER_BYTES, answer)
+        self._answer.put(number, json.dumps(answer).encode())
         self.cells[Cell.ANSWERED] = number
 
     def answered(self, number: int) -> dict[str, Any] | None:
         """The answer to the request of this number; None: not yet."""
-        return self._get(self._answer, ANSWER_BYTES) if self.cells[Cell.ANSWERED] == number else None
+        found = _of_number(self._answer, number)
+        return None if found is None else found[1]
 
-    def _put(self, at: int, room: int, content: dict[str, Any]) -> None:
-        text = json.dumps(content).encode()
-        if len(text) >= room:
-            raise ValueError(f"{len(text)} bytes do not fit into {room}")
-        self._memory[at : at + len(text) + 1] = text + b"\0"
 
-    def _get(self, at: int, room: int) -> dict[str, Any]:
-        end = self._memory.find(b"\0", at, at + room)
-        content: dict[str, Any] = json.loads(self._memory[at:end])
-        return content
+def _of_number(text: SharedText, number: int) -> tuple[int, dict[str, Any]] | None:
+    """What is there under this number; None: not yet, or no longer."""
+    found = text.get()
+    return (number, json.loads(found[1])) if found is not None and found[0] == number else None

@@ -4,7 +4,7 @@ import { CallLine } from "./calls.js";
 import { ActionControl } from "./controls.js";
 import { el, setText } from "./dom.js";
 import { inSentence, numberText, readable, valueText } from "./presentation.js";
-import { MANUAL, UnitCommand } from "./unit_command.js";
+import { UnitCommand, inManual } from "./unit_command.js";
 
 /**
  * @typedef {import("./feed.js").Feed} Feed
@@ -116,7 +116,7 @@ export class StatesPanel {
     setText(this._counts, [...(feed.ended ? ["last values"] : []), ...named, ...counts].join(", "));
     this._line.refresh(feed, this._client);
     this._diagram.show(number, name);
-    setText(this._barrier, this._client.barrier() || (this._client.manual ? MANUAL : ""));
+    setText(this._barrier, this._client.barrier() || (this._client.manual ? inManual(this._unit) : ""));
     for (const each of this._commands) each.refresh(number);
     for (const each of this._others) each.refresh(feed);
   }

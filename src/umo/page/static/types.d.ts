@@ -52,6 +52,7 @@ declare namespace Page {
     model: string;
     states: Record<string, string>;
     /** Column and row of each in the diagram. */
+    in_manual: string[];
     places: Record<string, [number, number]>;
     acting: Record<string, number>;
     commands: Record<string, Record<string, number>>;

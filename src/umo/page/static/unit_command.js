@@ -3,9 +3,12 @@
 import { allow, el, setText } from "./dom.js";
 import { inSentence, readable } from "./presentation.js";
 
-const IN_MANUAL = ["stop", "abort", "clear"];  // possible in manual mode too
 const MAX_NAMED = 2;  // states that are named as those in which a command is possible
-export const MANUAL = "Manual mode: only stop, abort and clear";
+
+/** Which commands are possible in manual mode. @param {Page.Unit} unit */
+export function inManual({ in_manual: names }) {
+  return `Manual mode: only ${names.length > 1 ? `${names.slice(0, -1).join(", ")} and ` : ""}${names[names.length - 1]}`;
+}
 
 export class UnitCommand {
   /** @param {import("./client.js").Client} client @param {Page.Unit} unit @param {string} name @param {string} part  Its name. @param {Page.Action | undefined} action */
@@ -25,7 +28,7 @@ export class UnitCommand {
   /** @param {string} number  Of the state. */
   refresh(number) {
     const elsewhere = statesOf(this._unit, this._name, number);
-    const barrier = this._client.barrier() || (this._client.manual && !IN_MANUAL.includes(this._name) ? "Not in manual mode" : "");
+    const barrier = this._client.barrier() || (this._client.manual && !this._unit.in_manual.includes(this._name) ? "Not in manual mode" : "");
     setText(this._states, elsewhere);
     allow(this.element, [barrier, elsewhere && `${readable(this._name)} is possible ${elsewhere}`].filter(Boolean).join(". "), this._help);
   }

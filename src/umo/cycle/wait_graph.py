@@ -1,0 +1,148 @@
+"""Who waits for whom among the sequences of a machine: a wait that cannot end is found when it begins.
+
+A sequence waits for a lock, for a started sequence, or for those that it runs in parallel. Whoever begins to wait asks
+for the sequences that cannot go on before it has ended. If the one that it waits for is among them, it would wait for
+ever, and gets TaskFailed instead. A sequence that waits for a time or a condition can go on; so can one with a time
+limit, and one of which `first` or `unless` may let go, unless that cancels the one that begins to wait.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
+from typing import Any, NamedTuple, Protocol
+
+from umo.text import some
+
+
+class Claimed(Protocol):
+    """What one sequence has at a time: a lock."""
+
+    @property
+    def _owner(self) -> Waiter | None:
+        """The sequence that has it."""
+
+    @property
+    def _queue(self) -> Iterable[Waiter]:
+        """Those that wait for it."""
+
+
+class ParallelParts(NamedTuple):
+    """The sequences that another one runs in parallel."""
+
+    tasks: Sequence[Waiter]
+    hold_up: Callable[[Iterable[bool]], bool]
+    """Whether they keep it from going on, by which of them cannot go on: `any` of all, `all` of alternatives."""
+
+
+class Waiter(ABC):
+    """A sequence, as far as it waits for others and others for it."""
+
+    def __init__(self, parent: Waiter | None) -> None:
+        self.parent = parent
+        """The sequence that runs it in parallel with others; None: it was started."""
+        self.awaited_by: list[Any] = []
+        """The sequences that await it."""
+        self.waits_for: Claimed | Waiter | ParallelParts | None = None
+        """What it waits for; None: a time or a condition, or it does not wait."""
+        self.holds: list[Claimed] = []
+        """What it has locked."""
+        self.paused = False
+        """Whether it takes no steps: no time passes for it."""
+        self.limits: Sized = ()
+        """The time limits of the blocks that it is in."""
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """What it is called in messages."""
+
+    @property
+    def shown(self) -> Waiter:
+        """The sequence that messages name for it: one of umo's own functions stands for the one that runs it."""
+        return self
+
+    @property
+    def lineage(self) -> list[Waiter]:
+        """Itself, the sequence that runs it, and so on to the one that was started."""
+        found, each = [self], self.parent
+        while each is not None:
+            found.append(each)
+            each = each.parent
+        return found
+
+
+def circle(waiting: Waiter, target: Waiter) -> str | None:
+    """Why a sequence that begins to wait for another one would wait for ever, in words; None: it would not."""
+    stuck = _stuck_behind(waiting)
+    if target not in stuck:
+        return None
+    words = some(_words_from(target, waiting, stuck))
+    return f"it would wait for itself{words and f' ({words})'}"
+
+
+def _stuck_behind(waiting: Waiter) -> set[Waiter]:
+    """Those that cannot go on before this one has ended."""
+    bound = _reached([waiting], _bound_to)
+    stuck = _reached(bound, _behind)
+    while free := {each for each in stuck - bound if not _is_stuck(each, stuck)}:
+        stuck -= free
+    return stuck
+
+
+def _bound_to(each: Waiter) -> Iterator[Waiter]:
+    """Those that go on when it has ended, or cancel it."""
+    if each.parent is not None:
+        yield each.parent
+    yield from each.awaited_by
+
+
+def _behind(each: Waiter) -> Iterator[Waiter]:
+    """Those that wait for it, or for what it has."""
+    yield from _bound_to(each)
+    for claimed in each.holds:
+        yield from claimed._queue
+
+
+def _reached(first: Iterable[Waiter], following: Callable[[Waiter], Iterable[Waiter]]) -> set[Waiter]:
+    found, left = set(first), list(first)
+    while left:
+        new = set(following(left.pop())) - found
+        found |= new
+        left += new
+    return found
+
+
+def _is_stuck(each: Waiter, stuck: set[Waiter]) -> bool:
+    """Whether it cannot go on while these cannot, and is cancelled by no other that can."""
+    if each.limits or any(other not in stuck for other in _bound_to(each)):
+        return False
+    awaited = each.waits_for
+    if isinstance(awaited, ParallelParts):
+        return awaited.hold_up(part in stuck for part in awaited.tasks)
+    target = awaited if awaited is None or isinstance(awaited, Waiter) else awaited._owner
+    return target in stuck and target is not each
+
+
+def _words_from(target: Waiter, waiting: Waiter, stuck: set[Waiter]) -> list[str]:
+    """The shortest way from the one to the other, as sentences."""
+    ways: dict[Waiter, list[str]] = {target: []}
+    for each in (queue := [target]):
+        if each is waiting:
+            break
+        for other, words in _steps(each):
+            if other in stuck and other not in ways:
+                ways[other] = [*ways[each], words] if words else ways[each]
+                queue.append(other)
+    return ways.get(waiting, [])
+
+
+def _steps(each: Waiter) -> Iterator[tuple[Waiter, str]]:
+    awaited, name = each.waits_for, each.shown.name
+    if isinstance(awaited, ParallelParts):
+        for part in awaited.tasks:
+            yield part, "" if part.shown is each.shown else f"{name} runs {part.shown.name}"
+    elif isinstance(awaited, Waiter):
+        yield awaited, f"{name} awaits {awaited.name}"
+    elif awaited is not None and awaited._owner is not None:
+        yield awaited._owner, f"{name} waits for a Lock that {awaited._owner.name} has"

@@ -1,0 +1,46 @@
+"""Records in memory that processes share: what one process writes, others read whole or not at all.
+
+Neither Python nor numpy has memory barriers. On processors that show stores to others in another order than that of the
+program (ARM), a number that says "complete" may be seen before what it completes. So each record carries its number and
+a checksum (CRC-32) over number and content: a reader proves the copy that it has made, whatever the order in which it
+saw the stores. A writer that is killed or stopped within a write leaves a record that is not whole.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from mmap import mmap
+
+MASK = (1 << 64) - 1
+HEAD = struct.Struct("<QQQ")
+"""Number of the record, size of its content in bytes, checksum."""
+
+
+def checksum(content: bytes | memoryview, number: int) -> int:
+    """Of a record with this number."""
+    return zlib.crc32(content, zlib.crc32(struct.pack("<Q", number & MASK)))
+
+
+class SharedText:
+    """Bytes at one place of a shared memory, with room for `room` bytes together with their head."""
+
+    def __init__(self, memory: mmap | bytearray, at: int, room: int) -> None:
+        self._memory, self._at, self._most = memory, at, room - HEAD.size
+
+    def put(self, number: int, text: bytes) -> None:
+        """Write a text of this number; ValueError if there is no room for it."""
+        if len(text) > self._most:
+            raise ValueError(f"{len(text)} bytes do not fit into {self._most}")
+        start = self._at + HEAD.size
+        self._memory[start : start + len(text)] = text
+        self._memory[self._at : start] = HEAD.pack(number, len(text), checksum(text, number))
+
+    def get(self) -> tuple[int, bytes] | None:
+        """The text and its number; None while none is whole."""
+        start = self._at + HEAD.size
+        number, size, proof = HEAD.unpack(bytes(self._memory[self._at : start]))
+        if not proof or size > self._most:
+            return None
+        text = bytes(self._memory[start : start + size])
+        return (number, text) if checksum(text, number) == proof else None
