@@ -161,7 +161,34 @@ def statements(depth: int) -> Any:
     return st.one_of(locks, locks, locks, ways_out, ways_out, st.tuples(st.just("together"), parts), below)
 
 
-PROGRAMS = st.lists(st.lists(statements(4), min_size=1, max_size=2), min_size=2, max_size=TASKS)
+def crossing(one: int, pause: int, way: str, periods: int, then: int, around: bool) -> list[Any]:
+    """A sequence that has a lock, and takes the other one, or awaits a sequence, in a way that it may give up: the
+    second wait alone, or both."""
+
+    def within(body: list[Any]) -> list[Any]:
+        if way == "plain":
+            return body
+        return [(way, [body, [("wait", periods)]]) if way in ("first", "together") else (way, periods, body)]
+
+    inner = [("lock", 1 - one, [("wait", then)]) if then < 3 else ("await", pause)]
+    both = [("lock", one, [("wait", pause), *(inner if around else within(inner))])]
+    return within(both) if around else both
+
+
+CROSSINGS = st.lists(
+    st.builds(
+        crossing,
+        st.integers(0, LOCKS - 1),
+        st.integers(0, 2),
+        st.sampled_from(["plain", "plain", "first", "together", "unless", "timeout"]),
+        st.integers(1, 9),
+        st.integers(0, 3),
+        st.booleans(),
+    ),
+    min_size=2,
+    max_size=TASKS,
+)
+PROGRAMS = CROSSINGS | st.lists(st.lists(statements(4), min_size=1, max_size=2), min_size=2, max_size=TASKS)
 
 
 class Run:
