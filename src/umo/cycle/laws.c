@@ -14,7 +14,7 @@ typedef struct {
     int16_t (*call)(void *machine, int32_t law, double now, double dt, int32_t ticks);
     void *machine;
     int32_t number;
-    PyObject *clock, *failed, *names[TIMES_OF_CLOCK];
+    PyObject *clock, *failed, *instead, *names[TIMES_OF_CLOCK];
 } Law;
 
 static int Law_traverse(Law *self, visitproc visit, void *arg)
@@ -22,6 +22,7 @@ static int Law_traverse(Law *self, visitproc visit, void *arg)
     Py_VISIT(Py_TYPE((PyObject *)self));
     Py_VISIT(self->clock);
     Py_VISIT(self->failed);
+    Py_VISIT(self->instead);
     return 0;
 }
 
@@ -29,6 +30,7 @@ static int Law_clear(Law *self)
 {
     Py_CLEAR(self->clock);
     Py_CLEAR(self->failed);
+    Py_CLEAR(self->instead);
     return 0;
 }
 
@@ -95,6 +97,8 @@ static int called(Law *self, int16_t *fault)
 static PyObject *Law_act(Law *self, PyObject *Py_UNUSED(node))
 {
     int16_t fault;
+    if (self->instead != NULL)
+        return PyObject_CallNoArgs(self->instead);
     if (called(self, &fault))
         return NULL;
     if (fault == 0)
@@ -113,8 +117,18 @@ static PyObject *Law_holds(Law *self, PyObject *Py_UNUSED(none))
     return PyObject_CallFunction(self->failed, "i", (int)fault);
 }
 
+/* end(instead): from now on `act` calls this. */
+static PyObject *Law_end(Law *self, PyObject *instead)
+{
+    PyObject *before = self->instead;
+    self->instead = Py_NewRef(instead);
+    Py_XDECREF(before);
+    Py_RETURN_NONE;
+}
+
 static PyMethodDef law_methods[] = {
     {"act", (PyCFunction)Law_act, METH_O, NULL},
+    {"end", (PyCFunction)Law_end, METH_O, NULL},
     {"holds", (PyCFunction)Law_holds, METH_NOARGS, NULL},
     {NULL, NULL, 0, NULL},
 };

@@ -174,6 +174,8 @@ class ConnectedMachine:
         """Ids of what runs on controllers."""
         self._laws: list[MethodType] = []
         self._after_laws: list[Callable[[], None]] = []
+        self.before_laws: Callable[[], object] | None = None
+        """Called in each period before the laws of the whole machine; it may replace them."""
         self._started = 0
         self._unsent = False
         """Whether an `update` waits for the next tick."""
@@ -289,6 +291,8 @@ class ConnectedMachine:
                         refuse_exit(error, "supervise")
                         raise
             self.sequences.advance(self.clock)
+            if self.before_laws is not None:
+                self.before_laws()
             laws = iter(self._laws)
         else:
             laws = iter(self._overrides(part))

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, MutableSequence
+from types import CodeType
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from umo.generate.c_types import BOOL, INT, MASK, REAL, ArrayType, CType, OptionalType, StateType
+from umo.generate.function_source import shown_file
 from umo.generate.struct_memory import PLAIN, StructMemory
 
 WRONG = (TypeError, ValueError, KeyError, OverflowError, AttributeError, IndexError)
@@ -62,37 +65,80 @@ class BoundFields:
     """The fields of one live object. While they are bound the object has a class of its own, below its class; `refused`
     is called, and releases them, where somebody sets what a field cannot have."""
 
-    def __init__(self, memory: StructMemory, owner: Any, states: set[str], refused: Callable[[str], None]) -> None:
-        """`states`: the fields that compiled code assigns. TypeError if an object of this class cannot be bound."""
-        self._memory, self._owner, self._refused, self._states = memory, owner, refused, states
+    def __init__(
+        self,
+        memory: StructMemory,
+        owner: Any,
+        states: set[str],
+        refused: Callable[[str], None],
+        taken: frozenset[str] = frozenset(),
+    ) -> None:
+        """`states`: the fields that compiled code assigns; `taken`: names of other attributes that it takes as known.
+        TypeError if an object of this class cannot be bound."""
+        self._taken = taken
+        self._memory, self.owner, self._refused, self._states = memory, owner, refused, states
+        self._own = set[str]()
+        """The fields that are attributes of the object itself, not of its class."""
+        self._set_at: dict[str, tuple[CodeType, dict[str, Any], int]] = {}
+        """Which code has set what translation took as known."""
+        self._of_class: dict[str, str] = {}
+        """The values that the others have in the class, as text."""
         self._class = kind = type(owner)
         self._bound = False
         names = {name: self._property(name, of) for name, of in memory.fields.items()}
-        self._below = _below(kind, {**names, "__setattr__": self._setter()})
+        self._below = class_below(kind, {**names, "__setattr__": self._setter(), "__delattr__": self._deleter()})
 
     def bind(self) -> None:
         """The fields have the values of the object; from now on they are its attributes."""
         self._memory.push()
-        masks = {name: getattr(self._owner, name) for name, of in self._memory.fields.items() if of == MASK}
-        object.__setattr__(self._owner, "__class__", self._below)
+        self._own = {name for name in self._memory.fields if name in vars(self.owner)}
+        for name in self._memory.fields.keys() - self._own:
+            setattr(self._below, name, self._inherited(name))
+        masks = {name: getattr(self.owner, name) for name, of in self._memory.fields.items() if of == MASK}
+        object.__setattr__(self.owner, "__class__", self._below)
         for name in self._memory.fields:
-            vars(self._owner).pop(name, None)
+            vars(self.owner).pop(name, None)
         self._bound = True
         for name, accepted in masks.items():
-            setattr(self._owner, name, accepted)
+            setattr(self.owner, name, accepted)
 
     def release(self) -> None:
-        """The object has its attributes itself again."""
+        """The object has its attributes itself again, but for those that its class has, and that nobody has set."""
         if not self._bound:
             return
-        values = {name: getattr(self._owner, name) for name in self._memory.fields}
-        object.__setattr__(self._owner, "__class__", self._class)
+        values = {name: getattr(self.owner, name) for name in self._memory.fields}
+        object.__setattr__(self.owner, "__class__", self._class)
         for name, value in values.items():
-            object.__setattr__(self._owner, name, _own(value))
+            if name in vars(self.owner):
+                continue  # somebody has gone around the class
+            if name in self._own or repr(value) != self._of_class[name]:
+                object.__setattr__(self.owner, name, _own(value))
         self._bound = False
+
+    def setter(self, name: str) -> str:
+        """The file and line that have set what translation took as known; "": it is not known."""
+        if name not in self._set_at:
+            return ""
+        code, scope, line = self._set_at[name]
+        return f"{shown_file(code.co_filename, scope.get('__name__', ''))}:{line}"
+
+    def _inherited(self, name: str) -> property:
+        """A field that is an attribute of the class: the object gets it where it is set."""
+        get, put = self._checked(name, self._memory.fields[name])
+        self._of_class[name] = repr(get(self.owner))
+
+        def own(owner: Any, value: Any) -> None:
+            self._own.add(name)
+            put(owner, value)
+
+        return property(get, own)
 
     def _property(self, name: str, of: CType) -> Any:
         """The attribute: in C where its type is plain, as sequences read it in each period."""
+        get, checked = self._checked(name, of)
+        return self._memory.attribute(name, checked) or property(get, checked)
+
+    def _checked(self, name: str, of: CType) -> tuple[Get, Set]:
         get, put = self._access(name, of)
 
         def checked(owner: Any, value: Any) -> None:
@@ -102,21 +148,34 @@ class BoundFields:
                 self._refused(f"{self._memory.path}.{name} is set to {value!r:.60}")
                 setattr(owner, name, value)
 
-        return self._memory.attribute(name, checked) or property(get, checked)
+        return get, checked
 
     def _setter(self) -> SetAny:
         """What sets any attribute: one in the place of a method, as of an experiment, is not compiled."""
         kind: Any = self._class
-        path = self._memory.path
+        path, taken = self._memory.path, self._taken
 
         def put(owner: Any, name: str, value: Any) -> None:
-            if callable(getattr(kind, name, None)):
+            if callable(getattr(kind, name, None)) or name == "__class__":
                 self._refused(f"{path}.{name} is replaced")
                 setattr(owner, name, value)
-            else:
-                kind.__setattr__(owner, name, value)
+                return
+            if name in taken:
+                caller = sys._getframe(1)
+                self._set_at[name] = caller.f_code, caller.f_globals, caller.f_lineno
+            kind.__setattr__(owner, name, value)
 
         return put
+
+    def _deleter(self) -> Callable[[Any, str], None]:
+        """What deletes any attribute: compiled code goes on with its fields."""
+        path = self._memory.path
+
+        def delete(owner: Any, name: str) -> None:
+            self._refused(f"{path}.{name} is deleted")
+            delattr(owner, name)
+
+        return delete
 
     def _access(self, name: str, of: CType) -> tuple[Get, Set]:
         if of in PLAIN:
@@ -125,7 +184,7 @@ class BoundFields:
             return _of_state(self._memory.view(name, "B"), list(of.kind))
         if of == MASK:
             return self._of_mask(name)
-        if isinstance(of, ArrayType) and isinstance(getattr(self._owner, name), list):
+        if isinstance(of, ArrayType) and isinstance(getattr(self.owner, name), list):
             return self._of_list(name, of)
         if isinstance(of, ArrayType):
             return self._of_array(name, of)
@@ -144,7 +203,7 @@ class BoundFields:
     def _of_list(self, name: str, of: ArrayType) -> tuple[Get, Set]:
         def refused() -> Any:
             self._refused(f"{self._memory.path}.{name} has another length")
-            return getattr(self._owner, name)
+            return getattr(self.owner, name)
 
         found = BoundList(self._memory, name, of.length, refused)
 
@@ -205,7 +264,7 @@ def _is_told(kind: type) -> bool:
     return any(each.__module__ != "typing" for each in own)
 
 
-def _below(kind: type, names: dict[str, Any]) -> type:
+def class_below(kind: type, names: dict[str, Any]) -> type:
     """A class below another one: the same in all but these names. TypeError where there can be none."""
     inside = {"__slots__": (), "__module__": kind.__module__, "__doc__": kind.__doc__, **names}
     bases = (_Untold, kind) if _is_told(kind) else (kind,)

@@ -147,6 +147,9 @@ class CallCode(AttributeCode):
         me, kind = self.names.get(first), self.source.meaning("__class__")
         if not isinstance(me, Known) or not isinstance(kind, type):
             raise self.refused(node, "super() outside of a method")
+        self.takes(type(me.value), node.func.attr, node)
+        for each in type(me.value).__mro__:
+            self.takes(each, node.func.attr, node)
         found = getattr(super(kind, me.value), node.func.attr)
         arguments, named = self._arguments(node)
         return self.function(found, arguments, named, node)

@@ -17,7 +17,7 @@ from umo.generate.code_world import translate
 from umo.generate.controller_folder import TARGETS
 from umo.generate.law_library import NOT_ON_COLUMNS, TRUE, LawLibrary
 from umo.generate.translation import Translation
-from umo.objects import Compound, walk
+from umo.objects import Compound
 from umo.user_code import attempt
 
 WRITES = "writes"
@@ -47,9 +47,6 @@ def translated_conditions(
             return None, f"one {what}"
     if _states(found) != _states(without):
         return None, "one changes an attribute"
-    known = {id(each) for each in (root, *walk(root), *(struct.owner for struct in without.structs))}
-    if any(id(struct.owner) not in known for struct in found.structs):
-        return None, "one refers to an object that is no part of the machine"
     return found, ""
 
 
@@ -83,10 +80,13 @@ class CompiledConditions:
                 self._inhibitions, self.left = (), 0
                 return
 
-    def use(self) -> None:
-        """The compiled conditions are evaluated from now on."""
+    def use(self, look: Callable[[], bool]) -> None:
+        """The compiled conditions are evaluated from now on. `look` tells, before the first of them, whether they are
+        still right; if not, it has given them back to Python."""
         for number, each in enumerate(self._inhibitions, self._first):
             each.condition = self._compiled(number, each.interlock.condition)
+        for each in self._inhibitions[:1]:
+            each.condition = _after(look, each.condition, each.interlock.condition)
 
     def release(self) -> None:
         """Python's are evaluated from now on."""
@@ -104,3 +104,7 @@ class CompiledConditions:
             return fault == TRUE if fault in (0, TRUE) else condition()
 
         return holds
+
+
+def _after(look: Callable[[], bool], compiled: Asked, python: Asked) -> Asked:
+    return lambda: compiled() if look() else python()

@@ -105,6 +105,7 @@ class ExpressionCode(FunctionScope):
         value = self.source.meaning(node.id)
         if value is ABSENT:
             raise self.refused(node, "the name stands for nothing")
+        self.takes_variable(node.id, node)
         return Known(value, name=node.id)
 
     def _Attribute(self, node: ast.Attribute) -> Term:

@@ -54,7 +54,7 @@ struct umo_machine {{
 {members}}};
 
 {source}
-{tables}{init}
+{tables}{access}
 static const umo_plan plan = {{.period = {period}, .objects = {objects}, .traits = traits}};
 
 size_t law_size(void)
@@ -71,7 +71,6 @@ void law_begin(umo_machine *m, umo_columns *columns)
         m->objects[i].core = &m->core;
         m->objects[i].traits = &traits[i];
     }}
-    init_objects(m);
 }}
 
 int16_t law_fault_object(const umo_machine *m)
@@ -136,7 +135,7 @@ def source_of_laws(model: ControllerModel, translation: Translation, conditions:
         members=translation.members,
         source=translation.source,
         tables=tables_of(model, TARGETS["host"]),
-        init=translation.init,
+        access=translation.access,
         period=repr(model.period),
         true=TRUE,
         cases="".join(cases),
