@@ -93,9 +93,10 @@ class AttributeCode(BuiltinCode):
         return f"{path}.{name}".strip(".") if name else path
 
     def _known(self, owner: Any, name: str, node: ast.AST) -> Known:
-        """An attribute that is taken as known."""
+        """An attribute that is taken as known; the machine around a part is another one in each run."""
         value = self._got(owner, name, node)
-        self.takes(owner, name, node)
+        if not (isinstance(owner, Compound) and name == "_machine") and not _is_of_cycle(owner):
+            self.takes(owner, name, node)
         return Known(value, owner, name)
 
     def _got(self, owner: Any, name: str, node: ast.AST) -> Any:
@@ -149,6 +150,10 @@ class AttributeCode(BuiltinCode):
         name = self.temporary(of)
         self.called(call % name)
         return Code(of, name, stable=True)
+
+
+def _is_of_cycle(owner: Any) -> bool:
+    return type(owner).__module__.startswith("umo.cycle.")
 
 
 def dropped(*_: object) -> None:

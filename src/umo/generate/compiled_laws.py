@@ -30,7 +30,7 @@ from umo.generate.code_world import translate
 from umo.generate.compiled_conditions import CompiledConditions, translated_conditions
 from umo.generate.controller_folder import TARGETS
 from umo.generate.controller_model import ControllerModel, laid_out, model_of
-from umo.generate.known_values import KnownName
+from umo.generate.known_values import KnownName, is_installed
 from umo.generate.known_watch import KnownWatch
 from umo.generate.law_library import (
     HOST_CALL,
@@ -122,6 +122,9 @@ def _check(translation: Translation) -> None:
     for struct in translation.structs:
         if isinstance(struct.owner, type) or not hasattr(struct.owner, "__dict__"):
             raise DeclarationError(f"{struct.path} is no object whose attributes can be elsewhere")
+    for owner, name in translation.hosts:
+        if name in vars(owner) and not is_installed(type(owner).__module__):
+            raise DeclarationError(f"{name} of a {type(owner).__name__} is a function that only Python can call")
     if any(word in translation.source for word in NOT_ON_COLUMNS):
         raise DeclarationError("control code resets or references an object, or asks for its time or offset")
 
@@ -153,6 +156,9 @@ class CompiledLaws:
             )
             for memory, struct in zip(self._memories, structs, strict=True)
         ]
+        self._waiting: list[BoundFields] = []
+        for each in self._fields:
+            each.waiting = self._waiting
         self._native: list[Any] = []
         self._vectors: dict[tuple[int, ...], Vector[Any]] = {}
         self._left = [COMPARED] * len(self._python)
@@ -173,7 +179,9 @@ class CompiledLaws:
 
     def _look(self) -> bool:
         """Whether what translation took as known still is so; if not, Python drives from now on."""
-        return self._watch.look()
+        while self._waiting:
+            self._waiting.pop().take_given()
+        return self.state != "python" and self._watch.look()
 
     # Python drives, and C is compared ------------------------------------------------------------------
 
@@ -252,7 +260,7 @@ class CompiledLaws:
             self.give_up(text_of(error))
             return
         self.state = "compiled"
-        self._watch = KnownWatch(self._known, self._changed, [each.owner for each in self._fields])
+        self._watch = KnownWatch(self._known, self._changed, [(each.owner, each.names) for each in self._fields])
         if self.state != "compiled":
             return
         self._machine.before_laws = self._look
@@ -282,7 +290,8 @@ class CompiledLaws:
         first = names[0]
         by = next((each.setter(first.name) for each in self._fields if each.owner is first.owner), "")
         more = f", and {len(names) - 1} more" if len(names) > 1 else ""
-        self.give_up(f"{first.label} was set{f' ({by})' if by else ''}, which {first.place} has read{more}")
+        read = f", which {first.place} has read" if first.file else ""
+        self.give_up(f"{first.label} was set{f' ({by})' if by else ''}{read}{more}")
 
     def give_up(self, reason: str) -> None:
         """The laws run in Python from now on."""

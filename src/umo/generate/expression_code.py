@@ -109,7 +109,9 @@ class ExpressionCode(FunctionScope):
         return Known(value, name=node.id)
 
     def _Attribute(self, node: ast.Attribute) -> Term:
-        base = self.term(node.value)
+        return self.attribute_of(self.term(node.value), node)
+
+    def attribute_of(self, base: Term, node: ast.Attribute) -> Term:
         if isinstance(base, Known):
             return self.attribute(base, node.attr, node)
         if self.is_array(base):

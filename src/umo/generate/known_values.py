@@ -9,12 +9,13 @@ code that sets them (`known_setters.py`).
 from __future__ import annotations
 
 import builtins
+import sys
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
-from types import FunctionType, MappingProxyType, MemberDescriptorType, ModuleType
+from types import CodeType, FunctionType, MappingProxyType, MemberDescriptorType, ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -64,6 +65,18 @@ class KnownName(NamedTuple):
     def place(self) -> str:
         return f"{self.file}:{self.line}"
 
+    @property
+    def is_worth_telling(self) -> bool:
+        """Whether it is no function, class or module, no part at its own place, and no constant of umo or Python."""
+        if isinstance(self.value, type | ModuleType | property) or callable(self.value):
+            return False
+        if isinstance(self.owner, dict | ModuleType):
+            return not is_installed(str(vars_of(self.owner).get("__name__", "")))
+        return not isinstance(self.value, Node) or (self.name != "self" and self.value._path != self.label)
+
+    def __str__(self) -> str:
+        return f"`{self.label}` is {_text_of(self.value)} ({self.place})"
+
 
 @dataclass
 class Namespace:
@@ -75,7 +88,7 @@ class Namespace:
 
     @property
     def now(self) -> Any:
-        return self.owner if isinstance(self.owner, dict) else vars(self.owner)
+        return vars_of(self.owner)
 
 
 class Content(NamedTuple):
@@ -157,6 +170,10 @@ class KnownValues:
         known = KnownName(owner, name, found, *at)
         self.fields[id(owner), name] = known
         self._class(type(owner), name, known)
+
+    def codes(self) -> Iterator[CodeType]:
+        """The code of the functions that are translated."""
+        return (value for owner, name, value, _ in self.attributes.values() if name == "__code__")
 
     def names_of(self, owner: Any) -> frozenset[str]:
         """The attributes of one object that are taken as known."""
@@ -254,6 +271,19 @@ class KnownValues:
         return all(name in vars(each.owner) for each in fields)
 
 
+def vars_of(owner: Any) -> Any:
+    return owner if isinstance(owner, dict) else vars(owner)
+
+
+def is_installed(module: str) -> bool:
+    """Whether a module is Python's own, umo's, or of a package that is installed; stations of umo are none of these."""
+    first = module.partition(".")[0]
+    if first == "umo":
+        return not module.startswith("umo.stations.")
+    file = str(getattr(sys.modules.get(module), "__file__", ""))
+    return first in sys.stdlib_module_names or "site-packages" in file
+
+
 def elements_of(container: Any) -> tuple[Any, ...]:
     """The elements in their order; of a dict keys and values in turn, of an array its bytes."""
     if isinstance(container, np.ndarray | bytearray):
@@ -261,6 +291,20 @@ def elements_of(container: Any) -> tuple[Any, ...]:
     if isinstance(container, dict | MappingProxyType):
         return tuple(each for pair in container.items() for each in pair)
     return tuple(container)
+
+
+def _text_of(value: Any) -> str:
+    """A value in words, the same in each run."""
+    if value is ABSENT:
+        return "not there"
+    if isinstance(value, Node):
+        return f"the object `{value._path}`" if value._path else f"the machine, a {type(value).__name__}"
+    if isinstance(value, tuple | list):
+        ends = "()" if isinstance(value, tuple) else "[]"
+        return f"{ends[0]}{', '.join(map(_text_of, value[:8]))}{', ...' if len(value) > 8 else ''}{ends[1]}"
+    if isinstance(value, (*PLAIN, np.generic)):
+        return f"`{str(value) if isinstance(value, Enum) else repr(value)[:80]}`"
+    return f"a {type(value).__name__}" + (f", `{value}`" if isinstance(value, Enum) else "")
 
 
 def same(before: Any, now: Any) -> bool:

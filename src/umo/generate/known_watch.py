@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from gc import get_referents
 from operator import is_
+from types import FunctionType
 from typing import Any
 
 from umo.cycle.conversion import extension
 from umo.generate.bound_fields import class_below
-from umo.generate.known_values import ABSENT, KnownName, KnownValues, elements_of
+from umo.generate.known_values import ABSENT, KnownName, KnownValues, elements_of, is_installed
 
 VALID_VERSION = 1 << 19
 """Flag of a class whose attributes were looked up, and not changed since: neither its own nor those above it."""
@@ -19,10 +20,14 @@ class KnownWatch:
     """`changed` is called with the names whose values are others now."""
 
     def __init__(
-        self, known: KnownValues, changed: Callable[[list[KnownName]], None], complete: Sequence[Any] = ()
+        self,
+        known: KnownValues,
+        changed: Callable[[list[KnownName]], None],
+        elsewhere: Sequence[tuple[Any, frozenset[str]]] = (),
     ) -> None:
-        """`complete`: objects that are to have no attribute more, nor less, than now."""
-        self._known, self._changed, self._complete = known, changed, complete
+        """`elsewhere`: objects, and names of their attributes that are not in the objects: nobody is to put them
+        there."""
+        self._known, self._changed, self._elsewhere = known, changed, elsewhere
         self._below: dict[type, type | None] = {}
         self.look: Callable[[], bool] = self._changes
         """Whether everything is as it was: the cheapest way to find out."""
@@ -31,6 +36,8 @@ class KnownWatch:
     def _changes(self) -> bool:
         """Something may be another object: compare by value, and begin anew."""
         found = list(self._known.changes())
+        for owner, names in self._elsewhere:
+            found += [KnownName(owner, name, None, "", 0) for name in names & vars(owner).keys()]
         if found:
             self._changed(found)
             return False
@@ -39,7 +46,7 @@ class KnownWatch:
 
     def _renew(self) -> None:
         """Look at the objects that are there now."""
-        sized = {id(each) for each in self._complete}
+        sized = {id(owner) for owner, _ in self._elsewhere}
         spaces = tuple(self._space(each.owner, each.names, id(each.owner) in sized) for each in self._spaces())
         types, of_classes = self._types()
         contents = tuple((each.container, each.elements) for each in self._known.contents.values())
@@ -52,9 +59,9 @@ class KnownWatch:
     def _spaces(self) -> Iterator[Any]:
         yield from self._known.objects.values()
         known = set(self._known.objects)
-        for each in self._complete:
-            if id(each) not in known:
-                yield _Names(each)
+        for owner, _ in self._elsewhere:
+            if id(owner) not in known:
+                yield _Names(owner)
 
     @staticmethod
     def _space(owner: Any, names: dict[str, Any], complete: bool) -> tuple[Any, ...]:
@@ -85,9 +92,8 @@ class _Names:
 
 
 def is_of_umo(function: Any) -> bool:
-    """Whether a function is of umo itself, but of no station: nobody is expected to give it other code."""
-    module = str(getattr(function, "__module__", ""))
-    return module.startswith("umo.") and not module.startswith("umo.stations.")
+    """Whether it is a function of umo or Python itself: nobody is expected to give it other code."""
+    return isinstance(function, FunctionType) and is_installed(function.__module__ or "")
 
 
 def _untouched(kind: type) -> type | None:

@@ -227,7 +227,8 @@ class LawLibrary:
     def structs(self, structs: Sequence[LiveStruct]) -> list[StructMemory]:
         """The fields of the live objects."""
         found = (int(self._library.machine_struct(self._memory, c_int16(n))) for n in range(len(structs)))
-        return [StructMemory(struct, address) for struct, address in zip(structs, found, strict=True)]
+        keep = self._memory
+        return [StructMemory(struct, address, keep=keep) for struct, address in zip(structs, found, strict=True)]
 
     def call(self, law: int, clock: Any) -> int:
         """One period of a law; its fault."""
