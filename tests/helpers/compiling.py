@@ -2,14 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
+
+import pytest
 
 from helpers.generating import Fragile, wired
 from umo import Compound
 from umo.cycle.connect import connect
+from umo.generate import compiled_laws
 from umo.generate.compiled_laws import COMPARED, CompiledLaws, prepare
 from umo.testing import VirtualTimer
 from umo.wiring import resolve
+
+
+@contextmanager
+def observed() -> Iterator[list[CompiledLaws]]:
+    """The laws that are compiled in this process meanwhile; at its end all are compiled, and there are some."""
+    found: list[CompiledLaws] = []
+
+    class Observed(CompiledLaws):
+        def __init__(self, *given: Any) -> None:
+            super().__init__(*given)
+            found.append(self)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compiled_laws, "CompiledLaws", Observed)
+        yield found
+    assert [each.state for each in found] == ["compiled"] * len(found) != []
 
 
 class CompiledRun:

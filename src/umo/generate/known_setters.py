@@ -63,7 +63,9 @@ def settings_of(known: KnownValues, machine: Compound) -> Iterator[Untranslatabl
                     told.add((path, each.line))
                     what = "may be set" if each.name == ANY else "is set"
                     at = f"{shown_file(path, module)}:{each.line}"
-                    yield _untranslatable(name, f"{name.label} is taken as known, and {what} in {at}", "a number")
+                    yield _untranslatable(
+                        name, f"{name.label} is taken as known, and {what} in {at}", "a number in its place"
+                    )
 
 
 def root_of(part: Compound) -> Compound:
@@ -154,7 +156,7 @@ class _Search:
         first = node.args.posonlyargs + node.args.args
         is_static = any(isinstance(each, ast.Name) and each.id == "staticmethod" for each in node.decorator_list)
         own = first[0].arg if kind and first and not is_static else ""
-        declared = (each for each in ast.walk(node) if isinstance(each, ast.Global | ast.Nonlocal))
+        declared = (each for each in _own_nodes(node) if isinstance(each, ast.Global | ast.Nonlocal))
         outer = frozenset(name for each in declared for name in each.names)
         line = min([node.lineno, *(each.lineno for each in node.decorator_list)])
         yield from self._in(node, kind, own, line, outer)
@@ -172,6 +174,14 @@ class _Search:
             key = node.slice
             name = key.value if isinstance(key, ast.Constant) and isinstance(key.value, str) else ANY
             yield Setting(name, "", self._file, line, function)
+
+
+def _own_nodes(function: ast.AST) -> Iterator[ast.AST]:
+    """The nodes of a function, without those of functions in it."""
+    for each in ast.iter_child_nodes(function):
+        yield each
+        if not isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda | ast.ClassDef):
+            yield from _own_nodes(each)
 
 
 def _called(node: ast.Call) -> Iterator[str]:

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from umo.generate.function_source import shown_file
 from umo.objects import Node
 
 ABSENT = object()
@@ -51,10 +52,9 @@ class KnownName(NamedTuple):
     @property
     def label(self) -> str:
         """What it is called in messages, such as `Tank.mode_name` or `zones.3.mode_name`."""
-        if isinstance(self.owner, dict):
-            return f"{self.name} of {self.owner.get('__name__', 'a module')}"
-        if isinstance(self.owner, ModuleType):
-            return f"{self.name} of {self.owner.__name__}"
+        if isinstance(self.owner, dict | ModuleType):
+            module = vars_of(self.owner)
+            return f"{self.name} of {shown_file(module.get('__file__') or '', module.get('__name__') or '')}"
         if isinstance(self.owner, FunctionType):
             return f"{self.name} of {self.owner.__qualname__.replace('.<locals>', '')}"
         if isinstance(self.owner, Node) and self.owner._path:
