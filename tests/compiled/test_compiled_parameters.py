@@ -59,7 +59,7 @@ def oven() -> Oven:
 def test_a_station_with_parameters_compiles(parameters: dict[str, Any]) -> None:
     with CompiledRun(oven(), parameters=parameters) as run:
         expected = parameters.get("servo.gain", parameters.get("gain", 0.5))
-        assert run.m.servo.gain == expected and run.m.N == parameters.get("N", 2)
+        assert run.m.servo.gain == expected and parameters.get("N", 2) == run.m.N
         integral = run.m.servo.integral
         run.step()
         assert run.m.servo.integral > integral
