@@ -1,11 +1,14 @@
 /* What translated code has taken as known, compared once a period (umo.generate.known_watch). */
 #include "extension.h"
 
+#include <stdint.h>
 #include <string.h>
+
+enum { CODE, DEFAULTS, KWDEFAULTS, PARTS }; /* of a function of Python */
 
 /* The attributes of one object, or the names of one module, that are to be what they were. */
 typedef struct {
-    PyObject *owner; /* an object, or the dict of a module */
+    PyObject *owner; /* an object, or a dict: that of a module, or of an object */
     PyTypeObject *kind; /* the class of the object; NULL: the owner is the dict itself */
     Py_ssize_t size; /* the number of its attributes; below 0: it does not matter */
     Py_ssize_t first, end; /* places in `names` and `values` */
@@ -14,14 +17,17 @@ typedef struct {
 typedef struct {
     PyObject_HEAD
     Space *spaces;
-    Py_ssize_t count;
+    Py_ssize_t count, always, turn; /* those from `always` on are looked at in turn, one each time */
     PyObject *held; /* a tuple that keeps everything that is pointed to */
     PyObject **names, **values; /* a value that is NULL: there is no such name */
     PyObject *types; /* a tuple of classes whose flag of a valid version tells that no class above was changed */
     PyObject *contents; /* a tuple of pairs: a list, dict or other container, and its elements as a tuple */
     PyObject *attributes; /* a tuple of triples: an object, a name, and the value */
+    PyObject *cells; /* a tuple of pairs: a cell of an enclosing function, and what is in it */
+    PyObject *(*in_cell)(PyObject *);
+    PyObject *functions; /* a tuple of tuples: a function, and what each of `parts` gives of it */
     PyObject *in_turn; /* the same, of which one is looked at each time */
-    Py_ssize_t turn;
+    PyObject *(*parts[PARTS])(PyObject *);
     PyObject *changed; /* changed(): called where something is not what it was */
 } Watch;
 
@@ -34,6 +40,8 @@ static int Watch_traverse(Watch *self, visitproc visit, void *arg)
     Py_VISIT(self->types);
     Py_VISIT(self->contents);
     Py_VISIT(self->attributes);
+    Py_VISIT(self->cells);
+    Py_VISIT(self->functions);
     Py_VISIT(self->in_turn);
     Py_VISIT(self->changed);
     return 0;
@@ -46,6 +54,8 @@ static int Watch_clear(Watch *self)
     Py_CLEAR(self->types);
     Py_CLEAR(self->contents);
     Py_CLEAR(self->attributes);
+    Py_CLEAR(self->cells);
+    Py_CLEAR(self->functions);
     Py_CLEAR(self->in_turn);
     Py_CLEAR(self->changed);
     return 0;
@@ -129,20 +139,40 @@ static int take_spaces(Watch *self, PyObject *absent)
     return 0;
 }
 
-/* Watch(spaces, types, contents, attributes, in_turn, absent, changed) */
+/* Whether these are tuples of so many elements, and the first of each is of this class. */
+static int are_of(PyObject *all, Py_ssize_t size, PyObject *kind)
+{
+    if (!are_tuples(all, size, 0))
+        return 0;
+    for (Py_ssize_t i = 0; i < PyTuple_Size(all); i++)
+        if ((PyObject *)Py_TYPE(PyTuple_GetItem(PyTuple_GetItem(all, i), 0)) != kind)
+            return 0;
+    return 1;
+}
+
+/* Watch(spaces, always, types, contents, attributes, cells, functions, functions in turn, addresses, class of cells,
+ * class of functions, absent, changed): `always` spaces are looked at each time. The addresses are those of PyCell_Get,
+ * PyFunction_GetCode, PyFunction_GetDefaults and PyFunction_GetKwDefaults, which each Python has, but not in its stable
+ * interface. */
 static PyObject *Watch_new(PyTypeObject *type, PyObject *args, PyObject *named)
 {
-    PyObject *spaces, *types, *contents, *attributes, *in_turn, *absent, *changed;
+    PyObject *spaces, *types, *contents, *attributes, *cells, *functions, *in_turn;
+    PyObject *of_cells, *of_functions, *absent, *changed;
+    Py_ssize_t always;
+    unsigned long long in_cell, parts[PARTS];
     if (named != NULL && PyDict_Size(named) != 0) {
         PyErr_SetString(PyExc_TypeError, "Watch takes no arguments by name");
         return NULL;
     }
     if (!PyArg_ParseTuple(
-            args, "O!O!O!O!O!OO", &PyTuple_Type, &spaces, &PyTuple_Type, &types, &PyTuple_Type, &contents,
-            &PyTuple_Type, &attributes, &PyTuple_Type, &in_turn, &absent, &changed))
+            args, "O!nO!O!O!O!O!O!(KKKK)OOOO", &PyTuple_Type, &spaces, &always, &PyTuple_Type, &types, &PyTuple_Type,
+            &contents, &PyTuple_Type, &attributes, &PyTuple_Type, &cells, &PyTuple_Type, &functions, &PyTuple_Type,
+            &in_turn, &in_cell, &parts[CODE], &parts[DEFAULTS], &parts[KWDEFAULTS], &of_cells, &of_functions, &absent,
+            &changed))
         return NULL;
     if (!are_classes(types) || !are_tuples(contents, 2, 1) || !are_tuples(attributes, 3, 0) ||
-        !are_tuples(in_turn, 3, 0)) {
+        !are_of(cells, 2, of_cells) || !are_of(functions, 1 + PARTS, of_functions) ||
+        !are_of(in_turn, 1 + PARTS, of_functions) || always < 0 || always > PyTuple_Size(spaces)) {
         PyErr_SetString(PyExc_TypeError, "no classes, containers or attributes to watch");
         return NULL;
     }
@@ -153,7 +183,13 @@ static PyObject *Watch_new(PyTypeObject *type, PyObject *args, PyObject *named)
     self->types = Py_NewRef(types);
     self->contents = Py_NewRef(contents);
     self->attributes = Py_NewRef(attributes);
+    self->cells = Py_NewRef(cells);
+    self->in_cell = (PyObject * (*)(PyObject *))(uintptr_t)in_cell;
+    self->functions = Py_NewRef(functions);
     self->in_turn = Py_NewRef(in_turn);
+    self->always = always;
+    for (int i = 0; i < PARTS; i++)
+        self->parts[i] = (PyObject * (*)(PyObject *))(uintptr_t)parts[i];
     self->changed = Py_NewRef(changed);
     if (take_spaces(self, absent)) {
         Py_DECREF(self);
@@ -252,10 +288,33 @@ static int is_attribute(PyObject *triple)
     return found == PyTuple_GetItem(triple, 2);
 }
 
+static int is_function(Watch *self, PyObject *given)
+{
+    PyObject *function = PyTuple_GetItem(given, 0);
+    for (int i = 0; i < PARTS; i++) {
+        PyObject *found = self->parts[i](function), *before = PyTuple_GetItem(given, 1 + i);
+        if (found != before && !(found == NULL && before == Py_None))
+            return 0;
+    }
+    return 1;
+}
+
+/* What is not looked at each time: one of it. */
+static int is_next(Watch *self)
+{
+    Py_ssize_t spaces = self->count - self->always, functions = PyTuple_Size(self->in_turn);
+    if (spaces + functions == 0)
+        return 1;
+    self->turn = (self->turn + 1) % (spaces + functions);
+    if (self->turn < spaces)
+        return is_space(self, &self->spaces[self->always + self->turn]);
+    return is_function(self, PyTuple_GetItem(self->in_turn, self->turn - spaces));
+}
+
 static int is_all(Watch *self)
 {
     int same = 1;
-    for (Py_ssize_t i = 0; same > 0 && i < self->count; i++)
+    for (Py_ssize_t i = 0; same > 0 && i < self->always; i++)
         same = is_space(self, &self->spaces[i]);
     for (Py_ssize_t i = 0; same > 0 && i < PyTuple_Size(self->types); i++)
         same = (PyType_GetFlags((PyTypeObject *)PyTuple_GetItem(self->types, i)) & VALID_VERSION) != 0;
@@ -265,10 +324,15 @@ static int is_all(Watch *self)
     }
     for (Py_ssize_t i = 0; same > 0 && i < PyTuple_Size(self->attributes); i++)
         same = is_attribute(PyTuple_GetItem(self->attributes, i));
-    if (same > 0 && PyTuple_Size(self->in_turn) > 0) {
-        self->turn = (self->turn + 1) % PyTuple_Size(self->in_turn);
-        same = is_attribute(PyTuple_GetItem(self->in_turn, self->turn));
+    for (Py_ssize_t i = 0; same > 0 && i < PyTuple_Size(self->functions); i++)
+        same = is_function(self, PyTuple_GetItem(self->functions, i));
+    for (Py_ssize_t i = 0; same > 0 && i < PyTuple_Size(self->cells); i++) {
+        PyObject *pair = PyTuple_GetItem(self->cells, i), *found = self->in_cell(PyTuple_GetItem(pair, 0));
+        same = found == PyTuple_GetItem(pair, 1);
+        Py_XDECREF(found);
     }
+    if (same > 0)
+        same = is_next(self);
     if (same < 0) {
         PyErr_Clear(); /* what can no longer be read is not what it was */
         same = 0;

@@ -105,8 +105,8 @@ class BoundFields:
         self._lists: dict[str, BoundList] = {}
         self._given: dict[str, Any] = {}
         """Lists and arrays that were set, and that the laws have not had yet."""
-        self.waiting: list[BoundFields] = []
-        """The objects of one machine that were given some."""
+        self.was_given: Callable[[BoundFields], None] = lambda fields: None
+        """Called where the object is given one."""
         self._of_class: dict[str, str] = {}
         """The values that the others have in the class, as text."""
         self._class = kind = type(owner)
@@ -124,7 +124,7 @@ class BoundFields:
         self._memory.push()
         self._memory.forget()
         for name in self._memory.fields:
-            if is_shared(vars(self.owner), name):
+            if not self._is_rebound(name) and is_shared(vars(self.owner), name):
                 raise ValueError(f"{self._memory.path}.{name} is a list or an array that others have, too")
         self._own = {name for name in self._memory.fields if name in vars(self.owner)}
         for name in self._memory.fields.keys() - self._own:
@@ -157,14 +157,18 @@ class BoundFields:
         have too gives the laws back to Python: what they change in it would not be seen."""
         for name in tuple(self._given):
             self._memory.write(name, self._given[name])
-            if is_shared(self._given, name):
+            if not self._is_rebound(name) and is_shared(self._given, name):
                 self._refused(f"{self._memory.path}.{name} is set to a list or an array that others have, too")
                 return
             del self._given[name]
 
+    def _is_rebound(self, name: str) -> bool:
+        """Whether it is an array that compiled code assigns: whoever has the one before has no part in it."""
+        return name in self._states and not isinstance(vars(self.owner).get(name, self._given.get(name)), list)
+
     def _give(self, name: str, value: Any) -> None:
         self._given[name] = value
-        self.waiting.append(self)
+        self.was_given(self)
 
     def setter(self, name: str) -> str:
         """The file and line that have set what translation took as known; "": it is not known."""

@@ -63,6 +63,8 @@ class CompiledConditions:
         """`compared`: periods in which they are compared. Without inhibitions there are none; `why`: the reason."""
         self._library, self._first, self._clock = library, first, clock
         self._inhibitions = inhibitions
+        self._native: list[Any] = []
+        self._look: Callable[[], bool] = lambda: True
         self.left = compared if inhibitions else 0
         """Periods in which they are still to be compared."""
         self.left_out = why
@@ -80,13 +82,17 @@ class CompiledConditions:
                 self._inhibitions, self.left = (), 0
                 return
 
-    def use(self, look: Callable[[], bool]) -> None:
-        """The compiled conditions are evaluated from now on. `look` tells, before the first of them, whether they are
-        still right; if not, it has given them back to Python."""
+    def use(self) -> None:
+        """The compiled conditions are evaluated from now on."""
         for number, each in enumerate(self._inhibitions, self._first):
             each.condition = self._compiled(number, each.interlock.condition)
-        for each in self._inhibitions[:1]:
-            each.condition = _after(look, each.condition, each.interlock.condition)
+
+    def look_first(self, look: Callable[[], bool]) -> None:
+        """`look` tells, before the first of them, whether they are still right; if not, it has given them back to
+        Python."""
+        self._look = look
+        if self._native:
+            self._native[0].guard(look)
 
     def release(self) -> None:
         """Python's are evaluated from now on."""
@@ -96,15 +102,14 @@ class CompiledConditions:
     def _compiled(self, number: int, condition: Asked) -> Asked:
         native = getattr(extension, "Law", None)
         if native is not None:
-            found: Asked = native(*self._library.addresses, number, self._clock, lambda fault: condition()).holds
+            self._native.append(native(*self._library.addresses, number, self._clock, lambda fault: condition()))
+            found: Asked = self._native[-1].holds
             return found
 
         def holds() -> Any:
+            if number == self._first and not self._look():
+                return condition()
             fault = self._library.call(number, self._clock)
             return fault == TRUE if fault in (0, TRUE) else condition()
 
         return holds
-
-
-def _after(look: Callable[[], bool], compiled: Asked, python: Asked) -> Asked:
-    return lambda: compiled() if look() else python()

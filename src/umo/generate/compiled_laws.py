@@ -123,7 +123,7 @@ def _check(translation: Translation) -> None:
         if isinstance(struct.owner, type) or not hasattr(struct.owner, "__dict__"):
             raise DeclarationError(f"{struct.path} is no object whose attributes can be elsewhere")
     for owner, name in translation.hosts:
-        if name in vars(owner) and not is_installed(type(owner).__module__):
+        if name in vars(owner) and not is_installed(str(getattr(vars(owner)[name], "__module__", ""))):
             raise DeclarationError(f"{name} of a {type(owner).__name__} is a function that only Python can call")
     if any(word in translation.source for word in NOT_ON_COLUMNS):
         raise DeclarationError("control code resets or references an object, or asks for its time or offset")
@@ -158,7 +158,7 @@ class CompiledLaws:
         ]
         self._waiting: list[BoundFields] = []
         for each in self._fields:
-            each.waiting = self._waiting
+            each.was_given = self._was_given
         self._native: list[Any] = []
         self._vectors: dict[tuple[int, ...], Vector[Any]] = {}
         self._left = [COMPARED] * len(self._python)
@@ -174,13 +174,29 @@ class CompiledLaws:
         self._watch = KnownWatch(self._known, self._changed)
         if self.state == "python":
             return
-        machine.before_laws = self._look
+        self._watch.on_renewal = self._use_watch
+        self._use_watch()
         machine.replace_laws([MethodType(self._comparing(n, law), law.__self__) for n, law in enumerate(self._python)])
+
+    def _use_watch(self) -> None:
+        self._look_first(self._watch.look)
+
+    def _look_first(self, look: Callable[[], bool]) -> None:
+        """It is called before conditions and laws."""
+        if self.state != "python":
+            self._machine.before_laws = look
+            self._conditions.look_first(look)
+
+    def _was_given(self, fields: BoundFields) -> None:
+        """An object was given a list or an array: it is looked at before the laws."""
+        self._waiting.append(fields)
+        self._look_first(self._look)
 
     def _look(self) -> bool:
         """Whether what translation took as known still is so; if not, Python drives from now on."""
         while self._waiting:
             self._waiting.pop().take_given()
+            self._use_watch()
         return self.state != "python" and self._watch.look()
 
     # Python drives, and C is compared ------------------------------------------------------------------
@@ -263,8 +279,9 @@ class CompiledLaws:
         self._watch = KnownWatch(self._known, self._changed, [(each.owner, each.names) for each in self._fields])
         if self.state != "compiled":
             return
-        self._machine.before_laws = self._look
-        self._conditions.use(self._look)
+        self._conditions.use()
+        self._watch.on_renewal = self._use_watch
+        self._use_watch()
         self._machine.tell("", "the laws are compiled: they were the same as in Python so far")
         if self._conditions.left_out:
             self._machine.tell("", f"the conditions of interlocks run in Python: {self._conditions.left_out}")

@@ -157,7 +157,7 @@ class KnownValues:
         for name in ("__code__", "__defaults__", "__kwdefaults__"):
             known = KnownName(function, name, getattr(function, name), *at)
             self.attributes[id(function), name] = function, name, known.value, known
-            if name != "__code__":
+            if name != "__code__" and not is_installed(function.__module__ or ""):
                 self._content(known.value, known)
 
     def tracked(self, owner: Any, name: str, at: tuple[str, int]) -> None:

@@ -102,7 +102,7 @@ class Furnace(
     def _clear(self) -> None:
         """Nothing is left of a run before."""
         self.heating.reset()
-        self.setpoints = self.targets = np.zeros(len(self.zones))
+        self.setpoints, self.targets = np.zeros(len(self.zones)), np.zeros(len(self.zones))
         self.ramp = 0.0  # K/s
         self.faulted = np.zeros(len(self.zones), np.bool_)
         self._last = np.zeros(len(self.zones))
