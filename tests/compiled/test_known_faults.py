@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from compiled.test_known_things import AFTER, cache, check
 from helpers.generating import needs_a_compiler
+from helpers.known_runs import AFTER, check
 from helpers.known_things import WAYS
 from umo.generate import bound_fields, known_values
 from umo.generate.bound_fields import BoundFields
@@ -19,7 +19,13 @@ from umo.generate.known_watch import KnownWatch
 
 pytestmark = [needs_a_compiler, pytest.mark.full]
 Patch = pytest.MonkeyPatch
-_ = cache
+
+
+@pytest.fixture(autouse=True, scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
 
 
 def _without(kind: Callable[[Any], bool]) -> Callable[[Patch], None]:
