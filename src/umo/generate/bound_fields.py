@@ -97,6 +97,8 @@ class BoundFields:
         """`states`: the fields that compiled code assigns; `taken`: names of other attributes that it takes as known.
         TypeError if an object of this class cannot be bound."""
         self._taken = taken
+        self._label = memory.path or type(owner).__name__
+        """What the object is called in messages."""
         self._memory, self.owner, self._refused, self._states = memory, owner, refused, states
         self._own = set[str]()
         """The fields that are attributes of the object itself, not of its class."""
@@ -125,7 +127,7 @@ class BoundFields:
         self._memory.forget()
         for name in self._memory.fields:
             if not self._is_rebound(name) and is_shared(vars(self.owner), name):
-                raise ValueError(f"{self._memory.path}.{name} is a list or an array that others have, too")
+                raise ValueError(f"{self._label}.{name} is a list or an array that others have, too")
         self._own = {name for name in self._memory.fields if name in vars(self.owner)}
         for name in self._memory.fields.keys() - self._own:
             type.__setattr__(self._below, name, self._inherited(name))
@@ -158,7 +160,7 @@ class BoundFields:
         for name in tuple(self._given):
             self._memory.write(name, self._given[name])
             if not self._is_rebound(name) and is_shared(self._given, name):
-                self._refused(f"{self._memory.path}.{name} is set to a list or an array that others have, too")
+                self._refused(f"{self._label}.{name} is set to a list or an array that others have, too")
                 return
             del self._given[name]
 
@@ -200,7 +202,7 @@ class BoundFields:
             try:
                 put(owner, value)
             except WRONG:
-                self._refused(f"{self._memory.path}.{name} is set to {value!r:.60}")
+                self._refused(f"{self._label}.{name} is set to {value!r:.60}")
                 setattr(owner, name, value)
 
         return get, checked
@@ -208,10 +210,10 @@ class BoundFields:
     def _setter(self) -> SetAny:
         """What sets any attribute: one in the place of a method, as of an experiment, is not compiled."""
         kind: Any = self._class
-        path, taken = self._memory.path, self._taken
+        path, taken = self._label, self._taken
 
         def put(owner: Any, name: str, value: Any) -> None:
-            if callable(getattr(kind, name, None)) or name == "__class__":
+            if name in ("__class__", "__dict__") or callable(getattr(kind, name, None)):
                 self._refused(f"{path}.{name} is replaced")
                 setattr(owner, name, value)
                 return
@@ -224,7 +226,7 @@ class BoundFields:
 
     def _deleter(self) -> Callable[[Any, str], None]:
         """What deletes any attribute: compiled code goes on with its fields."""
-        path = self._memory.path
+        path = self._label
 
         def delete(owner: Any, name: str) -> None:
             self._refused(f"{path}.{name} is deleted")
@@ -257,7 +259,7 @@ class BoundFields:
 
     def _of_list(self, name: str, of: ArrayType) -> tuple[Get, Set]:
         def refused() -> Any:
-            self._refused(f"{self._memory.path}.{name} has another length")
+            self._refused(f"{self._label}.{name} has another length")
             return getattr(self.owner, name)
 
         self._lists[name] = found = BoundList(self._memory, name, of.length, refused)

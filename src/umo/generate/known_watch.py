@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from ctypes import c_void_p, cast, pythonapi
 from gc import get_referents
-from operator import is_
 from types import CellType, FunctionType
 from typing import Any
 
 from umo.cycle.conversion import extension
 from umo.generate.bound_fields import class_below
-from umo.generate.known_values import ABSENT, KnownName, KnownValues, elements_of, is_installed
+from umo.generate.known_values import ABSENT, KnownName, KnownValues, elements_of, is_installed, same_all
 from umo.objects.atomic import Atomic
 
 VALID_VERSION = 1 << 19
@@ -169,7 +168,7 @@ class _Watch:
         return (
             all(self._is_space(*each) for each in self._spaces)
             and all(each.__flags__ & VALID_VERSION for each in self._types)
-            and all(_is_same(elements_of(container), elements) for container, elements in self._contents)
+            and all(same_all(elements_of(container), elements) for container, elements in self._contents)
             and all(getattr(owner, name) is value for owner, name, value in self._attributes)
             and all(getattr(each[0], name) is each[n] for each in self._functions for n, name in enumerate(PARTS, 1))
         )
@@ -181,7 +180,3 @@ class _Watch:
         if size >= 0 and len(now) != size:
             return False
         return all(now.get(name, self._absent) is value for name, value in zip(names, values, strict=True))
-
-
-def _is_same(now: tuple[Any, ...], before: tuple[Any, ...]) -> bool:
-    return len(now) == len(before) and all(map(is_, now, before))
