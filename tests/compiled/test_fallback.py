@@ -234,3 +234,18 @@ def test_without_the_extension_the_library_is_called_by_ctypes(monkeypatch: pyte
         run.m.total = 0.0
         run.step()
         assert run.m.total == 10.0 * 0.5 + 2.0
+
+
+def test_what_only_tells_is_left_out_and_listed() -> None:
+    class Telling(Pump):
+        def setup(self) -> None:
+            super().setup()
+            self.phase = ""
+
+        def control(self) -> None:
+            super().control()
+            self.phase = "pumping"
+            self.cycle.progress("pumping")
+
+    with running(pump(Telling)) as run:
+        assert "left out of them: self.phase is a text" in run.events and "cycle.progress only tells" in run.events

@@ -283,6 +283,8 @@ class CompiledLaws:
         self._watch.on_renewal = self._use_watch
         self._use_watch()
         self._machine.tell("", "the laws are compiled: they were the same as in Python so far")
+        if self._translation.notes:
+            self._machine.tell("", f"what only tells is left out of them: {'; '.join(self._translation.notes)}")
         if self._conditions.left_out:
             self._machine.tell("", f"the conditions of interlocks run in Python: {self._conditions.left_out}")
         self._machine.replace_laws([self._compiled(number, law) for number, law in enumerate(self._python)])
