@@ -19,6 +19,8 @@ PAIR_TAKES = 75.0
 FAST = (("ztheta", 0.0001), ("converter", 0.00005))
 SLICE = 2.0
 """Time in s of a slice of a fast loop."""
+MOST_LOOK = 0.1
+"""The share of a period that a look at what the laws take as known may take."""
 SLICES = 3
 """Of each fast loop in a pair."""
 
@@ -82,11 +84,12 @@ def _fast(name: str, period: float, slices: int, program: object, doing: Doing) 
         loops["C"].add(native.run(program, period, count, compiled.priority, compiled.cpu, busy_wait))
         loops["compiled"].add(compiled.run(count, busy_wait))
     python.close()
-    state = compiled.close()
+    state, look = compiled.close()
     for what, samples in loops.items():
         label = f"{what} ({state})" if what == "compiled" else what
         yield live._row(f"{name}, {1e-3 / period:g} kHz, {label}, waiting busily", samples)
     verdict = "met" if loops["compiled"].missed <= loops["C"].missed else "missed"
     of = count * slices
     missed = f"{loops['compiled'].missed:,} and {loops['C'].missed:,} of {of:,}"
+    yield upper("  a look at what is taken as known, to a period", look, MOST_LOOK, "times", look)
     yield Target("  missed periods, compiled and C", "no more than C", missed, verdict)

@@ -9,6 +9,7 @@ import sys
 from contextlib import suppress
 from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
+from timeit import repeat
 from typing import Any
 
 from umo.cycle import connect
@@ -22,6 +23,8 @@ from umo.wiring import resolve
 from umo.wiring.wired import Wired
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))  # the helpers import one another from there
+LOOKS = 1_000
+"""Calls that are measured together."""
 START = "import sys; from bench.fast_loop import serve; serve(*sys.argv[1:])"
 
 
@@ -54,13 +57,13 @@ class FastLoop:
         self._here.send((periods, busy_wait))
         return Slice.of(self._here.recv_bytes())
 
-    def close(self) -> str:
-        """The state of the compiled laws."""
+    def close(self) -> tuple[str, float]:
+        """The state of the compiled laws, and what a look at what they take as known takes, to a period."""
         self._here.send(None)
-        state = str(self._here.recv())
+        state, share = self._here.recv()
         self._here.close()
         self._process.wait()
-        return state
+        return str(state), float(share)
 
 
 def _set_in_range(wired: Wired) -> None:
@@ -68,6 +71,18 @@ def _set_in_range(wired: Wired) -> None:
     for wire in wired.wires:
         if isinstance(wire.item, DigitalSensor) and isinstance(wire.driver, Simulated):
             wire.driver.set(wire.channel.text, wire.raw((wire.item.minimum + wire.item.maximum) / 2))
+
+
+def _share_of_look(machine: Any, laws: Any) -> float:
+    """The time of a look at what compiled laws take as known, to that of a period without its timer."""
+
+    def period() -> None:
+        machine.sample()
+        machine.control()
+        machine.update()
+
+    takes = [min(repeat(call, number=LOOKS, repeat=9)) for call in (laws._watch.look, period)]
+    return takes[0] / takes[1]
 
 
 def serve(file: str, name: str, period: str, compiled: str) -> None:
@@ -93,5 +108,5 @@ def serve(file: str, name: str, period: str, compiled: str) -> None:
             periods, busy_wait = asked
             wait_busily(connection.wired, busy_wait)
             there.send_bytes(slice_of(m, ticker, periods).tobytes())
-        there.send("python" if laws is None else laws.state)
+        there.send(("python", 0.0) if laws is None else (laws.state, _share_of_look(m, laws)))
     os._exit(0)  # nothing of a process without garbage collection is to be told

@@ -8,16 +8,13 @@ from typing import Any
 
 import pytest
 
-from helpers.generating import Fragile, needs_a_compiler, set_inputs, wired
+from helpers.compiling import CompiledRun
+from helpers.generating import needs_a_compiler, set_inputs
 from helpers.machines import timer
 from umo import BinaryActuator, Compound, DigitalSensor, Interlock
 from umo.control import value_of
-from umo.cycle.connect import connect
 from umo.generate import compiled_laws
-from umo.generate.compiled_laws import CompiledLaws, prepare
 from umo.states import OnOff
-from umo.testing import VirtualTimer
-from umo.wiring import resolve
 
 pytestmark = needs_a_compiler
 
@@ -63,57 +60,33 @@ class Writing(Boiler):
         return value_of(self.pressure) > self.most and self.burner.write(OnOff.OFF)
 
 
-class Foreign(Boiler):
-    def interlocks(self) -> Iterator[Interlock]:
-        other = Limit()
-        yield Interlock(lambda: value_of(self.pressure) > other.most, [self.burner], "too high")
-
-
 class Limit:
-    most = 50.0
-
     def __init__(self) -> None:
         self.most = 50.0
 
 
-class Running:
+class Foreign(Boiler):
+    """Its condition refers to an object that is no part of the machine, made where the condition is."""
+
+    def interlocks(self) -> Iterator[Interlock]:
+        self.other = other = Limit()
+        yield Interlock(lambda: value_of(self.pressure) > other.most, [self.burner], "too high")
+
+
+class Running(CompiledRun):
     def __init__(self, kind: type[Boiler]) -> None:
         pressure = DigitalSensor("bar", minimum=0.0, maximum=100.0, resolution=1.0, on_error="mark")
         burner = BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF)
-        machine = kind(timer=timer(), pressure=pressure, burner=burner)
-        self.box = Fragile()
-        wiring = resolve(machine, wired(machine, self.box, VirtualTimer()))
-        prepared = prepare(machine, wiring)
-        self.connection = connect(machine, wiring)
-        self.m: Any = self.connection.__enter__()
-        self.laws = CompiledLaws(prepared, self.connection.machine)
+        super().__init__(kind(timer=timer(), pressure=pressure, burner=burner))
         self.inhibition = self.connection.machine.commands.inhibitions[0]
-
-    def __enter__(self) -> Running:
-        return self
-
-    def __exit__(self, *error: Any) -> None:
-        self.connection.__exit__(None, None, None)
-
-    def step(self, periods: int = 1) -> None:
-        for _ in range(periods):
-            self.m.timer.read()
-            self.m.sample()
-            self.m.control()
-            self.m.update()
 
     @property
     def is_compiled(self) -> bool:
         return self.inhibition.condition != self.inhibition.interlock.condition
 
-    @property
-    def events(self) -> str:
-        return "; ".join(each.text for each in self.connection.machine.events)
-
 
 def test_a_compiled_condition_inhibits_latches_and_frees_as_pythons() -> None:
     with Running(Boiler) as run:
-        run.step(60)
         assert run.laws.state == "compiled" and run.is_compiled
         run.box.set("pressure", 51)
         run.step()
@@ -128,7 +101,6 @@ def test_a_compiled_condition_inhibits_latches_and_frees_as_pythons() -> None:
 
 def test_a_condition_that_cannot_be_evaluated_has_the_text_of_python() -> None:
     with Running(Boiler) as run:
-        run.step(60)
         set_inputs(run.box, ["pressure"], [0], [True])
         run.step()
         assert "cannot be evaluated: pressure is BAD" in run.m.burner.inhibited
@@ -140,12 +112,10 @@ def test_a_condition_that_cannot_be_evaluated_has_the_text_of_python() -> None:
         (Counting, "one changes an attribute"),
         (Text, "float(f"),
         (Writing, "one writes"),
-        (Foreign, "refers to an object that is no part of the machine"),
     ],
 )
 def test_what_is_not_plain_stays_in_python_and_is_told(kind: type[Boiler], why: str) -> None:
     with Running(kind) as run:
-        run.step(60)
         assert run.laws.state == "compiled" and not run.is_compiled
         assert "the conditions of interlocks run in Python: " in run.events and why in run.events
         run.box.set("pressure", 51)
@@ -153,18 +123,27 @@ def test_what_is_not_plain_stays_in_python_and_is_told(kind: type[Boiler], why: 
         assert run.m.burner.inhibited == "too high"
 
 
+def test_a_condition_follows_an_object_that_is_no_part_of_the_machine() -> None:
+    with Running(Foreign) as run:
+        assert run.laws.state == "compiled" and run.is_compiled
+        run.box.set("pressure", 51)
+        run.step()
+        assert run.m.burner.inhibited == "too high"
+        run.m.other.most = 60.0
+        run.step()
+        assert run.m.burner.inhibited is None
+
+
 def test_a_difference_leaves_the_conditions_to_python(monkeypatch: pytest.MonkeyPatch) -> None:
     source: Callable[..., str] = compiled_laws.source_of_laws
     monkeypatch.setattr(compiled_laws, "source_of_laws", lambda *given: source(*given).replace(" > ", " < "))
     with Running(Boiler) as run:
-        run.step(60)
         assert run.laws.state == "compiled" and not run.is_compiled
         assert "the condition 'too high' is not the same in C" in run.events
 
 
 def test_given_back_to_python_the_conditions_are_pythons_again() -> None:
     with Running(Boiler) as run:
-        run.step(60)
         run.m.most = None
         assert run.laws.state == "python" and not run.is_compiled
 
@@ -173,7 +152,6 @@ def test_without_the_extension_conditions_are_called_by_ctypes(monkeypatch: pyte
     monkeypatch.setattr("umo.generate.compiled_laws.extension", None)
     monkeypatch.setattr("umo.generate.compiled_conditions.extension", None)
     with Running(Boiler) as run:
-        run.step(60)
         assert run.is_compiled
         run.box.set("pressure", 51)
         run.step()

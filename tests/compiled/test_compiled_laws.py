@@ -84,7 +84,7 @@ class Two:
         for name in ("values", "quality", "pending", "raws", "restrictions", "equipment", "axes"):
             if getattr(first.columns, name).tobytes() != getattr(second.columns, name).tobytes():
                 return name
-        for struct in self.laws._prepared.translation.structs:
+        for struct in self.laws._translation.structs:
             one = _at(self.machines[0], struct.path)
             if one is None:
                 continue  # inside of a law or a Vector, and not changed

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from helpers.compiling import CompiledRun, observed
 from helpers.generating import Fragile, needs_a_compiler, wired
 from helpers.machines import timer
 from umo import Compound, DigitalActuator, DigitalSensor
 from umo.control import Servo, value_of
 from umo.control.loops import LawLoop
-from umo.cycle.connect import connect
 from umo.errors import BadInput, DeclarationError, RangeError
 from umo.generate import compiled_laws, law_library
-from umo.generate.compiled_laws import CompiledLaws, prepare
+from umo.generate.compiled_laws import prepare
 from umo.process.compiling import prepare_if_asked
 from umo.testing import VirtualTimer
 from umo.wiring import resolve
@@ -64,34 +64,11 @@ def pump(kind: type[Pump] = Pump) -> Pump:
     )
 
 
-class Running:
+def running(machine: Any, state: str = "compiled") -> CompiledRun:
     """A connected pump whose laws are compiled, past the comparison."""
-
-    def __init__(self, machine: Any, periods: int = 120) -> None:
-        self.box = Fragile()
-        self.box.set("level", 20)
-        wiring = resolve(machine, wired(machine, self.box, VirtualTimer()))
-        prepared = prepare(machine, wiring)
-        self.connection = connect(machine, wiring)
-        self.m = self.connection.__enter__()
-        self.laws = CompiledLaws(prepared, self.connection.machine)
-        self.step(periods)
-
-    def step(self, periods: int = 1) -> None:
-        for _ in range(periods):
-            self.m.timer.read()
-            self.m.sample()
-            self.m.control()
-            self.m.update()
-
-    def events(self) -> str:
-        return "; ".join(each.text for each in self.connection.machine.events)
-
-    def __enter__(self) -> Running:
-        return self
-
-    def __exit__(self, *error: Any) -> None:
-        self.connection.__exit__(None, None, None)
+    box = Fragile()
+    box.set("level", 20)
+    return CompiledRun(machine, box, state)
 
 
 def test_an_experiment_on_a_law_gives_the_laws_back_to_python() -> None:
@@ -102,22 +79,22 @@ def test_an_experiment_on_a_law_gives_the_laws_back_to_python() -> None:
         def control(self) -> None:
             self.servo.control(50.0, dt=self.dt)
 
-    with Running(pump(Heated)) as run:
+    with running(pump(Heated)) as run:
         assert run.laws.state == "compiled"
         loop = LawLoop(run.m, run.m.servo, run.m.level, run.m.motor)
         loop.take(lambda *_: 7.0)
         run.step()
         assert run.m.motor.pending == 7.0
-        assert run.laws.state == "python" and "servo.step is replaced" in run.events()
+        assert run.laws.state == "python" and "servo.step is replaced" in run.events
         loop.give_back()
         run.step()
         assert run.m.motor.pending != 7.0
 
 
 def test_attributes_are_read_and_set_as_before() -> None:
-    with Running(pump()) as run:
+    with running(pump()) as run:
         m = run.m
-        assert run.laws.state == "compiled" and "the laws are compiled" in run.events()
+        assert run.laws.state == "compiled" and "the laws are compiled" in run.events
         assert type(m).__name__ == "Pump" and isinstance(m, Pump)
         m.gain, m.total = 0.25, 0.0
         m.table[0] = 4.0
@@ -134,10 +111,10 @@ def test_attributes_are_read_and_set_as_before() -> None:
     ("name", "value"), [("gain", None), ("total", "much"), ("table", [1.0]), ("weights", np.zeros(3))]
 )
 def test_a_value_of_another_kind_gives_the_laws_back_to_python(name: str, value: Any) -> None:
-    with Running(pump()) as run:
+    with running(pump()) as run:
         total = run.m.total
         setattr(run.m, name, value)
-        assert run.laws.state == "python" and f"{name} is set to" in run.events()
+        assert run.laws.state == "python" and f"{name} is set to" in run.events
         assert repr(getattr(run.m, name)) == repr(value) and type(run.m) is Pump
         if name != "total":
             assert run.m.total == total
@@ -154,13 +131,13 @@ def test_the_class_of_a_bound_object_is_not_told_of_the_one_below_it() -> None:
             told.append(cls)
             super().__init_subclass__(**given)
 
-    with Running(pump(Told)) as run:
+    with running(pump(Told)) as run:
         assert run.laws.state == "compiled" and type(run.m) is not Told and told == []
         assert type(run.m)._settings is Told._settings
 
 
 def test_a_list_that_grows_gives_the_laws_back_to_python() -> None:
-    with Running(pump()) as run:
+    with running(pump()) as run:
         run.m.table.append(3.0)
         assert run.laws.state == "python" and run.m.table == [1.0, 10.0, 3.0]
         run.step()
@@ -173,13 +150,13 @@ def test_a_difference_keeps_python(monkeypatch: pytest.MonkeyPatch) -> None:
         return source(*given).replace("* m->", "+ m->")
 
     monkeypatch.setattr(compiled_laws, "source_of_laws", other)
-    with Running(pump(), periods=3) as run:
-        assert run.laws.state == "python" and "Pump.control is not the same" in run.events()
-        assert run.m.total == 3 * (10.0 * 0.5 + 2.0) and run.m.motor.read() == 5.0
+    with running(pump(), "python") as run:
+        assert run.laws.state == "python" and "Pump.control is not the same" in run.events
+        assert run.m.total == 21 * (10.0 * 0.5 + 2.0) and run.m.motor.read() == 5.0
 
 
 def test_errors_are_those_of_python_and_come_from_its_line() -> None:
-    with Running(pump()) as run:
+    with running(pump()) as run:
         run.box.set("level", 300)
         with pytest.raises(BadInput, match="level is OUT_OF_RANGE"):
             run.step()
@@ -243,15 +220,32 @@ def test_a_compiled_run_is_replayed_in_python(umo: Umo, tmp_path: Path) -> None:
     assert umo("new", "tank").exit_code == 0
     wiring = tmp_path / "tank" / "wiring" / "simulated.toml"
     wiring.write_text(wiring.read_text() + "\n[process]\ncompile = true\n")
-    assert umo("run", "tank", "--no-plot", "--record", "tank.mcap").exit_code == 0
+    assert "[parameters]" in wiring.read_text()
+    with observed():
+        assert umo("run", "tank", "--no-plot", "--record", "tank.mcap").exit_code == 0
     replayed = umo("replay", "tank.mcap")
     assert replayed.exit_code == 0 and replayed.stdout.startswith("identical: 831 periods")
 
 
 def test_without_the_extension_the_library_is_called_by_ctypes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compiled_laws, "extension", None)
-    with Running(pump()) as run:
+    with running(pump()) as run:
         assert run.laws.state == "compiled"
         run.m.total = 0.0
         run.step()
         assert run.m.total == 10.0 * 0.5 + 2.0
+
+
+def test_what_only_tells_is_left_out_and_listed() -> None:
+    class Telling(Pump):
+        def setup(self) -> None:
+            super().setup()
+            self.phase = ""
+
+        def control(self) -> None:
+            super().control()
+            self.phase = "pumping"
+            self.cycle.progress("pumping")
+
+    with running(pump(Telling)) as run:
+        assert "left out of them: self.phase is a text" in run.events and "cycle.progress only tells" in run.events

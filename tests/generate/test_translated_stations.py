@@ -66,7 +66,7 @@ def act_on_zones(m: Any, random: Random) -> None:
     m.setpoints = np.nan_to_num(m.temperatures.read())
     m.heating.gain, m.heating.integral_time = random.uniform(0.0, 20.0), random.uniform(5.0, 400.0)
     m.following_error, m.margin, m.frozen_after = 1e9, 1e9, random.randint(2, 300)
-    m.soak_errors = random.choice((None, np.zeros(len(m.zones))))
+    m.soaking, m.soak_errors = random.random() < 0.5, np.zeros(len(m.zones))
 
 
 ACTS = {"ztheta": act_on_axes, "batch": act_on_reactors, "conveyor": act_on_belt, "furnace": act_on_zones}

@@ -195,12 +195,12 @@ def _drive(plan: Plan, result: RunSummary, observers: list[Any], recorded: Recor
     plan.prepared = prepare_if_asked(plan.machine, plan.wired, say)
     connection = connect(plan.machine, plan.wired, acknowledge=plan.job.acknowledge)
     connection.kept = kept_values.copy(plan, say)
+    connection.laid_out = lambda machine: start_compiled(plan.prepared, machine, say)
     outcome = result.outcome
     try:
         with connection as machine:
             for text in kept_values.tell(connection):
                 say(text)
-            start_compiled(plan.prepared, connection.machine, say)
             events, faults = connection.machine.events, result.equipment_faults
             connection.machine.observers += [*observers, lambda frame: faults.add_new(events)]
             if plan.job.until is not None:

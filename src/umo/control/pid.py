@@ -174,7 +174,7 @@ class VectorPID:
 
     def reset(self) -> None:
         """Clear the state: the next `step` is the first."""
-        self.error, self.integral, self._rate = np.zeros((3, 1))
+        self.error, self.integral, self._rate = np.zeros(1), np.zeros(1), np.zeros(1)
         self.limited, self._last = np.zeros(1, np.bool_), None
 
     @property

@@ -1,5 +1,5 @@
 /* umo.cycle._columns: what is done with the columns of the process image in each period: the conversion of its blocks
- * (conversion.py), and their copy into a frame (frames/body.py). Compiled laws have laws.c.
+ * (conversion.py), and their copy into a frame (frames/body.py). Compiled laws have laws.c and watch.c.
  *
  * The same IEEE operations in the same order as objects/scaling.py: compiled without contraction of a * b + c. Only
  * functions of Python's stable interface are used, so that one file serves all versions from 3.11 on.
@@ -385,7 +385,7 @@ int add_types(PyObject *module, PyType_Spec *from, size_t count)
 
 static int fill(PyObject *module)
 {
-    return add_types(module, specs, sizeof specs / sizeof *specs) || add_law_types(module) ? -1 : 0;
+    return add_types(module, specs, sizeof specs / sizeof *specs) || add_law_types(module) || add_watch_type(module) ? -1 : 0;
 }
 
 static PyModuleDef_Slot slots[] = {{Py_mod_exec, fill}, {0, NULL}};

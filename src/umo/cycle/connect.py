@@ -92,6 +92,9 @@ class connect(Generic[C]):
         """The states of the alarms at the end of the last run, by path; an alarm that is not named begins as normal."""
         self.not_restored: dict[str, str] = {}
         """The kept values that were not taken, by path: why, in words. Each of these numbers has its default."""
+        self.laid_out: Callable[[ConnectedMachine], object] = lambda machine: None
+        """Function that is called when the machine has its parameters, its kept values and its laws; no device is open
+        yet."""
         self.before_first_sample: Callable[[], object] = lambda: None
         """Function that is called when every object is initialised."""
         self.first_entries = b""
@@ -185,6 +188,7 @@ class connect(Generic[C]):
             self.machine.alarms = engine_of(alarms, image, commands, self.machine.equipment.all)
             if self.machine.alarms is not None:
                 self.machine.alarms.restore(self.alarm_states)
+            self.laid_out(self.machine)
         except BaseException:
             self._give_back()
             if device_claim is not self.device_claim:

@@ -10,5 +10,6 @@
 
 int add_types(PyObject *module, PyType_Spec *from, size_t count);
 int add_law_types(PyObject *module); /* laws.c */
+int add_watch_type(PyObject *module); /* watch.c */
 
 #endif

@@ -14,7 +14,7 @@ typedef struct {
     int16_t (*call)(void *machine, int32_t law, double now, double dt, int32_t ticks);
     void *machine;
     int32_t number;
-    PyObject *clock, *failed, *names[TIMES_OF_CLOCK];
+    PyObject *clock, *failed, *instead, *look, *names[TIMES_OF_CLOCK];
 } Law;
 
 static int Law_traverse(Law *self, visitproc visit, void *arg)
@@ -22,6 +22,8 @@ static int Law_traverse(Law *self, visitproc visit, void *arg)
     Py_VISIT(Py_TYPE((PyObject *)self));
     Py_VISIT(self->clock);
     Py_VISIT(self->failed);
+    Py_VISIT(self->instead);
+    Py_VISIT(self->look);
     return 0;
 }
 
@@ -29,6 +31,8 @@ static int Law_clear(Law *self)
 {
     Py_CLEAR(self->clock);
     Py_CLEAR(self->failed);
+    Py_CLEAR(self->instead);
+    Py_CLEAR(self->look);
     return 0;
 }
 
@@ -95,6 +99,8 @@ static int called(Law *self, int16_t *fault)
 static PyObject *Law_act(Law *self, PyObject *Py_UNUSED(node))
 {
     int16_t fault;
+    if (self->instead != NULL)
+        return PyObject_CallNoArgs(self->instead);
     if (called(self, &fault))
         return NULL;
     if (fault == 0)
@@ -102,10 +108,34 @@ static PyObject *Law_act(Law *self, PyObject *Py_UNUSED(node))
     return PyObject_CallFunction(self->failed, "i", (int)fault);
 }
 
+/* guard(look): `holds` calls look() first; where that is not True, the result is that of failed(0). */
+static PyObject *Law_guard(Law *self, PyObject *look)
+{
+    PyObject *before = self->look;
+    self->look = Py_NewRef(look);
+    Py_XDECREF(before);
+    Py_RETURN_NONE;
+}
+
+/* 1: what look() says is True, or there is none; 0: it is not; -1: an error. */
+static int is_known(Law *self)
+{
+    if (self->look == NULL)
+        return 1;
+    PyObject *look = Py_NewRef(self->look), *found = PyObject_CallNoArgs(look);
+    int known = found == NULL ? -1 : found == Py_True;
+    Py_XDECREF(found);
+    Py_DECREF(look);
+    return known;
+}
+
 /* holds(): whether a condition, whose fault is TRUE or 0, is true. Any other fault as of `act`. */
 static PyObject *Law_holds(Law *self, PyObject *Py_UNUSED(none))
 {
     int16_t fault;
+    int known = is_known(self);
+    if (known <= 0)
+        return known < 0 ? NULL : PyObject_CallFunction(self->failed, "i", 0);
     if (called(self, &fault))
         return NULL;
     if (fault == 0 || fault == TRUE)
@@ -113,8 +143,19 @@ static PyObject *Law_holds(Law *self, PyObject *Py_UNUSED(none))
     return PyObject_CallFunction(self->failed, "i", (int)fault);
 }
 
+/* end(instead): from now on `act` calls this. */
+static PyObject *Law_end(Law *self, PyObject *instead)
+{
+    PyObject *before = self->instead;
+    self->instead = Py_NewRef(instead);
+    Py_XDECREF(before);
+    Py_RETURN_NONE;
+}
+
 static PyMethodDef law_methods[] = {
     {"act", (PyCFunction)Law_act, METH_O, NULL},
+    {"end", (PyCFunction)Law_end, METH_O, NULL},
+    {"guard", (PyCFunction)Law_guard, METH_O, NULL},
     {"holds", (PyCFunction)Law_holds, METH_NOARGS, NULL},
     {NULL, NULL, 0, NULL},
 };

@@ -192,6 +192,8 @@ class ConnectedMachine:
         self._places: dict[int, list[tuple[list[MethodType], int]]] = {}
         """Where the laws of each equipment stand, by its id; made at its first fault since they were chosen."""
         self._after_laws: list[Callable[[], None]] = []
+        self.before_laws: Callable[[], object] | None = None
+        """Called in each period before the laws of the whole machine; it may replace them."""
         self._started = 0
         self._unsent = False
         """Whether an `update` waits for the next tick."""
@@ -315,6 +317,8 @@ class ConnectedMachine:
                         refuse_exit(error, "supervise")
                         raise
             self.sequences.advance(self.clock)
+            if self.before_laws is not None:
+                self.before_laws()
             if self._laws_are_stale:
                 self._choose_laws()
             laws = iter(self._laws)

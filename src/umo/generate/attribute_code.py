@@ -45,7 +45,7 @@ class AttributeCode(BuiltinCode):
             self.object(owner[0], node)
             return self.attribute_of_vector(owner, name, node)
         if isinstance(owner, ModuleType | type):
-            return Known(self._got(owner, name, node), owner, name)
+            return self._known(owner, name, node)
         if isinstance(owner, Clock | Cycle):
             return self._of_time(owner, name, node)
         if isinstance(owner, Compound):
@@ -63,9 +63,10 @@ class AttributeCode(BuiltinCode):
             return Known(self._got(owner, name, node), owner, name)
         static = inspect.getattr_static(type(owner), name, None)
         if isinstance(static, property) and static.fget is not None:
+            self.takes(type(owner), name, node)
             return self.function(static.fget, [base], {}, node)
         if isinstance(static, FunctionType | staticmethod | classmethod | cached_property):
-            return Known(self._got(owner, name, node), owner, name)
+            return self._known(owner, name, node)
         if isinstance(owner, Enum):
             return Known(getattr(owner, name))
         return self.field(owner, name, base, node)
@@ -82,13 +83,21 @@ class AttributeCode(BuiltinCode):
                     node, "it is assigned, and is not a number or a state", "numbers, states, tuples of numbers"
                 )
             self.world.fields.known(value, self._path(owner, base, name)) if hasattr(value, "__dict__") else None
-            return Known(value, owner, name)
+            return self._known(owner, name, node)
+        self.takes_class(owner, name, node)
         text = self.world.fields.field(owner, name, of, self._path(owner, base, ""))
         return Code(numpy_number(of, sure=False) if (id(owner), name) in self.world.memory.of_numpy else of, text)
 
     def _path(self, owner: Any, base: Known, name: str) -> str:
         path = self.world.fields.known(owner, base.name or type(owner).__name__).path
         return f"{path}.{name}".strip(".") if name else path
+
+    def _known(self, owner: Any, name: str, node: ast.AST) -> Known:
+        """An attribute that is taken as known; the machine around a part is another one in each run."""
+        value = self._got(owner, name, node)
+        if not (isinstance(owner, Compound) and name == "_machine") and not _is_of_cycle(owner):
+            self.takes(owner, name, node)
+        return Known(value, owner, name)
 
     def _got(self, owner: Any, name: str, node: ast.AST) -> Any:
         try:
@@ -126,8 +135,7 @@ class AttributeCode(BuiltinCode):
                 return Code(REAL, f"{place}->zero_offset")
             if name == "calibration":
                 raise self.refused(node, "homing changes it", "minimum, maximum, resolution, zero_offset")
-        value = self._got(owner, name, node)
-        return Known(value, owner, name)
+        return self._known(owner, name, node)
 
     def object(self, owner: Atomic, node: ast.AST) -> str:
         """The object; a controller samples those that are synchronous."""
@@ -142,6 +150,10 @@ class AttributeCode(BuiltinCode):
         name = self.temporary(of)
         self.called(call % name)
         return Code(of, name, stable=True)
+
+
+def _is_of_cycle(owner: Any) -> bool:
+    return type(owner).__module__.startswith("umo.cycle.")
 
 
 def dropped(*_: object) -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, MutableSequence
+from types import CodeType
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from umo.generate.c_types import BOOL, INT, MASK, REAL, ArrayType, CType, OptionalType, StateType
+from umo.generate.function_source import shown_file
 from umo.generate.struct_memory import PLAIN, StructMemory
 
 WRONG = (TypeError, ValueError, KeyError, OverflowError, AttributeError, IndexError)
@@ -19,22 +22,43 @@ KINDS: dict[Any, tuple[type, ...]] = {
 }
 
 
+OF_ABSTRACT_CLASSES = "_abc_impl", "__abstractmethods__"
+"""What each class of ABCMeta has of its own."""
+
+
+ALONE = 2
+"""References to a value that has one name: this one, and that of the call which counts them."""
+
+
 class BoundList(MutableSequence[Any]):
     """A list whose elements are in the memory of a compiled library. Its length does not change: where somebody changes
     it, `refused` is called, and the list of the object is changed."""
 
     def __init__(self, memory: StructMemory, name: str, length: int, refused: Callable[[], list[Any]]) -> None:
         self._memory, self._name, self._length, self._refused = memory, name, length, refused
+        self._own: list[Any] | None = None
+        """The list of the object, once its elements are no longer in the memory."""
+
+    def unbind(self) -> list[Any]:
+        """The list of the object again; whoever has this one goes on with the same elements."""
+        if self._own is None:
+            self._own = list(self)
+        return self._own
 
     def __len__(self) -> int:
-        return self._length
+        return self._length if self._own is None else len(self._own)
 
     def __getitem__(self, place: Any) -> Any:
+        if self._own is not None:
+            return self._own[place]
         if isinstance(place, slice):
             return [self[each] for each in range(*place.indices(self._length))]
         return self._memory.element(self._name, range(self._length)[place])
 
     def __setitem__(self, place: Any, value: Any) -> None:
+        if self._own is not None:
+            self._own[place] = value
+            return
         try:
             places = range(self._length)[place]
             values = list(value) if isinstance(place, slice) else [value]
@@ -44,10 +68,10 @@ class BoundList(MutableSequence[Any]):
             self._refused()[place] = value
 
     def __delitem__(self, place: Any) -> None:
-        del self._refused()[place]
+        del (self._refused() if self._own is None else self._own)[place]
 
     def insert(self, place: int, value: Any) -> None:
-        self._refused().insert(place, value)
+        (self._refused() if self._own is None else self._own).insert(place, value)
 
     def __repr__(self) -> str:
         return repr(list(self))
@@ -62,61 +86,153 @@ class BoundFields:
     """The fields of one live object. While they are bound the object has a class of its own, below its class; `refused`
     is called, and releases them, where somebody sets what a field cannot have."""
 
-    def __init__(self, memory: StructMemory, owner: Any, states: set[str], refused: Callable[[str], None]) -> None:
-        """`states`: the fields that compiled code assigns. TypeError if an object of this class cannot be bound."""
-        self._memory, self._owner, self._refused, self._states = memory, owner, refused, states
+    def __init__(
+        self,
+        memory: StructMemory,
+        owner: Any,
+        states: set[str],
+        refused: Callable[[str], None],
+        taken: frozenset[str] = frozenset(),
+    ) -> None:
+        """`states`: the fields that compiled code assigns; `taken`: names of other attributes that it takes as known.
+        TypeError if an object of this class cannot be bound."""
+        self._taken = taken
+        self._label = memory.path or type(owner).__name__
+        """What the object is called in messages."""
+        self._memory, self.owner, self._refused, self._states = memory, owner, refused, states
+        self._own = set[str]()
+        """The fields that are attributes of the object itself, not of its class."""
+        self._set_at: dict[str, tuple[CodeType, dict[str, Any], int]] = {}
+        """Which code has set what translation took as known."""
+        self._lists: dict[str, BoundList] = {}
+        self._given: dict[str, Any] = {}
+        """Lists and arrays that were set, and that the laws have not had yet."""
+        self.was_given: Callable[[BoundFields], None] = lambda fields: None
+        """Called where the object is given one."""
+        self._of_class: dict[str, str] = {}
+        """The values that the others have in the class, as text."""
         self._class = kind = type(owner)
         self._bound = False
         names = {name: self._property(name, of) for name, of in memory.fields.items()}
-        self._below = _below(kind, {**names, "__setattr__": self._setter()})
+        self._below = class_below(kind, {**names, "__setattr__": self._setter(), "__delattr__": self._deleter()})
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Those of the fields."""
+        return frozenset(self._memory.fields)
 
     def bind(self) -> None:
         """The fields have the values of the object; from now on they are its attributes."""
         self._memory.push()
-        masks = {name: getattr(self._owner, name) for name, of in self._memory.fields.items() if of == MASK}
-        object.__setattr__(self._owner, "__class__", self._below)
+        self._memory.forget()
         for name in self._memory.fields:
-            vars(self._owner).pop(name, None)
+            if not self._is_rebound(name) and is_shared(vars(self.owner), name):
+                raise ValueError(f"{self._label}.{name} is a list or an array that others have, too")
+        self._own = {name for name in self._memory.fields if name in vars(self.owner)}
+        for name in self._memory.fields.keys() - self._own:
+            type.__setattr__(self._below, name, self._inherited(name))
+        masks = {name: getattr(self.owner, name) for name, of in self._memory.fields.items() if of == MASK}
+        object.__setattr__(self.owner, "__class__", self._below)
+        for name in self._memory.fields:
+            vars(self.owner).pop(name, None)
         self._bound = True
         for name, accepted in masks.items():
-            setattr(self._owner, name, accepted)
+            setattr(self.owner, name, accepted)
 
     def release(self) -> None:
-        """The object has its attributes itself again."""
+        """The object has its attributes itself again, but for those that its class has, and that nobody has set."""
         if not self._bound:
             return
-        values = {name: getattr(self._owner, name) for name in self._memory.fields}
-        object.__setattr__(self._owner, "__class__", self._class)
+        values = {name: getattr(self.owner, name) for name in self._memory.fields}
+        object.__setattr__(self.owner, "__class__", self._class)
         for name, value in values.items():
-            object.__setattr__(self._owner, name, _own(value))
+            if name in vars(self.owner):
+                continue  # somebody has gone around the class
+            if name in self._own or repr(value) != self._of_class[name]:
+                value = self._lists[name].unbind() if name in self._lists and name not in self._given else value
+                object.__setattr__(self.owner, name, value)
+        self._given.clear()
         self._bound = False
+
+    def take_given(self) -> None:
+        """Lists and arrays that were set since the last period: the memory has what is in them now. One that others
+        have too gives the laws back to Python: what they change in it would not be seen."""
+        for name in tuple(self._given):
+            self._memory.write(name, self._given[name])
+            if not self._is_rebound(name) and is_shared(self._given, name):
+                self._refused(f"{self._label}.{name} is set to a list or an array that others have, too")
+                return
+            del self._given[name]
+
+    def _is_rebound(self, name: str) -> bool:
+        """Whether it is an array that compiled code assigns: whoever has the one before has no part in it."""
+        return name in self._states and not isinstance(vars(self.owner).get(name, self._given.get(name)), list)
+
+    def _give(self, name: str, value: Any) -> None:
+        self._given[name] = value
+        self.was_given(self)
+
+    def setter(self, name: str) -> str:
+        """The file and line that have set what translation took as known; "": it is not known."""
+        if name not in self._set_at:
+            return ""
+        code, scope, line = self._set_at[name]
+        return f"{shown_file(code.co_filename, scope.get('__name__', ''))}:{line}"
+
+    def _inherited(self, name: str) -> property:
+        """A field that is an attribute of the class: the object gets it where it is set."""
+        get, put = self._checked(name, self._memory.fields[name])
+        self._of_class[name] = repr(get(self.owner))
+
+        def own(owner: Any, value: Any) -> None:
+            self._own.add(name)
+            put(owner, value)
+
+        return property(get, own)
 
     def _property(self, name: str, of: CType) -> Any:
         """The attribute: in C where its type is plain, as sequences read it in each period."""
+        get, checked = self._checked(name, of)
+        return self._memory.attribute(name, checked) or property(get, checked)
+
+    def _checked(self, name: str, of: CType) -> tuple[Get, Set]:
         get, put = self._access(name, of)
 
         def checked(owner: Any, value: Any) -> None:
             try:
                 put(owner, value)
             except WRONG:
-                self._refused(f"{self._memory.path}.{name} is set to {value!r:.60}")
+                self._refused(f"{self._label}.{name} is set to {value!r:.60}")
                 setattr(owner, name, value)
 
-        return self._memory.attribute(name, checked) or property(get, checked)
+        return get, checked
 
     def _setter(self) -> SetAny:
         """What sets any attribute: one in the place of a method, as of an experiment, is not compiled."""
         kind: Any = self._class
-        path = self._memory.path
+        path, taken = self._label, self._taken
 
         def put(owner: Any, name: str, value: Any) -> None:
-            if callable(getattr(kind, name, None)):
+            if name in ("__class__", "__dict__") or callable(getattr(kind, name, None)):
                 self._refused(f"{path}.{name} is replaced")
                 setattr(owner, name, value)
-            else:
-                kind.__setattr__(owner, name, value)
+                return
+            if name in taken:
+                caller = sys._getframe(1)
+                self._set_at[name] = caller.f_code, caller.f_globals, caller.f_lineno
+            kind.__setattr__(owner, name, value)
 
         return put
+
+    def _deleter(self) -> Callable[[Any, str], None]:
+        """What deletes any attribute: compiled code goes on with its fields."""
+        path = self._label
+
+        def delete(owner: Any, name: str) -> None:
+            self._refused(f"{path}.{name} is deleted")
+            delattr(owner, name)
+
+        return delete
 
     def _access(self, name: str, of: CType) -> tuple[Get, Set]:
         if of in PLAIN:
@@ -125,7 +241,7 @@ class BoundFields:
             return _of_state(self._memory.view(name, "B"), list(of.kind))
         if of == MASK:
             return self._of_mask(name)
-        if isinstance(of, ArrayType) and isinstance(getattr(self._owner, name), list):
+        if isinstance(of, ArrayType) and isinstance(getattr(self.owner, name), list):
             return self._of_list(name, of)
         if isinstance(of, ArrayType):
             return self._of_array(name, of)
@@ -143,23 +259,30 @@ class BoundFields:
 
     def _of_list(self, name: str, of: ArrayType) -> tuple[Get, Set]:
         def refused() -> Any:
-            self._refused(f"{self._memory.path}.{name} has another length")
-            return getattr(self._owner, name)
+            self._refused(f"{self._label}.{name} has another length")
+            return getattr(self.owner, name)
 
-        found = BoundList(self._memory, name, of.length, refused)
+        self._lists[name] = found = BoundList(self._memory, name, of.length, refused)
 
         def put(_: Any, value: Any) -> None:
-            if len(value) != of.length:
+            if type(value) is not list or len(value) != of.length:
                 raise ValueError
             self._memory.write(name, value)
+            self._give(name, value)
 
-        return (lambda _: found), put
+        return (lambda _: self._given.get(name, found)), put
 
     def _of_array(self, name: str, of: ArrayType) -> tuple[Get, Set]:
         """One that compiled code assigns is given as a copy that nobody changes: it is a new one in each period."""
         view = self._memory.array(name, of)
 
+        is_state = name in self._states
+
         def get(_: Any) -> Any:
+            if name in self._given:
+                return self._given[name]
+            if not is_state:
+                return view
             copy = view.copy()
             copy.flags.writeable = False
             return copy
@@ -170,8 +293,9 @@ class BoundFields:
             if value.shape not in ((1,), view.shape):
                 raise ValueError
             view[:] = value
+            self._give(name, value)
 
-        return (get if name in self._states else lambda _: view), put
+        return get, put
 
     def _of_others(self, name: str, of: CType) -> tuple[Get, Set]:
         inner = of.of if isinstance(of, OptionalType) else of
@@ -205,20 +329,41 @@ def _is_told(kind: type) -> bool:
     return any(each.__module__ != "typing" for each in own)
 
 
-def _below(kind: type, names: dict[str, Any]) -> type:
+def class_below(kind: type, names: dict[str, Any]) -> type:
     """A class below another one: the same in all but these names. TypeError where there can be none."""
     inside = {"__slots__": (), "__module__": kind.__module__, "__doc__": kind.__doc__, **names}
     bases = (_Untold, kind) if _is_told(kind) else (kind,)
-    found: type = type(kind)(kind.__name__, bases, inside)
-    found.__qualname__ = kind.__qualname__
+    found: type = _metaclass(kind)(kind.__name__, bases, inside)
+    type.__setattr__(found, "__qualname__", kind.__qualname__)
     return found
 
 
-def _own(value: Any) -> Any:
-    """The same, with memory of its own."""
-    if isinstance(value, BoundList):
-        return list(value)
-    return value.copy() if isinstance(value, np.ndarray) else value
+def _metaclass(kind: type) -> Any:
+    """That of a class below another one, whose attributes are set in that one: `type(m).limit = 5.0`."""
+
+    def put(below: type, name: str, value: Any) -> None:
+        if name in OF_ABSTRACT_CLASSES:
+            type.__setattr__(below, name, value)
+        else:
+            setattr(kind, name, value)
+
+    def delete(_: type, name: str) -> None:
+        delattr(kind, name)
+
+    return type(type(kind).__name__, (type(kind),), {"__setattr__": put, "__delattr__": delete})
+
+
+def is_shared(names: dict[str, Any], name: str) -> bool:
+    """Whether a list or an array is had by others than the names, or is a part of an array that is."""
+    value = names.pop(name, None)
+    try:
+        if not isinstance(value, list | np.ndarray):
+            return False
+        base = getattr(value, "base", None)
+        return sys.getrefcount(value) > ALONE or (base is not None and sys.getrefcount(base) > ALONE + 1)
+    finally:
+        if value is not None:
+            names[name] = value
 
 
 def _of_number(view: Any, kinds: tuple[type, ...]) -> tuple[Get, Set]:

@@ -153,9 +153,21 @@ class BuiltinCode(VectorCode):
             raise self.refused(node, TELLS, "a state of an Enum")
         if target is isinstance and (known := _kind_of(arguments[0])) and isinstance(arguments[1], Known):
             return Known(issubclass(known, arguments[1].value))
+        if target in (getattr, hasattr) and (found := self._attribute_by_name(target, arguments, node)) is not None:
+            return found
         if not all(isinstance(each, Known) for each in arguments):
             raise self.refused(node, f"{target.__name__} of something that is not known when the code is generated")
         return Known(target(*(each.value for each in arguments)))  # type: ignore[union-attr]
+
+    def _attribute_by_name(self, target: Any, arguments: list[Term], node: ast.Call) -> Term | None:
+        """`getattr` and `hasattr` of a live object; None: it is none, or has no such attribute."""
+        if not all(isinstance(each, Known) for each in arguments[:2]):
+            return None
+        owner, name = (each.value for each in arguments[:2])  # type: ignore[union-attr]
+        if target is getattr and hasattr(owner, name):
+            return self.attribute(arguments[0], name, node)  # type: ignore[arg-type]
+        self.takes(owner, name, node)
+        return None
 
     def _over(self, target: Any, generator: ast.GeneratorExp, node: ast.Call) -> Term:
         """any, all or sum of an expression over objects."""

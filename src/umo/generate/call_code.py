@@ -39,7 +39,7 @@ class CallCode(AttributeCode):
             return self._of_super(node)
         if self._is_joined_text(node):
             return Known(TEXT)
-        func = self.term(node.func)
+        func = self._callee(node.func)
         if not isinstance(func, Known):
             raise self.refused(node, "what is called is not known when the code is generated")
         if func.value is dropped or _tells(func.value):
@@ -49,6 +49,19 @@ class CallCode(AttributeCode):
             return self._over(func.value, node.args[0], node)
         arguments, named = self._arguments(node)
         return self.apply(func, arguments, named, node)
+
+    def _callee(self, node: ast.expr) -> Term:
+        """What is called. A function that an object has as an attribute is not taken as known: the host calls the one
+        that is there."""
+        if not isinstance(node, ast.Attribute):
+            return self.term(node)
+        base = self.term(node.value)
+        if isinstance(base, Known) and not isinstance(base.value, ModuleType | type | Atomic | Vector):
+            own = getattr(base.value, "__dict__", {}).get(node.attr)
+            func = Known(own, base.value, node.attr)
+            if callable(own) and not _of_class(func):
+                return func
+        return self.attribute_of(base, node)
 
     def _is_joined_text(self, node: ast.Call) -> bool:
         """A method of a text, such as `", ".join(...)`: it gives a text."""
@@ -147,6 +160,9 @@ class CallCode(AttributeCode):
         me, kind = self.names.get(first), self.source.meaning("__class__")
         if not isinstance(me, Known) or not isinstance(kind, type):
             raise self.refused(node, "super() outside of a method")
+        self.takes(type(me.value), node.func.attr, node)
+        for each in type(me.value).__mro__:
+            self.takes(each, node.func.attr, node)
         found = getattr(super(kind, me.value), node.func.attr)
         arguments, named = self._arguments(node)
         return self.function(found, arguments, named, node)

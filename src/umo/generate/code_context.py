@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 from umo.generate.function_source import SourcedFunction
+from umo.generate.known_values import KnownValues
 from umo.generate.live_fields import LiveFields
 from umo.generate.terms import Term
 from umo.generate.translation import Untranslatable
@@ -19,6 +20,8 @@ class CodeContext(Protocol):
 
     memory: TranslationMemory
     fields: LiveFields
+    known: KnownValues
+    """What is taken as known."""
     caught: list[str]
     """The faults that are being handled."""
     on_host: list[Untranslatable]

@@ -14,6 +14,7 @@ from umo.generate.c_text import comment, identifier
 from umo.generate.c_types import BOOL, NOTHING, REAL, ArrayType, CType, OptionalType, TupleType, is_number
 from umo.generate.function_scope import INDENT, ZERO, FunctionScope, NoTranslation
 from umo.generate.function_source import NoSource, SourcedFunction, bound
+from umo.generate.known_values import KnownValues, Unwatchable
 from umo.generate.live_fields import LiveFields, _hinted_parameter
 from umo.generate.statement_code import StatementCode
 from umo.generate.terms import Code, Known, Many, Present, Term
@@ -48,6 +49,7 @@ class CodeWorld:
     def __init__(self, memory: TranslationMemory, target: ControllerTarget) -> None:
         self.memory, self.target = memory, target
         self.fields = LiveFields(memory, target)
+        self.known = KnownValues()
         self.functions: dict[Any, TranslatedFunction] = {}
         self.faults: list[CodeFault] = []
         self.kinds: dict[int, type[BaseException]] = {
@@ -183,6 +185,10 @@ class CodeWorld:
             return self.functions[key]
         if key in self._under_way:
             raise NoTranslation(node, "it calls itself", "a loop")
+        try:
+            self.known.function(source.function, (source.file, source.tree.lineno))
+        except Unwatchable as error:
+            raise NoTranslation(node, str(error), "a tuple") from None
         self._under_way.append(key)
         try:
             self.functions[key] = found = self._translate(source, given, key)
@@ -366,6 +372,7 @@ def translate(
         members=world.fields.members(),
         source=world.source(),
         init=world.fields.init() if not world.problems else Translation().init,
+        access=world.fields.access(),
         entry=entry,
         faults=world.faults,
         layout=world.fields.layout(),
@@ -373,6 +380,7 @@ def translate(
         host_calls=[f"{world.fields.known(each, '').path}.{name}" for each, name in world.hosts],
         kinds=world.kinds,
         hosts=world.hosts,
+        known=world.known,
         notes=world.notes,
         problems=world.problems,
         on_host=world.on_host,

@@ -17,7 +17,7 @@ from umo.generate.code_world import translate
 from umo.generate.controller_folder import TARGETS
 from umo.generate.law_library import NOT_ON_COLUMNS, TRUE, LawLibrary
 from umo.generate.translation import Translation
-from umo.objects import Compound, walk
+from umo.objects import Compound
 from umo.user_code import attempt
 
 WRITES = "writes"
@@ -47,9 +47,6 @@ def translated_conditions(
             return None, f"one {what}"
     if _states(found) != _states(without):
         return None, "one changes an attribute"
-    known = {id(each) for each in (root, *walk(root), *(struct.owner for struct in without.structs))}
-    if any(id(struct.owner) not in known for struct in found.structs):
-        return None, "one refers to an object that is no part of the machine"
     return found, ""
 
 
@@ -66,6 +63,8 @@ class CompiledConditions:
         """`compared`: periods in which they are compared. Without inhibitions there are none; `why`: the reason."""
         self._library, self._first, self._clock = library, first, clock
         self._inhibitions = inhibitions
+        self._native: list[Any] = []
+        self._look: Callable[[], bool] = lambda: True
         self.left = compared if inhibitions else 0
         """Periods in which they are still to be compared."""
         self.left_out = why
@@ -88,6 +87,13 @@ class CompiledConditions:
         for number, each in enumerate(self._inhibitions, self._first):
             each.condition = self._compiled(number, each.interlock.condition)
 
+    def look_first(self, look: Callable[[], bool]) -> None:
+        """`look` tells, before the first of them, whether they are still right; if not, it has given them back to
+        Python."""
+        self._look = look
+        if self._native:
+            self._native[0].guard(look)
+
     def release(self) -> None:
         """Python's are evaluated from now on."""
         for each in self._inhibitions:
@@ -96,10 +102,13 @@ class CompiledConditions:
     def _compiled(self, number: int, condition: Asked) -> Asked:
         native = getattr(extension, "Law", None)
         if native is not None:
-            found: Asked = native(*self._library.addresses, number, self._clock, lambda fault: condition()).holds
+            self._native.append(native(*self._library.addresses, number, self._clock, lambda fault: condition()))
+            found: Asked = self._native[-1].holds
             return found
 
         def holds() -> Any:
+            if number == self._first and not self._look():
+                return condition()
             fault = self._library.call(number, self._clock)
             return fault == TRUE if fault in (0, TRUE) else condition()
 

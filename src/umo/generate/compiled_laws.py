@@ -3,7 +3,7 @@
 First Python drives, and the compiled laws are compared with it, one law a period: what they write, and every attribute.
 A difference keeps Python. Then the attributes of the laws are those of the compiled library (`bound_fields.py`), and
 the machine calls the library. Sequences, clients and faces read and set them as before. Whatever the library cannot do
-gives the laws back to Python, which is said.
+gives the laws back to Python, which is said: so does whoever sets what translation took as known (`known_watch.py`).
 """
 
 from __future__ import annotations
@@ -28,7 +28,9 @@ from umo.generate.bound_fields import WRONG, BoundFields
 from umo.generate.code_world import translate
 from umo.generate.compiled_conditions import CompiledConditions, translated_conditions
 from umo.generate.controller_folder import TARGETS
-from umo.generate.controller_model import laid_out
+from umo.generate.controller_model import ControllerModel, laid_out, model_of
+from umo.generate.known_values import KnownName, is_installed
+from umo.generate.known_watch import KnownWatch
 from umo.generate.law_library import (
     HOST_CALL,
     NOT_ON_COLUMNS,
@@ -64,14 +66,24 @@ OWN_TEXTS: dict[type[BaseException], str] = {
 
 @dataclass(frozen=True)
 class PreparedLaws:
-    """Laws that are compiled, and not in use yet."""
+    """The laws of a machine that is not connected yet, compiled."""
 
-    translation: Translation
+    wired: Wired
+    source: str
     library: Path
+
+
+@dataclass(frozen=True)
+class TranslatedLaws:
+    """The laws of a machine in C."""
+
+    laws: list[MethodType]
+    translation: Translation
     conditions: int
-    """How many conditions of interlocks are compiled: all or none."""
+    """How many conditions of interlocks are translated: all or none."""
     left_out: str
     """Why none is; empty where all are."""
+    source: str
 
 
 def prepare(root: Compound, wired: Wired) -> PreparedLaws:
@@ -81,20 +93,26 @@ def prepare(root: Compound, wired: Wired) -> PreparedLaws:
     if wired.controllers:
         raise DeclarationError("parts of it run on controllers")
     with laid_out(root, wired) as model:
-        laws = [law.control for law in model.laws]
-        translation = translate(root, [], laws, TARGETS["host"])
-        if translation.problems:
-            more = f", and {len(translation.problems) - 1} more" if len(translation.problems) > 1 else ""
-            raise DeclarationError(f"{translation.problems[0]}{more}")
-        if not model.laws:
-            raise DeclarationError("it has no laws")
-        _check(translation)
-        with_conditions, left_out = translated_conditions(root, model.conditions, laws, translation)
-        translation = with_conditions or translation
-        conditions = [translation.entry[each] for each in model.conditions] if with_conditions else []
-        model = replace(model, objects=[replace(each, linearization=None, invalid_raws=()) for each in model.objects])
-        source = source_of_laws(model, translation, conditions)
-    return PreparedLaws(translation, library_of(source), len(conditions), left_out)
+        source = translated_laws(root, model).source
+    return PreparedLaws(wired, source, library_of(source))
+
+
+def translated_laws(root: Compound, model: ControllerModel) -> TranslatedLaws:
+    """The laws of a machine that is connected, or laid out as if it were. DeclarationError with what is in the way."""
+    laws = [law.control for law in model.laws]
+    if not laws:
+        raise DeclarationError("it has no laws")
+    translation = translate(root, [], laws, TARGETS["host"])
+    if translation.problems:
+        more = f", and {len(translation.problems) - 1} more" if len(translation.problems) > 1 else ""
+        raise DeclarationError(f"{translation.problems[0]}{more}")
+    _check(translation)
+    with_conditions, left_out = translated_conditions(root, model.conditions, laws, translation)
+    translation = with_conditions or translation
+    conditions = [translation.entry[each] for each in model.conditions] if with_conditions else []
+    model = replace(model, objects=[replace(each, linearization=None, invalid_raws=()) for each in model.objects])
+    source = source_of_laws(model, translation, conditions)
+    return TranslatedLaws(laws, translation, len(conditions), left_out, source)
 
 
 def _check(translation: Translation) -> None:
@@ -102,38 +120,82 @@ def _check(translation: Translation) -> None:
     for struct in translation.structs:
         if isinstance(struct.owner, type) or not hasattr(struct.owner, "__dict__"):
             raise DeclarationError(f"{struct.path} is no object whose attributes can be elsewhere")
+    for owner, name in translation.hosts:
+        if name in vars(owner) and not is_installed(str(getattr(vars(owner)[name], "__module__", ""))):
+            raise DeclarationError(f"{name} of a {type(owner).__name__} is a function that only Python can call")
     if any(word in translation.source for word in NOT_ON_COLUMNS):
         raise DeclarationError("control code resets or references an object, or asks for its time or offset")
 
 
 class CompiledLaws:
-    """The compiled laws of one connected machine: `state` is "compared", "compiled" or "python"."""
+    """The compiled laws of one connected machine: `state` is "compared", "compiled" or "python".
+
+    They are translated again, as they are now: what the wiring sets or a restart restores has called `setup` again,
+    which may have made other laws. The library is the same, unless the code is another."""
 
     def __init__(self, prepared: PreparedLaws, machine: ConnectedMachine) -> None:
-        self._prepared, self._machine = prepared, machine
-        self._image = machine.image
-        self._python = list(machine._overrides(machine.root))
+        """DeclarationError with what is in the way."""
+        self._machine, self._image = machine, machine.image
+        found = translated_laws(machine.root, model_of(machine, prepared.wired))
+        self._python, self._translation, self._known = found.laws, found.translation, found.translation.known
         self._columns = self._columns_of()
-        self._library = LawLibrary(prepared.library, self._columns)
-        structs = prepared.translation.structs
+        library = prepared.library if found.source == prepared.source else library_of(found.source)
+        self._library = LawLibrary(library, self._columns)
+        structs = self._translation.structs
         self._memories = self._library.structs(structs)
-        states = {(each.path, each.name) for each in prepared.translation.layout if each.owner == "STATE"}
+        states = {(each.path, each.name) for each in self._translation.layout if each.owner == "STATE"}
         self._fields = [
-            BoundFields(memory, struct.owner, {n for n in struct.fields if (struct.path, n) in states}, self.give_up)
+            BoundFields(
+                memory,
+                struct.owner,
+                {name for name in struct.fields if (struct.path, name) in states},
+                self.give_up,
+                self._known.names_of(struct.owner),
+            )
             for memory, struct in zip(self._memories, structs, strict=True)
         ]
+        self._waiting: list[BoundFields] = []
+        for each in self._fields:
+            each.was_given = self._was_given
+        self._native: list[Any] = []
         self._vectors: dict[tuple[int, ...], Vector[Any]] = {}
         self._left = [COMPARED] * len(self._python)
         """Comparisons of each law that are still to be made: one a period, in their order."""
-        inhibitions = machine.commands.inhibitions[: prepared.conditions]
-        first, why = len(self._python), prepared.left_out
+        inhibitions = machine.commands.inhibitions[: found.conditions]
+        first, why = len(self._python), found.left_out
         self._conditions = CompiledConditions(self._library, first, inhibitions, machine.clock, COMPARED, why)
         self._period = -1
         self._shadow: Any = None
         self._asked = False
         self._error: tuple[int, BaseException] | None = None
         self.state = "compared"
+        self._watch = KnownWatch(self._known, self._changed)
+        if self.state == "python":
+            return
+        self._watch.on_renewal = self._use_watch
+        self._use_watch()
         machine.replace_laws([MethodType(self._comparing(n, law), law.__self__) for n, law in enumerate(self._python)])
+
+    def _use_watch(self) -> None:
+        self._look_first(self._watch.look)
+
+    def _look_first(self, look: Callable[[], bool]) -> None:
+        """It is called before conditions and laws."""
+        if self.state != "python":
+            self._machine.before_laws = look
+            self._conditions.look_first(look)
+
+    def _was_given(self, fields: BoundFields) -> None:
+        """An object was given a list or an array: it is looked at before the laws."""
+        self._waiting.append(fields)
+        self._look_first(self._look)
+
+    def _look(self) -> bool:
+        """Whether what translation took as known still is so; if not, Python drives from now on."""
+        while self._waiting:
+            self._waiting.pop().take_given()
+            self._use_watch()
+        return self.state != "python" and self._watch.look()
 
     # Python drives, and C is compared ------------------------------------------------------------------
 
@@ -204,6 +266,7 @@ class CompiledLaws:
     # C drives ------------------------------------------------------------------------------------------
 
     def _bind(self) -> None:
+        self._known.settle()
         try:
             for each in self._fields:
                 each.bind()
@@ -211,8 +274,15 @@ class CompiledLaws:
             self.give_up(text_of(error))
             return
         self.state = "compiled"
+        self._watch = KnownWatch(self._known, self._changed, [(each.owner, each.names) for each in self._fields])
+        if self.state != "compiled":
+            return
         self._conditions.use()
+        self._watch.on_renewal = self._use_watch
+        self._use_watch()
         self._machine.tell("", "the laws are compiled: they were the same as in Python so far")
+        if self._translation.notes:
+            self._machine.tell("", f"what only tells is left out of them: {'; '.join(self._translation.notes)}")
         if self._conditions.left_out:
             self._machine.tell("", f"the conditions of interlocks run in Python: {self._conditions.left_out}")
         self._machine.replace_laws([self._compiled(number, law) for number, law in enumerate(self._python)])
@@ -221,13 +291,24 @@ class CompiledLaws:
         clock = self._machine.clock
         native = getattr(extension, "Law", None)
         if native is not None:
-            return MethodType(native(*self._library.addresses, number, clock, self._failed).act, law.__self__)
+            self._native.append(native(*self._library.addresses, number, clock, self._failed))
+            return MethodType(self._native[-1].act, law.__self__)
 
         def act(_: Any) -> None:
-            if fault := self._library.call(number, clock):
+            if self.state == "python":  # since the laws of this period have begun
+                law()
+            elif fault := self._library.call(number, clock):
                 self._failed(fault)
 
         return MethodType(act, law.__self__)
+
+    def _changed(self, names: list[KnownName]) -> None:
+        """Somebody has set what translation took as known."""
+        first = names[0]
+        by = next((each.setter(first.name) for each in self._fields if each.owner is first.owner), "")
+        more = f", and {len(names) - 1} more" if len(names) > 1 else ""
+        read = f", which {first.place} has read" if first.file else ""
+        self.give_up(f"{first.label} was set{f' ({by})' if by else ''}{read}{more}")
 
     def give_up(self, reason: str) -> None:
         """The laws run in Python from now on."""
@@ -245,15 +326,18 @@ class CompiledLaws:
 
     def _release(self) -> None:
         self.state = "python"
+        self._machine.before_laws = None
         self._conditions.release()
         for each in self._fields:
             each.release()
+        for law, python in zip(self._native, self._python, strict=False):
+            law.end(python)  # those of this period that are still to come
 
     # Errors --------------------------------------------------------------------------------------------
 
     def _kind(self, fault: int) -> type[BaseException]:
         runtime = {2: DriverError, 4: RangeError, BAD_INPUT: BadInput, NEVER_READ: BadInput, 8: Interlocked}
-        found = self._prepared.translation.kinds.get(fault) or runtime.get(fault)
+        found = self._translation.kinds.get(fault) or runtime.get(fault)
         return found or RuntimeError
 
     def _failed(self, fault: int) -> None:
@@ -268,7 +352,7 @@ class CompiledLaws:
         _raise(self._kind(fault), *self._place(fault))
 
     def _place(self, fault: int) -> tuple[str, str, int]:
-        for each in self._prepared.translation.faults:
+        for each in self._translation.faults:
             if each.number == fault:
                 return each.text, each.file, each.line
         return f"fault {fault} of a compiled law", "", 0
@@ -366,7 +450,7 @@ class CompiledLaws:
         return 0
 
     def _host_call(self, call: int, numbers: Any, count: int) -> int:
-        owner, name = self._prepared.translation.hosts[call]
+        owner, name = self._translation.hosts[call]
         return self._done(lambda: getattr(owner, name)(*numbers[:count]))
 
 

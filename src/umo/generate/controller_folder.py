@@ -111,6 +111,7 @@ def _readme(text: str, model: ControllerModel, translation: Translation, target:
     notes = [*model.notes, *translation.notes]
     if target.real == "float" and (inexact := inexact_as_floats(model.objects)):
         notes.append(f"floats of 32 bits do not tell all raw integers apart of: {', '.join(inexact)}")
-    told = "".join(f"- {note}\n" for note in notes) or "- Nothing.\n"
+    taken = [f"taken as known: {each}" for each in translation.known.names.values() if each.is_worth_telling]
+    told = "".join(f"- {note}\n" for note in (*notes, *taken)) or "- Nothing.\n"
     numbers = {"double": "doubles: equal to the bit with Python", "float": "floats: within one raw step of Python"}
     return text.replace("@NAME@", model.name).replace("@NUMBERS@", numbers[target.real]).replace("@NOTES@", told)

@@ -11,6 +11,7 @@ from umo.errors import DeclarationError
 from umo.generate.code_world import translate
 from umo.generate.controller_folder import TARGETS, files_of
 from umo.generate.controller_model import laid_out
+from umo.generate.known_setters import settings_of
 from umo.generate.translation import ControllerTarget
 from umo.objects import Compound
 from umo.text import did_you_mean
@@ -30,4 +31,6 @@ def generated(
 ) -> dict[str, str]:
     """The files by name. NotTranslated lists everything that is in the way. No device is opened."""
     with laid_out(root, wiring) as model:
-        return files_of(model, translate(root, model.conditions, model.steps, target), target)
+        translation = translate(root, model.conditions, model.steps, target)
+        translation.problems += settings_of(translation.known, root)
+        return files_of(model, translation, target)

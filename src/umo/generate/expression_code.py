@@ -105,10 +105,13 @@ class ExpressionCode(FunctionScope):
         value = self.source.meaning(node.id)
         if value is ABSENT:
             raise self.refused(node, "the name stands for nothing")
+        self.takes_variable(node.id, node)
         return Known(value, name=node.id)
 
     def _Attribute(self, node: ast.Attribute) -> Term:
-        base = self.term(node.value)
+        return self.attribute_of(self.term(node.value), node)
+
+    def attribute_of(self, base: Term, node: ast.Attribute) -> Term:
         if isinstance(base, Known):
             return self.attribute(base, node.attr, node)
         if self.is_array(base):

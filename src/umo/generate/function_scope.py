@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import partial
 from typing import Any
 
 from umo.generate.c_types import (
@@ -26,6 +27,7 @@ from umo.generate.c_types import (
 )
 from umo.generate.code_context import CodeContext
 from umo.generate.function_source import SourcedFunction
+from umo.generate.known_values import Unwatchable
 from umo.generate.live_fields import mask_of
 from umo.generate.terms import Code, Known, Many, Present, Term, UnknownText
 from umo.objects import Quality
@@ -225,6 +227,24 @@ class FunctionScope:
         self.fail("fault", "fault")
 
     # Terms ---------------------------------------------------------------------------------------------
+
+    def takes(self, owner: Any, name: str, node: ast.AST) -> None:
+        """An attribute of a live object is taken as known here."""
+        self._taken(partial(self.world.known.attribute, owner, name), node)
+
+    def takes_variable(self, name: str, node: ast.AST) -> None:
+        """A name of the module, or of an enclosing function, is taken as known here."""
+        self._taken(partial(self.world.known.variable, self.source.function, name), node)
+
+    def takes_class(self, owner: Any, name: str, node: ast.AST) -> None:
+        """A tracked number may be an attribute of the class of its object."""
+        self._taken(partial(self.world.known.tracked, owner, name), node)
+
+    def _taken(self, take: Callable[[tuple[str, int]], None], node: ast.AST) -> None:
+        try:
+            take((self.source.file, getattr(node, "lineno", 0)))
+        except Unwatchable as error:
+            raise self.refused(node, str(error), "an attribute that is set as usual, or a tuple") from None
 
     def refused(self, node: ast.AST, reason: str, nearest: str = "") -> NoTranslation:
         return NoTranslation(node, reason, nearest)

@@ -91,7 +91,7 @@ def sourced(function: FunctionType) -> SourcedFunction:
     found = [each for each in _functions("\n".join(lines)) if _is(each, code)]
     if len(found) != 1:
         raise NoSource("its source is not found, or has changed")
-    return SourcedFunction(function, found[0], _shown(code.co_filename, function.__module__ or ""), lines)
+    return SourcedFunction(function, found[0], shown_file(code.co_filename, function.__module__ or ""), lines)
 
 
 @cache
@@ -112,7 +112,7 @@ def _is(tree: ast.FunctionDef | ast.Lambda, code: CodeType) -> bool:
     return bool(inside) and sum(inside) >= len(inside) - 1  # the first one is that of the whole function
 
 
-def _shown(file: str, module: str) -> str:
+def shown_file(file: str, module: str) -> str:
     """A file's path from its package on: it says nothing of the computer."""
     depth = module.count(".") + 1 + (Path(file).name == "__init__.py")
     return "/".join(Path(file).parts[-depth:])

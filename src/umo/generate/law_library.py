@@ -52,7 +52,7 @@ struct umo_machine {{
 {members}}};
 
 {source}
-{tables}{init}
+{tables}{access}
 static const umo_plan plan = {{.period = {period}, .objects = {objects}, .traits = traits}};
 
 size_t law_size(void)
@@ -69,7 +69,6 @@ void law_begin(umo_machine *m, umo_columns *columns)
         m->objects[i].core = &m->core;
         m->objects[i].traits = &traits[i];
     }}
-    init_objects(m);
 }}
 
 int16_t law_fault_object(const umo_machine *m)
@@ -134,7 +133,7 @@ def source_of_laws(model: ControllerModel, translation: Translation, conditions:
         members=translation.members,
         source=translation.source,
         tables=tables_of(model, TARGETS["host"]),
-        init=translation.init,
+        access=translation.access,
         period=repr(model.period),
         true=TRUE,
         cases="".join(cases),
@@ -230,7 +229,8 @@ class LawLibrary:
     def structs(self, structs: Sequence[LiveStruct]) -> list[StructMemory]:
         """The fields of the live objects."""
         found = (int(self._library.machine_struct(self._memory, c_int16(n))) for n in range(len(structs)))
-        return [StructMemory(struct, address) for struct, address in zip(structs, found, strict=True)]
+        keep = self._memory
+        return [StructMemory(struct, address, keep=keep) for struct, address in zip(structs, found, strict=True)]
 
     def call(self, law: int, clock: Any) -> int:
         """One period of a law; its fault."""

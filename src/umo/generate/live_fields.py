@@ -177,12 +177,13 @@ class LiveFields:
                 place = f"m->{each.member}.{identifier(name)}"
                 lines += self._set(place, of, getattr(each.owner, name))
         body = "".join(f"    {line}\n" for line in lines) or "    (void)m;\n"
+        return f"static void init_objects(umo_machine *m)\n{{\n{body}}}\n"
+
+    def access(self) -> str:
+        """The function that gives the structs by their numbers."""
         cases = "".join(f"    case {n}:\n        return &m->{each.member};\n" for n, each in enumerate(self.filled))
         access = f"    switch (number) {{\n{cases}    default:\n        (void)m;\n        return NULL;\n    }}\n"
-        return (
-            f"static void init_objects(umo_machine *m)\n{{\n{body}}}\n\n"
-            f"void *machine_struct(umo_machine *m, int16_t number)\n{{\n{access}}}\n"
-        )
+        return f"void *machine_struct(umo_machine *m, int16_t number)\n{{\n{access}}}\n"
 
     def layout(self) -> list[StructField]:
         return [

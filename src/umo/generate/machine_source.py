@@ -212,7 +212,7 @@ def source_of(model: ControllerModel, translation: Translation, target: Controll
         *_interlocks(model, translation),
         *_equipment(model, translation),
         *_plan(model, target),
-        f"{translation.init}\n",
+        f"{translation.init}\n{translation.access}\n",
         STEPS % _laws(model, translation),
         _braking(model, translation),
     ]

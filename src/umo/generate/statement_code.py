@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Sequence
+from importlib import import_module
 from typing import Any
 
 from umo.errors import text_of
@@ -47,6 +48,10 @@ class StatementCode(ErrorCode):
         scope: dict[str, Any] = {}
         exec(compile(ast.Module([node], []), "<import>", "exec"), {"__name__": self.source.function.__module__}, scope)
         self.names |= {name: Known(value, name=name) for name, value in scope.items()}
+        if isinstance(node, ast.ImportFrom) and node.module:
+            module = import_module("." * node.level + node.module, self.source.function.__globals__.get("__package__"))
+            for each in node.names:
+                self.takes(module, each.name, node)
 
     _ImportFrom = _Import
 

@@ -29,7 +29,8 @@ def _listed(values: Any) -> list[Any] | None:
 class StructMemory:
     """One struct. Its fields have the types of Python: a state is a member of its Enum, None is None."""
 
-    def __init__(self, struct: LiveStruct, address: int, real: str = "double") -> None:
+    def __init__(self, struct: LiveStruct, address: int, real: str = "double", keep: Any = None) -> None:
+        """`keep`: what is to live as long as an array of numpy in this memory."""
         self._struct = struct
         self._types: dict[Any, Any] = {
             INT: c_int32,
@@ -40,6 +41,7 @@ class StructMemory:
         fields = [(identifier(name), self._type(of)) for name, of in struct.fields.items()]
         kind = type(f"Machine_{struct.member}", (Structure,), {"_fields_": fields})
         self._memory: Any = cast(address, POINTER(kind)).contents
+        self._memory.keep = keep
         places = {name: getattr(kind, identifier(name)) for name in struct.fields}
         self._slices = {name: slice(place.offset, place.offset + place.size) for name, place in places.items()}
         self._pushed: dict[str, Any] = {}
@@ -114,6 +116,10 @@ class StructMemory:
                 self.write(name, value)
                 self._pushed[name] = [*value] if isinstance(value, list) else value
         self._before = bytes(self._memory)
+
+    def forget(self) -> None:
+        """What was pushed is not remembered: it has no reference from here."""
+        self._pushed.clear()
 
     def _is_kept(self, name: str, value: Any, memory: bytes) -> bool:
         """Since `push` neither the live object nor the memory has changed."""

@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
+from umo.generate.known_values import KnownValues
+
 FIRST_FAULT = 32
 """The first number of a fault of translated code; those below are the runtime's (umo.h)."""
 RUNTIME_FAULTS = (
@@ -102,6 +104,8 @@ class Translation:
     """The functions."""
     init: str = "static void init_objects(umo_machine *m)\n{\n    (void)m;\n}\n"
     """The function that fills the structs with the live values."""
+    access: str = ""
+    """The function that gives the structs by their numbers."""
     entry: Mapping[Any, CFunction] = field(default_factory=dict)
     """How each function is called."""
     faults: list[CodeFault] = field(default_factory=list)
@@ -114,6 +118,8 @@ class Translation:
     """The class of each fault."""
     hosts: list[tuple[Any, str]] = field(default_factory=list)
     """Object and name of what the host is asked for, by number."""
+    known: KnownValues = field(default_factory=KnownValues)
+    """What is taken as known: nobody may set it afterwards."""
     notes: list[str] = field(default_factory=list)
     """What is to be said of the C, such as a function that differs in its last bit."""
     problems: list[Untranslatable] = field(default_factory=list)

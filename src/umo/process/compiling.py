@@ -29,12 +29,12 @@ def prepare_if_asked(root: Compound, wired: Wired, say: Callable[[str], object])
 
 
 def start_compiled(prepared: PreparedLaws | None, machine: ConnectedMachine, say: Callable[[str], object]) -> None:
-    """The machine is connected: its laws are compared, then run compiled."""
+    """The machine has its laws, and no device is open yet: its laws are compared, then run compiled."""
     if prepared is None:
         return
     from umo.generate.compiled_laws import CompiledLaws
 
     try:
         CompiledLaws(prepared, machine)
-    except (TypeError, OSError) as error:  # a class that has none below it, a library that was removed
+    except Exception as error:  # such as a class that has none below it, or a library that was removed
         say(f"the laws run in Python, not compiled: {text_of(error)}")

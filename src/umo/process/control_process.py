@@ -19,6 +19,7 @@ from umo.cycle.cache_warming import wait_busily
 from umo.cycle.client_commands import Mode
 from umo.cycle.client_control import ClientControl
 from umo.cycle.events import CommandState
+from umo.cycle.machine import ConnectedMachine
 from umo.cycle.stage import Stage
 from umo.cycle.stopping import SIGNALS, TimeLimit, request_stop
 from umo.errors import FramesError, StopError, text_of
@@ -261,10 +262,10 @@ class Control:
         connection.on_step = self._run_state.beat
         connection.kept = self._kept.get(NUMBERS, {})
         connection.alarm_states = self._kept.get(ALARMS, {})
+        connection.laid_out = self._start_compiled
         with connection as machine:
             for text in kept_values.tell(connection):
                 self._channel.send("notice", text=text)
-            start_compiled(plan.prepared, connection.machine, lambda text: self._channel.send("notice", text=text))
             try:
                 with self._published(connection) as ring, self._commanded(connection, ring):
                     connection.machine.observers.append(self.each_period)
@@ -283,6 +284,9 @@ class Control:
                 outcome.time_over = connection.stop.time_over and outcome.stopped_by is None
                 outcome.stopped_who = "" if outcome.stopped_by is None else self._stopped_by
                 outcome.simulated = machine.now
+
+    def _start_compiled(self, machine: ConnectedMachine) -> None:
+        start_compiled(self._plan.prepared, machine, lambda text: self._channel.send("notice", text=text))
 
     @contextmanager
     def _published(self, connection: connect[Any]) -> Iterator[Ring | None]:

@@ -15,6 +15,8 @@ from umo.drivers.option_checks import duration, one_of
 from umo.drivers.streams import Host, Serial, place_of
 from umo.errors import ChannelsFailed, DriverError, WiringError
 from umo.generate.controller_generator import target_of
+from umo.generate.known_values import KnownName
+from umo.generate.known_watch import KnownWatch
 from umo.objects import Compound, walk
 from umo.split.link_bodies import ControllerMode, ControllerState, FrameKind
 from umo.split.link_host import LinkHost, late
@@ -80,6 +82,9 @@ class Controller(Driver[Channel]):
         self._mirror: PartMirror | None = None
         self._machine: ConnectedMachine | None = None
         self._part: Compound | None = None
+        self._watch: KnownWatch | None = None
+        self._wrong = ""
+        """What the code on the controller takes as known, and is another on the host."""
         self._contained = False
         """Whether the part is in fault as a whole, and it or what is around it fails alone."""
         self._ends = self._rested = False
@@ -116,6 +121,7 @@ class Controller(Driver[Channel]):
             if self._cycle is not None and isinstance(each, Compound):
                 vars(each)["_machine"] = PartMachine(cast(ConnectedMachine, each._machine), machine.clock, self._cycle)
         self._machine, self._part, self._mirror = machine, part, PartMirror(self._plan, machine, part)
+        self._watch = KnownWatch(self._plan.translation.known, self._note_changes)
         self._ends = self._rested = False
 
     def end(self) -> None:
@@ -215,6 +221,7 @@ class Controller(Driver[Channel]):
         """The last answer of the controller, which is started if it was not."""
         link, mirror = self._connected(), self._mirror
         assert mirror is not None
+        self._check_known()
         link.receive()
         if not link.session:
             self._start(link, mirror)
@@ -231,6 +238,16 @@ class Controller(Driver[Channel]):
             mirror.plan(state)
             self._tell_faults(state, mirror)
         return state
+
+    def _note_changes(self, names: list[KnownName]) -> None:
+        first = names[0]
+        self._wrong = f"{first.label} was set: the controller goes on with what {first.place} has read before"
+
+    def _check_known(self) -> None:
+        """DriverError while the host has set what the controller takes as known: it hears nothing, and ends by itself
+        (`host_timeout`)."""
+        if self._watch is not None and not self._watch.look():
+            raise DriverError(f"{self._wrong}; generate it again, or set a number in its place")
 
     def _tell_faults(self, state: ControllerState, mirror: PartMirror) -> None:
         """Faults of equipment in the part, and one of the part as a whole: on the controller it is the machine."""
@@ -254,6 +271,7 @@ class Controller(Driver[Channel]):
         link, mirror = self._connected(), self._mirror
         if mirror is None or self._ends:
             return
+        self._check_known()
         link.receive()
         if self._seen is not link.state and link.state is not None:
             self._heard()

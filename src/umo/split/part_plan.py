@@ -19,6 +19,7 @@ from umo.drivers.faults.wrapper import bare
 from umo.generate.code_world import translate
 from umo.generate.controller_folder import check, faults_of
 from umo.generate.controller_model import ControllerModel, NotGenerated, model_of
+from umo.generate.known_setters import root_of, settings_of
 from umo.generate.machine_source import header_of, source_of
 from umo.generate.translation import CodeFault, ControllerTarget, Translation
 from umo.objects import Compound, walk
@@ -168,6 +169,7 @@ def plan_of(
     """The plan of a part. NotTranslated with everything that is in the way."""
     with part_laid_out(part, wired, driver, period) as model:
         translation = translate(part, model.conditions, model.steps, target)
+        translation.problems += settings_of(translation.known, root_of(part))
         check(model, translation)
         owners = {(each.path, each.struct, each.name): each.owner for each in translation.layout}
         fields = [

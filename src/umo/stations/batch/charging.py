@@ -44,7 +44,7 @@ class ChargingLine(Compound, equipment=True, max_period="200 ms"):
         self.overruns = [self.overrun for _ in self.inlets]
 
     def interlocks(self) -> Iterator[Interlock]:
-        exits = [*self.outlets, self.waste]
+        exits = (*self.outlets, self.waste)
         yield Interlock(lambda: value_of(self.scale) > self.capacity, self.inlets, "the hopper is full")
         yield Interlock(lambda: any_open(exits), self.inlets, "the hopper is being emptied")
 

@@ -96,18 +96,19 @@ class Furnace(
         self.heating = VectorServo(self.temperatures, self.heaters, gain=self.gain, integral_time=self.integral_time)
         self.limits = np.array([zone.limit for zone in self.zones])
         self.have_laws = np.array([isinstance(zone, ZoneWithLaw) for zone in self.zones])
-        self.with_laws = [(n, zone) for n, zone in enumerate(self.zones) if isinstance(zone, ZoneWithLaw)]
+        self.with_laws = tuple((n, zone) for n, zone in enumerate(self.zones) if isinstance(zone, ZoneWithLaw))
         self._clear()
 
     def _clear(self) -> None:
         """Nothing is left of a run before."""
         self.heating.reset()
-        self.setpoints = self.targets = np.zeros(len(self.zones))
+        self.setpoints, self.targets = np.zeros(len(self.zones)), np.zeros(len(self.zones))
         self.ramp = 0.0  # K/s
         self.faulted = np.zeros(len(self.zones), np.bool_)
         self._last = np.zeros(len(self.zones))
         self._equal = np.zeros(len(self.zones), np.int64)  # readings in a row that were as the last one
-        self.soak_errors: Any = None  # the largest error of each zone since the soak began, K; None before
+        self.soak_errors = np.zeros(len(self.zones))  # the largest error of each zone since the soak began, K
+        self.soaking = False
         self.setpoint, self.faulted_zones, self.phase = 0.0, 0, ""
 
     def control(self) -> None:
@@ -122,7 +123,7 @@ class Furnace(
             zone.setpoint, zone.heats = self.setpoints[n], not self.faulted[n]
         errors = np.where(self.faulted, 0.0, self.setpoints - temperatures)
         self.fans.write((self.faulted | (temperatures > self.limits)).astype(np.float64))
-        if self.soak_errors is not None:
+        if self.soaking:
             self.soak_errors = np.maximum(self.soak_errors, np.abs(errors))
         self.setpoint = float(self.setpoints.max())
         if (cold := errors > self.following_error).any():
@@ -179,7 +180,7 @@ class Furnace(
     async def soak(self, duration: float) -> None:
         """Keep the profile for `duration` s."""
         self.say("soaking", done=1)
-        self.soak_errors = np.zeros(len(self.zones))
+        self.soak_errors, self.soaking = np.zeros(len(self.zones)), True
         await wait(duration)
 
     @action

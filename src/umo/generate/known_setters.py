@@ -1,0 +1,207 @@
+"""Code of an application that sets what translation takes as known: found by name, before a controller is generated.
+
+A controller goes on with what was known when its code was made. So nothing of the application may set it: the modules
+of the station, and those of the classes that its machine is made of, are read for assignments to these names.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from umo.generate.function_source import shown_file
+from umo.generate.known_values import KnownName, KnownValues, is_installed
+from umo.generate.translation import Untranslatable
+from umo.objects import Compound
+from umo.objects.numbers import numbers_of
+
+BEFORE = "setup", "__init__", "__post_init__", "__new__", "__set_name__", "__init_subclass__"
+"""Functions that run before a machine is translated."""
+SETTERS = "setattr", "delattr", "__setattr__", "__delattr__"
+WHOLE = "vars", "globals", "locals"
+"""Functions that give a namespace as a dict."""
+ANY = ""
+"""The name of a setting that may be of any name."""
+
+
+class Setting(NamedTuple):
+    """A place in code that sets an attribute or a name of a module."""
+
+    name: str
+    """What is set; ANY: it is not known before it is set."""
+    kind: str
+    """The class in whose method `self` is set; "": another object."""
+    file: str
+    line: int
+    function: int
+    """The first line of the function; 0: none."""
+
+
+def settings_of(known: KnownValues, machine: Compound) -> Iterator[Untranslatable]:
+    """What is taken as known, and can be another: it is set somewhere, or is a container that is changed in place."""
+    for content in known.contents.values():
+        if content.container is not getattr(content.name.owner, "__kwdefaults__", None):
+            yield _untranslatable(content.name, f"{content.name.label} is a {_kind(content.container)}", "a tuple")
+    for number in numbers_of(machine).values():
+        if number.declared.tunable and (found := known.names.get((id(number.owner), number.name))) is not None:
+            yield _untranslatable(
+                found, f"{number.path} is taken as known, and clients may set it", "a lower-case name"
+            )
+    names = list(known.names.values())
+    places = {(code.co_filename, code.co_firstlineno) for code in known.codes()}
+    told = set[tuple[str, int]]()
+    for path, module in _files(machine, known):
+        for each in _settings(path):
+            if (each.file, each.function) in places:
+                continue
+            for name in names if each.name == ANY else (n for n in names if n.name == each.name):
+                if (path, each.line) not in told and _is_meant(each, name):
+                    told.add((path, each.line))
+                    what = "may be set" if each.name == ANY else "is set"
+                    at = f"{shown_file(path, module)}:{each.line}"
+                    yield _untranslatable(
+                        name, f"{name.label} is taken as known, and {what} in {at}", "a number in its place"
+                    )
+
+
+def root_of(part: Compound) -> Compound:
+    """The machine that a part belongs to."""
+    found: Any = part
+    while found._parent is not None:
+        found = found._parent
+    return found  # type: ignore[no-any-return]
+
+
+def _untranslatable(name: KnownName, reason: str, nearest: str) -> Untranslatable:
+    return Untranslatable(name.file, name.line, name.name, reason, nearest)
+
+
+def _kind(container: Any) -> str:
+    return f"{type(container).__name__}, which code can change"
+
+
+def _is_meant(setting: Setting, name: KnownName) -> bool:
+    """Whether this may be the name that is known: `self` of a method is an object of its class."""
+    if not setting.kind:
+        return True
+    kinds = (name.owner if isinstance(name.owner, type) else type(name.owner)).__mro__
+    return any(each.__name__ == setting.kind for each in kinds)
+
+
+def _files(machine: Any, known: KnownValues) -> Iterator[tuple[str, str]]:
+    """The files that are read, with the names of their modules: of a station all, else those of the classes."""
+    owners = [machine, *(each.owner for each in known.objects.values())]
+    modules = {kind.__module__ for each in owners for kind in type(each).__mro__ if not isinstance(each, dict)}
+    modules |= {str(each.owner.get("__name__", "")) for each in known.objects.values() if isinstance(each.owner, dict)}
+    found: dict[str, str] = {}
+    for name in sorted(modules):
+        module = sys.modules.get(name)
+        file = getattr(module, "__file__", None)
+        if file is None or not file.endswith(".py") or is_installed(name):
+            continue
+        folder = Path(file).parent
+        if (folder / "objects.py").exists():
+            package = name.rpartition(".")[0]
+            for each in sorted(folder.rglob("*.py")):
+                if "tests" not in each.relative_to(folder).parts:
+                    found.setdefault(str(each), ".".join((package, *each.relative_to(folder).with_suffix("").parts)))
+        else:
+            found.setdefault(file, name)
+    yield from found.items()
+
+
+@cache
+def _parsed(path: str, changed: float) -> tuple[Setting, ...]:
+    tree = ast.parse(Path(path).read_text("utf-8"))
+    return tuple(_Search(path).of(tree))
+
+
+def _settings(path: str) -> tuple[Setting, ...]:
+    """The settings of one file; none of one that is no Python."""
+    try:
+        return _parsed(path, Path(path).stat().st_mtime)
+    except (OSError, SyntaxError, ValueError):
+        return ()
+
+
+class _Search:
+    """The settings of one file."""
+
+    def __init__(self, file: str) -> None:
+        self._file = file
+
+    def of(self, tree: ast.AST) -> Iterator[Setting]:
+        yield from self._in(tree, "", "", 0, frozenset())
+
+    def _in(self, node: ast.AST, kind: str, me: str, function: int, outer: frozenset[str]) -> Iterator[Setting]:
+        """`me`: the name of `self`; `outer`: names of the module, or of an enclosing function."""
+        for each in ast.iter_child_nodes(node):
+            if isinstance(each, ast.ClassDef):
+                yield from self._in(each, each.name, "", 0, frozenset())
+            elif isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef):
+                yield from self._in_function(each, kind if isinstance(node, ast.ClassDef) else "", function, me)
+            else:
+                yield from self._of_node(each, kind, me, function, outer)
+                yield from self._in(each, kind, me, function, outer)
+
+    def _in_function(
+        self, node: ast.FunctionDef | ast.AsyncFunctionDef, kind: str, function: int, me: str
+    ) -> Iterator[Setting]:
+        if node.name in BEFORE and kind:
+            return
+        first = node.args.posonlyargs + node.args.args
+        is_static = any(isinstance(each, ast.Name) and each.id == "staticmethod" for each in node.decorator_list)
+        own = first[0].arg if kind and first and not is_static else ""
+        declared = (each for each in _own_nodes(node) if isinstance(each, ast.Global | ast.Nonlocal))
+        outer = frozenset(name for each in declared for name in each.names)
+        line = min([node.lineno, *(each.lineno for each in node.decorator_list)])
+        yield from self._in(node, kind, own, line, outer)
+
+    def _of_node(self, node: ast.AST, kind: str, me: str, function: int, outer: frozenset[str]) -> Iterator[Setting]:
+        line = getattr(node, "lineno", 0)
+        if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store | ast.Del):
+            own = isinstance(node.value, ast.Name) and node.value.id == me != ""
+            yield Setting(node.attr, kind if own else "", self._file, line, function)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store | ast.Del) and node.id in outer:
+            yield Setting(node.id, "", self._file, line, function)
+        elif isinstance(node, ast.Call):
+            yield from (Setting(name, "", self._file, line, function) for name in _called(node))
+        elif isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Store | ast.Del) and _is_whole(node.value):
+            key = node.slice
+            name = key.value if isinstance(key, ast.Constant) and isinstance(key.value, str) else ANY
+            yield Setting(name, "", self._file, line, function)
+
+
+def _own_nodes(function: ast.AST) -> Iterator[ast.AST]:
+    """The nodes of a function, without those of functions in it."""
+    for each in ast.iter_child_nodes(function):
+        yield each
+        if not isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda | ast.ClassDef):
+            yield from _own_nodes(each)
+
+
+def _called(node: ast.Call) -> Iterator[str]:
+    """The names that a call sets."""
+    func = node.func
+    called = func.id if isinstance(func, ast.Name) else func.attr if isinstance(func, ast.Attribute) else ""
+    if called in SETTERS:
+        texts = [each.value for each in node.args if isinstance(each, ast.Constant) and isinstance(each.value, str)]
+        yield texts[0] if texts else ANY
+    elif called == "exec" or (isinstance(func, ast.Attribute) and _is_whole(func.value) and _changes(func.attr)):
+        yield ANY
+
+
+def _changes(method: str) -> bool:
+    """Whether a method of a dict changes it."""
+    return method in ("update", "pop", "popitem", "setdefault", "clear", "__setitem__", "__delitem__", "__ior__")
+
+
+def _is_whole(node: ast.AST) -> bool:
+    """Whether this is a namespace as a dict."""
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+        return node.func.id in WHOLE
+    return isinstance(node, ast.Attribute) and node.attr == "__dict__"

@@ -1,0 +1,175 @@
+"""A controller goes on with what its generation took as known: an application that sets it is refused, with the line
+that reads it and the line that sets it; what is taken as known is told in the folder's README."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import Result
+
+from helpers.tiers import some
+
+Umo = Callable[..., Result]
+CONTROL = """
+from typing import Annotated, Any
+from umo import Compound, DigitalActuator, DigitalSensor, Number
+
+LIMIT = 1.0
+
+class Settings:
+    label = "slow"
+
+    def __init__(self):
+        self.kind = "first"
+
+def offset_of(start):
+    offset = start
+    def read():
+        return offset
+    def write(value):
+        nonlocal offset
+        SET_OFFSET
+    return read, write
+
+read_offset, write_offset = offset_of(0.5)
+
+class Pump(Compound):
+    level: DigitalSensor
+    motor: DigitalActuator
+    timer: DigitalSensor
+    PV: Annotated[float, Number("mm", 0.0, 100.0, tunable=TUNABLE)] = 3.0
+
+    def setup(self):
+        self.mode_name = "heat"
+        self.mode_name = str(self.mode_name)
+        self.target: Any = None
+        self.active = self.motor
+        self.names = NAMES
+        self.settings = Settings()
+        self.gain = 2.0
+
+    def control(self):
+        total = LIMIT + self.PV + read_offset() + self.gain
+        if self.mode_name == "heat":
+            total += 1.0
+        if self.target is not None:
+            total += self.target
+        if "a" in self.names:
+            total += 2.0
+        if self.settings.kind == "first" and self.settings.label == "slow":
+            total += 4.0
+        self.active.write(total)
+
+    def choose(self, name):
+        SET_HERE
+"""
+OBJECTS = """
+from umo import DigitalActuator, DigitalSensor
+from .control import Pump
+
+def machine() -> Pump:
+    return Pump(
+        level=DigitalSensor("mm", minimum=0, maximum=100, resolution=0.1),
+        motor=DigitalActuator("V", default=0, minimum=0, maximum=100, resolution=0.01, limits="clamp"),
+        timer=DigitalSensor("sampling_period", minimum=0, maximum=1000, resolution=1, synchronous=False),
+    )
+"""
+APPLICATION = """
+from umo import wait
+from . import control
+from .control import Pump, Settings
+
+async def main(m: Pump):
+    await wait("1 s")
+    SET_THERE
+"""
+LINES = {
+    "SET_OFFSET": "return None",
+    "SET_HERE": "return None",
+    "SET_THERE": "return None",
+    "TUNABLE": "False",
+    "NAMES": '("a", "b")',
+}
+
+
+def generate(umo: Umo, folder: Path, target: str = "host", **lines: str) -> Result:
+    """Generate the controller of a station with these lines."""
+    station = folder / "pump"
+    station.mkdir(exist_ok=True)
+    for name, text in (("control", CONTROL), ("objects", OBJECTS), ("application", APPLICATION)):
+        for word, line in (LINES | lines).items():
+            text = text.replace(word, line)
+        (station / f"{name}.py").write_text(text)
+    return umo("generate", "pump", "--target", target, "-o", "controller")
+
+
+THERE = [
+    ('m.mode_name = "off"', "Pump.mode_name"),
+    ('m.mode_name += "s"', "Pump.mode_name"),
+    ("del m.mode_name", "Pump.mode_name"),
+    ('setattr(m, "mode_name", "off")', "Pump.mode_name"),
+    ('object.__setattr__(m, "mode_name", "off")', "Pump.mode_name"),
+    ('m.__setattr__("mode_name", "off")', "Pump.mode_name"),
+    ('vars(m)["mode_name"] = "off"', "Pump.mode_name"),
+    ('m.__dict__.update(mode_name="off")', "may be set"),
+    ("setattr(m, input(), 1.0)", "may be set"),
+    ('exec("m.mode_name = None")', "may be set"),
+    ("m.gain, m.target = 1.0, 2.0", "Pump.target"),
+    ("for m.target in range(3): pass", "Pump.target"),
+    ("m.active = m.motor", "Pump.active"),
+    ('m.names = ("b",)', "Pump.names"),
+    ("m.settings = Settings()", "Pump.settings"),
+    ('m.settings.kind = "second"', "Settings.kind"),
+    ('Settings.label = "fast"', "Settings.label"),
+    ("control.LIMIT = 2.0", "LIMIT of pump/control.py"),
+    ("m.PV = 4.0", "Pump.PV"),
+]
+
+
+@pytest.mark.parametrize(("line", "told"), some(lambda case: THERE.index(case) % 4 == 0, THERE))
+def test_an_application_that_sets_what_is_known_is_refused(umo: Umo, tmp_path: Path, line: str, told: str) -> None:
+    done = generate(umo, tmp_path, SET_THERE=line)
+    said = " ".join(done.stderr.split())
+    assert done.exit_code == 2 and told in said and "pump/application.py:8" in said and "pump/control.py:" in said
+    assert not (tmp_path / "controller").exists()
+
+
+@pytest.mark.parametrize(
+    ("lines", "told"),
+    [
+        ({"SET_HERE": "self.mode_name = name"}, "Pump.mode_name is taken as known, and is set in pump/control.py:"),
+        ({"SET_HERE": "global LIMIT; LIMIT = 2.0"}, "LIMIT of pump/control.py is taken as known, and is set in"),
+        ({"SET_OFFSET": "offset = value"}, "offset of offset_of.read is taken as known, and is set in"),
+        ({"TUNABLE": "True"}, "PV is taken as known, and clients may set it"),
+        ({"NAMES": '["a"]'}, "Pump.names is a list, which code can change"),
+        ({"NAMES": '{"a": 1}'}, "Pump.names is a dict, which code can change"),
+        ({"NAMES": '{"a"}'}, "Pump.names is a set, which code can change"),
+    ],
+)
+def test_so_is_a_law_a_client_and_a_container(umo: Umo, tmp_path: Path, lines: dict[str, str], told: str) -> None:
+    done = generate(umo, tmp_path, **lines)
+    assert done.exit_code == 2 and told in " ".join(done.stderr.split())
+
+
+def test_what_sets_numbers_and_other_objects_is_no_hindrance(umo: Umo, tmp_path: Path) -> None:
+    there = 'm.gain = 3.0; other = {"mode_name": 1}; other["mode_name"] = 2; mode_name = "x"'
+    done = generate(umo, tmp_path, SET_THERE=there, SET_HERE="self.gain = 4.0")
+    assert done.exit_code == 0, done.stderr
+
+
+def test_the_folder_tells_what_is_known_with_its_value_and_line(umo: Umo, tmp_path: Path) -> None:
+    assert generate(umo, tmp_path).exit_code == 0
+    told = (tmp_path / "controller" / "README.md").read_text().partition("## To be known")[2]
+    line = 1 + CONTROL.splitlines().index('        if self.mode_name == "heat":')
+    assert f"- taken as known: `Pump.mode_name` is `'heat'` (pump/control.py:{line})\n" in told
+    for name, value in (("target", "`None`"), ("PV", "`3.0`"), ("names", "(`'a'`, `'b'`)"), ("settings", "a Settings")):
+        assert f"`Pump.{name}` is {value}" in told
+    for each in (
+        "`LIMIT of pump/control.py` is `1.0`",
+        "`offset of offset_of.read` is `0.5`",
+        "`Settings.kind` is `'first'`",
+    ):
+        assert each in told
+    assert "the object `motor`" in told and "Nothing" not in told
