@@ -8,7 +8,7 @@ import logging
 import typing
 from collections.abc import Callable, Sequence
 from functools import partial
-from types import FunctionType, MethodType, ModuleType
+from types import FunctionType, MethodType
 from typing import Any
 
 import numpy as np
@@ -17,14 +17,17 @@ from umo.control.inputs import state_of, value_of
 from umo.control.profile import Profile
 from umo.errors import RangeError, StateError
 from umo.generate.array_code import ArrayMethod
-from umo.generate.attribute_code import AttributeCode, dropped
+from umo.generate.attribute_code import AttributeCode, asks_host, dropped
 from umo.generate.c_types import BOOL, MASK, REAL, ArrayType, TupleType, state
 from umo.generate.expression_code import of_element
+from umo.generate.function_scope import NoTranslation
 from umo.generate.function_source import NoSource, bound
 from umo.generate.terms import TEXT, Code, Known, Many, Term
+from umo.generate.value_kinds import is_plain_record
 from umo.objects import DigitalSensor, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
 
+DIVIDES = (ast.Div, ast.FloorDiv, ast.Mod, ast.Pow)
 MOST_NUMBERS = 256
 """Elements of a list in one expression, each written out."""
 HOST_CALLS: frozenset[Any] = frozenset({Profile.to})
@@ -38,11 +41,13 @@ class CallCode(AttributeCode):
         if self._is_super(node.func):
             return self._of_super(node)
         if self._is_joined_text(node):
+            self.check_told([*node.args, *(each.value for each in node.keywords)])
             return Known(TEXT)
         func = self.term(node.func)
         if not isinstance(func, Known):
             raise self.refused(node, "what is called is not known when the code is generated")
         if func.value is dropped or _tells(func.value):
+            self.check_told([*node.args, *(each.value for each in node.keywords)])
             self.world.note(f"{self.source.segment(node.func)} only tells something: it is left out on the controller")
             return Known(None)
         if func.value in (any, all, sum) and len(node.args) == 1 and isinstance(node.args[0], ast.GeneratorExp):
@@ -50,10 +55,47 @@ class CallCode(AttributeCode):
         arguments, named = self._arguments(node)
         return self.apply(func, arguments, named, node)
 
+    def check_told(self, nodes: Sequence[ast.AST]) -> None:
+        """That what is left out, as it only tells something, does nothing else: it changes nothing and cannot fail."""
+        for each in (one for node in nodes for one in ast.walk(node)):
+            if isinstance(each, ast.NamedExpr | ast.Await):
+                raise self.refused(each, "an assignment in a text that a controller does not have", "a line of its own")
+            if isinstance(each, ast.BinOp) and isinstance(each.op, DIVIDES) and not _is_text(each.left):
+                raise self.refused(each, "a quotient in a text that a controller does not have", "a name for it first")
+            if isinstance(each, ast.Call) and not self._only_tells(each):
+                raise self.refused(each, "a call in a text that a controller does not have", "a name for it first")
+
+    def does_nothing(self, node: ast.AST) -> bool:
+        """Whether evaluating an expression only looks at what there is."""
+        try:
+            self.check_told([node])
+        except NoTranslation:
+            return False
+        return True
+
+    def _only_tells(self, node: ast.Call) -> bool:
+        """Whether a call in a text changes nothing: a function of Python, or of umo."""
+        if self._is_joined_text(node):
+            return True
+        func = node.func
+        root = func
+        while isinstance(root, ast.Attribute):
+            root = root.value
+        if isinstance(root, ast.Call) and isinstance(root.func, ast.Name) and root.func.id == "super":
+            return False
+        if not isinstance(root, ast.Name) or (isinstance(func, ast.Attribute) and root.id in self.names):
+            return self.source.file.startswith("umo/")
+        found = self.source.meaning(root.id)
+        for name in reversed(_names_of(func)):
+            found = getattr(found, name, None)
+        return str(getattr(found, "__module__", "")).partition(".")[0] in ("builtins", "umo", "math", "numpy")
+
     def _is_joined_text(self, node: ast.Call) -> bool:
         """A method of a text, such as `", ".join(...)`: it gives a text."""
         func = node.func
         if not (isinstance(func, ast.Attribute) and isinstance(func.value, ast.Constant | ast.JoinedStr)):
+            return False
+        if isinstance(func.value, ast.Constant) and not isinstance(func.value.value, str):
             return False
         return func.attr in ("join", "format")
 
@@ -113,6 +155,10 @@ class CallCode(AttributeCode):
         if target is value_of or target is state_of:
             return self._input(target, arguments, named, node)
         if isinstance(target, type) and issubclass(target, tuple) and hasattr(target, "_fields"):
+            if not is_plain_record(target):
+                raise self.refused(
+                    node, f"{target.__name__} changes what a tuple does", "a NamedTuple with fields only"
+                )
             defaults = {name: Known(each) for name, each in getattr(target, "_field_defaults", {}).items()}
             given = defaults | dict(zip(target._fields, arguments, strict=False)) | named
             if len(arguments) > len(target._fields) or given.keys() != set(target._fields):
@@ -127,11 +173,9 @@ class CallCode(AttributeCode):
             return arguments[1]
         if getattr(target, "__func__", target) in HOST_CALLS:
             return self._host(target.__self__, target.__name__, arguments, node)
-        if isinstance(func.owner, object) and func.name and not _of_class(func):
+        if asks_host(func.owner, func.name):
             return self._host(func.owner, func.name, arguments, node)
-        if callable(target) and isinstance(target, FunctionType | MethodType | partial):
-            return self.function(target, arguments, named, node)
-        if hasattr(target, "__wrapped__") and callable(target):
+        if isinstance(target, FunctionType | MethodType | partial):
             return self.function(target, arguments, named, node)
         raise self.refused(
             node, f"{self.source.segment(node.func)} has no translation", "functions of Python code, math"
@@ -139,7 +183,9 @@ class CallCode(AttributeCode):
 
     def _is_super(self, func: ast.AST) -> bool:
         inner = func.value if isinstance(func, ast.Attribute) else None
-        return isinstance(inner, ast.Call) and isinstance(inner.func, ast.Name) and inner.func.id == "super"
+        if not (isinstance(inner, ast.Call) and isinstance(inner.func, ast.Name) and inner.func.id == "super"):
+            return False
+        return not inner.args and inner.func.id not in self.names and self.source.meaning("super") is super
 
     def _of_super(self, node: ast.Call) -> Term:
         assert isinstance(node.func, ast.Attribute)
@@ -147,7 +193,9 @@ class CallCode(AttributeCode):
         me, kind = self.names.get(first), self.source.meaning("__class__")
         if not isinstance(me, Known) or not isinstance(kind, type):
             raise self.refused(node, "super() outside of a method")
-        found = getattr(super(kind, me.value), node.func.attr)
+        found = getattr(super(kind, me.value), node.func.attr, None)
+        if not isinstance(found, MethodType | FunctionType):
+            raise self.refused(node, "an attribute of super() that is no method", "a method")
         arguments, named = self._arguments(node)
         return self.function(found, arguments, named, node)
 
@@ -230,7 +278,7 @@ class CallCode(AttributeCode):
     def _by_name(
         self, function: FunctionType, given: Sequence[Term], named: dict[str, Term], node: ast.AST
     ) -> dict[str, Term]:
-        signature = inspect.signature(function)
+        signature = inspect.signature(function, follow_wrapped=False)
         try:
             bound_to = signature.bind(*given, **named)
         except TypeError as error:
@@ -256,8 +304,10 @@ def _tells(target: Any) -> bool:
     return isinstance(getattr(target, "__self__", None), logging.Logger) or target is print
 
 
-def _of_class(func: Known) -> bool:
-    """Whether it is a function of the class of its owner, or no attribute of an object."""
-    if func.owner is None or isinstance(func.owner, ModuleType | type):
-        return True
-    return inspect.getattr_static(type(func.owner), func.name, None) is not None and func.name not in vars(func.owner)
+def _is_text(node: ast.AST) -> bool:
+    return isinstance(node, ast.Constant | ast.JoinedStr)
+
+
+def _names_of(func: ast.AST) -> list[str]:
+    """The attributes of a dotted name, the last one first."""
+    return [func.attr, *_names_of(func.value)] if isinstance(func, ast.Attribute) else []

@@ -19,8 +19,6 @@ class CodeContext(Protocol):
 
     memory: TranslationMemory
     fields: LiveFields
-    caught: list[str]
-    """The faults that are being handled."""
     on_host: list[Untranslatable]
     """What works on this computer only."""
 

@@ -1,0 +1,711 @@
+"""Objects, names, order and errors that C could take for something else: each program is equal to Python in every
+period, or it is refused with its file and line. Beside it stands its nearest neighbour that translates, if any.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from helpers.generating import needs_a_compiler
+from helpers.side_by_side import Played
+from helpers.written_programs import Cases, Program, check_equal, check_refused
+
+CASES = Cases()
+equal, refused = CASES.is_equal, CASES.is_refused
+
+
+class Pair(NamedTuple):
+    first: float
+    second: float
+
+
+class Whole(NamedTuple):
+    first: int
+    second: int
+
+
+def other_pair() -> Any:
+    class Pair(NamedTuple):
+        second: float
+        first: float
+
+    return Pair
+
+
+class Counted(NamedTuple):
+    count: int
+
+    def __eq__(self, other: object) -> bool:
+        return False
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+OTHER = other_pair()
+ONES = np.ones(3)
+
+
+class Helper:
+    made = 0
+    shared = [1.0, 2.0]
+
+    def __init__(self) -> None:
+        self.k = 0.0
+        self._hidden = 1.0
+
+    @property
+    def doubled(self) -> float:
+        return 2.0 * self.k
+
+    @doubled.setter
+    def doubled(self, value: float) -> None:
+        self.k = value / 2.0
+
+    @cached_property
+    def once(self) -> float:
+        return self.k + 1.0
+
+
+class Guarded:
+    def __init__(self) -> None:
+        self.k = 0.0
+
+    def __setattr__(self, name: str, value: object) -> None:
+        object.__setattr__(self, name, 7.0)
+
+
+class Descriptor:
+    def __get__(self, owner: Any, kind: Any = None) -> float:
+        return 3.0 if owner is None else 2.0 * owner.u
+
+    def __set__(self, owner: Any, value: float) -> None:
+        owner.u = value + 1.0
+
+
+class Looked:
+    """Every attribute is another one when it is read."""
+
+    def __init__(self) -> None:
+        self.k = 1.0
+
+    def __getattribute__(self, name: str) -> Any:
+        found = object.__getattribute__(self, name)
+        return found + 1.0 if name == "k" else found
+
+
+class Compared:
+    def __init__(self, number: float) -> None:
+        self.number = number
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Compared) and other.number == self.number
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __bool__(self) -> bool:
+        return self.number > 1.0
+
+
+@dataclass(frozen=True)
+class Frozen:
+    k: float = 1.0
+
+
+def doubles(function: Callable[..., Any]) -> Callable[..., Any]:
+    @functools.wraps(function)
+    def wrapper(self: Any, number: float) -> float:
+        return 2.0 * float(function(self, number))
+
+    return wrapper
+
+
+# Objects ------------------------------------------------------------------------------------------------------------
+
+
+class WithHelper(Program):
+    def begin(self) -> None:
+        self.helper = Helper()
+
+
+@equal
+class SetterOfAProperty(WithHelper):
+    def control(self) -> None:
+        self.helper.doubled = self.u
+        self.helper.doubled = self.helper.doubled + 1.0
+        self.k = self.helper.doubled + self.helper.k
+
+
+@refused("computed once")
+class CachedProperty(WithHelper):
+    def control(self) -> None:
+        self.helper.k = self.u
+        self.k = self.helper.once
+
+
+@refused("an attribute of the class Helper is assigned")
+class CounterOfAClass(WithHelper):
+    def control(self) -> None:
+        Helper.made += 1
+        self.c = self.helper.made
+
+
+@equal
+class CounterOfAnObject(WithHelper):
+    def control(self) -> None:
+        self.helper.made += 1
+        self.c = self.helper.made
+
+
+@refused("__setattr__")
+class SetattrOfItsOwn(Program):
+    def begin(self) -> None:
+        self.guarded = Guarded()
+
+    def control(self) -> None:
+        self.guarded.k = self.u
+
+
+@refused("__setattr__, or is frozen")
+class FrozenDataclass(Program):
+    def begin(self) -> None:
+        self.frozen = Frozen()
+
+    def control(self) -> None:
+        self.frozen.k = self.u  # type: ignore[misc]
+
+
+@refused("a descriptor of its own")
+class DescriptorThatIsRead(Program):
+    level = Descriptor()
+
+    def control(self) -> None:
+        self.k = self.level
+
+
+@refused("a descriptor of its own")
+class DescriptorThatIsSet(Program):
+    level = Descriptor()
+
+    def control(self) -> None:
+        self.level = 2.0
+
+
+@refused("__getattribute__")
+class GetattributeOfItsOwn(Program):
+    def begin(self) -> None:
+        self.looked = Looked()
+
+    def control(self) -> None:
+        self.k = self.looked.k
+
+
+@refused("a function that an object has as an attribute")
+class FunctionAsAttribute(Program):
+    def begin(self) -> None:
+        self.curve = lambda number: number * 2.0
+
+    def control(self) -> None:
+        self.k = self.curve(self.u)
+
+
+@equal
+class DecoratedFunction(Program):
+    @doubles
+    def scaled(self, number: float) -> float:
+        return number + 1.0
+
+    def control(self) -> None:
+        self.k = self.scaled(self.u)
+
+
+@refused("")
+class CachedFunction(Program):
+    @functools.lru_cache  # noqa: B019
+    def scaled(self, number: float) -> float:
+        return number + self.k
+
+    def control(self) -> None:
+        self.k = self.scaled(1.0)
+
+
+@refused("whose class decides what is equal")
+class ObjectsThatAreCompared(Program):
+    def begin(self) -> None:
+        self.one, self.other = Compared(1.0), Compared(1.0)
+
+    def control(self) -> None:
+        self.one.number = self.u
+        self.c = int(self.one == self.other)
+
+
+@refused("decides whether it is true")
+class ObjectWithTruth(Program):
+    def begin(self) -> None:
+        self.one = Compared(1.0)
+
+    def control(self) -> None:
+        self.one.number = self.u
+        self.c = 1 if self.one else 2
+
+
+@equal
+class TwoRecordsOfOneName(Program):
+    def control(self) -> None:
+        one, other = Pair(self.u, 2.0), OTHER(3.0, self.u)
+        self.k = one.first + 10.0 * other.second
+        self.c = int(other.second)
+
+
+@equal
+class RecordsOfWholeNumbers(Program):
+    def begin(self) -> None:
+        self.pair = Whole(1, 2)
+
+    def control(self) -> None:
+        self.pair = Whole(self.n, self.pair.first)
+        self.c = self.pair.second
+
+
+@refused("")
+class RecordWithItsOwnEqual(Program):
+    def control(self) -> None:
+        one, other = Counted(self.n), Counted(1)
+        self.c = int(one == other)
+
+
+@refused("a tuple is compared with something else")
+class ListThatIsNoTuple(Program):
+    def control(self) -> None:
+        self.c = int([self.n, 1] == (self.n, 1))
+
+
+# Several names for one thing ----------------------------------------------------------------------------------------
+
+
+@refused("may have another name")
+class OneListAtTwoPlaces(Program):
+    def begin(self) -> None:
+        self.one = [0.0, 0.0]
+        self.two = self.one
+
+    def control(self) -> None:
+        self.one[0] = self.u
+        self.k = self.two[0]
+
+
+@refused("may have another name")
+class OneListOfAClass(Program):
+    def begin(self) -> None:
+        self.p, self.q = Helper(), Helper()
+
+    def control(self) -> None:
+        self.p.shared[0] = self.u
+        self.k = self.q.shared[0]
+
+
+@refused("may have another name")
+class ViewOfAnArray(Program):
+    def begin(self) -> None:
+        self.row = np.zeros(4)
+        self.head = self.row[:2]
+
+    def control(self) -> None:
+        self.row[1] = self.u
+        self.k = float(self.head[1])
+
+
+@equal
+class RowsOfAnArray(Program):
+    def begin(self) -> None:
+        self.one, self.two = np.zeros((2, 3))
+
+    def control(self) -> None:
+        self.one[1] = self.u
+        self.k = float(self.one[1] + self.two[1])
+
+
+@refused("changes an array that it has under another name")
+class ArgumentThatIsChanged(Program):
+    def begin(self) -> None:
+        self.row = [1.0, 2.0]
+
+    def bump(self) -> None:
+        self.row[0] += 1.0
+
+    def first(self, row: list[float]) -> float:
+        self.bump()
+        return row[0]
+
+    def control(self) -> None:
+        self.k = self.first(self.row)
+
+
+@equal
+class ObjectAtTwoPlaces(Program):
+    def begin(self) -> None:
+        self.p = Helper()
+        self.q = self.p
+
+    def control(self) -> None:
+        self.p.k += self.u
+        self.k = self.q.k
+
+
+@refused("is changed")
+class ConstantArrayIsChanged(Program):
+    def begin(self) -> None:
+        self.GAINS = np.ones(3)
+
+    def control(self) -> None:
+        self.GAINS += self.u
+        self.k = float(self.GAINS[0])
+
+
+# Order --------------------------------------------------------------------------------------------------------------
+
+
+class WithNext(Program):
+    def begin(self) -> None:
+        self.row, self.at = [1.0, 2.0, 3.0], 0
+
+    def next(self) -> int:
+        self.at = (self.at + 1) % 3
+        return self.at
+
+
+@equal
+class PlaceIsFoundOnce(WithNext):
+    def control(self) -> None:
+        self.row[self.next()] += 1.0
+
+
+@equal
+class PlaceIsFoundFirst(WithNext):
+    def control(self) -> None:
+        self.row[self.at] += self.next()
+
+
+@refused("run twice")
+class ObjectIsFoundOnce(WithHelper):
+    def found(self) -> Helper:
+        self.c += 1
+        return self.helper
+
+    def control(self) -> None:
+        self.found().k += 1.0
+
+
+@equal
+class TupleBeforeACall(Program):
+    def begin(self) -> None:
+        self.at = 0
+
+    def bump(self) -> float:
+        self.k += 1.0
+        return self.k
+
+    def sum_of(self, pair: tuple[float, float], last: float) -> float:
+        return pair[0] + 10.0 * pair[1] + 100.0 * last
+
+    def control(self) -> None:
+        self.k = self.sum_of((self.k, self.u), self.bump())
+
+
+@equal
+class ElementsOfATupleStay(Program):
+    def control(self) -> None:
+        for each in (self.k, self.u, self.k):
+            self.k = each + 1.0
+        self.c = any(self.bumped(each) for each in (self.k, self.u))
+
+    def bumped(self, number: float) -> bool:
+        self.k += 1.0
+        self.u += 1.0
+        return number > 3.0
+
+
+@refused("is assigned in it")
+class LoopOverWhatIsRebound(Program):
+    def control(self) -> None:
+        values = np.zeros(3) + self.u
+        for each in values:
+            self.k += float(each)
+            values = ONES * 10.0
+        self.k += float(values[0])
+
+
+@refused("is assigned in it")
+class LoopOverAFieldThatIsRebound(Program):
+    def begin(self) -> None:
+        self.row = np.ones(3)
+
+    def replace(self) -> None:
+        self.row = ONES * 10.0
+
+    def control(self) -> None:
+        for each in self.row:
+            self.k += float(each)
+            self.replace()
+
+
+@equal
+class LoopOverWhatIsChanged(WithNext):
+    def control(self) -> None:
+        for each in self.row:
+            self.row[2] = self.u + each
+            self.k = each
+
+
+# Names --------------------------------------------------------------------------------------------------------------
+
+
+@equal
+class VariableOfAGenerator(Program):
+    def control(self) -> None:
+        each = self.u
+        found = any(each > 1.0 for each in (self.k, 0.5)) or sum(each for each in (1.0, 2.0)) > self.u
+        self.k = each + found
+
+
+@equal
+class FilterOfAGenerator(Program):
+    def control(self) -> None:
+        self.c = any(1.0 / each > 0.2 for each in (self.u, 0.0, 4.0) if each != 0.0 if each > 1.0)
+        self.yes = all(1.0 / each > 0.2 for each in (self.u, 0.0, 4.0) if each != 0.0)
+
+
+@refused("before it has a value on every way")
+class NameAfterALoopOfNoTurns(Program):
+    def control(self) -> None:
+        for i in range(self.n % 4):
+            last = i
+        self.c = last
+
+
+@refused("before it has a value on every way")
+class NameAfterAWhileOfNoTurns(Program):
+    def control(self) -> None:
+        i = self.n % 4
+        while i > 0:
+            last = i
+            i -= 1
+        self.c = last
+
+
+@refused("before it has a value on every way")
+class NameOfAConditionThatIsNotAsked(Program):
+    def control(self) -> None:
+        if self.u > 1.0 and (more := self.u - 1.0) > 2.0:
+            self.k = 1.0
+        self.k += more
+
+
+@refused("before it has a value on every way")
+class NameInFinally(Program):
+    def control(self) -> None:
+        try:
+            found = 1.0 / self.u
+        finally:
+            self.k = found
+
+
+@equal
+class NameBeforeTheLoop(Program):
+    def control(self) -> None:
+        last = -1
+        for i in range(self.n % 4):
+            last = i
+        self.c = last
+
+
+@equal
+class UnderscoresAndWordsOfC(Program):
+    def control(self) -> None:
+        x, _x, x_, __x = self.u, 2.0, 3.0, 4.0
+        isnan = double = m = out = fault = t1 = n1 = sqrt = umo_max = 5.0
+        register, errno, NAN, INFINITY, p0 = 1, 2, 3, 4, 5
+        self.k = x + 10.0 * _x + 100.0 * x_ + 1000.0 * __x + isnan + double + m + out + fault + t1 + n1 + sqrt + umo_max
+        self.c = register + errno + NAN + INFINITY + p0 + int(self.n % 3)
+
+    def sqrt(self) -> None:
+        """A name of the library of C."""
+
+
+@equal
+class LettersBeyondAscii(Program):
+    def control(self) -> None:
+        grün, grön = self.u, 2.0
+        self.k = grün + 10.0 * grön
+
+
+@refused("not the name of a field in C")
+class FieldBeyondAscii(Program):
+    def begin(self) -> None:
+        self.grün, self.grön = 1.0, 2.0
+
+    def control(self) -> None:
+        self.k = self.grün + self.grön
+
+
+@refused("not the name of a field in C")
+class FieldNamedAsAWordOfC(Program):
+    def begin(self) -> None:
+        self.register = 1.0
+
+    def control(self) -> None:
+        self.register = self.u
+
+
+def sin(number: float) -> float:
+    return number + 1.0
+
+
+def machine_step(number: float) -> float:
+    return number + 2.0
+
+
+def umo_floor(number: float) -> float:
+    return number + 3.0
+
+
+def init_objects(number: float) -> float:
+    return number + 4.0
+
+
+@equal
+class FunctionsNamedAsThoseOfC(Program):
+    def step(self) -> float:
+        return 1.0
+
+    def clear(self) -> float:
+        return 2.0
+
+    def control(self) -> None:
+        self.k = sin(self.u) + machine_step(self.u) + umo_floor(self.u) + init_objects(self.u) + math.sin(self.x.read())
+        self.k += self.step() + self.clear()
+
+
+class reals_2(NamedTuple):
+    step: float
+    last: float
+
+
+class step(NamedTuple):
+    x: float
+
+
+@equal
+class RecordsNamedAsTypesOfC(Program):
+    def begin(self) -> None:
+        self.row, self.one = np.zeros(2), reals_2(1.0, 2.0)
+        self.maybe_one: reals_2 | None = None
+
+    def control(self) -> None:
+        self.row[0] = self.u
+        self.one = reals_2(self.u, self.one.step)
+        self.k = step(self.u).x + self.one.last + float(self.row[0])
+
+
+# Errors -------------------------------------------------------------------------------------------------------------
+
+
+@equal
+class ReturnsAndFinally(Program):
+    def found(self) -> float:
+        for i in range(5):
+            try:
+                if i == 2:
+                    return self.u + i
+            finally:
+                self.c += 1
+        return -1.0
+
+    def control(self) -> None:
+        self.k = self.found()
+
+
+@equal
+class SeveralHandlers(Program):
+    def control(self) -> None:
+        try:
+            self.k = 1.0 / self.u
+            best = self.k
+        except ZeroDivisionError:
+            best = 1.0
+        except TypeError:
+            best = 2.0
+        self.k = best + 1.0
+
+
+@refused("outside of `except`")
+class RaiseInAFunctionThatAHandlerCalls(Program):
+    def again(self) -> None:
+        raise
+
+    def control(self) -> None:
+        try:
+            self.k = 1.0 / self.u
+        except ZeroDivisionError:
+            self.again()
+
+
+@refused("a call in a text")
+class MessageThatChangesSomething(Program):
+    def bump(self) -> float:
+        self.k += 1.0
+        return self.k
+
+    def control(self) -> None:
+        with suppress(ValueError):
+            if self.u > 1.0:
+                raise ValueError(f"{self.bump()}")
+
+
+@refused("a call in a text")
+class PrintThatChangesSomething(Program):
+    def bump(self) -> float:
+        self.k += 1.0
+        return self.k
+
+    def control(self) -> None:
+        print(self.bump())
+
+
+@refused("an object is returned, and elsewhere a number")
+class ObjectOrNumber(Program):
+    def begin(self) -> None:
+        self.helper = Helper()
+
+    def found(self) -> Any:
+        if self.u > 1.0:
+            return self.helper
+        return 1.0
+
+    def control(self) -> None:
+        self.yes = self.found() == 1.0
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> dict[Any, Played]:
+    return CASES.played(tmp_path_factory.mktemp("c"))
+
+
+@needs_a_compiler
+@pytest.mark.parametrize("kind", CASES.equal)
+def test_it_is_what_python_does(kind: Any, results: dict[Any, Played]) -> None:
+    check_equal(results[kind])
+
+
+@needs_a_compiler
+@pytest.mark.parametrize("kind", CASES.refused)
+def test_it_is_refused_with_its_line(kind: Any, results: dict[Any, Played]) -> None:
+    check_refused(results[kind], CASES.refused[kind], __file__)

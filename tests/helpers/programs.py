@@ -1,0 +1,690 @@
+"""Control programs at random, as text of Python: what translates, in every context, and what has to be refused.
+
+A seed gives a program. It has a class `Program` with `control()`, for `helpers.side_by_side`: attributes of every kind,
+helpers, lists, arrays, tuples and states; statements and expressions are nested at random. Some are snippets of what
+was once translated wrongly: they are in the list `HAZARDS`, and are put into any place of any program.
+"""
+
+from __future__ import annotations
+
+import linecache
+import math
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from random import Random
+from types import ModuleType
+from typing import Any
+
+HEAD = """\
+import functools
+import math
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from umo.states import OnOff
+
+
+class Mode(Enum):
+    OFF = 0
+    HEAT = 1
+    COOL = 2
+
+
+class Level(IntEnum):
+    NONE = 0
+    SOME = 1
+    MORE = 2
+
+
+class Pair(NamedTuple):
+    first: float
+    second: float
+
+
+class Count(NamedTuple):
+    number: int
+    yes: bool
+
+
+class Part:
+    total = 0
+    shared = [1.0, 2.0, 3.0]
+
+    def __init__(self, gain: float) -> None:
+        self.gain = gain
+        self.count = 0
+        self.last: float | None = None
+
+    def scaled(self, x: float) -> float:
+        self.count += 1
+        return self.gain * x
+
+    @property
+    def half(self) -> float:
+        return self.gain / 2.0
+
+    @half.setter
+    def half(self, value: float) -> None:
+        self.gain = value * 2.0
+
+    @cached_property
+    def once(self) -> float:
+        return self.gain
+
+
+@dataclass(frozen=True)
+class Frozen:
+    k: float = 1.0
+
+
+def doubled(function: Any) -> Any:
+    @functools.wraps(function)
+    def wrapper(self: Any, number: float) -> float:
+        return 2.0 * function(self, number)
+
+    return wrapper
+
+
+class Program:
+    maybe: float | None
+    last: float | None
+    count: int | None
+    side: Mode | None
+
+    def __init__(self, rig: Any) -> None:
+        self.x, self.a, self.b, self.fan = rig.x, rig.a, rig.b, rig.fan
+        self.u, self.v, self.n, self.i, self.on, self.maybe, self.mode = 0.0, 0.0, 0, 0, False, None, Mode.OFF
+        self.s, self.t, self.c, self.d, self.yes = 0.0, 1.0, 0, 1, True
+        self.last, self.count, self.side, self.level = None, None, None, Level.NONE
+        self.row, self.cells, self.marks = [1.0, 2.0, 4.0], [1, 2, 3, 4], [True, False]
+        self.array, self.other = np.zeros(3), np.ones(3)
+        self.pair, self.two = Pair(1.0, 2.0), (1, 2.0)
+        self.part, self.spare = Part(2.0), Part(0.5)
+        self.frozen = Frozen()
+        self.parts = [self.part, self.spare]
+{begin}
+    def bump(self) -> int:
+        self.c = (self.c + 1) % 100
+        return self.c % 3
+
+    def clears(self) -> bool:
+        self.last = None
+        return self.c > 1
+
+    def pairs(self, x: float, n: int = 1) -> tuple[float, int]:
+        if n > 2:
+            return x, 0
+        return x * 0.5, n
+
+    @doubled
+    def helped(self, number: float) -> float:
+        return number + 1.0
+"""
+REALS = ["0.0", "1.0", "-1.0", "0.5", "2.5", "-2.0", "3.0", "100.0", "1e300", "0.1"]
+WHOLES = ["0", "1", "2", "3", "-1", "7", "-5", "100", "65536"]
+NEVER = 0.0
+Write = Callable[["Writer"], list[str]]
+
+
+class Writer:
+    """The text of one program."""
+
+    def __init__(self, random: Random, hazards: float) -> None:
+        self.random, self._hazards = random, hazards
+        self.begin: list[str] = []
+        self.used: list[str] = []
+        """Names of the hazards that are in it."""
+        self.reals: list[str] = []
+        self.wholes: list[str] = []
+        """Local names that have a value here."""
+        self._depth = 0
+        self._names = 0
+        self._in_loop = False
+
+    def pick(self, *options: str) -> str:
+        return self.random.choice(options)
+
+    def chance(self, share: float) -> bool:
+        return self.random.random() < share
+
+    def new(self, stem: str = "v") -> str:
+        self._names += 1
+        return f"{stem}{self._names}"
+
+    # Expressions ---------------------------------------------------------------------------------------
+
+    def real(self, depth: int = 2) -> str:
+        if depth <= 0 or self.chance(0.25):
+            local = self.pick(*self.reals) if self.reals else "self.u"
+            return self.pick(
+                "self.u", "self.v", "self.s", "self.t", local, local, self.pick(*REALS), "self.x.read()",
+                "self.part.gain", "self.pair.first", "self.row[1]", "self.part.half",
+            )  # fmt: skip
+        r, w, b = (lambda: self.real(depth - 1)), (lambda: self.whole(depth - 1)), (lambda: self.truth(depth - 1))
+        options: list[Callable[[], str]] = [
+            lambda: f"({r()} {self.pick('+', '-', '*', '/', '//', '%')} {r()})",
+            lambda: f"({r()} {self.pick('+', '-', '*', '/')} {w()})",
+            lambda: f"({w()} {self.pick('+', '-', '*', '/')} {r()})",
+            lambda: f"(-{r()})",
+            lambda: f"abs({r()})",
+            lambda: f"{self.pick('max', 'min')}({r()}, {r()})",
+            lambda: f"{self.pick('max', 'min')}({r()}, {r()}, {r()})",
+            lambda: f"float({self.pick(w(), b(), r())})",
+            lambda: f"({r()} if {b()} else {r()})",
+            lambda: f"({r()} {self.pick('and', 'or')} {r()})",
+            lambda: f"math.{self.pick('sqrt', 'floor', 'fabs', 'log', 'exp', 'sin', 'ceil')}({r()}) * 1.0",
+            lambda: f"math.copysign({r()}, {r()})",
+            lambda: f"self.row[{w()}]",
+            lambda: f"sum({self.pick('self.row', f'({r()}, {r()})')})",
+            lambda: f"sum(each * {r()} for each in self.row)",
+            lambda: f"self.{self.pick('part', 'spare')}.scaled({r()})",
+            lambda: f"{self.pick('max', 'min')}(self.row)",
+            lambda: f"self.pairs({r()}, n={w()})[0]",
+            lambda: f"self.pairs({r()})[0]",
+            lambda: f"Pair({r()}, {r()}).second",
+            lambda: f"float(self.array[{self.pick('0', '1', '-1')}])",
+            lambda: f"float(self.array.{self.pick('sum', 'max', 'min')}())",
+            lambda: f"({self.pick('self.maybe', 'self.last')} or {r()})",
+            lambda: f"({r()} ** {self.pick('2.0', '0.5', '-1.0', r())})",
+            lambda: f"self.helped({r()})",
+            lambda: f"round({r()}) * 0.5",
+        ]
+        return self.random.choice(options)()
+
+    def whole(self, depth: int = 2) -> str:
+        if depth <= 0 or self.chance(0.3):
+            local = self.pick(*self.wholes) if self.wholes else "self.n"
+            return self.pick("self.n", "self.i", "self.c", "self.d", local, local, self.pick(*WHOLES), "self.cells[2]",
+                             "self.part.count")  # fmt: skip
+        w, b = (lambda: self.whole(depth - 1)), (lambda: self.truth(depth - 1))
+        options: list[Callable[[], str]] = [
+            lambda: f"({w()} {self.pick('+', '-', '*', '//', '%')} {w()})",
+            lambda: f"(-{w()})",
+            lambda: f"abs({self.pick(w(), b())})",
+            lambda: f"{self.pick('max', 'min')}({w()}, {w()})",
+            lambda: f"{self.pick('int', 'round', 'math.floor', 'math.ceil', 'math.trunc')}({self.real(depth - 1)})",
+            lambda: f"int({b()})",
+            lambda: f"({w()} if {b()} else {w()})",
+            lambda: f"({w()} {self.pick('and', 'or')} {w()})",
+            lambda: f"self.cells[{w()} % 4]",
+            lambda: f"len({self.pick('self.row', 'self.cells', 'self.array')})",
+            lambda: f"sum({self.pick('self.cells', 'self.marks')})",
+            lambda: f"({w()} + ({b()}))",
+            lambda: "self.bump()",
+            lambda: f"self.pairs({self.real(depth - 1)}, {w()})[1]",
+        ]
+        return self.random.choice(options)()
+
+    def truth(self, depth: int = 2) -> str:
+        if depth <= 0 or self.chance(0.15):
+            return self.pick("self.on", "self.yes", "self.marks[0]", "self.maybe is None", "self.last is not None")
+        r, w, b = (lambda: self.real(depth - 1)), (lambda: self.whole(depth - 1)), (lambda: self.truth(depth - 1))
+        sign = lambda: self.pick("<", "<=", ">", ">=", "==", "!=")  # noqa: E731
+        options: list[Callable[[], str]] = [
+            lambda: f"({r()} {sign()} {r()})",
+            lambda: f"({w()} {sign()} {w()})",
+            lambda: f"({w()} {sign()} {r()})",
+            lambda: f"({r()} {self.pick('<', '<=')} {r()} {self.pick('<', '<=')} {r()})",
+            lambda: f"({w()} {self.pick('<', '==')} {w()} {self.pick('<', '!=')} {w()} < {w()})",
+            lambda: f"({b()} {self.pick('and', 'or')} {b()})",
+            lambda: f"({b()} {self.pick('and', 'or')} {b()} {self.pick('and', 'or')} {b()})",
+            lambda: f"(not {b()})",
+            lambda: f"bool({self.pick(r(), w())})",
+            lambda: f"(self.mode {self.pick('is', 'is not', '==', '!=')} Mode.{self.pick('OFF', 'HEAT', 'COOL')})",
+            lambda: f"(self.side {self.pick('is', 'is not', '==', '!=')} {self.pick('Mode.OFF', 'Mode.COOL', 'None')})",
+            lambda: f"(self.side {self.pick('in', 'not in')} (Mode.OFF, {self.pick('None', 'Mode.HEAT')}))",
+            lambda: f"({w()} {self.pick('in', 'not in')} ({w()}, {w()}, 3))",
+            lambda: f"({self.pick('self.maybe', 'self.last')} {self.pick('is', 'is not', '==', '!=')} None)",
+            lambda: f"({self.pick('self.maybe', 'self.count')} {self.pick('==', '!=')} {self.pick(r(), w())})",
+            lambda: f"{self.pick('any', 'all')}({self.pick('self.row', 'self.marks', 'self.cells')})",
+            lambda: f"{self.pick('any', 'all')}(each > {r()} for each in {self.pick('self.row', f'({r()}, {r()})')})",
+            lambda: f"any({r()} / each > 1.0 for each in (self.u, {r()}) if each > {self.pick('0.0', '1.0')})",
+            lambda: f"math.{self.pick('isfinite', 'isnan', 'isinf')}({r()})",
+            lambda: f"(self.maybe is not None and self.maybe > {r()})",
+            lambda: f"(self.last is None or self.last < {r()})",
+            lambda: f"(self.fan.pending is OnOff.{self.pick('ON', 'OFF')})",
+        ]
+        return self.random.choice(options)()
+
+    def array(self, depth: int = 2) -> str:
+        if depth <= 0 or self.chance(0.3):
+            return self.pick("self.array", "self.other", "np.zeros(3)", "np.ones(3)")
+        a = lambda: self.array(depth - 1)  # noqa: E731
+        options: list[Callable[[], str]] = [
+            lambda: f"({a()} {self.pick('+', '-', '*', '/')} {self.pick(a(), self.real(1))})",
+            lambda: f"np.where({a()} > {self.real(1)}, {a()}, {self.pick(a(), '0.0')})",
+            lambda: f"np.clip({a()}, -1.0, {self.real(0)})",
+            lambda: f"np.{self.pick('maximum', 'minimum')}({a()}, {self.pick(a(), self.real(0))})",
+            lambda: f"np.{self.pick('abs', 'floor', 'nan_to_num')}({a()})",
+            lambda: f"{a()}.copy()",
+        ]
+        return self.random.choice(options)()
+
+    def optional(self) -> str:
+        return self.pick(
+            "None", self.real(1), "self.maybe", "self.last", f"(None if {self.truth(1)} else {self.real(1)})"
+        )
+
+    # Statements ----------------------------------------------------------------------------------------
+
+    def block(self, most: int = 3) -> list[str]:
+        """Some statements, one deeper; local names that they make are no longer used after it."""
+        self._depth += 1
+        reals, wholes = list(self.reals), list(self.wholes)
+        lines = [line for _ in range(self.random.randint(1, most)) for line in self.statement()]
+        self.reals, self.wholes = reals, wholes
+        self._depth -= 1
+        return [f"    {line}" for line in lines]
+
+    def statement(self) -> list[str]:
+        if self.chance(self._hazards):
+            write = self.random.choice(HAZARDS)
+            self.used.append(write.__name__)
+            return write(self)
+        if self._depth < 3 and self.chance(0.35):
+            return self.random.choice(COMPOUND)(self)
+        return self.random.choice(SIMPLE)(self)
+
+
+def _real_name(w: Writer) -> list[str]:
+    value = w.real()
+    name = w.new() if w.chance(0.6) or not w.reals else w.pick(*w.reals)
+    w.reals.append(name)
+    return [f"{name} = {value} * 1.0"]
+
+
+def _whole_name(w: Writer) -> list[str]:
+    value = w.whole()
+    name = w.new("w") if w.chance(0.6) or not w.wholes else w.pick(*w.wholes)
+    w.wholes.append(name)
+    return [f"{name} = {value}"]
+
+
+def _changed(w: Writer) -> list[str]:
+    target = w.pick("self.s", "self.t", "self.part.gain", "self.spare.gain", "self.row[0]", *w.reals)
+    return [f"{target} {w.pick('+=', '-=', '*=', '/=')} {w.real()}"]
+
+
+def _counted(w: Writer) -> list[str]:
+    return [
+        f"{w.pick('self.c', 'self.d', 'self.part.count', 'self.cells[1]', *w.wholes)} {w.pick('+=', '-=')} {w.whole()}"
+    ]
+
+
+SIMPLE: Sequence[Write] = [
+    _real_name,
+    _whole_name,
+    _changed,
+    _counted,
+    lambda w: [f"{w.pick('self.s', 'self.t', 'self.part.gain', 'self.spare.half')} = {w.real()} * 1.0"],
+    lambda w: [f"{w.pick('self.c', 'self.d')} = {w.whole()}"],
+    lambda w: [f"self.yes = {w.truth()}"],
+    lambda w: [f"self.last = {w.optional()}"],
+    lambda w: [f"self.count = {w.pick('None', w.whole(1))}"],
+    lambda w: [f"self.mode = Mode.{w.pick('OFF', 'HEAT')} if {w.truth(1)} else Mode.COOL"],
+    lambda w: [f"self.side = {w.pick('None', 'Mode.OFF', 'Mode.COOL', 'self.mode')}"],
+    lambda w: [f"self.row[{w.pick('0', '1', '-1', w.whole(1))}] = {w.real(1)} * 1.0"],
+    lambda w: [f"self.cells[{w.pick('0', '1', '-1', w.whole(1))}] = {w.whole(1)}"],
+    lambda w: [f"self.marks[{w.pick('0', '1')}] = {w.truth(1)}"],
+    lambda w: [f"self.{w.pick('array', 'other')} = {w.array()}"],
+    lambda w: [f"self.array[{w.pick('0', '1', '2')}] {w.pick('=', '=', '+=')} {w.real(1)}"],
+    lambda w: [f"self.pair = Pair({w.real(1)} * 1.0, {w.real(1)} * 1.0)"],
+    lambda w: [f"self.a.write({w.real()})"],
+    lambda w: [f"self.b.write({w.pick(w.real(1), w.whole(1))})"],
+    lambda w: [f"self.fan.write(OnOff.ON if {w.truth(1)} else OnOff.OFF)"],
+    lambda w: [f"self.s, self.t = {w.real(1)} * 1.0, {w.real(1)} * 1.0"],
+    lambda w: [f"self.{w.pick('bump', 'clears')}()"],
+    lambda w: [f"self.two = ({w.whole(1)}, {w.real(1)} * 1.0)"],
+]
+
+
+def _if(w: Writer) -> list[str]:
+    lines = [f"if {w.truth()}:", *w.block()]
+    if w.chance(0.3):
+        lines += [f"elif {w.truth()}:", *w.block(2)]
+    return [*lines, "else:", *w.block()] if w.chance(0.5) else lines
+
+
+def _loop(w: Writer, head: str, name: str, whole: bool) -> list[str]:
+    reals, wholes, inside = list(w.reals), list(w.wholes), w._in_loop
+    (w.wholes if whole else w.reals).append(name)
+    w._in_loop = True
+    body = w.block()
+    if w.chance(0.4):
+        body += [f"    if {w.truth(1)}:", f"        {w.pick('break', 'continue')}"]
+        body += w.block(1)
+    w.reals, w.wholes, w._in_loop = reals, wholes, inside
+    return [head, *body]
+
+
+def _range(w: Writer) -> list[str]:
+    name = w.new("k")
+    ends = w.pick("3", f"{w.whole(1)} % 5", f"1, {w.whole(0)} % 6, 2", f"{w.whole(0)} % 5, 0, -1")
+    return _loop(w, f"for {name} in range({ends}):", name, whole=True)
+
+
+def _over(w: Writer) -> list[str]:
+    name = w.new("e")
+    over, whole = w.random.choice([("self.row", False), ("self.cells", True), (f"({w.real(1)} * 1.0, 2.0)", False)])
+    return _loop(w, f"for {name} in {over}:", name, whole)
+
+
+def _while(w: Writer) -> list[str]:
+    name = w.new("q")
+    loop = _loop(w, f"while {name} > 0:", name, whole=True)
+    return [f"{name} = {w.whole(1)} % 4", loop[0], f"    {name} -= 1", *loop[1:]]
+
+
+def _try(w: Writer) -> list[str]:
+    kind = w.pick("ZeroDivisionError", "ArithmeticError", "(ValueError, TypeError)", "Exception")
+    lines = ["try:", *w.block()]
+    if w.chance(0.7):
+        lines += [f"except {kind}:", *w.block(2)]
+        if w.chance(0.2):
+            lines += ["else:", *w.block(1)]
+        return [*lines, "finally:", *w.block(1)] if w.chance(0.3) else lines
+    return [*lines, "finally:", *w.block(2)]
+
+
+COMPOUND: Sequence[Write] = [
+    _if,
+    _if,
+    _range,
+    _over,
+    _while,
+    _try,
+    lambda w: ["with suppress(ZeroDivisionError, ValueError):", *w.block(2)],
+    lambda w: ["for part in self.parts:", *w.block(2), f"    part.gain += {w.real(1)}"],
+    lambda w: [f"if (found := {w.real(1)}) > 1.0:", "    self.s = found * 1.0", *w.block(1)],
+    lambda w: ["match self.mode:", "    case Mode.OFF | Mode.HEAT:", *(f"    {x}" for x in w.block(2)),
+               "    case _:", *(f"    {x}" for x in w.block(2))],
+    lambda w: [f"if {w.truth(1)}:", *w.block(1), "    return"],
+    lambda w: [f"if {w.truth(1)}:", f"    raise {w.pick('ValueError', 'ZeroDivisionError')}('no')"],
+]  # fmt: skip
+
+
+# What was once translated wrongly ------------------------------------------------------------------------------------
+
+
+def real_in_whole_list(w: Writer) -> list[str]:
+    return [f"self.cells[1] = {w.real(1)}", f"self.s += self.cells[1] * {w.real(0)}"]
+
+
+def number_in_bool_list(w: Writer) -> list[str]:
+    return [f"self.marks[0] = {w.whole(1)}", "self.c = self.marks[0] + 1"]
+
+
+def mixed_sign(w: Writer) -> list[str]:
+    return [f"self.s = -{w.pick('max', 'min')}(0, {w.real(1)})"]
+
+
+def mixed_name(w: Writer) -> list[str]:
+    name = w.new("m")
+    return [f"{name} = 0", f"if {w.truth(1)}:", f"    {name} = {w.real(1)} * 1.0", f"self.s = {name} * {w.whole(0)}",
+            f"self.t = {w.pick('-', '', '1.0 * ')}{name}"]  # fmt: skip
+
+
+def alias_of_a_list(w: Writer) -> list[str]:
+    if "self.same = self.row" not in w.begin:
+        w.begin.append("self.same = self.row")
+    return [f"self.row[0] = {w.real(1)} * 1.0", "self.s += self.same[0]"]
+
+
+def view_of_an_array(w: Writer) -> list[str]:
+    if "self.head = self.other[:2]" not in w.begin:
+        w.begin.append("self.head = self.other[:2]")
+    return [f"self.other[1] = {w.real(1)}", "self.s += float(self.head[1])"]
+
+
+def alias_of_an_object(w: Writer) -> list[str]:
+    if "self.twin = self.part" not in w.begin:
+        w.begin.append("self.twin = self.part")
+    return [f"self.twin.gain = {w.real(1)} * 1.0", "self.s = self.part.gain * 1.0"]
+
+
+def local_alias(w: Writer) -> list[str]:
+    name = w.new("z")
+    return [f"{name} = self.{w.pick('row', 'array')}", f"self.row[1] = {w.real(1)} * 1.0",
+            f"self.array[1] = {w.real(1)}", f"self.s = float({name}[1]) * 1.0"]  # fmt: skip
+
+
+def list_of_a_class(w: Writer) -> list[str]:
+    return [f"self.part.shared[0] = {w.real(1)} * 1.0", "self.s = self.spare.shared[0] * 1.0"]
+
+
+def counter_of_a_class(w: Writer) -> list[str]:
+    return ["Part.total += 1", "self.c = self.part.total"]
+
+
+def frozen_object(w: Writer) -> list[str]:
+    return [f"self.frozen.k = {w.real(1)} * 1.0"]
+
+
+def computed_once(w: Writer) -> list[str]:
+    return [f"self.part.gain = {w.real(1)} * 1.0", "self.s = self.part.once * 1.0"]
+
+
+def setter(w: Writer) -> list[str]:
+    return [f"self.part.half = {w.real(1)}", "self.s = self.part.gain * 1.0"]
+
+
+def place_found_once(w: Writer) -> list[str]:
+    return [f"self.cells[self.bump()] {w.pick('+=', '-=')} {w.pick('1', 'self.bump()')}"]
+
+
+def place_found_first(w: Writer) -> list[str]:
+    return ["self.c = self.c % 3", "self.row[self.c] += self.bump() * 1.0"]
+
+
+def order_of_arguments(w: Writer) -> list[str]:
+    return ["self.s = self.pairs(self.c * 1.0, self.bump())[0]", "self.two = (self.bump(), self.c * 1.0)"]
+
+
+def tuple_then_call(w: Writer) -> list[str]:
+    return ["self.s = max((self.c * 1.0, self.bump() * 1.0, self.c * 1.0))"]
+
+
+def late_name(w: Writer) -> list[str]:
+    name = w.new("late")
+    return [
+        f"for {w.new('k')} in range({w.whole(1)} % 3):",
+        f"    {name} = {w.real(1)} * 1.0",
+        f"self.s = {name} * 1.0",
+    ]
+
+
+def late_name_of_try(w: Writer) -> list[str]:
+    name = w.new("late")
+    return [
+        "try:",
+        f"    {name} = 1.0 / {w.real(1)}",
+        "except ZeroDivisionError:",
+        "    pass",
+        f"self.s = {name} * 1.0",
+    ]
+
+
+def late_name_in_finally(w: Writer) -> list[str]:
+    name = w.new("late")
+    return ["try:", f"    {name} = 1.0 / {w.real(1)}", "finally:", f"    self.s = {name} * 1.0"]
+
+
+def name_not_asked(w: Writer) -> list[str]:
+    name = w.new("walrus")
+    return [f"if {w.truth(1)} and ({name} := {w.real(1)} * 1.0) > 0.0:", "    self.c = 1", f"self.s = {name} * 1.0"]
+
+
+def leaking_name(w: Writer) -> list[str]:
+    name = w.new("each")
+    return [f"{name} = {w.real(1)} * 1.0", f"self.yes = any({name} > {w.real(0)} for {name} in (2.0, {w.real(0)}))",
+            f"self.s = {name} * 1.0"]  # fmt: skip
+
+
+def none_after_continue(w: Writer) -> list[str]:
+    return ["for limit in (1.0, 2.0):", f"    if {w.pick('self.maybe', 'self.last')} is None:", "        continue",
+            "    self.t += limit", f"self.s = {w.pick('self.maybe', 'self.last')} + 1.0"]  # fmt: skip
+
+
+def none_after_a_call(w: Writer) -> list[str]:
+    return ["self.last = self.u * 1.0", "if self.last is not None and self.clears():", "    self.s = self.last + 1.0"]
+
+
+def none_after_a_handler(w: Writer) -> list[str]:
+    return ["try:", f"    self.s = self.maybe / {w.real(1)}", "except TypeError:", "    self.s = self.maybe + 1.0"]
+
+
+def none_assigned(w: Writer) -> list[str]:
+    return ["self.last = self.maybe", "self.s = self.last + 1.0"]
+
+
+def not_none(w: Writer) -> list[str]:
+    return ["if self.maybe != None:", "    self.s = self.maybe * 1.0"]
+
+
+def filtered(w: Writer) -> list[str]:
+    return [f"self.yes = all(1.0 / each > {w.real(0)} for each in (self.u, 0.0, {w.real(0)}) if each != 0.0)"]
+
+
+def rebound_array(w: Writer) -> list[str]:
+    return ["for each in self.array:", "    self.s += float(each)", f"    self.array = self.array * {w.real(1)}"]
+
+
+def range_to_the_end(w: Writer) -> list[str]:
+    return [f"for {w.new('k')} in range({w.pick('2147483640', 'self.n')}, 2147483647, {w.pick('5', '1000000007')}):",
+            "    self.d = self.d % 1000 + 1", "    if self.d > 50:", "        break"]  # fmt: skip
+
+
+def range_of_reals(w: Writer) -> list[str]:
+    return [f"for {w.new('k')} in range({w.real(0)}):", "    self.c = 2", "    break"]
+
+
+def small_numbers(w: Writer) -> list[str]:
+    if "self.small = np.zeros(2, np.int8)" not in w.begin:
+        w.begin.append("self.small = np.zeros(2, np.int8)")
+    return ["self.small = self.small + 100", "self.c = int(self.small[0])"]
+
+
+def class_of_a_number(w: Writer) -> list[str]:
+    name = w.new("kind")
+    return [f"{name} = 0", f"if {w.truth(1)}:", f"    {name} = {w.real(1)} * 1.0",
+            f"self.c = 1 if isinstance({name}, float) else 2"]  # fmt: skip
+
+
+def logarithm(w: Writer) -> list[str]:
+    return [f"self.s = math.log({w.real(1)}) * 1.0", f"self.t = {w.real(1)} ** {w.real(1)}"]
+
+
+def nan_among(w: Writer) -> list[str]:
+    return [f"self.yes = self.u in (self.u, {w.real(0)})"]
+
+
+def list_and_tuple(w: Writer) -> list[str]:
+    return [f"self.yes = [{w.whole(0)}, 1] == ({w.whole(0)}, 1)"]
+
+
+def levels(w: Writer) -> list[str]:
+    return [f"self.level = Level.SOME if {w.truth(1)} else Level.NONE", "if self.level:", "    self.c = 3",
+            f"self.yes = self.level {w.pick('== 1', 'is Level.SOME', '== Level.NONE', '> Level.NONE')}"]  # fmt: skip
+
+
+def truth_of_a_state(w: Writer) -> list[str]:
+    return ["if self.fan.pending:", "    self.c = 3"]
+
+
+def odd_names(w: Writer) -> list[str]:
+    names = w.random.sample(
+        ["x", "_x", "x_", "m", "out", "fault", "t1", "n1", "isnan", "double", "umo_max", "NAN", "machine_reals_3",
+         "v_x", "sin", "errno", "p0", "py_bump", "k1", "end1"], 4)  # fmt: skip
+    lines = [f"{name} = {w.real(1)} * 1.0" for name in names]
+    return [*lines, f"self.s = {' - '.join(names)}"]
+
+
+def message_with_a_call(w: Writer) -> list[str]:
+    return [f"if {w.truth(1)}:", "    raise ValueError(f'{self.bump()}')"]
+
+
+def numpy_bools(w: Writer) -> list[str]:
+    return ["self.c = int((self.array[0] > 0.0) + (self.array[1] >= 0.0))"]
+
+
+def numpy_number(w: Writer) -> list[str]:
+    return [f"self.s = float({w.pick('max', 'min')}(self.array[0], self.array[1]) / self.array[2])"]
+
+
+def returned_array(w: Writer) -> list[str]:
+    return ["self.array = self.other", f"self.other = self.array + {w.real(1)}", f"self.other[0] = {w.real(1)}"]
+
+
+def constant_array(w: Writer) -> list[str]:
+    if "self.GAINS = np.ones(3)" not in w.begin:
+        w.begin.append("self.GAINS = np.ones(3)")
+    return [f"self.GAINS {w.pick('+=', '*=')} {w.real(1)}", "self.s = float(self.GAINS[0])"]
+
+
+def deleted(w: Writer) -> list[str]:
+    return [w.pick("del self.row[0]", "self.row.append(1.0)", "self.row.sort()", "self.__dict__['s'] = 1.0",
+                   "setattr(self, 's', 2.0)", "self.row = [2.0, 3.0, 4.0]", "self.s = self.row.pop()")]  # fmt: skip
+
+
+HAZARDS: Sequence[Write] = [
+    real_in_whole_list, number_in_bool_list, mixed_sign, mixed_name, alias_of_a_list, view_of_an_array,
+    alias_of_an_object, local_alias, list_of_a_class, counter_of_a_class, frozen_object, computed_once, setter,
+    place_found_once, place_found_first, order_of_arguments, tuple_then_call, late_name, late_name_of_try,
+    late_name_in_finally, name_not_asked, leaking_name, none_after_continue, none_after_a_call, none_after_a_handler,
+    none_assigned, not_none, filtered, rebound_array, range_to_the_end, range_of_reals, small_numbers,
+    class_of_a_number, logarithm, nan_among, list_and_tuple, levels, truth_of_a_state, odd_names, message_with_a_call,
+    numpy_bools, numpy_number, returned_array, constant_array, deleted,
+]  # fmt: skip
+RATE = 0.06
+"""The share of statements that are hazards."""
+
+
+def program(seed: int) -> str:
+    """The text of a program."""
+    random = Random(f"program {seed}")
+    w = Writer(random, RATE if random.random() < 0.75 else NEVER)
+    lines = [line for _ in range(random.randint(2, 6)) for line in w.statement()]
+    begin = "".join(f"        {line}\n" for line in w.begin)
+    body = "".join(f"        {line}\n" for line in lines)
+    return f"{HEAD.replace('{begin}', begin)}\n    def control(self) -> None:\n{body}"
+
+
+def made(text: str, name: str) -> Callable[[Any], Any]:
+    """The class `Program` of a text, whose source is found under this name."""
+    file = f"/programs/{name}.py"
+    linecache.cache[file] = len(text), None, text.splitlines(keepends=True), file
+    module = sys.modules[name] = ModuleType(name)  # annotations are looked up there
+    exec(compile(text, file, "exec", dont_inherit=True), vars(module))
+    maker: Callable[[Any], Any] = module.Program
+    return maker
+
+
+REAL_WORDS = [0.0, -0.0, 1.0, -1.0, 2.5, math.nan, math.inf, -math.inf, 1e300, 5e-324, 3.0]
+WHOLE_WORDS = [0, 1, -1, 2, 3, 2**31 - 1, -(2**31) + 1]
+
+
+def inputs(seed: int, trials: int, mode: Any) -> list[list[Mapping[str, Any]]]:
+    """Inputs of some trials, each of one to four periods."""
+    random = Random(f"inputs {seed}")
+
+    def real() -> float:
+        return random.choice(REAL_WORDS) if random.random() < 0.3 else round(random.uniform(-5.0, 5.0), 2)
+
+    def whole() -> int:
+        return random.choice(WHOLE_WORDS) if random.random() < 0.1 else random.randint(-4, 6)
+
+    return [
+        [
+            {
+                "x": random.randint(-20, 20), "u": real(), "v": real(), "n": whole(), "i": whole(),
+                "on": random.random() < 0.5, "maybe": random.choice((None, real())), "mode": random.choice([*mode]),
+            }
+            for _ in range(random.randint(1, 4))
+        ]
+        for _ in range(trials)
+    ]  # fmt: skip
