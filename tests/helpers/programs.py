@@ -137,20 +137,23 @@ class Writer:
     def __init__(self, random: Random, hazards: float) -> None:
         self.random, self._hazards = random, hazards
         self.begin: list[str] = []
-        self.used: list[str] = []
-        """Names of the hazards that are in it."""
         self.reals: list[str] = []
         self.wholes: list[str] = []
         """Local names that have a value here."""
         self._depth = 0
         self._names = 0
-        self._in_loop = False
+        self.turns: list[str] = []
+        """Names that count the turns of loops: nothing is assigned to them, so that loops end."""
 
     def pick(self, *options: str) -> str:
         return self.random.choice(options)
 
     def chance(self, share: float) -> bool:
         return self.random.random() < share
+
+    def assigned(self, names: Sequence[str]) -> list[str]:
+        """Those of these names to which something may be assigned."""
+        return [name for name in names if name not in self.turns]
 
     def new(self, stem: str = "v") -> str:
         self._names += 1
@@ -283,37 +286,45 @@ class Writer:
 
     def statement(self) -> list[str]:
         if self.chance(self._hazards):
-            write = self.random.choice(HAZARDS)
-            self.used.append(write.__name__)
-            return write(self)
+            return self.random.choice(HAZARDS)(self)
         if self._depth < 3 and self.chance(0.35):
             return self.random.choice(COMPOUND)(self)
         return self.random.choice(SIMPLE)(self)
 
+    def with_hazard(self, write: Write) -> list[str]:
+        """A hazard by itself, or inside of another statement."""
+        lines = write(self)
+        if self.chance(0.6):
+            return lines
+        head = self.pick(f"if {self.truth()}:", "for part in self.parts:", "for turn in range(2):", "try:")
+        tail = ["except ZeroDivisionError:", "    self.c = 5"] if head == "try:" else []
+        return [head, *(f"    {line}" for line in lines), *tail]
+
 
 def _real_name(w: Writer) -> list[str]:
     value = w.real()
-    name = w.new() if w.chance(0.6) or not w.reals else w.pick(*w.reals)
+    others = w.assigned(w.reals)
+    name = w.new() if w.chance(0.6) or not others else w.pick(*others)
     w.reals.append(name)
     return [f"{name} = {value} * 1.0"]
 
 
 def _whole_name(w: Writer) -> list[str]:
     value = w.whole()
-    name = w.new("w") if w.chance(0.6) or not w.wholes else w.pick(*w.wholes)
+    others = w.assigned(w.wholes)
+    name = w.new("w") if w.chance(0.6) or not others else w.pick(*others)
     w.wholes.append(name)
     return [f"{name} = {value}"]
 
 
 def _changed(w: Writer) -> list[str]:
-    target = w.pick("self.s", "self.t", "self.part.gain", "self.spare.gain", "self.row[0]", *w.reals)
+    target = w.pick("self.s", "self.t", "self.part.gain", "self.spare.gain", "self.row[0]", *w.assigned(w.reals))
     return [f"{target} {w.pick('+=', '-=', '*=', '/=')} {w.real()}"]
 
 
 def _counted(w: Writer) -> list[str]:
-    return [
-        f"{w.pick('self.c', 'self.d', 'self.part.count', 'self.cells[1]', *w.wholes)} {w.pick('+=', '-=')} {w.whole()}"
-    ]
+    target = w.pick("self.c", "self.d", "self.part.count", "self.cells[1]", *w.assigned(w.wholes))
+    return [f"{target} {w.pick('+=', '-=')} {w.whole()}"]
 
 
 SIMPLE: Sequence[Write] = [
@@ -351,14 +362,14 @@ def _if(w: Writer) -> list[str]:
 
 
 def _loop(w: Writer, head: str, name: str, whole: bool) -> list[str]:
-    reals, wholes, inside = list(w.reals), list(w.wholes), w._in_loop
+    reals, wholes = list(w.reals), list(w.wholes)
     (w.wholes if whole else w.reals).append(name)
-    w._in_loop = True
+    w.turns.append(name)
     body = w.block()
     if w.chance(0.4):
         body += [f"    if {w.truth(1)}:", f"        {w.pick('break', 'continue')}"]
         body += w.block(1)
-    w.reals, w.wholes, w._in_loop = reals, wholes, inside
+    w.reals, w.wholes = reals, wholes
     return [head, *body]
 
 
@@ -640,15 +651,21 @@ HAZARDS: Sequence[Write] = [
     class_of_a_number, logarithm, nan_among, list_and_tuple, levels, truth_of_a_state, odd_names, message_with_a_call,
     numpy_bools, numpy_number, returned_array, constant_array, deleted,
 ]  # fmt: skip
-RATE = 0.06
-"""The share of statements that are hazards."""
+RATE = 0.02
+"""The share of statements that are hazards, besides the one that every second program has."""
 
 
 def program(seed: int) -> str:
-    """The text of a program."""
+    """The text of a program. Of those with an odd seed each has the next hazard, at any place."""
     random = Random(f"program {seed}")
-    w = Writer(random, RATE if random.random() < 0.75 else NEVER)
-    lines = [line for _ in range(random.randint(2, 6)) for line in w.statement()]
+    w = Writer(random, RATE if random.random() < 0.5 else NEVER)
+    count = random.randint(2, 6)
+    hazard = random.randrange(count) if seed % 2 else -1
+    lines = []
+    for number in range(count):
+        if number == hazard:
+            lines += w.with_hazard(HAZARDS[seed // 2 % len(HAZARDS)])
+        lines += w.statement()
     begin = "".join(f"        {line}\n" for line in w.begin)
     body = "".join(f"        {line}\n" for line in lines)
     return f"{HEAD.replace('{begin}', begin)}\n    def control(self) -> None:\n{body}"
