@@ -1,13 +1,11 @@
-"""Objects, names, order and errors that C could take for something else: each program is equal to Python in every
+"""Objects, and several names for one, that C could take for something else: each program is equal to Python in every
 period, or it is refused with its file and line. Beside it stands its nearest neighbour that translates, if any.
 """
 
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -51,7 +49,7 @@ class Counted(NamedTuple):
 
 
 OTHER = other_pair()
-ONES = np.ones(3)
+ROW = [1.0, 2.0]
 
 
 class Helper:
@@ -113,6 +111,19 @@ class Compared:
 
     def __bool__(self) -> bool:
         return self.number > 1.0
+
+
+class Sized:
+    def __init__(self) -> None:
+        self.size = 1
+
+    def __len__(self) -> int:
+        return self.size
+
+
+class Sevens(list[float]):
+    def __getitem__(self, place: Any) -> Any:
+        return 7.0
 
 
 @dataclass(frozen=True)
@@ -288,6 +299,26 @@ class ListThatIsNoTuple(Program):
         self.c = int([self.n, 1] == (self.n, 1))
 
 
+@refused("what decides what its elements are")
+class SizeOfAnObject(Program):
+    def begin(self) -> None:
+        self.sized = Sized()
+
+    def control(self) -> None:
+        self.sized.size = self.n % 3
+        self.c = len(self.sized)
+
+
+@refused("")
+class ListOfItsOwnClass(Program):
+    def begin(self) -> None:
+        self.row = Sevens([1.0, 2.0])
+
+    def control(self) -> None:
+        self.row[0] = self.u
+        self.k = self.row[0] * 1.0
+
+
 # Several names for one thing ----------------------------------------------------------------------------------------
 
 
@@ -370,328 +401,50 @@ class ConstantArrayIsChanged(Program):
         self.k = float(self.GAINS[0])
 
 
-# Order --------------------------------------------------------------------------------------------------------------
-
-
-class WithNext(Program):
+@refused("may have another name")
+class ListOfAModule(Program):
     def begin(self) -> None:
-        self.row, self.at = [1.0, 2.0, 3.0], 0
-
-    def next(self) -> int:
-        self.at = (self.at + 1) % 3
-        return self.at
-
-
-@equal
-class PlaceIsFoundOnce(WithNext):
-    def control(self) -> None:
-        self.row[self.next()] += 1.0
-
-
-@equal
-class PlaceIsFoundFirst(WithNext):
-    def control(self) -> None:
-        self.row[self.at] += self.next()
-
-
-@refused("run twice")
-class ObjectIsFoundOnce(WithHelper):
-    def found(self) -> Helper:
-        self.c += 1
-        return self.helper
-
-    def control(self) -> None:
-        self.found().k += 1.0
-
-
-@equal
-class TupleBeforeACall(Program):
-    def begin(self) -> None:
-        self.at = 0
-
-    def bump(self) -> float:
-        self.k += 1.0
-        return self.k
-
-    def sum_of(self, pair: tuple[float, float], last: float) -> float:
-        return pair[0] + 10.0 * pair[1] + 100.0 * last
-
-    def control(self) -> None:
-        self.k = self.sum_of((self.k, self.u), self.bump())
-
-
-@equal
-class ElementsOfATupleStay(Program):
-    def control(self) -> None:
-        for each in (self.k, self.u, self.k):
-            self.k = each + 1.0
-        self.c = any(self.bumped(each) for each in (self.k, self.u))
-
-    def bumped(self, number: float) -> bool:
-        self.k += 1.0
-        self.u += 1.0
-        return number > 3.0
-
-
-@refused("is assigned in it")
-class LoopOverWhatIsRebound(Program):
-    def control(self) -> None:
-        values = np.zeros(3) + self.u
-        for each in values:
-            self.k += float(each)
-            values = ONES * 10.0
-        self.k += float(values[0])
-
-
-@refused("is assigned in it")
-class LoopOverAFieldThatIsRebound(Program):
-    def begin(self) -> None:
-        self.row = np.ones(3)
-
-    def replace(self) -> None:
-        self.row = ONES * 10.0
-
-    def control(self) -> None:
-        for each in self.row:
-            self.k += float(each)
-            self.replace()
-
-
-@equal
-class LoopOverWhatIsChanged(WithNext):
-    def control(self) -> None:
-        for each in self.row:
-            self.row[2] = self.u + each
-            self.k = each
-
-
-# Names --------------------------------------------------------------------------------------------------------------
-
-
-@equal
-class VariableOfAGenerator(Program):
-    def control(self) -> None:
-        each = self.u
-        found = any(each > 1.0 for each in (self.k, 0.5)) or sum(each for each in (1.0, 2.0)) > self.u
-        self.k = each + found
-
-
-@equal
-class FilterOfAGenerator(Program):
-    def control(self) -> None:
-        self.c = any(1.0 / each > 0.2 for each in (self.u, 0.0, 4.0) if each != 0.0 if each > 1.0)
-        self.yes = all(1.0 / each > 0.2 for each in (self.u, 0.0, 4.0) if each != 0.0)
-
-
-@refused("before it has a value on every way")
-class NameAfterALoopOfNoTurns(Program):
-    def control(self) -> None:
-        for i in range(self.n % 4):
-            last = i
-        self.c = last
-
-
-@refused("before it has a value on every way")
-class NameAfterAWhileOfNoTurns(Program):
-    def control(self) -> None:
-        i = self.n % 4
-        while i > 0:
-            last = i
-            i -= 1
-        self.c = last
-
-
-@refused("before it has a value on every way")
-class NameOfAConditionThatIsNotAsked(Program):
-    def control(self) -> None:
-        if self.u > 1.0 and (more := self.u - 1.0) > 2.0:
-            self.k = 1.0
-        self.k += more
-
-
-@refused("before it has a value on every way")
-class NameInFinally(Program):
-    def control(self) -> None:
-        try:
-            found = 1.0 / self.u
-        finally:
-            self.k = found
-
-
-@equal
-class NameBeforeTheLoop(Program):
-    def control(self) -> None:
-        last = -1
-        for i in range(self.n % 4):
-            last = i
-        self.c = last
-
-
-@equal
-class UnderscoresAndWordsOfC(Program):
-    def control(self) -> None:
-        x, _x, x_, __x = self.u, 2.0, 3.0, 4.0
-        isnan = double = m = out = fault = t1 = n1 = sqrt = umo_max = 5.0
-        register, errno, NAN, INFINITY, p0 = 1, 2, 3, 4, 5
-        self.k = x + 10.0 * _x + 100.0 * x_ + 1000.0 * __x + isnan + double + m + out + fault + t1 + n1 + sqrt + umo_max
-        self.c = register + errno + NAN + INFINITY + p0 + int(self.n % 3)
-
-    def sqrt(self) -> None:
-        """A name of the library of C."""
-
-
-@equal
-class LettersBeyondAscii(Program):
-    def control(self) -> None:
-        grün, grön = self.u, 2.0
-        self.k = grün + 10.0 * grön
-
-
-@refused("not the name of a field in C")
-class FieldBeyondAscii(Program):
-    def begin(self) -> None:
-        self.grün, self.grön = 1.0, 2.0
-
-    def control(self) -> None:
-        self.k = self.grün + self.grön
-
-
-@refused("not the name of a field in C")
-class FieldNamedAsAWordOfC(Program):
-    def begin(self) -> None:
-        self.register = 1.0
-
-    def control(self) -> None:
-        self.register = self.u
-
-
-def sin(number: float) -> float:
-    return number + 1.0
-
-
-def machine_step(number: float) -> float:
-    return number + 2.0
-
-
-def umo_floor(number: float) -> float:
-    return number + 3.0
-
-
-def init_objects(number: float) -> float:
-    return number + 4.0
-
-
-@equal
-class FunctionsNamedAsThoseOfC(Program):
-    def step(self) -> float:
-        return 1.0
-
-    def clear(self) -> float:
-        return 2.0
-
-    def control(self) -> None:
-        self.k = sin(self.u) + machine_step(self.u) + umo_floor(self.u) + init_objects(self.u) + math.sin(self.x.read())
-        self.k += self.step() + self.clear()
-
-
-class reals_2(NamedTuple):
-    step: float
-    last: float
-
-
-class step(NamedTuple):
-    x: float
-
-
-@equal
-class RecordsNamedAsTypesOfC(Program):
-    def begin(self) -> None:
-        self.row, self.one = np.zeros(2), reals_2(1.0, 2.0)
-        self.maybe_one: reals_2 | None = None
+        self.row = ROW
 
     def control(self) -> None:
         self.row[0] = self.u
-        self.one = reals_2(self.u, self.one.step)
-        self.k = step(self.u).x + self.one.last + float(self.row[0])
+        self.k = ROW[0] * 1.0
 
 
-# Errors -------------------------------------------------------------------------------------------------------------
-
-
-@equal
-class ReturnsAndFinally(Program):
-    def found(self) -> float:
-        for i in range(5):
-            try:
-                if i == 2:
-                    return self.u + i
-            finally:
-                self.c += 1
-        return -1.0
-
-    def control(self) -> None:
-        self.k = self.found()
-
-
-@equal
-class SeveralHandlers(Program):
-    def control(self) -> None:
-        try:
-            self.k = 1.0 / self.u
-            best = self.k
-        except ZeroDivisionError:
-            best = 1.0
-        except TypeError:
-            best = 2.0
-        self.k = best + 1.0
-
-
-@refused("outside of `except`")
-class RaiseInAFunctionThatAHandlerCalls(Program):
-    def again(self) -> None:
-        raise
-
-    def control(self) -> None:
-        try:
-            self.k = 1.0 / self.u
-        except ZeroDivisionError:
-            self.again()
-
-
-@refused("a call in a text")
-class MessageThatChangesSomething(Program):
-    def bump(self) -> float:
-        self.k += 1.0
-        return self.k
-
-    def control(self) -> None:
-        with suppress(ValueError):
-            if self.u > 1.0:
-                raise ValueError(f"{self.bump()}")
-
-
-@refused("a call in a text")
-class PrintThatChangesSomething(Program):
-    def bump(self) -> float:
-        self.k += 1.0
-        return self.k
-
-    def control(self) -> None:
-        print(self.bump())
-
-
-@refused("an object is returned, and elsewhere a number")
-class ObjectOrNumber(Program):
+@refused("may have another name")
+class ArrayInAList(Program):
     def begin(self) -> None:
-        self.helper = Helper()
-
-    def found(self) -> Any:
-        if self.u > 1.0:
-            return self.helper
-        return 1.0
+        self.one, self.other = np.zeros(2), np.ones(2)
+        self.both = [self.one, self.other]
 
     def control(self) -> None:
-        self.yes = self.found() == 1.0
+        self.one[0] = self.u
+        for each in self.both:
+            self.k += float(each[0])
+
+
+@refused("may have another name")
+class ListInATuple(Program):
+    def begin(self) -> None:
+        self.row = [1.0, 2.0]
+        self.both = (self.row, 2.0)
+
+    def control(self) -> None:
+        self.row[0] = self.u
+        self.k = self.both[0][0] * 1.0
+
+
+@refused("may have another name")
+class ListThatIsReturned(Program):
+    def begin(self) -> None:
+        self.row = [1.0, 2.0]
+
+    def found(self) -> list[float]:
+        return self.row
+
+    def control(self) -> None:
+        self.found()[0] = self.u
+        self.k = self.row[0] * 1.0
 
 
 @pytest.fixture(scope="module")

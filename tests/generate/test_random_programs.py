@@ -11,7 +11,8 @@ from collections import Counter
 import pytest
 
 from helpers.generating import needs_a_compiler
-from helpers.programs import HAZARDS, program
+from helpers.hazards import HAZARDS
+from helpers.programs import program
 from helpers.reduced_programs import WRONG, play, play_texts, reduced, told
 from helpers.side_by_side import Played
 from helpers.tiers import first

@@ -397,6 +397,8 @@ class ArrayCode(ConditionCode):
         """Whether what this text names may be had by others too."""
         if text.startswith("m->"):
             return text in self.world.memory.shared
+        if text in self.temporaries and text not in self.local_texts and text not in self.sole:
+            return True  # it was copied from somewhere
         return text in self.shared or (self.key, text) in self.world.memory.shared or text in self.c_parameters
 
     def is_sole(self, term: Term) -> bool:

@@ -121,7 +121,7 @@ class AttributeCode(BuiltinCode):
         text = self.world.fields.field(owner, name, of, self._path(owner, base, ""))
         if isinstance(plain(of), ArrayType) and value is not None:
             self._check_numbers(value, name, node)
-            self.world.memory.place_array(text, value)
+        self.world.memory.place_arrays(text, value)
         if (id(owner), name) in self.world.memory.of_numpy or isinstance(value, np.generic):
             return Code(numpy_number(plain_number(of), sure=False), text)
         return Code(of, text)

@@ -32,6 +32,7 @@ from umo.generate.expression_code import NUMBERS
 from umo.generate.function_scope import TELLS
 from umo.generate.terms import Code, Known, Many, Term, UnknownText
 from umo.generate.translation import ControllerLimit
+from umo.generate.value_kinds import is_container
 from umo.generate.vector_code import VectorCode
 
 EXACT: dict[Any, str] = {math.fabs: "umo_fabs"}
@@ -191,6 +192,8 @@ class BuiltinCode(VectorCode):
             and arguments[0].kind is None
         ):
             return Many(arguments[0].terms, kind=list if target is list else None)
+        if target in (len, zip, enumerate, reversed, tuple, list) and not all(map(_is_container, arguments[:1])):
+            raise self.refused(node, f"{target.__name__} of what decides what its elements are", "a list, a tuple")
         if not all(isinstance(each, Known) for each in arguments):
             raise self.refused(node, f"{target.__name__} of something that is not known when the code is generated")
         return Known(target(*(each.value for each in arguments)))  # type: ignore[union-attr]
@@ -314,6 +317,11 @@ class BuiltinCode(VectorCode):
 
     def bound_to(self, target: ast.AST, term: Term) -> Any:
         raise NotImplementedError
+
+
+def _is_container(term: Term) -> bool:
+    """Whether Python itself knows its elements."""
+    return not isinstance(term, Known) or is_container(term.value)
 
 
 def _classes_of(of: CType) -> tuple[type, ...]:

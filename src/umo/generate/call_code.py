@@ -18,12 +18,12 @@ from umo.control.profile import Profile
 from umo.errors import RangeError, StateError
 from umo.generate.array_code import ArrayMethod
 from umo.generate.attribute_code import AttributeCode, asks_host, dropped
-from umo.generate.c_types import BOOL, MASK, REAL, ArrayType, TupleType, state
+from umo.generate.c_types import BOOL, MASK, REAL, ArrayType, OptionalType, TupleType, plain_number, state
 from umo.generate.expression_code import of_element
 from umo.generate.function_scope import NoTranslation
 from umo.generate.function_source import NoSource, bound
 from umo.generate.terms import TEXT, Code, Known, Many, Term
-from umo.generate.value_kinds import is_plain_record
+from umo.generate.value_kinds import is_container, is_plain_record
 from umo.objects import DigitalSensor, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
 
@@ -114,7 +114,8 @@ class CallCode(AttributeCode):
         """The elements of a tuple, or of a list of numbers."""
         if isinstance(term, Many):
             return list(term.terms)
-        if isinstance(term, Known) and isinstance(term.value, tuple | list):
+        if isinstance(term, Known) and isinstance(term.value, tuple | list) and is_container(term.value):
+            self.world.memory.place_known(term.value)
             return [Known(each) for each in term.value]
         if isinstance(term, Code) and isinstance(term.type, TupleType):
             place = self.place(term).text
@@ -231,12 +232,20 @@ class CallCode(AttributeCode):
 
     def _write(self, owner: Atomic, place: str, term: Term, node: ast.Call) -> Term:
         if isinstance(owner, Digital):
-            if self.code(term, node).type == BOOL:
+            code = self.code(term, node)
+            if plain_number(code.type) == BOOL:
                 self.raises(RangeError, node)
                 return Known(False)
+            if isinstance(code.type, OptionalType):
+                term = code = self.kept(code)
+                self.raises(RangeError, node, f"!{code.text}.has")
             return self._got_by(f"umo_digital_write({place}, {self.as_type(term, REAL, node)}, &%s)", BOOL)
         assert isinstance(owner, Binary)
         code = self.code(term, node)
+        if isinstance(code.type, OptionalType):
+            code = self.kept(code)
+            self.raises(StateError, node, f"!{code.text}.has")
+            code = Code(code.type.of, f"{code.text}.value", stable=True)
         if code.type != state(owner.states):
             self.raises(StateError, node)
             return Known(False)

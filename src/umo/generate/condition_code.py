@@ -199,6 +199,7 @@ class ConditionCode(ExpressionCode):
     def _contained(self, yes: bool, one: Term, among: Term, one_node: ast.AST, node: ast.AST) -> Term:
         options: list[Term] | None = None
         if isinstance(among, Known) and type(among.value) in ELEMENTS:
+            self.world.memory.place_known(among.value)
             options = list(map(Known, among.value))
         elif isinstance(among, Many) and among.kind in (None, list):
             options = list(among.terms)

@@ -6,10 +6,7 @@ import ast
 import operator
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any
-
-import numpy as np
 
 from umo.generate.c_types import (
     BOOL,
@@ -28,8 +25,7 @@ from umo.generate.function_scope import FunctionScope
 from umo.generate.function_source import ABSENT
 from umo.generate.terms import TEXT, Code, Elements, Known, Many, Term
 from umo.generate.translation import ControllerLimit
-from umo.generate.value_kinds import is_plain_record
-from umo.objects import Vector
+from umo.generate.value_kinds import is_container
 
 FOLDED: dict[type[ast.AST], Callable[..., Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
@@ -165,10 +161,8 @@ class ExpressionCode(FunctionScope):
     def element(self, base: Term, index: Term, node: ast.AST) -> Term:
         """One element of a tuple, a list or an array, or of what is known."""
         if isinstance(base, Known) and isinstance(index, Known):
-            if type(base.value) in (list, dict, str, range, MappingProxyType, np.ndarray) or (
-                isinstance(base.value, tuple | Vector)
-                and (isinstance(base.value, Vector) or is_plain_record(type(base.value)))
-            ):
+            if is_container(base.value):
+                self.world.memory.place_known(base.value)
                 return Known(base.value[index.value])
             raise self.refused(node, f"{type(base.value).__name__} decides what its elements are", "a list, a tuple")
         if isinstance(base, Many) and isinstance(index, Known):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -191,6 +191,11 @@ class FunctionScope:
             self._c_names[name] = found
         return found
 
+    @property
+    def local_texts(self) -> Collection[str]:
+        """The names in C of local ones."""
+        return self._c_names.values()
+
     # What is known at a place ----------------------------------------------------------------------------
 
     def way(self) -> Way:
@@ -270,6 +275,7 @@ class FunctionScope:
             if of is not None and (is_number(of) or isinstance(of, StateType)):
                 return Code(of, self.literal(value, of, node), stable=True)
             if isinstance(of, ArrayType):
+                self.world.memory.place_known(value)
                 name = self.temporary(of)
                 for number, each in enumerate(value):
                     self.line(f"{name}.at[{number}] = {self.literal(each, of.of, node)};", pure=True)

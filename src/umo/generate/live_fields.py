@@ -110,7 +110,7 @@ class LiveFields:
             return state(type(value)) if is_plain_enum(type(value)) else None
         if type(value) is np.ndarray and value.ndim == 1 and value.dtype in DTYPES and len(value):
             return array({"f": REAL, "b": BOOL, "i": INT}[value.dtype.kind], len(value))
-        if isinstance(value, list) and value:
+        if type(value) is list and value:
             of = {self.type_of_value(each) for each in value}
             (first, *more) = of
             if not more and first is not None and (first in PLAIN.values() or isinstance(first, TupleType)):

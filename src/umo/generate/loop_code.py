@@ -12,14 +12,10 @@ from umo.generate.c_types import INT, LONG, ArrayType
 from umo.generate.expression_code import of_element
 from umo.generate.function_scope import Way
 from umo.generate.terms import Code, Elements, Known, Many, Term
-from umo.generate.value_kinds import CONTAINERS, is_plain_record
-from umo.objects import Vector
+from umo.generate.value_kinds import is_container
 
 MOST_UNROLLED = 256
 """Turns of a loop over objects, each written out."""
-
-
-ITERATED = (*CONTAINERS, Vector)
 
 
 class LoopCode(AssignmentCode):
@@ -170,7 +166,8 @@ class LoopCode(AssignmentCode):
     def elements(self, term: Term, node: ast.AST) -> list[Term]:
         if isinstance(term, Many) or (isinstance(term, Code) and isinstance(term.type, ArrayType)):
             return self.parts(term, node)
-        if isinstance(term, Known) and _is_iterated(term.value):
+        if isinstance(term, Known) and is_container(term.value):
+            self.world.memory.place_known(term.value)
             return [Known(each) for each in term.value]
         raise self.refused(
             node, "what it goes through is not known when the code is generated", "a list of parts, range"
@@ -210,11 +207,6 @@ class LoopCode(AssignmentCode):
         self.left.setdefault(label, []).append(self.way())
         self.line(plain if label.endswith(" ") else f"goto {label};", pure=True)  # C's own loops need no labels
         return False
-
-
-def _is_iterated(value: Any) -> bool:
-    """Whether Python itself goes through its elements."""
-    return type(value) in ITERATED or (isinstance(value, tuple) and is_plain_record(type(value)))
 
 
 def _indexes_objects(node: ast.For) -> bool:

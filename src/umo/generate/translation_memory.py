@@ -48,6 +48,18 @@ class TranslationMemory:
             self.records[key] = name
         return self.records[key]
 
+    def place_known(self, value: Any) -> None:
+        """Numbers of a list or an array are taken as they are when the code is generated: nothing changes them."""
+        self.place_arrays(f"known {id(value)}", value)
+
+    def place_arrays(self, text: str, value: Any) -> None:
+        """A field has this value: a list or an array, or one with such in it."""
+        if isinstance(value, list | np.ndarray):
+            self.place_array(text, value)
+        if isinstance(value, list | tuple):
+            for number, each in enumerate(value):
+                self.place_arrays(f"{text}[{number}]", each)
+
     def place_array(self, text: str, value: Any) -> None:
         """A field has this array or list: one that is found at another place, too, has several names."""
         if any(each == text and one is value for each, one in self.arrays):

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from umo.objects import Compound, Node
+from umo.objects import Compound, Node, Vector
 
 MOST_STATES = 256
 """Members of an Enum, whose number is a byte."""
@@ -104,6 +104,15 @@ def is_plain_record(kind: type) -> bool:
     if any("__new__" in vars(each) or "__init__" in vars(each) for each in kind.__mro__[: kind.__mro__.index(base)]):
         return False
     return all(type(inspect.getattr_static(kind, name)).__name__ == "_tuplegetter" for name in names)
+
+
+def is_container(value: Any) -> bool:
+    """Whether Python itself finds the elements."""
+    return (
+        type(value) in (*CONTAINERS, zip, enumerate, reversed)
+        or isinstance(value, Vector)
+        or (isinstance(value, tuple) and is_plain_record(type(value)))
+    )
 
 
 def is_immutable(value: Any) -> bool:
