@@ -22,6 +22,7 @@ from umo.generate.c_types import (
     plain_number,
 )
 from umo.generate.call_code import CallCode
+from umo.generate.expression_code import is_of_numpy
 from umo.generate.terms import Code, Elements, Known, Many, Present, Term
 from umo.generate.value_kinds import attribute_kind, refused_store
 from umo.objects import Quality
@@ -242,6 +243,8 @@ class AssignmentCode(CallCode):
             self.overwrite(base, term, node, where=index)
             return
         self.check_length(base.type, node)
+        if base.type.listed and is_of_numpy(term):
+            raise self.refused(node, "a number of numpy in a list", "float(...), int(...), bool(...)")
         if not base.type.listed and base.type.of != REAL and plain_number(self.code(term, node).type) == REAL:
             raise self.refused(node, "numbers of another type are set in the array", "int(...)")
         place = f"{base.text}.at[{self.index(base.type, index, node)}]"

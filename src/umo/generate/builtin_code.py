@@ -28,7 +28,7 @@ from umo.generate.c_types import (
     plain_number,
 )
 from umo.generate.condition_code import calls_in
-from umo.generate.expression_code import NUMBERS
+from umo.generate.expression_code import NUMBERS, is_of_numpy
 from umo.generate.function_scope import TELLS
 from umo.generate.terms import Code, Known, Many, Term, UnknownText
 from umo.generate.translation import ControllerLimit
@@ -288,7 +288,9 @@ class BuiltinCode(VectorCode):
         """A sum in the order of its terms. From Python 3.12 on `sum` makes up for what rounding loses (Neumaier); for
         its own numbers, not for those of numpy, and those after one."""
         total, lost, makes_up = self.number(Known(0), node), "", MAKES_UP
+        of_numpy = False
         for each in terms:
+            of_numpy |= is_of_numpy(each)
             makes_up = makes_up and not (isinstance(each, Code) and isinstance(each.type, NumpyNumber))
             self.check_sure([total, each], node)
             code = self.number(each, node)
@@ -305,7 +307,8 @@ class BuiltinCode(VectorCode):
                 self.line(f"umo_add(&{total.text}, &{lost}, {code.text});", pure=True)
             else:
                 self.line(f"{total.text} += {self.as_type(code, REAL, node)};", pure=True)
-        return Code(REAL, f"umo_added({total.text}, {lost})") if lost else total
+        total = Code(REAL, f"umo_added({total.text}, {lost})") if lost else total
+        return Code(numpy_number(total.type, sure=False), total.text, total.stable) if of_numpy else total
 
     def _any_or_all(self, target: Any, terms: Sequence[Term], node: ast.Call) -> Term:
         truths = [self.truth(each, node) for each in terms]

@@ -243,9 +243,9 @@ class CallCode(AttributeCode):
         assert isinstance(owner, Binary)
         code = self.code(term, node)
         if isinstance(code.type, OptionalType):
-            code = self.kept(code)
+            of, code = code.type.of, self.kept(code)
             self.raises(StateError, node, f"!{code.text}.has")
-            code = Code(code.type.of, f"{code.text}.value", stable=True)
+            code = Code(of, f"{code.text}.value", stable=True)
         if code.type != state(owner.states):
             self.raises(StateError, node)
             return Known(False)

@@ -239,6 +239,8 @@ class CodeWorld:
                 if len(self.problems) == problems:
                     scope.line(f"*out = {self.result_of(scope, Known(None), node)};")
             scope.line("return UMO_OK;", pure=True)
+        elif not scope.lines[-1].strip().startswith("return "):
+            scope.line("return UMO_OK;", pure=True)  # is not reached, but compilers do not see that
         result = self.memory.results.get(key, NOTHING)
         for of in (*scope.temporaries.values(), *scope.given.values(), result):
             self.fields.use(of)
@@ -380,7 +382,7 @@ def _declared(name: str, of: CType) -> str:
 
 def _is_read(name: str, body: str) -> bool:
     """Whether a variable is read anywhere."""
-    word = re.compile(rf"(?<![\w.>]){re.escape(name)}(?!\w)(?!\s=[^=])")
+    word = re.compile(rf"(?<![\w.>]){re.escape(name)}(?!\w)(?!\s=[^=])(?!\.at\[[^]]*\]\s=[^=])")
     return word.search(body) is not None
 
 

@@ -19,10 +19,11 @@ from umo.generate.c_types import (
     TupleType,
     is_number,
     joined,
+    numpy_number,
     plain,
     plain_number,
 )
-from umo.generate.expression_code import FOLDED, NUMBERS, SIGNS, ExpressionCode
+from umo.generate.expression_code import FOLDED, NUMBERS, SIGNS, ExpressionCode, is_of_numpy
 from umo.generate.function_scope import TELLS, NoTranslation
 from umo.generate.terms import TEXT, Code, Known, Many, Present, Term, UnknownText
 from umo.generate.value_kinds import compares_by_identity, is_bare_enum, is_immutable
@@ -120,7 +121,9 @@ class ConditionCode(ExpressionCode):
             copied = self.temporary(a.type)
             self.line(f"{copied} = {a.text};", pure=True)
             a = Code(a.type, copied, stable=True)
-        return Code(BOOL, f"{self.as_type(a, of, left_node)} {SIGNS[type(sign)]} {self.as_type(b, of, right_node)}")
+        is_numpy = any(map(is_of_numpy, (left, right)))
+        kind = numpy_number(BOOL, sure=False) if is_numpy else BOOL
+        return Code(kind, f"{self.as_type(a, of, left_node)} {SIGNS[type(sign)]} {self.as_type(b, of, right_node)}")
 
     def _of_tuples(self, equal: bool, left: Term, right: Term, left_node: ast.AST, right_node: ast.AST) -> Term:
         """Whether two tuples are equal; None is equal to no tuple."""
@@ -248,18 +251,18 @@ class ConditionCode(ExpressionCode):
         at, depth, before = len(self.lines), self.depth, self.impure
         self.depth += 1
         second = self.term(node)
-        rest, self.lines, self.depth, self.known = self.lines[at:], self.lines[:at], depth, known & self.known
         other = self.truth(second, node)
-        is_bool = _is_bool(first) and (isinstance(other, bool) or _is_bool(second))
         second = self._as_value(second, node)
+        rest, self.lines, self.depth, self.known = self.lines[at:], self.lines[:at], depth, known & self.known
+        is_bool = _is_bool(first) and _is_bool(second)
         only_truth = not is_bool and not (isinstance(first, Code) and (isinstance(second, Code) or _is_none(second)))
         if is_bool and not rest and isinstance(other, bool):
             return Known(other) if other is not both else Code(BOOL, truth)
         second_truth = str(other).lower() if isinstance(other, bool) else other
         if (is_bool or only_truth) and not rest:
             text = f"({truth} {'&&' if both else '||'} {second_truth})"
-            return Code(BOOL, text) if is_bool else Present(text)
-        of = BOOL if is_bool or only_truth else self._one_type(first, second, whole)
+            return Code(_bool_of(first, second), text) if is_bool else Present(text)
+        of = _bool_of(first, second) if is_bool else BOOL if only_truth else self._one_type(first, second, whole)
         is_bool |= only_truth
         result = self.temporary(of, "c")
         value = truth if is_bool else self.as_type(first, of, first_node)
@@ -435,4 +438,9 @@ def _may_be_nan(term: Term) -> bool:
 def _is_bool(term: Term) -> bool:
     if isinstance(term, Code):
         return plain_number(term.type) == BOOL
-    return isinstance(term, Present) or (isinstance(term, Known) and isinstance(term.value, bool))
+    return isinstance(term, Known) and isinstance(term.value, bool)
+
+
+def _bool_of(*terms: Term) -> CType:
+    """The type of a bool that is one of these."""
+    return numpy_number(BOOL, sure=False) if any(map(is_of_numpy, terms)) else BOOL

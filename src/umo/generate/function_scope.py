@@ -20,6 +20,7 @@ from umo.generate.c_types import (
     REAL,
     ArrayType,
     CType,
+    NumpyNumber,
     OptionalType,
     StateType,
     TupleType,
@@ -287,7 +288,7 @@ class FunctionScope:
             types = [self.code(each, node).type for each in term.terms]
             of = self.world.fields.tuple_type(list(types), term.names, term.kind or tuple)
             if of is None:
-                raise self.refused(node, "a tuple of other things than numbers")
+                raise self.refused(node, "a tuple of other things than numbers of Python", "float(...), int(...)")
             return self.made(term, of, node)
         raise self.refused(node, "only whether it is None is known on the controller")
 
@@ -300,6 +301,8 @@ class FunctionScope:
     def made(self, term: Many, of: TupleType, node: ast.AST) -> Code:
         for each, (_, kind) in zip(term.terms, of.members, strict=True):
             given = self.code(each, node).type if isinstance(each, Known | Code) else kind
+            if isinstance(given, NumpyNumber):
+                raise self.refused(node, "a number of numpy in a tuple", "float(...), int(...), bool(...)")
             if (kind == REAL and plain_number(given) != REAL) or given == MIXED:
                 raise self.refused(node, "a whole number where a tuple has a real one", "0.0, float(...)")
         parts = [self.as_type(each, kind, node) for each, (_, kind) in zip(term.terms, of.members, strict=True)]

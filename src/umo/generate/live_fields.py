@@ -15,11 +15,12 @@ from umo.generate.c_types import (
     BOOL,
     INT,
     MASK,
-    MIXED,
     NOTHING,
     REAL,
     ArrayType,
     CType,
+    MixedNumber,
+    NumpyNumber,
     OptionalType,
     StateType,
     TupleType,
@@ -123,8 +124,8 @@ class LiveFields:
         """The type of a tuple of numbers; None if it has others. Those of a NamedTuple are as it declares them."""
         if names:
             types = [_hinted(kind, name) or each for name, each in zip(names, types, strict=True)]
-        if MIXED in types:
-            return None
+        if any(isinstance(each, MixedNumber | NumpyNumber) for each in types):
+            return None  # a tuple would forget it
         types = [each and plain_number(each) for each in types]
         if not all(each in PLAIN.values() or isinstance(each, StateType | ArrayType) for each in types):
             return None
