@@ -312,6 +312,29 @@ class ReturnsAndFinally(Program):
 
 
 @equal
+class ReturnsOnEveryWay(Program):
+    def found(self) -> float:
+        try:
+            return 1.0 / self.u
+        except ZeroDivisionError:
+            return -1.0
+        finally:
+            self.c += 1
+
+    def control(self) -> None:
+        self.k = self.found()
+
+
+@equal
+class FaultOfTheControllerIsNotCaught(Program):
+    def control(self) -> None:
+        try:
+            self.c = self.n + (2**31 - 8)
+        except OverflowError:
+            self.k = 5.0
+
+
+@equal
 class SeveralHandlers(Program):
     def control(self) -> None:
         try:

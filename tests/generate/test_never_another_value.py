@@ -220,6 +220,54 @@ class NumbersOfNumpy(Program):
         self.k = float(abs(self.row[0]) / max(self.row[1], -self.row[0]) + self.row[0] / self.row[1])
 
 
+@refused("of which one is of numpy")
+class ComparisonsOfNumpyAreAdded(Program):
+    def begin(self) -> None:
+        self.row = np.array([1.0, 2.0])
+
+    def control(self) -> None:
+        within = 0.0 < self.row[0] < self.u
+        self.c = int(within + within)
+
+
+@refused("a number of numpy in a list")
+class NumberOfNumpyInAList(Program):
+    def begin(self) -> None:
+        self.row, self.array = [1.0, 2.0], np.ones(2)
+
+    def control(self) -> None:
+        self.row[0] = self.array[0]
+        self.k = float(self.row[0] / 0.0)
+
+
+@refused("float(...)")
+class NumberOfNumpyInATuple(Program):
+    def begin(self) -> None:
+        self.array = np.ones(2)
+
+    def control(self) -> None:
+        pair = Pair(self.array[0], self.u)
+        self.k = float(pair.first / 0.0)
+
+
+@refused("float(...)")
+class SumOfNumbersOfNumpy(Program):
+    def begin(self) -> None:
+        self.array = np.ones(2)
+
+    def control(self) -> None:
+        self.k = float(sum(self.array) // 0.0)
+
+
+@refused("float(...)")
+class NumberOfElements(Program):
+    def begin(self) -> None:
+        self.array = np.ones(2)
+
+    def control(self) -> None:
+        self.c = int(np.count_nonzero(self.array) // (self.c * 0))
+
+
 # Ends of numbers ----------------------------------------------------------------------------------------------------
 
 
@@ -377,6 +425,24 @@ class NoneInAHandler(Program):
             self.k = self.maybe / self.u  # type: ignore[operator]
         except TypeError:
             self.k = self.maybe + 1.0  # type: ignore[operator]
+
+
+@equal
+class NumberOrNone(Program):
+    last: float | None
+
+    def begin(self) -> None:
+        self.last = None
+
+    def control(self) -> None:
+        self.last = (self.n > 1 and 2.0) or None
+        self.k = (self.u > 1.0 and 3.0) * 1.0
+
+
+@equal
+class NoneIsWritten(Program):
+    def control(self) -> None:
+        self.a.write(self.maybe)  # type: ignore[arg-type]
 
 
 @refused("is not a number or a state")

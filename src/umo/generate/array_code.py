@@ -316,7 +316,8 @@ class ArrayCode(ConditionCode):
             text = self.at(code, of, n)
             kind, start = (INT, "0") if what == "count" else (BOOL, "false" if what == "any" else "true")
             step = {"count": "{0} += {1} != 0", "any": "{0} = {0} || {1} != 0", "all": "{0} = {0} && {1} != 0"}[what]
-            return self._loop(kind, start, step, text, n)
+            found = self._loop(kind, start, step, text, n)
+            return replace(found, type=numpy_number(kind, sure=kind == BOOL))
         if what == "sum":
             self.check_length(array(of, n), node)
             return self._sum(code, n, of, node)
@@ -340,13 +341,14 @@ class ArrayCode(ConditionCode):
             place = self.kept_place(code)
             return self.kept(Code(numpy_number(REAL), f"umo_sum({place}.at, {n})"))
         if of == BOOL:
-            return self._loop(INT, "0", "{0} += {1}", self.at(code, BOOL, n), n)
+            found = self._loop(INT, "0", "{0} += {1}", self.at(code, BOOL, n), n)
+            return replace(found, type=numpy_number(INT))
         result, turn = self.temporary(INT, "r"), self.temporary(INT, "k")
         text = self.at(code, INT, n).replace(HERE, turn)
         self.line(f"{result} = 0;", pure=True)
         with self.block(f"for ({turn} = 0; {turn} < {n}; {turn}++)"):
             self.raises(ControllerLimit, node, f"__builtin_add_overflow({result}, {text}, &{result})")
-        return Code(INT, result, stable=True)
+        return Code(numpy_number(INT), result, stable=True)
 
     def attribute_of_array(self, code: Code, name: str, node: ast.AST) -> Term:
         kind = plain(code.type)

@@ -169,6 +169,8 @@ class BuiltinCode(VectorCode):
         for each in texts[1:]:
             found = f"{name}({found}, {each})"
         if any(isinstance(each, NumpyNumber) for each in kinds):
+            if BOOL in map(plain_number, kinds):
+                raise self.refused(node, "an extreme of bools of numpy", "and, or, bool(...)")
             sure = all(isinstance(each, NumpyNumber) and each.sure for each in kinds)
             return Code(numpy_number(of, sure), found)
         return Code(MIXED if of == REAL and any(each != REAL for each in kinds) else of, found)

@@ -42,31 +42,33 @@ class ConditionCode(ExpressionCode):
             return self.compared(node.ops[0], left, right, node.left, node.comparators[0])
         result = self.temporary(BOOL, "c")
         self.line(f"{result} = false;", pure=True)
-        self._chained(node, 0, self.term(node.left), node.left, result)
-        return Code(BOOL, result, stable=True)
+        of_numpy = self._chained(node, 0, self.term(node.left), node.left, result)
+        return Code(numpy_number(BOOL, sure=False) if of_numpy else BOOL, result, stable=True)
 
-    def _chained(self, node: ast.Compare, place: int, left: Term, left_node: ast.AST, result: str) -> None:
+    def _chained(self, node: ast.Compare, place: int, left: Term, left_node: ast.AST, result: str) -> bool:
+        """Whether what it gives may be a bool of numpy."""
         left = self.kept(left) if isinstance(left, Code) else left
         right_node = node.comparators[place]
         right = self.term(right_node)
         right = self.kept(right) if isinstance(right, Code) else right
-        truth = self.truth(self.compared(node.ops[place], left, right, left_node, right_node), node)
+        found = self.compared(node.ops[place], left, right, left_node, right_node)
+        truth, of_numpy = self.truth(found, node), is_of_numpy(found)
         if truth is False:
-            return
+            return of_numpy
         last = place == len(node.ops) - 1
         if truth is True:
             if last:
                 self.line(f"{result} = true;", pure=True)
-            else:
-                self._chained(node, place + 1, right, right_node, result)
-            return
+                return of_numpy
+            return self._chained(node, place + 1, right, right_node, result) or of_numpy
         if last:
             self.line(f"{result} = {truth};", pure=True)
-            return
+            return of_numpy
         names = dict(self.names)
         with self.block(f"if ({truth})"):
-            self._chained(node, place + 1, right, right_node, result)
+            of_numpy |= self._chained(node, place + 1, right, right_node, result)
         self.names = {name: of for name, of in names.items() if self.names.get(name) == of}
+        return of_numpy
 
     def compared(self, sign: ast.cmpop, left: Term, right: Term, left_node: ast.AST, right_node: ast.AST) -> Term:
         if isinstance(sign, ast.In | ast.NotIn):
