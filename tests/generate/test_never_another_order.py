@@ -22,6 +22,11 @@ equal, refused = CASES.is_equal, CASES.is_refused
 ONES = np.ones(3)
 
 
+class Loud(Exception):
+    def __init__(self, number: int) -> None:
+        super().__init__(1 / (number - 1))
+
+
 class Helper:
     made = 0
     shared = [1.0, 2.0]
@@ -379,6 +384,36 @@ class PrintThatChangesSomething(Program):
 
     def control(self) -> None:
         print(self.bump())
+
+
+@refused("that may fail")
+class MessageThatFails(Program):
+    def begin(self) -> None:
+        self.row = [1.0, 2.0]
+
+    def control(self) -> None:
+        if self.u > 1.0:
+            raise ValueError(f"{self.row[self.n]}")
+
+
+@refused("that may fail")
+class FormatThatFails(Program):
+    def control(self) -> None:
+        print(f"{self.maybe:.2f}")
+
+
+@equal
+class MessagesOfNumbers(Program):
+    def control(self) -> None:
+        if self.u > 1.0:
+            raise ValueError(f"{self.u:.2f} V, {self.n:5d}, {self.maybe}, {self.fan.pending!r}", str(self.c))
+
+
+@refused("runs code when it is made")
+class ErrorThatRunsCode(Program):
+    def control(self) -> None:
+        if self.u > 1.0:
+            raise Loud(1)
 
 
 @refused("an object is returned, and elsewhere a number")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import logging
+import re
 import typing
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -18,7 +19,7 @@ from umo.control.profile import Profile
 from umo.errors import RangeError, StateError
 from umo.generate.array_code import ArrayMethod
 from umo.generate.attribute_code import AttributeCode, asks_host, dropped
-from umo.generate.c_types import BOOL, MASK, REAL, ArrayType, OptionalType, TupleType, plain_number, state
+from umo.generate.c_types import BOOL, INT, MASK, REAL, ArrayType, OptionalType, TupleType, plain_number, state
 from umo.generate.expression_code import of_element
 from umo.generate.function_scope import NoTranslation
 from umo.generate.function_source import NoSource, bound
@@ -27,6 +28,8 @@ from umo.generate.value_kinds import is_container, is_plain_record
 from umo.objects import DigitalSensor, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
 
+TELLING = (str, repr)
+"""Functions that make a text of whatever there is."""
 DIVIDES = (ast.Div, ast.FloorDiv, ast.Mod, ast.Pow)
 MOST_NUMBERS = 256
 """Elements of a list in one expression, each written out."""
@@ -56,7 +59,48 @@ class CallCode(AttributeCode):
         return self.apply(func, arguments, named, node)
 
     def check_told(self, nodes: Sequence[ast.AST]) -> None:
-        """That what is left out, as it only tells something, does nothing else: it changes nothing and cannot fail."""
+        """That what is left out, as it only tells something, does nothing else: it changes nothing and cannot fail.
+        umo's own texts are known to be so."""
+        self._check_calls(nodes)
+        if not self.source.file.startswith("umo/"):
+            for node in nodes:
+                self._check_text(node)
+
+    def _check_text(self, node: ast.AST) -> None:
+        """A part of a text: names, attributes, numbers, and texts made of these."""
+        if isinstance(node, ast.Constant):
+            return
+        if isinstance(node, ast.JoinedStr | ast.Tuple | ast.List | ast.IfExp | ast.Call):
+            inner = [each for each in ast.iter_child_nodes(node) if isinstance(each, ast.expr | ast.keyword)]
+            for each in inner[isinstance(node, ast.Call) :]:
+                self._check_text(each.value if isinstance(each, ast.keyword) else each)
+            if not isinstance(node, ast.Call) or self._is_joined_text(node) or self._meaning_of(node.func) in TELLING:
+                return
+        elif isinstance(node, ast.FormattedValue):
+            self._check_text(node.value)
+            if node.format_spec is None or self._is_formatted(node):
+                return
+        elif isinstance(node, ast.Name | ast.Attribute):
+            at, impure = len(self.lines), self.impure
+            self.term(node)
+            self.lines = self.lines[:at]
+            if self.impure == impure:
+                return
+        raise self.refused(node, "a text that a controller does not have, and that may fail", "a name for it first")
+
+    def _is_formatted(self, node: ast.FormattedValue) -> bool:
+        """Whether a number takes this format whatever it is."""
+        spec = node.format_spec.values if isinstance(node.format_spec, ast.JoinedStr) else []
+        text = "".join(str(each.value) if isinstance(each, ast.Constant) else "?" for each in spec)
+        term = self.term(node.value)
+        of = term.type if isinstance(term, Code) else None
+        ends = {REAL: "fFeEgG%", INT: "fFeEgG%dxob"}.get(of) if of is not None else None
+        return ends is not None and re.fullmatch(rf"[-+ ]?0?[0-9]*(\.[0-9]+)?[{ends}]", text) is not None
+
+    def _meaning_of(self, func: ast.AST) -> Any:
+        return self.source.meaning(func.id) if isinstance(func, ast.Name) and func.id not in self.names else None
+
+    def _check_calls(self, nodes: Sequence[ast.AST]) -> None:
         for each in (one for node in nodes for one in ast.walk(node)):
             if isinstance(each, ast.NamedExpr | ast.Await):
                 raise self.refused(each, "an assignment in a text that a controller does not have", "a line of its own")
@@ -68,7 +112,7 @@ class CallCode(AttributeCode):
     def does_nothing(self, node: ast.AST) -> bool:
         """Whether evaluating an expression only looks at what there is."""
         try:
-            self.check_told([node])
+            self._check_calls([node])
         except NoTranslation:
             return False
         return True

@@ -10,6 +10,7 @@ from umo.generate.c_types import BOOL, INT
 from umo.generate.function_scope import TryBlock, Way
 from umo.generate.loop_code import LoopCode
 from umo.generate.terms import Known, Many
+from umo.generate.value_kinds import made_by_code
 
 LEAVING = (ast.Return, ast.Break, ast.Continue)
 
@@ -29,6 +30,8 @@ class ErrorCode(LoopCode):
         error = node.exc.func if isinstance(node.exc, ast.Call) else node.exc
         kind = self.term(error)
         if isinstance(kind, Known) and isinstance(kind.value, type) and issubclass(kind.value, BaseException):
+            if made_by_code(kind.value):
+                raise self.refused(node, f"{kind.value.__name__} runs code when it is made", "a class without __init__")
             self.raises(kind.value, node, text=_said(node.exc, self.source.segment(node.exc)))
             return False
         raise self.refused(node, "the class of the error is not known when the code is generated", "raise Error(...)")
@@ -36,6 +39,7 @@ class ErrorCode(LoopCode):
     def _Assert(self, node: ast.Assert) -> None:
         truth = self.truth(self.term(node.test), node.test)
         if truth is not True:
+            self.check_told([] if node.msg is None else [node.msg])
             self.raises(AssertionError, node, "true" if truth is False else f"!({truth})")
         self.known |= self.proved(node.test)
 

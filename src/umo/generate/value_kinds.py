@@ -79,6 +79,12 @@ def own_methods(kind: type, names: Iterable[str]) -> list[str]:
     return found
 
 
+def made_by_code(kind: type) -> bool:
+    """Whether code that is none of Python's or of umo makes an object of this class."""
+    own = [each for each in kind.__mro__ if each.__module__.partition(".")[0] not in (*OWN_MODULES, "umo")]
+    return any(name in vars(each) for each in own for name in ("__init__", "__new__", "__post_init__"))
+
+
 def is_plain_enum(kind: type) -> bool:
     """Whether members of this Enum are equal only to themselves, or to what their number or text is."""
     return (
