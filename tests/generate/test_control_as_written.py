@@ -89,7 +89,7 @@ def half(a: float, b: float) -> float:
 def elements_of_lists_are_numbers_of_python(c: Law) -> None:
     c.out = 1.0 / c.table[2]
     c.x = c.x + c.table
-    c.table[0] = c.x[0]
+    c.table[0] = float(c.x[0])
 
 
 @equal

@@ -159,7 +159,7 @@ class Arrays:
         if bad.any():
             places = np.flatnonzero(bad)
             more = f", and {len(places) - 1} more" if len(places) > 1 else ""
-            raise RangeError(f"element {places[0]}{more} is not finite")
+            raise RangeError(f"elements {places}{more} are not finite")  # `places[0]` could fail by itself
         self.number = 1.0
 
     def kinds(self) -> None:

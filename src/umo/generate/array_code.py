@@ -31,6 +31,7 @@ from umo.generate.c_types import (
 from umo.generate.condition_code import ConditionCode
 from umo.generate.expression_code import CHECKED, SIGNS
 from umo.generate.terms import Code, Elements, Known, Many, Present, Term
+from umo.generate.translation import ControllerLimit
 
 MOST_SUMMED = 128
 """Numbers that numpy sums in one block."""
@@ -159,11 +160,11 @@ class ArrayCode(ConditionCode):
         return Elements(array(REAL, n), f"({text} * {text})")
 
     def _checked(self, what: str, a: str, b: str, n: int, node: ast.AST) -> Code:
-        """Whole numbers: OverflowError beyond 32 bits."""
+        """Whole numbers: ControllerLimit beyond 32 bits."""
         result, turn = self.temporary(array(INT, n)), self.temporary(INT, "k")
         with self.block(f"for ({turn} = 0; {turn} < {n}; {turn}++)"):
             a, b = a.replace(HERE, turn), b.replace(HERE, turn)
-            self.raises(OverflowError, node, f"__builtin_{what}_overflow({a}, {b}, &{result}.at[{turn}])")
+            self.raises(ControllerLimit, node, f"__builtin_{what}_overflow({a}, {b}, &{result}.at[{turn}])")
         self.sole.add(result)
         return Code(array(INT, n), result, stable=True)
 
@@ -194,6 +195,8 @@ class ArrayCode(ConditionCode):
         found = self._of_numpy(target, arguments, named, node)
         if found is None or out is None:
             return found
+        if isinstance(out, Known):
+            raise self.refused(node, "an array that is known when the code is generated is changed", "a new array")
         place = self.array(out, node)
         self.overwrite(place, found, node)
         return place
@@ -313,7 +316,8 @@ class ArrayCode(ConditionCode):
             text = self.at(code, of, n)
             kind, start = (INT, "0") if what == "count" else (BOOL, "false" if what == "any" else "true")
             step = {"count": "{0} += {1} != 0", "any": "{0} = {0} || {1} != 0", "all": "{0} = {0} && {1} != 0"}[what]
-            return self._loop(kind, start, step, text, n)
+            found = self._loop(kind, start, step, text, n)
+            return replace(found, type=numpy_number(kind, sure=kind == BOOL))
         if what == "sum":
             self.check_length(array(of, n), node)
             return self._sum(code, n, of, node)
@@ -337,13 +341,14 @@ class ArrayCode(ConditionCode):
             place = self.kept_place(code)
             return self.kept(Code(numpy_number(REAL), f"umo_sum({place}.at, {n})"))
         if of == BOOL:
-            return self._loop(INT, "0", "{0} += {1}", self.at(code, BOOL, n), n)
+            found = self._loop(INT, "0", "{0} += {1}", self.at(code, BOOL, n), n)
+            return replace(found, type=numpy_number(INT))
         result, turn = self.temporary(INT, "r"), self.temporary(INT, "k")
         text = self.at(code, INT, n).replace(HERE, turn)
         self.line(f"{result} = 0;", pure=True)
         with self.block(f"for ({turn} = 0; {turn} < {n}; {turn}++)"):
-            self.raises(OverflowError, node, f"__builtin_add_overflow({result}, {text}, &{result})")
-        return Code(INT, result, stable=True)
+            self.raises(ControllerLimit, node, f"__builtin_add_overflow({result}, {text}, &{result})")
+        return Code(numpy_number(INT), result, stable=True)
 
     def attribute_of_array(self, code: Code, name: str, node: ast.AST) -> Term:
         kind = plain(code.type)
@@ -372,6 +377,7 @@ class ArrayCode(ConditionCode):
     def overwrite(self, place: Code, value: Term, node: ast.AST, where: Code | None = None) -> None:
         """The elements of an array become others: all, or those that a mask chooses."""
         self.check_sole(place, node)
+        self.changes.add(place.text)
         assert isinstance(place.type, ArrayType)
         of, n = place.type.of, place.type.length
         code = self.array(value, node)
@@ -393,6 +399,8 @@ class ArrayCode(ConditionCode):
         """Whether what this text names may be had by others too."""
         if text.startswith("m->"):
             return text in self.world.memory.shared
+        if text in self.temporaries and text not in self.local_texts and text not in self.sole:
+            return True  # it was copied from somewhere
         return text in self.shared or (self.key, text) in self.world.memory.shared or text in self.c_parameters
 
     def is_sole(self, term: Term) -> bool:

@@ -3,12 +3,28 @@
 from __future__ import annotations
 
 import ast
+import inspect
+from typing import Any
 
 import numpy as np
 
-from umo.generate.c_types import BOOL, NOTHING, REAL, ArrayType, CType, NumpyNumber, array, plain, plain_number
+from umo.generate.c_types import (
+    BOOL,
+    NOTHING,
+    REAL,
+    ArrayType,
+    CType,
+    NumpyNumber,
+    OptionalType,
+    TupleType,
+    array,
+    plain,
+    plain_number,
+)
 from umo.generate.call_code import CallCode
+from umo.generate.expression_code import is_of_numpy
 from umo.generate.terms import Code, Elements, Known, Many, Present, Term
+from umo.generate.value_kinds import attribute_kind, refused_store
 from umo.objects import Quality
 
 
@@ -20,27 +36,53 @@ class AssignmentCode(CallCode):
         if isinstance(term, Code) and ast.dump(node.value) in self.known:
             term = self.present(term, node.value)
         if len(node.targets) > 1 or not isinstance(node.targets[0], ast.Name):
-            term = self._settled(term)
+            term = self.settled(term)
         for each in node.targets:
             self.store(each, term, node)
-
-    def _settled(self, term: Term) -> Term:
-        """The same, which no assignment changes any longer."""
-        if isinstance(term, Code):
-            if not isinstance(term, Elements) and isinstance(plain(term.type), ArrayType):
-                self.share(term)
-            return self.kept(term)
-        if isinstance(term, Many):
-            return Many(tuple(map(self._settled, term.terms)), term.names, term.kind)
-        return term
 
     def _AnnAssign(self, node: ast.AnnAssign) -> None:
         if node.value is not None:
             self.store(node.target, self.term(node.value), node)
 
     def _AugAssign(self, node: ast.AugAssign) -> None:
+        if isinstance(node.target, ast.Subscript):
+            self._aug_element(node, node.target)
+            return
+        before = self.impure
         load = ast.copy_location(loaded(node.target), node.target)
-        left, right = self.ordered([load, node.value])
+        left = self.term(load)
+        if self.impure != before and isinstance(node.target, ast.Attribute):
+            raise self.refused(node, "what is changed is found by code that would run twice", "a name for it first")
+        right = self._after(left, node.value)
+        if right[0] is not left:
+            left = right[0]
+        self._change(node, left, right[1])
+
+    def _after(self, left: Term, node: ast.AST) -> tuple[Term, Term]:
+        """A term, and an expression that is computed after it."""
+        at, before = len(self.lines), self.impure
+        right = self.term(node)
+        if self.impure != before:
+            rest, self.lines = self.lines[at:], self.lines[:at]
+            left = self.settled(left)
+            self.lines += rest
+        return left, right
+
+    def _aug_element(self, node: ast.AugAssign, target: ast.Subscript) -> None:
+        """The place is found once, before the value is computed."""
+        base, index = self.base_and_index(target)
+        if not (isinstance(base, Code) and isinstance(base.type, ArrayType)):
+            raise self.refused(node, "an element of something that is not a list of numbers")
+        index = self.settled(index)
+        if isinstance(index, Code) and index.type.name == array(BOOL, base.type.length).name:
+            raise self.refused(node, "what a mask chooses is changed", "x[mask] = value, np.where")
+        left, right = self._after(self.settled(self.element(base, index, target)), node.value)
+        result = self.of_numbers(node.op, left, right, (target, node.value), node)
+        self._set_element(target, base, index, self.settled(result), node)
+
+    def _change(self, node: ast.AugAssign, left: Term, right: Term) -> None:
+        if isinstance(left, Known) and self.is_array(left):
+            raise self.refused(node, "an array that is known when the code is generated is changed", "a new array")
         if self.is_array(left):
             place = self.array(left, node.target)
             self.overwrite(place, self.of_arrays(node.op, place, right, node), node)
@@ -48,16 +90,18 @@ class AssignmentCode(CallCode):
         if self.is_array(right):
             self.store(node.target, self.of_arrays(node.op, left, right, node), node)
             return
+        if not isinstance(node.target, ast.Name | ast.Attribute):
+            raise self.refused(node, "it cannot be assigned to this", "names, attributes, elements")
         result = self.of_numbers(node.op, left, right, (node.target, node.value), node)
         self.store(node.target, result, node)
 
     def store(self, target: ast.AST, term: Term, node: ast.AST) -> None:
-        self.known.discard(ast.dump(loaded(target)))
+        self.forget(target)
         if isinstance(target, ast.Tuple | ast.List):
             parts = self.parts(term, node)
             if len(parts) != len(target.elts) or any(isinstance(each, ast.Starred) for each in target.elts):
                 raise self.refused(node, f"{len(parts)} values for {len(target.elts)} names")
-            for each, part in zip(target.elts, map(self._settled, parts), strict=True):
+            for each, part in zip(target.elts, [self.settled(one) for one in parts], strict=True):
                 self.store(each, part, node)
         elif isinstance(target, ast.Name):
             self._store_local(target.id, term, node)
@@ -67,7 +111,7 @@ class AssignmentCode(CallCode):
             self._store_element(target, term, node)
         else:
             raise self.refused(node, "it cannot be assigned to this", "names, attributes, elements")
-        if not isinstance(term, Known) or term.value is not None:
+        if isinstance(target, ast.Name | ast.Attribute) and _is_there(term):
             self.known.add(ast.dump(loaded(target)))
 
     def _store_local(self, name: str, term: Term, node: ast.AST) -> None:
@@ -95,6 +139,8 @@ class AssignmentCode(CallCode):
         if text not in self.given:
             self.temporaries.setdefault(text, of)
             self.temporaries[text] = of
+        if isinstance(plain(of), ArrayType):
+            self.rebound.append(text)
         if not (isinstance(term, Code) and term.text in self.sole):
             self.share(term)
             if isinstance(term, Code) and not isinstance(term, Elements) and isinstance(plain(of), ArrayType):
@@ -135,6 +181,14 @@ class AssignmentCode(CallCode):
         if not isinstance(base, Known):
             raise self.refused(node, "an attribute of something that is not known when the code is generated")
         owner, name = base.value, target.attr
+        if type(static := inspect.getattr_static(type(owner), target.attr, None)) is property:
+            if static.fset is None:
+                raise self.refused(node, f"the property {name} has no setter", "an attribute")
+            self.function(static.fset, [base, term], {}, node)
+            self.known = {each for each in self.known if each.startswith("Name(")}
+            return
+        if reason := refused_store(owner, name) or _odd_attribute(owner, name):
+            raise self.refused(node, reason, "an attribute of an object of its own")
         if isinstance(term, Known) and isinstance(term.value, str):
             self.world.memory.texts.add((id(owner), name))
             self.world.note(f"{self.source.segment(target)} is a text: a controller does not have it")
@@ -142,6 +196,8 @@ class AssignmentCode(CallCode):
         self.world.memory.assign(owner, name)
         new = self.type_of(term)
         key = id(owner), name
+        if isinstance(new, TupleType) and new.kind is list:
+            raise self.refused(node, "a list is assigned as a whole", "its elements, one by one")
         if new is None:
             raise self.refused(
                 node, f"{self.source.segment(target)} is no number or state", "numbers, states, tuples of them"
@@ -149,13 +205,20 @@ class AssignmentCode(CallCode):
         if isinstance(new, NumpyNumber):
             self.world.memory.changed |= key not in self.world.memory.of_numpy
             self.world.memory.of_numpy.add(key)
-        self.world.memory.learn(self.world.memory.fields, key, plain_number(new), lambda: self._odd(name, node))
+        of = plain_number(new) if isinstance(new, NumpyNumber) else new
+        self.world.memory.learn(self.world.memory.fields, key, of, lambda: self._odd(name, node))
+        if key in self.world.memory.texts:
+            raise self.refused(node, f"{name} has texts and other values", "a name for each")
         place = self.field(owner, name, base, target)
         if not isinstance(place, Code):
+            if not self.world.memory.changed and new != NOTHING:
+                raise self.refused(node, f"{name} does not become a field", "another name, or one type")
             return  # in the next pass it is a field
         if isinstance(plain(place.type), ArrayType):
             if isinstance(getattr(owner, name), list):
                 raise self.refused(node, "a list is assigned as a whole", "its elements, one by one")
+            self.world.memory.rebind(place.text)
+            self.rebound.append(place.text)
             if isinstance(term, Code) and not isinstance(term, Elements):
                 self.share(term)
                 self.share(place)
@@ -166,8 +229,11 @@ class AssignmentCode(CallCode):
         self.line(f"{place.text} = {self.as_type(term, place.type, node)};")
 
     def _store_element(self, target: ast.Subscript, term: Term, node: ast.AST) -> None:
-        term = self._settled(term)
-        base, index = self.ordered([target.value, target.slice])
+        term = self.settled(term)
+        base, index = self.base_and_index(target)
+        self._set_element(target, base, index, term, node)
+
+    def _set_element(self, target: ast.Subscript, base: Term, index: Term, term: Term, node: ast.AST) -> None:
         if not (isinstance(base, Code) and isinstance(base.type, ArrayType)):
             raise self.refused(node, "an element of something that is not a list of numbers")
         if isinstance(target.value, ast.Attribute) and isinstance(owner := self.term(target.value.value), Known):
@@ -177,9 +243,26 @@ class AssignmentCode(CallCode):
             self.overwrite(base, term, node, where=index)
             return
         self.check_length(base.type, node)
+        if base.type.listed and is_of_numpy(term):
+            raise self.refused(node, "a number of numpy in a list", "float(...), int(...), bool(...)")
         if not base.type.listed and base.type.of != REAL and plain_number(self.code(term, node).type) == REAL:
             raise self.refused(node, "numbers of another type are set in the array", "int(...)")
-        self.line(f"{base.text}.at[{self.index(base.type, index, node)}] = {self.as_type(term, base.type.of, node)};")
+        place = f"{base.text}.at[{self.index(base.type, index, node)}]"
+        self.changes.add(base.text)
+        self.line(f"{place} = {self.as_type(term, base.type.of, node)};")
+
+
+def _is_there(term: Term) -> bool:
+    """Whether a value is never None."""
+    if isinstance(term, Code):
+        return not isinstance(term.type, OptionalType)
+    return isinstance(term, Many) or (isinstance(term, Known) and term.value is not None)
+
+
+def _odd_attribute(owner: Any, name: str) -> str:
+    """Why an attribute that is assigned is no plain one; empty: it is."""
+    found = attribute_kind(owner, name)
+    return "" if found == "value" else f"{name} is a {found}" if found in ("function", "property") else found
 
 
 def _is_quality(term: Term) -> bool:

@@ -6,16 +6,31 @@ import ast
 import inspect
 from collections.abc import Callable, Sequence
 from enum import Enum
-from functools import cached_property
-from types import FunctionType, ModuleType
+from functools import partial
+from types import BuiltinFunctionType, FunctionType, MethodType, ModuleType
 from typing import Any
 
+import numpy as np
+
+from umo.control.axis import Axis
 from umo.cycle.clock import Clock
 from umo.drivers.contract import Direction
 from umo.generate.builtin_code import BuiltinCode
-from umo.generate.c_types import INT, NOTHING, REAL, CType, numpy_number, state
+from umo.generate.c_types import (
+    INT,
+    NOTHING,
+    REAL,
+    ArrayType,
+    CType,
+    numpy_number,
+    plain,
+    plain_number,
+    state,
+)
+from umo.generate.live_fields import MOST_INT
 from umo.generate.terms import TEXT, Code, Known, Present, Term
 from umo.generate.translation import Untranslatable
+from umo.generate.value_kinds import NUMPY_NUMBERS, attribute_kind, is_plain_word
 from umo.objects import Compound, DigitalSensor, Quality, Vector
 from umo.objects.atomic import Atomic, Binary
 from umo.objects.link import Cycle
@@ -61,21 +76,38 @@ class AttributeCode(BuiltinCode):
             and not hasattr(owner, "__dict__")
         ):
             return Known(self._got(owner, name, node), owner, name)
-        static = inspect.getattr_static(type(owner), name, None)
-        if isinstance(static, property) and static.fget is not None:
-            self.takes(type(owner), name, node)
-            return self.function(static.fget, [base], {}, node)
-        if isinstance(static, FunctionType | staticmethod | classmethod | cached_property):
-            return self._known(owner, name, node)
         if isinstance(owner, Enum):
-            return Known(getattr(owner, name))
+            return self._of_state(owner, name, node)
+        found = attribute_kind(owner, name)
+        if found == "property":
+            self.takes(type(owner), name, node)
+            return self.function(inspect.getattr_static(type(owner), name).fget, [base], {}, node)
+        if found == "function":
+            return self._known(owner, name, node)
+        if found != "value":
+            raise self.refused(node, found, "an attribute, a property or a method")
         return self.field(owner, name, base, node)
+
+    def _of_state(self, owner: Enum, name: str, node: ast.AST) -> Term:
+        static = inspect.getattr_static(type(owner), name, None)
+        if type(static) is property and static.fget is not None:
+            self.takes(type(owner), name, node)
+            return self.function(static.fget, [Known(owner)], {}, node)
+        if name not in ("name", "value") and not isinstance(static, FunctionType | staticmethod | classmethod | Enum):
+            raise self.refused(node, f"the attribute {name!r} of a state", "value, name, a method, a property")
+        return self._known(owner, name, node)
 
     def field(self, owner: Any, name: str, base: Known, node: ast.AST) -> Term:
         """An attribute that is a number is a field; another one is known."""
         if (id(owner), name) in self.world.memory.texts:
             return Known(TEXT)
         value = self._got(owner, name, node)
+        if isinstance(value, FunctionType | MethodType | BuiltinFunctionType | partial):
+            if asks_host(owner, name):
+                return Known(value, owner, name)
+            raise self.refused(node, f"{name} is a function that an object has as an attribute", "a method")
+        if isinstance(value, np.generic) and not isinstance(value, NUMPY_NUMBERS):
+            raise self.refused(node, f"{name} is a {type(value).__name__} of numpy", "float(...), np.float64")
         of = self.world.fields.type_of(owner, name, value)
         if of is None or of == NOTHING:
             if (id(owner), name) in self.world.memory.assigned and of is None:
@@ -85,8 +117,25 @@ class AttributeCode(BuiltinCode):
             self.world.fields.known(value, self._path(owner, base, name)) if hasattr(value, "__dict__") else None
             return self._known(owner, name, node)
         self.takes_class(owner, name, node)
+        if not is_plain_word(name):
+            raise self.refused(node, f"{name!r} is not the name of a field in C", "letters of ASCII, and no word of C")
+        if type(value) is int and abs(value) > MOST_INT:
+            raise self.refused(node, f"{name} is {value}, and does not fit 32 bits", "a smaller number, or a float")
         text = self.world.fields.field(owner, name, of, self._path(owner, base, ""))
-        return Code(numpy_number(of, sure=False) if (id(owner), name) in self.world.memory.of_numpy else of, text)
+        if isinstance(plain(of), ArrayType) and value is not None:
+            self._check_numbers(value, name, node)
+        self.world.memory.place_arrays(text, value)
+        if (id(owner), name) in self.world.memory.of_numpy or isinstance(value, np.generic):
+            return Code(numpy_number(plain_number(of), sure=False), text)
+        return Code(of, text)
+
+    def _check_numbers(self, value: Any, name: str, node: ast.AST) -> None:
+        """The numbers of an array or a list fit, and are no states or tuples of other classes."""
+        numbers = value.tolist() if isinstance(value, np.ndarray) else value
+        if any(type(each) is int and abs(each) > MOST_INT for each in numbers):
+            raise self.refused(node, f"{name} has a number that does not fit 32 bits", "smaller numbers, or floats")
+        if len({type(each) for each in numbers}) > 1:
+            raise self.refused(node, f"{name} has values of several classes", "one class for all")
 
     def _path(self, owner: Any, base: Known, name: str) -> str:
         path = self.world.fields.known(owner, base.name or type(owner).__name__).path
@@ -154,6 +203,11 @@ class AttributeCode(BuiltinCode):
 
 def _is_of_cycle(owner: Any) -> bool:
     return type(owner).__module__.startswith("umo.cycle.")
+
+
+def asks_host(owner: Any, name: str) -> bool:
+    """Whether this attribute of an object is a function that only the host can call: it plans motions."""
+    return isinstance(owner, Axis) and name == "_replan"
 
 
 def dropped(*_: object) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import copy
 import math
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -10,16 +11,33 @@ from typing import Any
 
 import numpy as np
 
-from umo.generate.c_types import BOOL, INT, REAL, ArrayType, NumpyNumber
-from umo.generate.expression_code import NUMBERS
+from umo.generate.c_types import (
+    BOOL,
+    INT,
+    MIXED,
+    REAL,
+    ArrayType,
+    CType,
+    NumpyNumber,
+    OptionalType,
+    StateType,
+    TupleType,
+    numpy_number,
+    plain,
+    plain_number,
+)
+from umo.generate.condition_code import calls_in
+from umo.generate.expression_code import NUMBERS, is_of_numpy
 from umo.generate.function_scope import TELLS
 from umo.generate.terms import Code, Known, Many, Term, UnknownText
+from umo.generate.translation import ControllerLimit
+from umo.generate.value_kinds import is_container
 from umo.generate.vector_code import VectorCode
 
 EXACT: dict[Any, str] = {math.fabs: "umo_fabs"}
 INEXACT: dict[Any, tuple[str, str]] = {
     math.sin: ("umo_sin", "!umo_is_finite({0})"), math.cos: ("umo_cos", "!umo_is_finite({0})"),
-    math.tan: ("umo_tan", "!umo_is_finite({0})"), math.exp: ("umo_exp", ""), math.log: ("umo_log", "!({0} > 0)"),
+    math.tan: ("umo_tan", "!umo_is_finite({0})"), math.exp: ("umo_exp", ""), math.log: ("umo_log", "{0} <= 0"),
 }  # fmt: skip
 WHOLE: dict[Any, str] = {
     math.floor: "umo_floor",
@@ -46,6 +64,8 @@ class BuiltinCode(VectorCode):
         one = arguments[0] if len(arguments) == 1 else None
         if one is not None and target in (sum, any, all) and not isinstance(one, Known):
             terms = self.parts(one, node.args[0])
+            if target is sum and self.is_array(one) and plain_number(self.of(self.array(one, node))) == BOOL:
+                raise self.refused(node, "sum of an array of bools", "np.sum, np.count_nonzero")
             return self._added(terms, node) if target is sum else self._any_or_all(target, terms, node)
         if one is None:
             return self._of_two(target, arguments, node)
@@ -71,9 +91,10 @@ class BuiltinCode(VectorCode):
         if not (known or target in EXACT or target in INEXACT):
             return None
         code = self.number(one, node)
-        if target is abs and code.type == INT:
+        if target is abs and code.type in (INT, BOOL):
+            code = Code(INT, self.as_type(code, INT, node))
             kept = self.kept(code).text
-            self.raises(OverflowError, node, f"{kept} == INT32_MIN")
+            self.raises(ControllerLimit, node, f"{kept} == INT32_MIN")
             return Code(INT, f"({kept} < 0 ? -{kept} : {kept})")
         if target in WHOLE:
             return self._whole(target, code, node)
@@ -81,7 +102,10 @@ class BuiltinCode(VectorCode):
         if target is float:
             return Code(REAL, text)
         if target in (abs, math.fabs):
-            return Code(REAL, f"umo_fabs({text})")
+            of = (
+                one.type if target is abs and isinstance(one, Code) and not isinstance(one.type, OptionalType) else REAL
+            )
+            return Code(of, f"umo_fabs({text})")
         if target is math.isinf:
             kept = self.kept(Code(REAL, text)).text
             return Code(BOOL, f"(!umo_is_finite({kept}) && !umo_is_nan({kept}))")
@@ -113,7 +137,8 @@ class BuiltinCode(VectorCode):
         kept = self.kept(code).text
         self.raises(ValueError, node, f"umo_is_nan({kept})")
         cut = self.kept(Code(REAL, f"{WHOLE[target]}({kept})")).text
-        self.raises(OverflowError, node, f"!umo_fits_int({cut})")
+        self.raises(OverflowError, node, f"!umo_is_finite({kept})")
+        self.raises(ControllerLimit, node, f"!umo_fits_int({cut})")
         return Code(INT, f"(int32_t){cut}")
 
     def _of_two(self, target: Any, arguments: list[Term], node: ast.Call) -> Term | None:
@@ -132,8 +157,9 @@ class BuiltinCode(VectorCode):
 
     def _extreme(self, target: Any, arguments: list[Term], node: ast.Call) -> Term:
         terms = self.parts(arguments[0], node) if len(arguments) == 1 else arguments
-        if all(isinstance(each, Known) for each in terms):
+        if all(isinstance(each, Known) and type(each.value) in NUMBERS for each in terms):
             return Known(target(each.value for each in terms))  # type: ignore[union-attr]
+        kinds = [plain(self.code(each, node).type) for each in terms]
         codes = [self.number(each, node) for each in terms]
         of = REAL if any(each.type == REAL for each in codes) else INT
         texts = [self.as_type(each, of, node) for each in codes]
@@ -141,7 +167,12 @@ class BuiltinCode(VectorCode):
         found = texts[0]
         for each in texts[1:]:
             found = f"{name}({found}, {each})"
-        return Code(of, found)
+        if any(isinstance(each, NumpyNumber) for each in kinds):
+            if BOOL in map(plain_number, kinds):
+                raise self.refused(node, "an extreme of bools of numpy", "and, or, bool(...)")
+            sure = all(isinstance(each, NumpyNumber) and each.sure for each in kinds)
+            return Code(numpy_number(of, sure), found)
+        return Code(MIXED if of == REAL and any(each != REAL for each in kinds) else of, found)
 
     def _static(self, target: Any, arguments: list[Term], node: ast.Call) -> Term:
         if target is len and isinstance(arguments[0], Code) and isinstance(arguments[0].type, ArrayType):
@@ -151,10 +182,19 @@ class BuiltinCode(VectorCode):
             return Known(len(arguments[0].terms))
         if any(isinstance(each, Known) and isinstance(each.value, UnknownText) for each in arguments):
             raise self.refused(node, TELLS, "a state of an Enum")
-        if target is isinstance and (known := _kind_of(arguments[0])) and isinstance(arguments[1], Known):
-            return Known(issubclass(known, arguments[1].value))
+        if target is isinstance and isinstance(arguments[0], Code) and isinstance(arguments[1], Known | Many):
+            return self._is_instance(arguments[0], arguments[1], node)
         if target in (getattr, hasattr) and (found := self._attribute_by_name(target, arguments, node)) is not None:
             return found
+        if (
+            target in (tuple, list)
+            and len(arguments) == 1
+            and isinstance(arguments[0], Many)
+            and arguments[0].kind is None
+        ):
+            return Many(arguments[0].terms, kind=list if target is list else None)
+        if target in (len, zip, enumerate, reversed, tuple, list) and not all(map(_is_container, arguments[:1])):
+            raise self.refused(node, f"{target.__name__} of what decides what its elements are", "a list, a tuple")
         if not all(isinstance(each, Known) for each in arguments):
             raise self.refused(node, f"{target.__name__} of something that is not known when the code is generated")
         return Known(target(*(each.value for each in arguments)))  # type: ignore[union-attr]
@@ -171,45 +211,90 @@ class BuiltinCode(VectorCode):
 
     def _over(self, target: Any, generator: ast.GeneratorExp, node: ast.Call) -> Term:
         """any, all or sum of an expression over objects."""
-        first = generator.generators[0]
-        if len(generator.generators) != 1:
+        if len(generator.generators) != 1 or generator.generators[0].is_async:
             raise self.refused(node, "two loops in one expression", "a loop for each")
-        elements = self.elements(self.term(first.iter), first.iter)
+        generator = _with_own_names(generator, f" {node.lineno} {node.col_offset}")
+        first = generator.generators[0]
+        if any(isinstance(each, ast.NamedExpr) for each in ast.walk(generator)):
+            raise self.refused(node, "an assignment in a generator", "a loop")
+        over = self.term(first.iter)
+        elements = self.elements(over, first.iter)
+        if not (isinstance(over, Code) and isinstance(over.type, ArrayType)):
+            elements = [self.settled(each) for each in elements]
+        at = len(self.lines)
+        found = self._over_elements(target, generator, elements, node)
+        calls = any(line.strip().startswith("fault = ") for line in self.lines[at:])
+        if calls and isinstance(over, Code) and isinstance(over.type, ArrayType):
+            raise self.refused(node, "code that may change what a generator goes through", "a loop")
+        return found
+
+    def _over_elements(self, target: Any, generator: ast.GeneratorExp, elements: list[Term], node: ast.Call) -> Term:
+        first = generator.generators[0]
         if target is sum:
             if first.ifs:
                 raise self.refused(node, "`if` in a sum", "a loop")
             return self._added(self._terms_over(generator, elements), node)
-        parts = []
         result = self.temporary(BOOL, "c")
         end = self.label("found")
         self.line(f"{result} = {'false' if target is any else 'true'};", pure=True)
+        at, names = len(self.lines), dict(self.names)
         for each in elements:
+            on, known = self.label("next"), set(self.known)
             with self.bound_to(first.target, each):
-                conditions = [self.truth(self.term(test), test) for test in first.ifs]
+                for test in first.ifs:
+                    self._skip_unless(self.truth(self.term(test), test), on)
+                    self.known |= self.proved(test) if not calls_in(test) else set()
                 truth = self.truth(self.term(generator.elt), generator.elt)
             text = str(truth).lower() if isinstance(truth, bool) else truth
-            wanted = text if target is any else f"!({text})"
-            both = " && ".join([*(f"({str(c).lower()})" for c in conditions), f"({wanted})"])
-            with self.block(f"if ({both})"):
+            with self.block(f"if ({text})" if target is any else f"if (!({text}))"):
                 self.line(f"{result} = {'true' if target is any else 'false'};", pure=True)
                 self.line(f"goto {end};", pure=True)
-            parts.append(text)
-        if elements:
-            self.line(f"{end}:;", pure=True)
+            self.known &= known
+            self._place_label(on, at)
+        self._place_label(end, at)
+        self.names = names
         return Code(BOOL, result, stable=True)
 
+    def _skip_unless(self, truth: str | bool, label: str) -> None:
+        text = str(truth).lower() if isinstance(truth, bool) else truth
+        with self.block(f"if (!({text}))"):
+            self.line(f"goto {label};", pure=True)
+
+    def _place_label(self, label: str, at: int) -> None:
+        """A label, where a line from there on leads to it."""
+        if any(f"goto {label};" in line for line in self.lines[at:]):
+            self.line(f"{label}:;", pure=True)
+
+    def _is_instance(self, value: Code, classes: Known | Many, node: ast.AST) -> Known:
+        """`isinstance`, where every class that the value may have in Python gives the same."""
+        terms = classes.terms if isinstance(classes, Many) else (classes,)
+        wanted = tuple(each.value for each in terms if isinstance(each, Known))
+        possible = _classes_of(value.type)
+        answers = {issubclass(each, wanted) for each in possible}
+        if len(answers) != 1 or len(wanted) != len(terms):
+            raise self.refused(node, "the class of a value that may have another one", "a name for each class")
+        return Known(answers.pop())
+
+    def attribute(self, base: Known, name: str, node: ast.AST) -> Term:
+        raise NotImplementedError
+
     def _terms_over(self, generator: ast.GeneratorExp, elements: Sequence[Term]) -> Iterator[Term]:
+        names = dict(self.names)
         for each in elements:
             with self.bound_to(generator.generators[0].target, each):
                 term = self.term(generator.elt)
+                self.names = dict(names)
                 yield self.kept(term) if isinstance(term, Code) else term  # the names stand for others in the next turn
 
     def _added(self, terms: Iterable[Term], node: ast.Call) -> Term:
         """A sum in the order of its terms. From Python 3.12 on `sum` makes up for what rounding loses (Neumaier); for
         its own numbers, not for those of numpy, and those after one."""
         total, lost, makes_up = self.number(Known(0), node), "", MAKES_UP
+        of_numpy = False
         for each in terms:
+            of_numpy |= is_of_numpy(each)
             makes_up = makes_up and not (isinstance(each, Code) and isinstance(each.type, NumpyNumber))
+            self.check_sure([total, each], node)
             code = self.number(each, node)
             if lost and not makes_up:
                 total, lost = Code(REAL, f"umo_added({total.text}, {lost})"), ""
@@ -224,7 +309,8 @@ class BuiltinCode(VectorCode):
                 self.line(f"umo_add(&{total.text}, &{lost}, {code.text});", pure=True)
             else:
                 self.line(f"{total.text} += {self.as_type(code, REAL, node)};", pure=True)
-        return Code(REAL, f"umo_added({total.text}, {lost})") if lost else total
+        total = Code(REAL, f"umo_added({total.text}, {lost})") if lost else total
+        return Code(numpy_number(total.type, sure=False), total.text, total.stable) if of_numpy else total
 
     def _any_or_all(self, target: Any, terms: Sequence[Term], node: ast.Call) -> Term:
         truths = [self.truth(each, node) for each in terms]
@@ -238,10 +324,34 @@ class BuiltinCode(VectorCode):
         raise NotImplementedError
 
 
-def _kind_of(term: Term) -> type | None:
-    """The class of a value that the controller computes."""
-    if not isinstance(term, Code):
-        return None
-    if isinstance(term.type, ArrayType):
-        return np.ndarray
-    return {REAL: float, INT: int, BOOL: bool}.get(term.type)
+def _is_container(term: Term) -> bool:
+    """Whether Python itself knows its elements."""
+    return not isinstance(term, Known) or is_container(term.value)
+
+
+def _classes_of(of: CType) -> tuple[type, ...]:
+    """The classes that a value of this type may have in Python."""
+    if isinstance(of, OptionalType):
+        return (*_classes_of(of.of), type(None))
+    if isinstance(of, NumpyNumber):
+        own: tuple[type, ...] = {REAL: (np.float64,), INT: (np.int64,), BOOL: (np.bool_,)}[of.of]
+        return own if of.sure else (*own, float, int, bool)
+    if isinstance(of, ArrayType):
+        return (list,) if of.listed else (np.ndarray,)
+    if isinstance(of, StateType):
+        return (of.kind,)
+    if isinstance(of, TupleType):
+        return (of.kind or tuple,)
+    return {REAL: (float,), INT: (int, bool), BOOL: (bool,)}.get(of, (float, int, bool))
+
+
+def _with_own_names(generator: ast.GeneratorExp, mark: str) -> ast.GeneratorExp:
+    """The same, whose names are no names of the function around it."""
+    copied = copy.deepcopy(generator)
+    first = copied.generators[0]
+    own = {each.id for each in ast.walk(first.target) if isinstance(each, ast.Name)}
+    inner = [first.target, *first.ifs, copied.elt]
+    for each in (one for part in inner for one in ast.walk(part)):
+        if isinstance(each, ast.Name) and each.id in own:
+            each.id += mark
+    return copied

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
+from umo.generate.value_kinds import is_plain_enum
+
 
 @dataclass(frozen=True)
 class CType:
@@ -58,11 +60,22 @@ class NumpyNumber(CType):
     """False: it may be one of Python, too."""
 
 
+@dataclass(frozen=True)
+class MixedNumber(CType):
+    """A real in C, which in Python is a whole number at one time and a float at another: they differ in the sign of
+    zero, and beyond 2**53."""
+
+    of: CType
+
+
 REAL, INT, BOOL = CType("umo_real"), CType("int32_t"), CType("bool")
 MASK = CType("uint32_t")
 """The qualities that are accepted besides GOOD and STALE, a bit each."""
 NOTHING = CType("void")
 """None."""
+MIXED = MixedNumber(REAL.name, REAL)
+LONG = CType("int64_t")
+"""What counts the turns of a loop whose steps may pass the end of 32 bits."""
 PLURALS = {REAL: "reals", INT: "ints", BOOL: "bools"}
 OPTIONALS = {REAL: "umo_optional_real", INT: "umo_optional_int", BOOL: "umo_optional_bool"}
 
@@ -84,15 +97,18 @@ def list_of(of: CType, length: int) -> ArrayType:
 
 def numpy_number(of: CType, sure: bool = True) -> CType:
     """The type of an element of an array."""
-    return NumpyNumber(of.name, of, sure) if of in (REAL, INT) else of
+    return NumpyNumber(of.name, of, sure) if of in (REAL, INT, BOOL) else of
 
 
 def plain_number(of: CType) -> CType:
     """The type in C of a number, whether it is one of numpy or of Python."""
-    return of.of if isinstance(of, NumpyNumber) else of
+    return of.of if isinstance(of, NumpyNumber | MixedNumber) else of
 
 
 def state(kind: type[Enum]) -> StateType:
+    """The type of a state; TypeError for an Enum whose members are not equal only to themselves."""
+    if not is_plain_enum(kind):
+        raise TypeError(f"{kind.__name__} decides what its states are equal to, or is a Flag")
     return StateType("uint8_t", kind)
 
 
@@ -100,10 +116,11 @@ def optional(of: CType) -> OptionalType:
     """The type of a value that may be None; TypeError for one that has none."""
     if isinstance(of, OptionalType):
         return of
-    of = plain_number(of)
+    if isinstance(of, NumpyNumber):
+        of = of.of
     if isinstance(of, TupleType | ArrayType):
         return OptionalType(f"{of.name}_or_none", of)
-    name = "umo_optional_state" if isinstance(of, StateType) else OPTIONALS.get(of)
+    name = "umo_optional_state" if isinstance(of, StateType) else OPTIONALS.get(plain_number(of))
     if name is None:
         raise TypeError
     return OptionalType(name, of)
@@ -117,18 +134,25 @@ def joined(one: CType, other: CType) -> CType:
         return optional(other if one == NOTHING else one)
     if isinstance(one, NumpyNumber) or isinstance(other, NumpyNumber):
         sure = all(isinstance(each, NumpyNumber) and each.sure for each in (one, other))
-        return numpy_number(joined(plain_number(one), plain_number(other)), sure)
+        of = joined(plain_number(one), plain_number(other))
+        if of == MIXED:
+            raise TypeError
+        return numpy_number(of, sure)
     if isinstance(one, OptionalType) or isinstance(other, OptionalType):
         return optional(joined(plain(one), plain(other)))
-    if {one, other} == {REAL, INT} or {one, other} == {REAL, BOOL}:
-        return REAL
+    if {one, other} <= {REAL, INT, BOOL, MIXED} and {one, other} != {INT, BOOL}:
+        return MIXED
     if {one, other} == {INT, BOOL}:
         return INT
     if isinstance(one, ArrayType) or isinstance(other, ArrayType):
         return _joined_arrays(one, other)
     if isinstance(one, TupleType) and isinstance(other, TupleType) and len(one.members) == len(other.members):
         pairs = zip(one.members, other.members, strict=True)
-        if all(joined(a[1], b[1]) in (a[1], b[1]) for a, b in pairs):
+        if (
+            all(a[1] == b[1] for a, b in pairs)
+            and None in (one.kind, other.kind)
+            and list not in (one.kind, other.kind)
+        ):
             return one if one.kind is not None else other
     raise TypeError
 
@@ -140,7 +164,7 @@ def _joined_arrays(one: CType, other: CType) -> CType:
     lengths = {each.length for each in (one, other) if isinstance(each, ArrayType)}
     if len(lengths - {1}) > 1:
         raise TypeError
-    of = joined(*(each.of if isinstance(each, ArrayType) else each for each in (one, other)))
+    of = plain_number(joined(*(each.of if isinstance(each, ArrayType) else each for each in (one, other))))
     strict = all(isinstance(each, ArrayType) and not each.loose for each in (one, other)) and len(lengths) == 1
     length = max(lengths)
     return array(of, length if strict or length == 1 else Loose(length))
@@ -149,6 +173,13 @@ def _joined_arrays(one: CType, other: CType) -> CType:
 def plain(of: CType) -> CType:
     """The type without None."""
     return of.of if isinstance(of, OptionalType) else of
+
+
+def unmixed(of: CType) -> CType:
+    """The type as one of a field."""
+    if isinstance(of, OptionalType):
+        return OptionalType(of.name, plain_number(of.of))
+    return of.of if isinstance(of, MixedNumber) else of
 
 
 def is_number(of: CType) -> bool:

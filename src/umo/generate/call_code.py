@@ -5,10 +5,11 @@ from __future__ import annotations
 import ast
 import inspect
 import logging
+import re
 import typing
 from collections.abc import Callable, Sequence
 from functools import partial
-from types import FunctionType, MethodType, ModuleType
+from types import FunctionType, MethodType
 from typing import Any
 
 import numpy as np
@@ -17,14 +18,19 @@ from umo.control.inputs import state_of, value_of
 from umo.control.profile import Profile
 from umo.errors import RangeError, StateError
 from umo.generate.array_code import ArrayMethod
-from umo.generate.attribute_code import AttributeCode, dropped
-from umo.generate.c_types import BOOL, MASK, REAL, ArrayType, TupleType, state
+from umo.generate.attribute_code import AttributeCode, asks_host, dropped
+from umo.generate.c_types import BOOL, INT, MASK, REAL, ArrayType, OptionalType, TupleType, plain_number, state
 from umo.generate.expression_code import of_element
+from umo.generate.function_scope import NoTranslation
 from umo.generate.function_source import NoSource, bound
 from umo.generate.terms import TEXT, Code, Known, Many, Term
+from umo.generate.value_kinds import is_container, is_plain_record
 from umo.objects import DigitalSensor, Vector
 from umo.objects.atomic import Atomic, Binary, Digital
 
+TELLING = (str, repr)
+"""Functions that make a text of whatever there is."""
+DIVIDES = (ast.Div, ast.FloorDiv, ast.Mod, ast.Pow)
 MOST_NUMBERS = 256
 """Elements of a list in one expression, each written out."""
 HOST_CALLS: frozenset[Any] = frozenset({Profile.to})
@@ -38,11 +44,13 @@ class CallCode(AttributeCode):
         if self._is_super(node.func):
             return self._of_super(node)
         if self._is_joined_text(node):
+            self.check_told([*node.args, *(each.value for each in node.keywords)])
             return Known(TEXT)
-        func = self._callee(node.func)
+        func = self.term(node.func)
         if not isinstance(func, Known):
             raise self.refused(node, "what is called is not known when the code is generated")
         if func.value is dropped or _tells(func.value):
+            self.check_told([*node.args, *(each.value for each in node.keywords)])
             self.world.note(f"{self.source.segment(node.func)} only tells something: it is left out on the controller")
             return Known(None)
         if func.value in (any, all, sum) and len(node.args) == 1 and isinstance(node.args[0], ast.GeneratorExp):
@@ -50,23 +58,88 @@ class CallCode(AttributeCode):
         arguments, named = self._arguments(node)
         return self.apply(func, arguments, named, node)
 
-    def _callee(self, node: ast.expr) -> Term:
-        """What is called. A function that an object has as an attribute is not taken as known: the host calls the one
-        that is there."""
-        if not isinstance(node, ast.Attribute):
-            return self.term(node)
-        base = self.term(node.value)
-        if isinstance(base, Known) and not isinstance(base.value, ModuleType | type | Atomic | Vector):
-            own = getattr(base.value, "__dict__", {}).get(node.attr)
-            func = Known(own, base.value, node.attr)
-            if callable(own) and not _of_class(func):
-                return func
-        return self.attribute_of(base, node)
+    def check_told(self, nodes: Sequence[ast.AST]) -> None:
+        """That what is left out, as it only tells something, does nothing else: it changes nothing and cannot fail.
+        umo's own texts are known to be so."""
+        self._check_calls(nodes)
+        if not self.source.file.startswith("umo/"):
+            for node in nodes:
+                self._check_text(node)
+
+    def _check_text(self, node: ast.AST) -> None:
+        """A part of a text: names, attributes, numbers, and texts made of these."""
+        if isinstance(node, ast.Constant):
+            return
+        if isinstance(node, ast.JoinedStr | ast.Tuple | ast.List | ast.IfExp | ast.Call):
+            inner = [each for each in ast.iter_child_nodes(node) if isinstance(each, ast.expr | ast.keyword)]
+            for each in inner[isinstance(node, ast.Call) :]:
+                self._check_text(each.value if isinstance(each, ast.keyword) else each)
+            if not isinstance(node, ast.Call) or self._is_joined_text(node) or self._meaning_of(node.func) in TELLING:
+                return
+        elif isinstance(node, ast.FormattedValue):
+            self._check_text(node.value)
+            if node.format_spec is None or self._is_formatted(node):
+                return
+        elif isinstance(node, ast.Name | ast.Attribute):
+            at, impure = len(self.lines), self.impure
+            self.term(node)
+            self.lines = self.lines[:at]
+            if self.impure == impure:
+                return
+        raise self.refused(node, "a text that a controller does not have, and that may fail", "a name for it first")
+
+    def _is_formatted(self, node: ast.FormattedValue) -> bool:
+        """Whether a number takes this format whatever it is."""
+        spec = node.format_spec.values if isinstance(node.format_spec, ast.JoinedStr) else []
+        text = "".join(str(each.value) if isinstance(each, ast.Constant) else "?" for each in spec)
+        term = self.term(node.value)
+        of = term.type if isinstance(term, Code) else None
+        ends = {REAL: "fFeEgG%", INT: "fFeEgG%dxob"}.get(of) if of is not None else None
+        return ends is not None and re.fullmatch(rf"[-+ ]?0?[0-9]*(\.[0-9]+)?[{ends}]", text) is not None
+
+    def _meaning_of(self, func: ast.AST) -> Any:
+        return self.source.meaning(func.id) if isinstance(func, ast.Name) and func.id not in self.names else None
+
+    def _check_calls(self, nodes: Sequence[ast.AST]) -> None:
+        for each in (one for node in nodes for one in ast.walk(node)):
+            if isinstance(each, ast.NamedExpr | ast.Await):
+                raise self.refused(each, "an assignment in a text that a controller does not have", "a line of its own")
+            if isinstance(each, ast.BinOp) and isinstance(each.op, DIVIDES) and not _is_text(each.left):
+                raise self.refused(each, "a quotient in a text that a controller does not have", "a name for it first")
+            if isinstance(each, ast.Call) and not self._only_tells(each):
+                raise self.refused(each, "a call in a text that a controller does not have", "a name for it first")
+
+    def does_nothing(self, node: ast.AST) -> bool:
+        """Whether evaluating an expression only looks at what there is."""
+        try:
+            self._check_calls([node])
+        except NoTranslation:
+            return False
+        return True
+
+    def _only_tells(self, node: ast.Call) -> bool:
+        """Whether a call in a text changes nothing: a function of Python, or of umo."""
+        if self._is_joined_text(node):
+            return True
+        func = node.func
+        root = func
+        while isinstance(root, ast.Attribute):
+            root = root.value
+        if isinstance(root, ast.Call) and isinstance(root.func, ast.Name) and root.func.id == "super":
+            return False
+        if not isinstance(root, ast.Name) or (isinstance(func, ast.Attribute) and root.id in self.names):
+            return self.source.file.startswith("umo/")
+        found = self.source.meaning(root.id)
+        for name in reversed(_names_of(func)):
+            found = getattr(found, name, None)
+        return str(getattr(found, "__module__", "")).partition(".")[0] in ("builtins", "umo", "math", "numpy")
 
     def _is_joined_text(self, node: ast.Call) -> bool:
         """A method of a text, such as `", ".join(...)`: it gives a text."""
         func = node.func
         if not (isinstance(func, ast.Attribute) and isinstance(func.value, ast.Constant | ast.JoinedStr)):
+            return False
+        if isinstance(func.value, ast.Constant) and not isinstance(func.value.value, str):
             return False
         return func.attr in ("join", "format")
 
@@ -85,7 +158,8 @@ class CallCode(AttributeCode):
         """The elements of a tuple, or of a list of numbers."""
         if isinstance(term, Many):
             return list(term.terms)
-        if isinstance(term, Known) and isinstance(term.value, tuple | list):
+        if isinstance(term, Known) and isinstance(term.value, tuple | list) and is_container(term.value):
+            self.world.memory.place_known(term.value)
             return [Known(each) for each in term.value]
         if isinstance(term, Code) and isinstance(term.type, TupleType):
             place = self.place(term).text
@@ -126,6 +200,10 @@ class CallCode(AttributeCode):
         if target is value_of or target is state_of:
             return self._input(target, arguments, named, node)
         if isinstance(target, type) and issubclass(target, tuple) and hasattr(target, "_fields"):
+            if not is_plain_record(target):
+                raise self.refused(
+                    node, f"{target.__name__} changes what a tuple does", "a NamedTuple with fields only"
+                )
             defaults = {name: Known(each) for name, each in getattr(target, "_field_defaults", {}).items()}
             given = defaults | dict(zip(target._fields, arguments, strict=False)) | named
             if len(arguments) > len(target._fields) or given.keys() != set(target._fields):
@@ -140,11 +218,9 @@ class CallCode(AttributeCode):
             return arguments[1]
         if getattr(target, "__func__", target) in HOST_CALLS:
             return self._host(target.__self__, target.__name__, arguments, node)
-        if isinstance(func.owner, object) and func.name and not _of_class(func):
+        if asks_host(func.owner, func.name):
             return self._host(func.owner, func.name, arguments, node)
-        if callable(target) and isinstance(target, FunctionType | MethodType | partial):
-            return self.function(target, arguments, named, node)
-        if hasattr(target, "__wrapped__") and callable(target):
+        if isinstance(target, FunctionType | MethodType | partial):
             return self.function(target, arguments, named, node)
         raise self.refused(
             node, f"{self.source.segment(node.func)} has no translation", "functions of Python code, math"
@@ -152,7 +228,9 @@ class CallCode(AttributeCode):
 
     def _is_super(self, func: ast.AST) -> bool:
         inner = func.value if isinstance(func, ast.Attribute) else None
-        return isinstance(inner, ast.Call) and isinstance(inner.func, ast.Name) and inner.func.id == "super"
+        if not (isinstance(inner, ast.Call) and isinstance(inner.func, ast.Name) and inner.func.id == "super"):
+            return False
+        return not inner.args and inner.func.id not in self.names and self.source.meaning("super") is super
 
     def _of_super(self, node: ast.Call) -> Term:
         assert isinstance(node.func, ast.Attribute)
@@ -163,7 +241,9 @@ class CallCode(AttributeCode):
         self.takes(type(me.value), node.func.attr, node)
         for each in type(me.value).__mro__:
             self.takes(each, node.func.attr, node)
-        found = getattr(super(kind, me.value), node.func.attr)
+        found = getattr(super(kind, me.value), node.func.attr, None)
+        if not isinstance(found, MethodType | FunctionType):
+            raise self.refused(node, "an attribute of super() that is no method", "a method")
         arguments, named = self._arguments(node)
         return self.function(found, arguments, named, node)
 
@@ -199,12 +279,20 @@ class CallCode(AttributeCode):
 
     def _write(self, owner: Atomic, place: str, term: Term, node: ast.Call) -> Term:
         if isinstance(owner, Digital):
-            if self.code(term, node).type == BOOL:
+            code = self.code(term, node)
+            if plain_number(code.type) == BOOL:
                 self.raises(RangeError, node)
                 return Known(False)
+            if isinstance(code.type, OptionalType):
+                term = code = self.kept(code)
+                self.raises(RangeError, node, f"!{code.text}.has")
             return self._got_by(f"umo_digital_write({place}, {self.as_type(term, REAL, node)}, &%s)", BOOL)
         assert isinstance(owner, Binary)
         code = self.code(term, node)
+        if isinstance(code.type, OptionalType):
+            of, code = code.type.of, self.kept(code)
+            self.raises(StateError, node, f"!{code.text}.has")
+            code = Code(of, f"{code.text}.value", stable=True)
         if code.type != state(owner.states):
             self.raises(StateError, node)
             return Known(False)
@@ -246,7 +334,7 @@ class CallCode(AttributeCode):
     def _by_name(
         self, function: FunctionType, given: Sequence[Term], named: dict[str, Term], node: ast.AST
     ) -> dict[str, Term]:
-        signature = inspect.signature(function)
+        signature = inspect.signature(function, follow_wrapped=False)
         try:
             bound_to = signature.bind(*given, **named)
         except TypeError as error:
@@ -272,8 +360,10 @@ def _tells(target: Any) -> bool:
     return isinstance(getattr(target, "__self__", None), logging.Logger) or target is print
 
 
-def _of_class(func: Known) -> bool:
-    """Whether it is a function of the class of its owner, or no attribute of an object."""
-    if func.owner is None or isinstance(func.owner, ModuleType | type):
-        return True
-    return inspect.getattr_static(type(func.owner), func.name, None) is not None and func.name not in vars(func.owner)
+def _is_text(node: ast.AST) -> bool:
+    return isinstance(node, ast.Constant | ast.JoinedStr)
+
+
+def _names_of(func: ast.AST) -> list[str]:
+    """The attributes of a dotted name, the last one first."""
+    return [func.attr, *_names_of(func.value)] if isinstance(func, ast.Attribute) else []

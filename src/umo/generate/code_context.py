@@ -22,8 +22,6 @@ class CodeContext(Protocol):
     fields: LiveFields
     known: KnownValues
     """What is taken as known."""
-    caught: list[str]
-    """The faults that are being handled."""
     on_host: list[Untranslatable]
     """What works on this computer only."""
 

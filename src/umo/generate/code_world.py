@@ -9,9 +9,22 @@ from collections.abc import Callable, Mapping, Sequence
 from types import FunctionType
 from typing import Any
 
+from umo.errors import TaskFailed
 from umo.generate.c_text import array as c_array
 from umo.generate.c_text import comment, identifier
-from umo.generate.c_types import BOOL, NOTHING, REAL, ArrayType, CType, OptionalType, TupleType, is_number
+from umo.generate.c_types import (
+    BOOL,
+    MIXED,
+    NOTHING,
+    REAL,
+    ArrayType,
+    CType,
+    OptionalType,
+    TupleType,
+    is_number,
+    joined,
+    plain,
+)
 from umo.generate.function_scope import INDENT, ZERO, FunctionScope, NoTranslation
 from umo.generate.function_source import NoSource, SourcedFunction, bound
 from umo.generate.known_values import KnownValues, Unwatchable
@@ -20,9 +33,11 @@ from umo.generate.statement_code import StatementCode
 from umo.generate.terms import Code, Known, Many, Present, Term
 from umo.generate.translation import (
     FIRST_FAULT,
+    NO_HOST,
     RUNTIME_FAULTS,
     CFunction,
     CodeFault,
+    ControllerLimit,
     ControllerTarget,
     Translation,
     Untranslatable,
@@ -39,6 +54,8 @@ class TranslatedFunction:
         self.name, self.result, self.live, self.text = name, result, live, text
         self.keeps = scope is not None and scope.keeps
         """Whether an array that it is given is had by others afterwards."""
+        self.changes: set[str] = set() if scope is None else scope.changes
+        """Arrays that a call changes in place."""
         self.sole = scope is not None and scope.sole_result
         """Whether nobody else has an array that it returns."""
 
@@ -59,11 +76,10 @@ class CodeWorld:
         self.notes: list[str] = []
         self.on_host: list[Untranslatable] = []
         self.hosts: list[tuple[Any, str]] = []
-        self.caught: list[str] = []
-        """The faults that are being handled."""
         self._under_way: list[Any] = []
-        self._names = {"plan", "traits", "stop_order", "output_objects", "conditioned", "init_objects", "main"}
+        self._names: set[str] = set()
         self._tests: dict[tuple[type[BaseException], ...], str] = {}
+        """Names of the functions that tell whether a fault is of one of these classes."""
         self._kept: list[Any] = []
         self._tables: dict[tuple[int, ...], str] = {}
         """Names of tables of the numbers of objects."""
@@ -91,7 +107,8 @@ class CodeWorld:
             self.note(f"{name} may differ from Python in its last bit: it is that of the target's library")
 
     def is_a(self, fault: str, kinds: tuple[type[BaseException], ...]) -> str:
-        name = self._tests.setdefault(kinds, f"is_{'_or_'.join(each.__name__ for each in kinds)}")
+        stem = identifier("_or_".join(each.__name__ for each in kinds))
+        name = self._tests.setdefault(kinds, f"is_{len(self._tests)}_{stem}")
         return f"{name}({fault})"
 
     def host_call(self, owner: Any, name: str) -> int:
@@ -109,7 +126,11 @@ class CodeWorld:
             raise scope.refused(node, "only whether it is None is known on the controller")
         if of is None:
             if isinstance(term, Known):
+                if any(map(_is_code, scope.results)):
+                    raise scope.refused(node, "an object is returned, and elsewhere a number", "one of both")
                 return ""
+            if isinstance(term, Many) and MIXED in map(scope.type_of, term.terms):
+                raise scope.refused(node, "a tuple with what may be a whole number or a float", "0.0, float(...)")
             raise scope.refused(node, "the result is no number, state or tuple of them")
         of = self.memory.learn(self.memory.results, scope.key, of, lambda: _odd(node))
         return "" if of == NOTHING else scope.as_type(term, of, node)
@@ -128,6 +149,10 @@ class CodeWorld:
                 texts.append(caller.as_type(term, of, node))
         shared = [term for term in terms.values() if isinstance(term, Code)]
         found = self.translated(source, given, node, caller)
+        for term in shared:
+            if isinstance(plain(term.type), ArrayType) and term.text.removesuffix(".value") in found.changes:
+                raise NoTranslation(node, "the function changes an array that it has under another name, too", "a copy")
+        caller.changes |= {each for each in found.changes if each.startswith("m->")}
         for term in shared if found.keeps else []:
             caller.share(term)
         if found.live is not None and not found.text:
@@ -149,11 +174,11 @@ class CodeWorld:
         if isinstance(term, Known):
             self._kept.append(term.value)
             if isinstance(hinted, OptionalType) and (term.value is None or type(term.value) in (int, float, bool)):
-                return hinted
+                return joined(self.fields.type_of_value(term.value) or NOTHING, hinted)
             if type(term.value) in (int, float, bool):
                 of = self.fields.type_of_value(term.value)
                 assert of is not None
-                return hinted if hinted == REAL and is_number(of) else of
+                return joined(of, hinted) if hinted == REAL and is_number(of) else of
             return term
         if isinstance(term, Many):
             if all(isinstance(each, Known) for each in term.terms):
@@ -166,9 +191,9 @@ class CodeWorld:
                 return of
         if isinstance(term, Code):
             if is_number(term.type) and hinted == REAL:
-                return REAL
+                return joined(term.type, REAL)
             if isinstance(hinted, OptionalType) and (term.type == hinted.of or is_number(term.type)):
-                return hinted
+                return joined(term.type, hinted)
             return term.type
         raise NoTranslation(ast.Pass(lineno=0, col_offset=0), f"the argument {name!r} is no value of a controller")
 
@@ -211,15 +236,17 @@ class CodeWorld:
                 ends = scope.body([each])
             except NoTranslation as refused:
                 self._told(scope, refused, problems)
-            if not ends:
+            if ends is False:
                 break
-        if ends:
+        if ends is not False:
             scope.results.append(Known(None))
             if self.memory.results.get(key, NOTHING) != NOTHING or any(map(_is_code, scope.results)):
                 node = source.tree
                 if len(self.problems) == problems:
                     scope.line(f"*out = {self.result_of(scope, Known(None), node)};")
             scope.line("return UMO_OK;", pure=True)
+        elif not scope.lines[-1].strip().startswith("return "):
+            scope.line("return UMO_OK;", pure=True)  # is not reached, but compilers do not see that
         result = self.memory.results.get(key, NOTHING)
         for of in (*scope.temporaries.values(), *scope.given.values(), result):
             self.fields.use(of)
@@ -243,16 +270,24 @@ class CodeWorld:
         first, *rest = [*scope.results, None][:-1] or [Known(None)]
         if isinstance(first, Known) and all(each == first for each in rest):
             return first
+        objects = [each for each in scope.results if isinstance(each, Known) and self._is_object(each.value)]
+        if objects and result != NOTHING:
+            told = scope.refused(scope.source.tree, "an object is returned, and elsewhere a number", "one of both")
+            self._told(scope, told, len(self.problems))
         if result == NOTHING and any(isinstance(each, Known) and each.value is not None for each in scope.results):
-            raise scope.refused(scope.source.tree, "it returns different objects", "one object for each call")
+            told = scope.refused(scope.source.tree, "it returns different objects", "one object for each call")
+            self._told(scope, told, len(self.problems))
         return None
+
+    def _is_object(self, value: Any) -> bool:
+        return value is not None and self.fields.type_of_value(value) is None
 
     def _name(self, source: SourcedFunction, given: Mapping[str, CType | Known]) -> str:
         first = next(iter(given.values()), None)
         owner = first.value if isinstance(first, Known) else None
         known = self.fields.structs.get(id(owner))
         stem = source.name.rpartition(".")[2].strip("_")
-        base = f"{known.member}_{stem}" if known is not None else identifier(stem)
+        base = f"py_{known.member}_{identifier(stem)}" if known is not None else f"py_{identifier(stem)}"
         name, number = base, 2
         while name in self._names:
             name, number = f"{base}_{number}", number + 1
@@ -270,9 +305,14 @@ class CodeWorld:
         tests = "\n".join(map(self._test, self._tests))
         return "\n".join(part for part in (tables, tests, bodies) if part)
 
+    def _is_caught(self, number: int, kind: type[BaseException], kinds: tuple[type[BaseException], ...]) -> bool:
+        """Whether a handler of these classes catches a fault. One that Python does not have goes on to the end: what is
+        beyond the controller, and what has no host, but for who asks for that by name."""
+        return not issubclass(kind, ControllerLimit) and (number != NO_HOST or TaskFailed in kinds)
+
     def _test(self, kinds: tuple[type[BaseException], ...]) -> str:
         name = self._tests[kinds]
-        found = [n for n, kind in self.kinds.items() if issubclass(kind, kinds)]
+        found = [n for n, kind in self.kinds.items() if issubclass(kind, kinds) and self._is_caught(n, kind, kinds)]
         if not found:
             return f"static bool {name}(int32_t fault)\n{{\n    (void)fault;\n    return false;\n}}\n"
         cases = "".join(f"    case {number}:\n" for number in found)
@@ -348,7 +388,7 @@ def _declared(name: str, of: CType) -> str:
 
 def _is_read(name: str, body: str) -> bool:
     """Whether a variable is read anywhere."""
-    word = re.compile(rf"(?<![\w.>]){re.escape(name)}(?!\w)(?!\s=[^=])")
+    word = re.compile(rf"(?<![\w.>]){re.escape(name)}(?!\w)(?!\s=[^=])(?!\.at\[[^]]*\]\s=[^=])")
     return word.search(body) is not None
 
 
@@ -395,7 +435,7 @@ def _pass(
     for number, each in enumerate([*conditions, *steps]):
         try:
             found = bound(each)
-            parameters = inspect.signature(found.source.function).parameters
+            parameters = inspect.signature(found.source.function, follow_wrapped=False).parameters
             given = {n: Known(each.default) for n, each in parameters.items() if each.default is not each.empty}
             given |= dict(zip(parameters, map(Known, found.given), strict=False))
             given |= {n: Known(v) for n, v in found.named}
@@ -439,7 +479,7 @@ def _wrapped(world: CodeWorld, translated: TranslatedFunction, what: str, is_con
         lines += [f"return {translated.name}(m);"]
     else:
         lines = [f"{of.name} result;", *lines, f"return {translated.name}(m, &result);"]
-    name = f"{translated.name}_"
+    name = f"entry_{translated.name}"
     body = "".join(f"{INDENT}{line}\n" for line in lines)
     out = ", bool *out" if is_condition else ""
     text = f"/* {comment(what)} */\nstatic umo_fault {name}(umo_machine *m{out})\n{{\n{body}}}\n"

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from umo.errors import DeclarationError, RangeError
+from umo.generate.compiler_errors import told
 from umo.generate.live_fields import LiveStruct
 from umo.generate.struct_memory import StructMemory
 
@@ -26,7 +27,8 @@ def compiler() -> str | None:
 
 
 def compiled(folder: Path, *flags: str) -> Path:
-    """The shared library of a generated folder. DeclarationError with what the compiler says, or if there is none."""
+    """The shared library of a generated folder. DeclarationError with the Python that the compiler refuses, or if there
+    is none."""
     cc = compiler()
     if cc is None:
         raise DeclarationError("there is no C compiler: none of cc, gcc, clang was found")
@@ -39,7 +41,7 @@ def compiled(folder: Path, *flags: str) -> Path:
     except (OSError, subprocess.TimeoutExpired) as error:
         raise DeclarationError(f"the compiler {cc} failed: {error}") from None
     if done.returncode:
-        raise DeclarationError(f"{folder} does not compile: {done.stderr.strip()[:2000]}")
+        raise DeclarationError(told(done.stderr, lambda name: (folder / name).read_text("utf-8")))
     return library
 
 

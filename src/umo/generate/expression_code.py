@@ -11,16 +11,21 @@ from typing import Any
 from umo.generate.c_types import (
     BOOL,
     INT,
+    MIXED,
     REAL,
     ArrayType,
     CType,
     NumpyNumber,
     TupleType,
     numpy_number,
+    plain,
+    plain_number,
 )
 from umo.generate.function_scope import FunctionScope
 from umo.generate.function_source import ABSENT
 from umo.generate.terms import TEXT, Code, Elements, Known, Many, Term
+from umo.generate.translation import ControllerLimit
+from umo.generate.value_kinds import is_container
 
 FOLDED: dict[type[ast.AST], Callable[..., Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
@@ -34,6 +39,8 @@ SIGNS: dict[type[ast.AST], str] = {
 }  # fmt: skip
 CHECKED: dict[type[ast.AST], str] = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"}
 NUMBERS = (bool, int, float)
+CONSTANTS = (*NUMBERS, str, type(None))
+MOST_POWER = 64
 
 
 class ExpressionCode(FunctionScope):
@@ -43,6 +50,9 @@ class ExpressionCode(FunctionScope):
         raise NotImplementedError
 
     def call(self, node: ast.Call) -> Term:
+        raise NotImplementedError
+
+    def check_told(self, nodes: Sequence[ast.AST]) -> None:
         raise NotImplementedError
 
     def is_array(self, term: Term) -> bool:
@@ -81,7 +91,7 @@ class ExpressionCode(FunctionScope):
             new = self.term(each)
             if self.impure != before:  # what was computed before may change: it is kept under a name
                 rest, self.lines = self.lines[at:], self.lines[:at]
-                terms = [self.kept(old) if isinstance(old, Code) else old for old in terms]
+                terms = [self.settled(old) for old in terms]
                 self.lines += rest
             terms.append(new)
         return terms
@@ -89,9 +99,12 @@ class ExpressionCode(FunctionScope):
     # Names and numbers ---------------------------------------------------------------------------------
 
     def _Constant(self, node: ast.Constant) -> Term:
+        if type(node.value) not in CONSTANTS:
+            raise self.refused(node, f"a {type(node.value).__name__} has no C", "numbers, states, bools, None")
         return Known(node.value)
 
     def _JoinedStr(self, node: ast.JoinedStr) -> Term:
+        self.check_told([node])
         return Known(TEXT)
 
     def _Name(self, node: ast.Name) -> Term:
@@ -129,12 +142,32 @@ class ExpressionCode(FunctionScope):
     def _Tuple(self, node: ast.Tuple) -> Term:
         return Many(tuple(self.ordered(node.elts)))
 
-    _List = _Tuple
+    def _List(self, node: ast.List) -> Term:
+        return Many(tuple(self.ordered(node.elts)), kind=list)
 
     def _Subscript(self, node: ast.Subscript) -> Term:
-        base, index = self.ordered([node.value, node.slice])
+        base, index = self.base_and_index(node)
+        return self.element(base, index, node)
+
+    def base_and_index(self, node: ast.Subscript) -> tuple[Term, Term]:
+        """What has the element, as itself and not as a copy, and its place."""
+        before = self.impure
+        base = self.term(node.value)
+        found = self.impure
+        index = self.term(node.slice)
+        if self.impure != found:
+            text = base.text if isinstance(base, Code) else ""
+            if found != before or text in self.world.memory.rebound or text in self.sole:
+                raise self.refused(node, "the place changes what has the element", "a name for the place first")
+        return base, index
+
+    def element(self, base: Term, index: Term, node: ast.AST) -> Term:
+        """One element of a tuple, a list or an array, or of what is known."""
         if isinstance(base, Known) and isinstance(index, Known):
-            return Known(base.value[index.value])
+            if is_container(base.value):
+                self.world.memory.place_known(base.value)
+                return Known(base.value[index.value])
+            raise self.refused(node, f"{type(base.value).__name__} decides what its elements are", "a list, a tuple")
         if isinstance(base, Many) and isinstance(index, Known):
             found: Term = base.terms[index.value]
             return found
@@ -166,6 +199,7 @@ class ExpressionCode(FunctionScope):
             return Known(not truth) if isinstance(truth, bool) else Code(BOOL, f"!({truth})")
         if isinstance(term, Known) and type(term.value) in NUMBERS and type(node.op) in FOLDED:
             return Known(FOLDED[type(node.op)](term.value))
+        self.check_sure([term], node)
         if self.is_array(term):
             return self.of_array(node.op, term, node)
         if isinstance(node.op, ast.Invert):
@@ -173,15 +207,19 @@ class ExpressionCode(FunctionScope):
         code = self.number(term, node.operand)
         if isinstance(node.op, ast.UAdd):
             return code if code.type != BOOL else Code(INT, code.text)
+        of = term.type if isinstance(term, Code) and is_of_numpy(term) else code.type
         if code.type == REAL:
-            of = term.type if isinstance(term, Code) and _is_of_numpy(term) else REAL
             return Code(of, f"-({code.text})")
+        if of != code.type:
+            raise self.refused(node, "- of a whole number of numpy", "int(...), or 0 - x")
         return self.arithmetic(ast.Sub(), Code(INT, "0", True), code, node)
 
     def _BinOp(self, node: ast.BinOp) -> Term:
         left, right = self.ordered([node.left, node.right])
         numbers = [each.value for each in (left, right) if isinstance(each, Known) and type(each.value) in NUMBERS]
         if len(numbers) == 2 and type(node.op) in FOLDED:
+            if isinstance(node.op, ast.Pow) and abs(numbers[1]) > MOST_POWER:
+                raise self.refused(node, f"a power of {numbers[1]}", "the number itself")
             try:
                 return Known(FOLDED[type(node.op)](*numbers))
             except ArithmeticError as error:
@@ -196,8 +234,12 @@ class ExpressionCode(FunctionScope):
     ) -> Code:
         """An operator between numbers; between those of numpy nothing is raised."""
         a, b = self.number(left, nodes[0]), self.number(right, nodes[1])
-        if not (_is_of_numpy(left) or _is_of_numpy(right)):
+        if not isinstance(sign, ast.Div):
+            self.check_sure([left, right], node)
+        if not (is_of_numpy(left) or is_of_numpy(right)):
             return self.arithmetic(sign, a, b, node)
+        if {a.type, b.type} == {BOOL}:
+            raise self.refused(node, "arithmetic of bools, of which one is of numpy", "int(...), and, or")
         sure = any(isinstance(each, Code) and getattr(each.type, "sure", False) for each in (left, right))
         if isinstance(sign, ast.Div) and sure:
             return Code(numpy_number(REAL), f"({self.as_type(a, REAL, node)} / {self.as_type(b, REAL, node)})")
@@ -206,6 +248,12 @@ class ExpressionCode(FunctionScope):
         found = self.arithmetic(sign, a, b, node)
         return replace(found, type=numpy_number(found.type, sure))
 
+    def check_sure(self, terms: Sequence[Term], node: ast.AST) -> None:
+        """That the result of arithmetic is a float whenever it is a real in C, and exact."""
+        if any(map(_is_mixed, terms)) and not any(map(_is_float, terms)):
+            told = "it may be a whole number at one time and a float at another"
+            raise self.refused(node, told, "0.0 in the place of 0, float(...)")
+
     def arithmetic(self, sign: ast.operator, left: Code, right: Code, node: ast.AST) -> Code:
         if isinstance(sign, ast.Div) or REAL in (left.type, right.type):
             a, b = (self.as_type(each, REAL, node) for each in (left, right))
@@ -213,12 +261,12 @@ class ExpressionCode(FunctionScope):
         a, b = (self.as_type(each, INT, node) for each in (left, right))
         if type(sign) in CHECKED:
             result = self.temporary(INT, "n")
-            self.raises(OverflowError, node, f"__builtin_{CHECKED[type(sign)]}_overflow({a}, {b}, &{result})")
+            self.raises(ControllerLimit, node, f"__builtin_{CHECKED[type(sign)]}_overflow({a}, {b}, &{result})")
             return Code(INT, result, stable=True)
         if isinstance(sign, ast.FloorDiv | ast.Mod):
             b = self._divisor(b, right.stable, INT, node)
             if isinstance(sign, ast.FloorDiv):
-                self.raises(OverflowError, node, f"{b} == -1 && {a} == INT32_MIN")
+                self.raises(ControllerLimit, node, f"{b} == -1 && {a} == INT32_MIN")
             return Code(INT, f"umo_{'mod' if isinstance(sign, ast.Mod) else 'floor_div'}_int({a}, {b})")
         raise self.refused(node, "this arithmetic of whole numbers does not translate", "+, -, *, //, %, /")
 
@@ -237,9 +285,9 @@ class ExpressionCode(FunctionScope):
     def _power(self, a: str, b: str, node: ast.AST) -> Code:
         self.world.note_inexact("**")
         base, power = self.kept(Code(REAL, a)).text, self.kept(Code(REAL, b)).text
-        self.raises(ZeroDivisionError, node, f"{base} == 0 && {power} < 0")
+        self.raises(ZeroDivisionError, node, f"{base} == 0 && {power} < 0 && umo_is_finite({power})")
         whole = f"umo_floor({power}) != {power} && umo_is_finite({power})"
-        self.raises(TypeError, node, f"{base} < 0 && {whole}", "a complex number")
+        self.raises(ControllerLimit, node, f"{base} < 0 && {whole}", "a complex number")
         result = self.kept(Code(REAL, f"umo_pow({base}, {power})")).text
         finite = f"umo_is_finite({base}) && umo_is_finite({power})"
         self.raises(OverflowError, node, f"!umo_is_finite({result}) && {finite}")
@@ -264,5 +312,16 @@ def of_element(of: ArrayType) -> CType:
     return of.of if of.listed else numpy_number(of.of)
 
 
-def _is_of_numpy(term: Term) -> bool:
-    return isinstance(term, Code) and isinstance(term.type, NumpyNumber)
+def is_of_numpy(term: Term) -> bool:
+    return isinstance(term, Code) and isinstance(plain(term.type), NumpyNumber)
+
+
+def _is_mixed(term: Term) -> bool:
+    return isinstance(term, Code) and plain(term.type) == MIXED
+
+
+def _is_float(term: Term) -> bool:
+    """Whether it is a float in Python, too."""
+    if isinstance(term, Code):
+        return plain_number(plain(term.type)) == REAL and not _is_mixed(term)
+    return isinstance(term, Known) and isinstance(term.value, float)

@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Iterator
+import re
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from umo.generate.c_types import (
     BOOL,
     INT,
     MASK,
+    MIXED,
     REAL,
     ArrayType,
     CType,
+    NumpyNumber,
     OptionalType,
     StateType,
     TupleType,
     is_number,
+    numpy_number,
     plain,
     plain_number,
     state,
@@ -30,52 +36,11 @@ from umo.generate.function_source import SourcedFunction
 from umo.generate.known_values import Unwatchable
 from umo.generate.live_fields import mask_of
 from umo.generate.terms import Code, Known, Many, Present, Term, UnknownText
+from umo.generate.value_kinds import NUMPY_NUMBERS, TRUTH, is_bare_enum, own_methods, refused_truth
 from umo.objects import Quality
 
 INDENT = "    "
-TAKEN = frozenset(
-    [
-        "m",
-        "out",
-        "fault",
-        "auto",
-        "bool",
-        "case",
-        "char",
-        "const",
-        "default",
-        "do",
-        "double",
-        "enum",
-        "errno",
-        "extern",
-        "false",
-        "float",
-        "goto",
-        "inline",
-        "int",
-        "long",
-        "main",
-        "NAN",
-        "INFINITY",
-        "NULL",
-        "register",
-        "restrict",
-        "short",
-        "signed",
-        "sizeof",
-        "static",
-        "struct",
-        "switch",
-        "true",
-        "typedef",
-        "union",
-        "unsigned",
-        "void",
-        "volatile",
-    ]
-)
-"""Names that a local one does not have in C."""
+PLAIN_NAMES: dict[CType, str] = {REAL: "float", INT: "int", BOOL: "bool"}
 ZERO: dict[CType, str] = {REAL: "0", INT: "0", BOOL: "false", MASK: "0"}
 
 
@@ -89,6 +54,13 @@ class NoTranslation(Exception):
     def __init__(self, node: ast.AST, reason: str, nearest: str = "") -> None:
         super().__init__(reason)
         self.node, self.reason, self.nearest = node, reason, nearest
+
+
+class Way(NamedTuple):
+    """What is known at a place of a function."""
+
+    names: dict[str, CType | Known]
+    known: set[str]
 
 
 @dataclass
@@ -120,8 +92,12 @@ class FunctionScope:
         self.handlers: list[TryBlock] = []
         self.impure = 0
         """Grows with each line that may change what an expression before it has seen."""
+        self.caught: list[str] = []
+        """The faults that are being handled."""
         self.known: set[str] = set()
-        """Expressions that are not None here."""
+        """Expressions that are not None here: local names, and fields."""
+        self._c_names: dict[str, str] = {}
+        """Names in C of local ones."""
         self.loops: list[tuple[str, str, int]] = []
         """The labels to which `continue` and `break` lead, "": C's own; and how many handlers there are around."""
         self.shared: set[str] = set()
@@ -132,10 +108,14 @@ class FunctionScope:
         """Temporary arrays that nobody else has."""
         self.sole_result = True
         """Whether nobody else has an array that the function returns."""
+        self.rebound: list[str] = []
+        """Texts of arrays that were assigned as a whole."""
+        self.changes: set[str] = set()
+        """Texts of arrays that are changed in place, here and in what is called."""
         self.keeps = False
         """Whether an array that it was given is had by others after it."""
-        self.left: dict[str, list[dict[str, CType | Known]]] = {}
-        """What names stood for where `break` and `continue` lead to each label."""
+        self.left: dict[str, list[Way]] = {}
+        """What was known where `break` and `continue` lead to each label."""
         self._labels = 0
 
     # Lines ---------------------------------------------------------------------------------------------
@@ -173,6 +153,20 @@ class FunctionScope:
         self.line(f"{name} = {code.text};", pure=True)
         return Code(code.type, name, stable=True)
 
+    def settled(self, term: Term) -> Term:
+        """The same, which nothing changes any longer."""
+        if isinstance(term, Code):
+            if isinstance(plain(term.type), ArrayType):
+                self.share(term)
+            return self.kept(term)
+        if isinstance(term, Many):
+            return Many(tuple(map(self.settled, term.terms)), term.names, term.kind)
+        return Present(self.kept(Code(BOOL, term.text)).text) if isinstance(term, Present) else term
+
+    def share(self, term: Term) -> None:
+        """Another name is given to an array."""
+        raise NotImplementedError
+
     def add_parameter(self, name: str, given: CType, of: CType) -> None:
         """A parameter; it has another type inside where the function assigns to it what it was not given."""
         self.parameters[name] = self.names[name] = of
@@ -180,9 +174,10 @@ class FunctionScope:
         if of == given:
             self.given[text] = given
             return
-        self.given[f"{text}_given"] = given
+        before = f"given_{text}"
+        self.given[before] = given
         self.temporaries[text] = of
-        value = self.as_type(Code(given, f"{text}_given", stable=True), of, self.source.tree)
+        value = self.as_type(Code(given, before, stable=True), of, self.source.tree)
         self.line(f"{text} = {value};", pure=True)
 
     @property
@@ -190,7 +185,45 @@ class FunctionScope:
         return [self.c_local(name) for name in self.parameters]
 
     def c_local(self, name: str) -> str:
-        return f"{name}_" if name in TAKEN else name.lstrip("_") or "unused"
+        """The name in C of a local one: no other one has it, and nothing else has an underscore after its `v`."""
+        found = self._c_names.get(name)
+        if found is None:
+            found = f"v_{re.sub(r'[^a-zA-Z0-9_]', '_', name)}"
+            while found in self._c_names.values():
+                found += "_"
+            self._c_names[name] = found
+        return found
+
+    @property
+    def local_texts(self) -> Collection[str]:
+        """The names in C of local ones."""
+        return self._c_names.values()
+
+    # What is known at a place ----------------------------------------------------------------------------
+
+    def way(self) -> Way:
+        """What is known here."""
+        return Way(dict(self.names), set(self.known))
+
+    def go_on_from(self, ways: Sequence[Way]) -> None:
+        """What is known where these ways meet: names that have the same on all of them."""
+        first, *rest = ways
+        self.names = {
+            name: each for name, each in first.names.items() if all(way.names.get(name) == each for way in rest)
+        }
+        self.known = first.known.intersection(*(way.known for way in rest))
+
+    def forget(self, target: ast.AST) -> None:
+        """A name or an attribute has another value from here on, and so has what is found through it."""
+        if isinstance(target, ast.Name):
+            self.known = {each for each in self.known if f"id='{target.id}'" not in each}
+        elif isinstance(target, ast.Attribute):
+            self.known = {each for each in self.known if f"attr='{target.attr}'" not in each}
+
+    def is_proved(self, code: Code, node: ast.AST) -> bool:
+        """Whether it is not None here. What a property gives may be something else each time."""
+        lasting = isinstance(node, ast.Name) or (isinstance(node, ast.Attribute) and code.text.startswith("m->"))
+        return lasting and ast.dump(node) in self.known
 
     # Faults --------------------------------------------------------------------------------------------
 
@@ -255,10 +288,15 @@ class FunctionScope:
             return term
         if isinstance(term, Known):
             value = term.value
+            if isinstance(value, np.generic) and not isinstance(value, NUMPY_NUMBERS):
+                raise self.refused(node, f"a {type(value).__name__} of numpy", "np.float64, np.int64, float(...)")
             of = self.world.fields.type_of_value(value)
+            if of is not None and is_number(of) and isinstance(value, np.generic):
+                return Code(numpy_number(of), self.literal(value.item(), of, node), stable=True)
             if of is not None and (is_number(of) or isinstance(of, StateType)):
                 return Code(of, self.literal(value, of, node), stable=True)
             if isinstance(of, ArrayType):
+                self.world.memory.place_known(value)
                 name = self.temporary(of)
                 for number, each in enumerate(value):
                     self.line(f"{name}.at[{number}] = {self.literal(each, of.of, node)};", pure=True)
@@ -270,7 +308,7 @@ class FunctionScope:
             types = [self.code(each, node).type for each in term.terms]
             of = self.world.fields.tuple_type(list(types), term.names, term.kind or tuple)
             if of is None:
-                raise self.refused(node, "a tuple of other things than numbers")
+                raise self.refused(node, "a tuple of other things than numbers of Python", "float(...), int(...)")
             return self.made(term, of, node)
         raise self.refused(node, "only whether it is None is known on the controller")
 
@@ -281,6 +319,12 @@ class FunctionScope:
             raise self.refused(node, f"{value} does not fit 32 bits", "a smaller number, or a float") from None
 
     def made(self, term: Many, of: TupleType, node: ast.AST) -> Code:
+        for each, (_, kind) in zip(term.terms, of.members, strict=True):
+            given = self.code(each, node).type if isinstance(each, Known | Code) else kind
+            if isinstance(given, NumpyNumber):
+                raise self.refused(node, "a number of numpy in a tuple", "float(...), int(...), bool(...)")
+            if (kind == REAL and plain_number(given) != REAL) or given == MIXED:
+                raise self.refused(node, "a whole number where a tuple has a real one", "0.0, float(...)")
         parts = [self.as_type(each, kind, node) for each, (_, kind) in zip(term.terms, of.members, strict=True)]
         return Code(of, f"({of.name}){{{', '.join(parts)}}}")
 
@@ -305,6 +349,10 @@ class FunctionScope:
         if isinstance(code.type, OptionalType):
             return self.as_type(self.present(code, node), of, node)
         if is_number(of) and is_number(code.type):
+            if not _widens(code.type, of):
+                kinds = {REAL: "a real number", INT: "a whole number", BOOL: "a bool"}
+                nearest = f"{PLAIN_NAMES[of]}(...), or {kinds[code.type]} from the start"
+                raise self.refused(node, f"{kinds[code.type]} where {kinds[of]} was before", nearest)
             return _enclosed(code.text) if of == REAL and code.type == BOOL else f"({of.name}){_enclosed(code.text)}"
         if of == MASK and code.type == state(Quality):
             return f"(uint32_t)1 << {_enclosed(code.text)}"
@@ -319,7 +367,7 @@ class FunctionScope:
         if not isinstance(code.type, OptionalType):
             return code
         code = code if _is_place(code.text) else self.kept(code)
-        if ast.dump(node) not in self.known:
+        if not self.is_proved(code, node):
             self.raises(TypeError, node, f"!{code.text}.has")
         return Code(plain(code.type), f"{code.text}.value")
 
@@ -335,6 +383,8 @@ class FunctionScope:
         if isinstance(term, Known):
             if isinstance(term.value, UnknownText):
                 raise self.refused(node, TELLS, "a state of an Enum")
+            if refused_truth(term.value):
+                raise self.refused(node, f"{type(term.value).__name__} decides whether it is true", "a comparison")
             return bool(term.value)
         if isinstance(term, Present):
             return term.text
@@ -350,12 +400,19 @@ class FunctionScope:
         if term.type in (REAL, INT, MASK):
             return f"{_enclosed(term.text)} != 0"
         if isinstance(term.type, StateType):
-            if issubclass(term.type.kind, int):
-                zeros = [n for n, each in enumerate(term.type.kind) if not each]
-                return f"{_enclosed(term.text)} != {zeros[0]}" if zeros else True
-            return True
+            if own_methods(term.type.kind, TRUTH):
+                raise self.refused(node, f"{term.type.kind.__name__} decides whether it is true", "`is`, with a state")
+            if is_bare_enum(term.type.kind):
+                return True
+            zeros = [n for n, each in enumerate(term.type.kind) if not each]
+            return f"{_enclosed(term.text)} != {zeros[0]}" if zeros else True
         nearest = "any(), all()" if isinstance(term.type, ArrayType) else ""
         raise self.refused(node, "whether it is true is not known on the controller", nearest)
+
+
+def _widens(one: CType, other: CType) -> bool:
+    """Whether every value of one type is the same as the other."""
+    return one == other or other == REAL or (one == BOOL and other == INT)
 
 
 def _enclosed(text: str) -> str:

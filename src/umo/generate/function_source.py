@@ -74,9 +74,6 @@ def bound(function: Callable[..., Any]) -> BoundFunction:
     if isinstance(function, MethodType):
         inner = bound(function.__func__)
         return inner._replace(given=(function.__self__, *inner.given))
-    wrapped = getattr(function, "__wrapped__", None)
-    if wrapped is not None:
-        return bound(wrapped)
     if not isinstance(function, FunctionType):
         raise NoSource("it is not written in Python")
     return BoundFunction(sourced(function), ())

@@ -26,6 +26,7 @@ from typing import Any
 
 from umo.errors import DeclarationError
 from umo.generate.compiled_machine import COMPILE_TIMEOUT, FLAGS, compiler
+from umo.generate.compiler_errors import told
 from umo.generate.controller_folder import RUNTIME, TARGET_HEADER, TARGETS
 from umo.generate.controller_model import ControllerModel
 from umo.generate.live_fields import LiveStruct
@@ -209,7 +210,7 @@ def _compile(cc: str, source: str, path: Path) -> None:
         except (OSError, subprocess.TimeoutExpired) as error:
             raise DeclarationError(f"the compiler {cc} failed: {error}") from None
         if done.returncode:
-            raise DeclarationError(f"the compiler {cc} refuses the laws: {done.stderr.strip()[:500]}")
+            raise DeclarationError(told(done.stderr, lambda name: (folder / name).read_text("utf-8")))
         os.replace(folder / "laws.so", path)
 
 

@@ -19,6 +19,8 @@ from umo.generate.c_types import (
     REAL,
     ArrayType,
     CType,
+    MixedNumber,
+    NumpyNumber,
     OptionalType,
     StateType,
     TupleType,
@@ -28,14 +30,18 @@ from umo.generate.c_types import (
     optional,
     plain_number,
     state,
+    unmixed,
 )
 from umo.generate.translation import ControllerTarget, StructField
 from umo.generate.translation_memory import TranslationMemory
+from umo.generate.value_kinds import is_plain_enum, is_plain_record, is_plain_word
 from umo.objects import Node, Quality
 
 MOST_INT = 2**31 - 1
 ACCEPTED = "_accept"
 """Attributes of this name are qualities that are accepted, one or several."""
+DTYPES = (np.float64, np.int64, np.bool_)
+"""Numbers of arrays; smaller ones are rounded and cut by numpy."""
 PLAIN: dict[Any, CType] = {float: REAL, int: INT, bool: BOOL}
 
 
@@ -67,14 +73,14 @@ class LiveFields:
         if found is None:
             path = owner._path if isinstance(owner, Node) else path
             member = identifier(path) or "machine"
-            while member in self._names or member in RESERVED:
+            while member in self._names or member in RESERVED or not is_plain_word(member):
                 member += "_"
             self._names.add(member)
             found = self.structs[id(owner)] = LiveStruct(owner, path, member)
         return found
 
     def type_of(self, owner: Any, name: str, value: Any) -> CType | None:
-        """The type of an attribute as a field; None: it is none."""
+        """The type of an attribute as a field; None: it is none. It tells reals that may be whole numbers."""
         key = id(owner), name
         assigned = key in self._memory.assigned
         if name.isupper():
@@ -102,15 +108,15 @@ class LiveFields:
         if value is None:
             return NOTHING
         if isinstance(value, Enum):
-            return state(type(value))
-        if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "fbi" and len(value):
+            return state(type(value)) if is_plain_enum(type(value)) else None
+        if type(value) is np.ndarray and value.ndim == 1 and value.dtype in DTYPES and len(value):
             return array({"f": REAL, "b": BOOL, "i": INT}[value.dtype.kind], len(value))
-        if isinstance(value, list) and value:
+        if type(value) is list and value:
             of = {self.type_of_value(each) for each in value}
             (first, *more) = of
             if not more and first is not None and (first in PLAIN.values() or isinstance(first, TupleType)):
                 return list_of(first, len(value))
-        if isinstance(value, tuple) and value:
+        if isinstance(value, tuple) and value and is_plain_record(kind):
             return self.tuple_type([self.type_of_value(each) for each in value], getattr(kind, "_fields", ()), kind)
         return None
 
@@ -118,19 +124,26 @@ class LiveFields:
         """The type of a tuple of numbers; None if it has others. Those of a NamedTuple are as it declares them."""
         if names:
             types = [_hinted(kind, name) or each for name, each in zip(names, types, strict=True)]
+        if any(isinstance(each, MixedNumber | NumpyNumber) for each in types):
+            return None  # a tuple would forget it
         types = [each and plain_number(each) for each in types]
         if not all(each in PLAIN.values() or isinstance(each, StateType | ArrayType) for each in types):
             return None
         letters = "".join(map(_letter, types))
-        name = f"machine_{identifier(kind.__name__)}" if names else f"machine_tuple_{letters}"
         members = tuple(zip(names or [f"_{n}" for n in range(len(types))], types, strict=True))
-        found = TupleType(name, members, kind if names else None)  # type: ignore[arg-type]
-        return self.tuples.setdefault(name, found)
+        name = f"machine_tuple_{letters}"
+        if names:
+            if not all(map(is_plain_word, names)):
+                return None
+            name = self._memory.record_name(kind, members)
+        found = TupleType(name, members, kind if names or kind is list else None)  # type: ignore[arg-type]
+        self.tuples.setdefault(name, found)
+        return found
 
     def field(self, owner: Any, name: str, of: CType, path: str) -> str:
         """The text of a field in C."""
         found = self.known(owner, path)
-        found.fields[name] = of
+        found.fields[name] = unmixed(of)
         return f"m->{found.member}.{identifier(name)}"
 
     # The texts -----------------------------------------------------------------------------------------
@@ -281,7 +294,7 @@ def _type_of_hint(hint: Any) -> CType | None:
         rest = [each for each in get_args(hint) if each is not type(None)]
         inner = _type_of_hint(rest[0]) if len(rest) == 1 and len(get_args(hint)) == 2 else None
         return None if inner is None else optional(inner)
-    if isinstance(hint, type) and issubclass(hint, Enum) and len(hint):
+    if isinstance(hint, type) and issubclass(hint, Enum) and len(hint) and is_plain_enum(hint):
         return state(hint)
     return PLAIN.get(hint) if isinstance(hint, type) else None
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import Any
 
 from umo.generate.assignment_code import AssignmentCode
-from umo.generate.c_types import INT, ArrayType
+from umo.generate.c_types import INT, LONG, ArrayType
 from umo.generate.expression_code import of_element
+from umo.generate.function_scope import Way
 from umo.generate.terms import Code, Elements, Known, Many, Term
+from umo.generate.value_kinds import is_container
 
 MOST_UNROLLED = 256
 """Turns of a loop over objects, each written out."""
@@ -22,10 +24,11 @@ class LoopCode(AssignmentCode):
     def body(self, statements: Sequence[ast.stmt]) -> bool:
         raise NotImplementedError
 
-    def _While(self, node: ast.While) -> None:
+    def _While(self, node: ast.While) -> bool | None:
         if node.orelse:
             raise self.refused(node, "`else` of a loop", "a flag")
         self._forget(node.body)
+        start, ways = dict(self.names), []
         with self.block("for (;;)"):
             truth = self.truth(self.term(node.test), node.test)
             if truth is False:
@@ -33,81 +36,112 @@ class LoopCode(AssignmentCode):
             elif truth is not True:
                 self.line(f"if (!({truth}))", pure=True)
                 self.line("    break;", pure=True)
-            self._turn(node.body, "", "")
+            if truth is not True:
+                ways.append(self.way())
+            ways += self._turns(node, start)
+        if not ways:
+            return False
+        self._end(ways)
+        return None
 
-    def _turn(self, statements: Sequence[ast.stmt], on: str, out: str) -> None:
-        before = dict(self.names)
+    def _turn(self, statements: Sequence[ast.stmt], on: str, out: str) -> bool:
+        """One turn, with the labels to which `continue` and `break` lead. Whether its end is reached."""
         self.loops.append((on, out, len(self.handlers)))
-        self.body(statements)
+        goes_on = self.body(statements)
         self.loops.pop()
-        if not on:
-            self._end_turn(before, statements[0])
+        return goes_on is not False
 
-    def _end_turn(self, before: dict[str, Any], node: ast.AST) -> None:
-        """A name that stands for an object does so in each turn, and after a loop of no turn."""
-        new = {name: each for name, each in self.names.items() if before.get(name) != each}
-        for name, each in new.items():
-            if isinstance(each, Known) and name in before:
-                raise self.refused(node, f"{name!r} stands for another object in the next turn", "a name for each")
-            if isinstance(each, Known):
-                del self.names[name]
+    def _turns(self, node: ast.For | ast.While, start: dict[str, Any]) -> list[Way]:
+        """The turns of a loop in C, whose first one begins with these names; what is known where it is left."""
+        on, out = self.label("turn"), self.label("left")
+        goes_on = self._turn(node.body, f"{on} ", f"{out} ")
+        again = [*([self.way()] if goes_on else []), *self.left.pop(f"{on} ", [])]
+        for each in again:
+            for name, of in each.names.items():
+                if name in start and start[name] != of:
+                    told = f"{name!r} stands for another object in the next turn"
+                    raise self.refused(node.body[0], told, "a name for each")
+        return self.left.pop(f"{out} ", [])
 
-    def _meet(self, label: str) -> None:
-        """The ways that come here: what a name stands for on all of them."""
-        for names in self.left.pop(label, []):
-            self.names = {name: each for name, each in self.names.items() if names.get(name) == each}
+    def _end(self, ways: Sequence[Way]) -> None:
+        """After a loop: nothing is known to be there that a turn may change."""
+        self.go_on_from(ways)
+        self.known.clear()
+
+    def _meet(self, label: str, goes_on: bool) -> bool:
+        """The ways that come to a label; False if there are none."""
+        ways = [*([self.way()] if goes_on else []), *self.left.pop(label, [])]
+        if ways:
+            self.go_on_from(ways)
+        return bool(ways)
 
     def _forget(self, statements: Sequence[ast.stmt]) -> None:
         """What is assigned in a loop is not known to be there at its beginning."""
         self.known.clear()
 
-    def _For(self, node: ast.For) -> None:
+    def _For(self, node: ast.For) -> bool | None:
         if node.orelse:
             raise self.refused(node, "`else` of a loop", "a flag")
         if self._is_range(node.iter):
-            self._count(node)
-            return
+            return self._count(node)
         term = self.term(node.iter)
         if isinstance(term, Code) and isinstance(term.type, ArrayType):
             self._each(node, self.kept(term) if isinstance(term, Elements) else term)
-            return
-        self._unroll(node, self.elements(term, node.iter))
+            return None
+        return self._unroll(node, [self.settled(each) for each in self.elements(term, node.iter)])
 
     def _is_range(self, node: ast.AST) -> bool:
         if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "range"):
             return False
-        return self.source.meaning("range") is range
+        if "range" in self.names or "range" in self.source.function.__code__.co_varnames:
+            return False
+        return self.source.meaning("range") is range and not node.keywords
 
-    def _count(self, node: ast.For) -> None:
+    def _count(self, node: ast.For) -> bool | None:
         assert isinstance(node.iter, ast.Call)
         terms = self.ordered(node.iter.args)
+        if any(isinstance(each, Known) and type(each.value) not in (int, bool) for each in terms):
+            raise self.refused(node, "a range of something else than whole numbers", "int(...)")
         if all(isinstance(each, Known) for each in terms) and isinstance(node.target, ast.Name):
             numbers = range(*(each.value for each in terms))  # type: ignore[union-attr]
             if len(numbers) <= MOST_UNROLLED and _indexes_objects(node):
-                self._unroll(node, [Known(each) for each in numbers])
-                return
+                return self._unroll(node, [Known(each) for each in numbers])
         first, last, step = (Known(0), *terms, Known(1)) if len(terms) == 1 else (*terms, Known(1))[:3]
-        if not (isinstance(step, Known) and step.value):
+        if not (isinstance(step, Known) and type(step.value) is int and step.value):
             raise self.refused(node, "the step of a range is not known")
-        turn = self.temporary(INT, "i")
+        one_by_one = abs(step.value) == 1
+        turn = self.temporary(INT if one_by_one else LONG, "i")
+        first = self.settled(first)
         end = self.kept(Code(INT, self.as_type(last, INT, node)), "end").text
         self._forget(node.body)
         sign = "<" if step.value > 0 else ">"
         head = f"for ({turn} = {self.as_type(first, INT, node)}; {turn} {sign} {end}; {turn} += {step.value})"
+        start = self.way()
         with self.block(head):
-            self.store(node.target, Code(INT, turn), node)
-            self._turn(node.body, "", "")
+            self.store(node.target, Code(INT, turn if one_by_one else f"(int32_t){turn}"), node)
+            ways = self._turns(node, start.names)
+        self._end([start, *ways])
+        return None
 
     def _each(self, node: ast.For, values: Code) -> None:
         assert isinstance(values.type, ArrayType)
         self.check_length(values.type, node)
         turn = self.temporary(INT, "i")
         self._forget(node.body)
+        start, at, rebound = self.way(), len(self.lines), len(self.rebound)
         with self.block(f"for ({turn} = 0; {turn} < {values.type.length}; {turn}++)"):
             self.store(node.target, Code(of_element(values.type), f"{values.text}.at[{turn}]"), node)
-            self._turn(node.body, "", "")
+            ways = self._turns(node, start.names)
+        self._check_same_array(values, at, rebound, node)
+        self._end([start, *ways])
 
-    def _unroll(self, node: ast.For, elements: list[Term]) -> None:
+    def _check_same_array(self, values: Code, at: int, rebound: int, node: ast.For) -> None:
+        """Python goes through the array that was there at the beginning."""
+        calls = any(line.strip().startswith("fault = ") for line in self.lines[at:])
+        if values.text in self.rebound[rebound:] or (calls and values.text in self.world.memory.rebound):
+            raise self.refused(node, "what the loop goes through is assigned in it", "another name for the new one")
+
+    def _unroll(self, node: ast.For, elements: list[Term]) -> bool | None:
         """A loop over objects: each turn is written out."""
         if len(elements) > MOST_UNROLLED:
             raise self.refused(
@@ -115,23 +149,26 @@ class LoopCode(AssignmentCode):
             )
         out = self.label("done")
         at = len(self.lines)
+        goes_on = True
         for each in elements:
             on = self.label("next")
             with self.bound_to(node.target, each):
-                self._turn(node.body, on, out)
+                goes_on = self._turn(node.body, on, out)
             if any(f"goto {on};" in line for line in self.lines[at:]):
                 self.line(f"{on}:;", pure=True)
-            self._meet(on)
+            goes_on = self._meet(on, goes_on)
+            if not goes_on:
+                break
         if any(f"goto {out};" in line for line in self.lines[at:]):
             self.line(f"{out}:;", pure=True)
-        self._meet(out)
+        return None if self._meet(out, goes_on) else False
 
     def elements(self, term: Term, node: ast.AST) -> list[Term]:
         if isinstance(term, Many) or (isinstance(term, Code) and isinstance(term.type, ArrayType)):
             return self.parts(term, node)
-        if isinstance(term, Known):
-            with suppress(TypeError):
-                return [Known(each) for each in term.value]
+        if isinstance(term, Known) and is_container(term.value):
+            self.world.memory.place_known(term.value)
+            return [Known(each) for each in term.value]
         raise self.refused(
             node, "what it goes through is not known when the code is generated", "a list of parts, range"
         )
@@ -166,10 +203,9 @@ class LoopCode(AssignmentCode):
         loop = self.loops[-1]
         if len(self.handlers) > loop[2]:
             raise self.refused(node, "it leaves a `try`", "a flag")
-        label = loop[which]
-        if isinstance(label, str) and label:
-            self.left.setdefault(label, []).append(dict(self.names))
-        self.line(f"goto {label};" if label else plain, pure=True)
+        label = str(loop[which])
+        self.left.setdefault(label, []).append(self.way())
+        self.line(plain if label.endswith(" ") else f"goto {label};", pure=True)  # C's own loops need no labels
         return False
 
 

@@ -58,22 +58,28 @@ class StatementCode(ErrorCode):
     # Ways ----------------------------------------------------------------------------------------------
 
     def _If(self, node: ast.If) -> bool | None:
+        before_test = self.impure
         try:
             truth = self.truth(self.term(node.test), node.test)
         except NoTranslation as refused:
-            if refused.reason != TELLS or self._does_something([*node.body, *node.orelse]):
+            if (
+                refused.reason != TELLS
+                or not self.does_nothing(node.test)
+                or self._does_something([*node.body, *node.orelse])
+            ):
                 raise
             self.world.note(f"{self.source.segment(node.test)} decides only what is told: it is left out")
             return None
+        shown = self.impure == before_test
+        proved, disproved = (self.proved(node.test), self.disproved(node.test)) if shown else (set(), set())
         if isinstance(truth, bool):
-            self.known |= self.proved(node.test) if truth else self.disproved(node.test)
+            self.known |= proved if truth else disproved
             return self.body(node.body if truth else node.orelse)
         before, names = set(self.known), dict(self.names)
-        self.known |= self.proved(node.test)
+        self.known |= proved
         with self.block(f"if ({truth})", "}"):
             goes_on = self.body(node.body)
-        after, self.known = self.known, before | self.disproved(node.test)
-        one = self.names
+        one, self.known = self.way(), before | disproved
         self.names = names
         other = True
         if node.orelse:
@@ -83,13 +89,14 @@ class StatementCode(ErrorCode):
             other = self.body(node.orelse)
             self.depth -= 1
             self.line("}", pure=True)
-        self._join(one, goes_on, other)
-        self.known = self.known if not goes_on else after if not other else after & self.known
+        ways = [*([one] if goes_on else []), *([self.way()] if other else [])]
+        if ways:
+            self.go_on_from(ways)
         return None if goes_on or other else False
 
     def _Match(self, node: ast.Match) -> bool:
         """As `if`s, of which each compares with what stands after `case`."""
-        name = f"matched{node.lineno}"
+        name = f"matched {node.lineno} {node.col_offset}"
         ways: list[ast.stmt] = []
         for case in reversed(node.cases):
             test = self._matches(case.pattern, name)
@@ -114,15 +121,6 @@ class StatementCode(ErrorCode):
         before = len(self.lines)
         goes_on = self.body(statements)
         return not goes_on or len(self.lines) > before
-
-    def _join(self, one: dict[str, Any], goes_on: bool, other: bool) -> None:
-        """The names after two ways, of which each may have ended."""
-        if not goes_on:
-            return
-        if not other:
-            self.names = one
-            return
-        self.names = {name: self.names[name] for name in one if self.names.get(name) == one[name]}
 
     def _Return(self, node: ast.Return) -> bool:
         term = Known(None) if node.value is None else self.term(node.value)

@@ -27,6 +27,13 @@ RUNTIME_FAULTS = (
     ("UMO_NO_HOST", "TaskFailed", "only the host can do it, and there is none"),
 )
 """The faults of the runtime from 1 on, as in umo.h: their names, classes and texts."""
+NO_HOST = 1 + [name for name, _, _ in RUNTIME_FAULTS].index("UMO_NO_HOST")
+"""The fault that Python does not have."""
+
+
+class ControllerLimit(OverflowError):
+    """Python goes on, and a controller cannot: a whole number leaves 32 bits, or a power is a complex number. No
+    `except` catches it, as there would be none to catch in Python."""
 
 
 @dataclass(frozen=True)

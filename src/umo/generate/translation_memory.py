@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
+from umo.generate.c_text import identifier
 from umo.generate.c_types import CType, joined
 from umo.generate.terms import Known
 
@@ -26,7 +30,51 @@ class TranslationMemory:
     results: dict[Any, CType] = field(default_factory=dict)
     of_numpy: set[tuple[int, str]] = field(default_factory=set)
     """Fields that numbers of numpy are assigned to."""
+    records: dict[Any, str] = field(default_factory=dict)
+    """Names in C of NamedTuples, by class and members."""
+    arrays: list[tuple[str, Any]] = field(default_factory=list)
+    """Texts of fields with the arrays and lists that they were."""
+    rebound: set[str] = field(default_factory=set)
+    """Texts of fields to which another array is assigned."""
     changed: bool = False
+
+    def record_name(self, kind: type, members: Any) -> str:
+        """The name in C of a NamedTuple: no other one has it, and no other type."""
+        key = kind, members
+        if key not in self.records:
+            name = f"machine_{kind.__name__}"
+            if not re.fullmatch("[A-Z][A-Za-z0-9]*", kind.__name__) or name in self.records.values():
+                name = f"machine_record_{len(self.records)}_{identifier(kind.__name__)}"
+            self.records[key] = name
+        return self.records[key]
+
+    def place_known(self, value: Any) -> None:
+        """Numbers of a list or an array are taken as they are when the code is generated: nothing changes them."""
+        self.place_arrays(f"known {id(value)}", value)
+
+    def place_arrays(self, text: str, value: Any) -> None:
+        """A field has this value: a list or an array, or one with such in it."""
+        if isinstance(value, list | np.ndarray):
+            self.place_array(text, value)
+        if isinstance(value, list | tuple):
+            for number, each in enumerate(value):
+                self.place_arrays(f"{text}[{number}]", each)
+
+    def place_array(self, text: str, value: Any) -> None:
+        """A field has this array or list: one that is found at another place, too, has several names."""
+        if any(each == text and one is value for each, one in self.arrays):
+            return
+        for each, one in self.arrays:
+            if each != text and (one is value or _overlap(one, value)):
+                self.share(each)
+                self.share(text)
+        self.arrays.append((text, value))
+        self.changed = True
+
+    def rebind(self, text: str) -> None:
+        if text not in self.rebound:
+            self.rebound.add(text)
+            self.changed = True
 
     def assign(self, owner: object, name: str) -> None:
         if (id(owner), name) not in self.assigned:
@@ -50,3 +98,8 @@ class TranslationMemory:
             where[key] = after
             self.changed = True
         return after
+
+
+def _overlap(one: Any, other: Any) -> bool:
+    """Whether two arrays are views of the same numbers."""
+    return isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and bool(np.may_share_memory(one, other))

@@ -118,6 +118,8 @@ class VectorCode(ArrayCode):
     def _level(self, item: Atomic, state: Term, node: ast.AST) -> Term:
         assert isinstance(item, Binary)
         code = self.code(state, node)
+        if isinstance(code.type, OptionalType):
+            raise self.refused(node, "a state that may be None is written to a Vector", "a condition before it")
         one = [*item.states].index(item.one)  # type: ignore[misc]
         if code.type != self.code(Known(item.one), node).type:
             self.raises(StateError, node)

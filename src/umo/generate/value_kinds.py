@@ -1,0 +1,182 @@
+"""What kinds of values and objects translated code may have: those whose meaning their class does not change.
+
+Everything here is a whitelist. An operation that a class may define for itself (`__eq__`, `__bool__`, `__setattr__`,
+`__getattribute__`, a descriptor) is known to be Python's own, or the object is refused.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable
+from enum import Enum, Flag
+from functools import cached_property
+from types import (
+    BuiltinFunctionType,
+    FunctionType,
+    MappingProxyType,
+    MemberDescriptorType,
+    MethodType,
+    ModuleType,
+    WrapperDescriptorType,
+)
+from typing import Any
+
+import numpy as np
+
+from umo.objects import Compound, Node, Vector
+
+MOST_STATES = 256
+"""Members of an Enum, whose number is a byte."""
+COMPARED = ("__eq__", "__ne__", "__hash__")
+TRUTH = ("__bool__", "__len__")
+OF_TUPLES = (*COMPARED, *TRUTH, "__getitem__", "__iter__", "__contains__", "__getattribute__", "__add__", "__mul__",
+             "__lt__", "__le__", "__gt__", "__ge__")  # fmt: skip
+SCALARS = (bool, int, float, str, bytes, type(None))
+CONTAINERS = (tuple, list, dict, str, range, set, frozenset, MappingProxyType, np.ndarray)
+"""Classes whose elements Python itself finds."""
+WITHOUT_FIELDS = (
+    *SCALARS,
+    *CONTAINERS,
+    type,
+    ModuleType,
+    FunctionType,
+    MethodType,
+    BuiltinFunctionType,
+    Enum,
+    np.generic,
+)
+"""Objects whose attributes are not assigned."""
+OWN_MODULES = ("builtins", "enum", "typing", "collections")
+NUMPY_NUMBERS = (np.float64, np.int64, np.bool_)
+WORDS_OF_C = frozenset(
+    """
+    alignas alignof and and_eq asm atomic_cancel auto bitand bitor bool break case catch char class compl concept
+    const consteval constexpr constinit const_cast continue co_await co_return co_yield decltype default delete do
+    double dynamic_cast else enum errno explicit export extern false float for friend goto if inline int linux long
+    main mutable namespace new noexcept not not_eq nullptr operator or or_eq private protected public register
+    reinterpret_cast requires restrict return short signed sizeof static static_assert static_cast struct switch
+    template this thread_local throw true try typedef typeid typename typeof union unix unsigned using virtual void
+    volatile wchar_t while xor xor_eq stdin stdout stderr signbit isnan isinf isfinite
+    """.split()  # noqa: SIM905
+)
+"""Words that have a meaning of their own in C, C++ or its headers."""
+
+
+def is_plain_word(name: str) -> bool:
+    """Whether a name is also one of a field in C, and no other name becomes the same."""
+    return name.isascii() and name not in WORDS_OF_C and not name.startswith("__")
+
+
+def own_methods(kind: type, names: Iterable[str]) -> list[str]:
+    """Which of these methods a class defines that is none of Python's own."""
+    found = []
+    for name in names:
+        for each in kind.__mro__:
+            if name in vars(each):
+                if each.__module__ not in OWN_MODULES:
+                    found.append(name)
+                break
+    return found
+
+
+def made_by_code(kind: type) -> bool:
+    """Whether code that is none of Python's or of umo makes an object of this class."""
+    own = [each for each in kind.__mro__ if each.__module__.partition(".")[0] not in (*OWN_MODULES, "umo")]
+    return any(name in vars(each) for each in own for name in ("__init__", "__new__", "__post_init__"))
+
+
+def is_plain_enum(kind: type) -> bool:
+    """Whether members of this Enum are equal only to themselves, or to what their number or text is."""
+    return (
+        not issubclass(kind, Flag)
+        and len(kind) <= MOST_STATES  # type: ignore[arg-type]
+        and not own_methods(kind, (*COMPARED, "__getattribute__", "__setattr__"))
+    )
+
+
+def is_bare_enum(kind: type) -> bool:
+    """Whether members are equal to nothing else: they are no numbers or texts."""
+    return all(each in (object, Enum) or issubclass(each, Enum) for each in kind.__mro__)
+
+
+def is_plain_record(kind: type) -> bool:
+    """Whether this is a NamedTuple that only names its fields."""
+    if kind is tuple:
+        return True
+    names: tuple[str, ...] = getattr(kind, "_fields", ())
+    base = next((each for each in kind.__mro__ if "_fields" in vars(each)), None)
+    if base is None or own_methods(kind, (name for name in OF_TUPLES)):
+        return False
+    if any("__new__" in vars(each) or "__init__" in vars(each) for each in kind.__mro__[: kind.__mro__.index(base)]):
+        return False
+    return all(type(inspect.getattr_static(kind, name)).__name__ == "_tuplegetter" for name in names)
+
+
+def is_container(value: Any) -> bool:
+    """Whether Python itself finds the elements."""
+    return (
+        type(value) in (*CONTAINERS, zip, enumerate, reversed)
+        or isinstance(value, Vector)
+        or (isinstance(value, tuple) and is_plain_record(type(value)))
+    )
+
+
+def is_immutable(value: Any) -> bool:
+    """Whether a comparison of this value is the same at any time."""
+    if isinstance(value, Enum):
+        return is_plain_enum(type(value))
+    if isinstance(value, tuple):
+        return is_plain_record(type(value)) and all(map(is_immutable, value))
+    return type(value) in SCALARS
+
+
+def compares_by_identity(value: Any) -> bool:
+    """Whether it is equal to nothing but itself."""
+    return not own_methods(type(value), ("__eq__", "__ne__")) and type(value) not in CONTAINERS
+
+
+def refused_truth(value: Any) -> bool:
+    """Whether code of its class decides if it is true."""
+    return type(value) not in (*SCALARS, *CONTAINERS) and bool(own_methods(type(value), TRUTH))
+
+
+def attribute_kind(owner: Any, name: str) -> str:
+    """What reading this attribute is: "property", "function", "value", or why it does not translate."""
+    kind = type(owner)
+    static = inspect.getattr_static(kind, name, None)
+    if kind.__getattribute__ is not object.__getattribute__:  # type: ignore[comparison-overlap]
+        return f"{kind.__name__} has a __getattribute__"
+    if type(static) is property:
+        return "property" if static.fget is not None else f"{name} has no getter"
+    in_instance = name in getattr(owner, "__dict__", ())
+    if isinstance(static, cached_property):
+        return (
+            "value" if in_instance else f"{name} is a cached_property: it is computed once, when somebody asks for it"
+        )
+    if isinstance(static, FunctionType | staticmethod | classmethod):
+        return "function of the instance" if in_instance else "function"
+    if isinstance(static, MemberDescriptorType) or (in_instance and not hasattr(type(static), "__set__")):
+        return "value"
+    if static is None or not hasattr(type(static), "__get__"):
+        found = inspect.getattr_static(owner, name, owner) is not owner
+        return "value" if found or not hasattr(kind, "__getattr__") else f"{kind.__name__} has a __getattr__"
+    if isinstance(static, WrapperDescriptorType) or kind.__module__.partition(".")[0] == "builtins":
+        return "function"
+    return f"{name} is a {type(static).__name__}, a descriptor of its own"
+
+
+def refused_store(owner: Any, name: str) -> str:
+    """Why an attribute cannot be assigned in translated code; empty: it can."""
+    kind = type(owner)
+    if isinstance(owner, WITHOUT_FIELDS):
+        what = f"the class {owner.__name__}" if isinstance(owner, type) else f"a {kind.__name__}"
+        return f"an attribute of {what} is assigned"
+    if isinstance(owner, Compound):
+        if kind.__setattr__ is not vars(Compound)["__setattr__"]:
+            return f"{kind.__name__} has a __setattr__"
+        return f"{name} is a part, and parts cannot be replaced" if name in owner._fixed else ""
+    if isinstance(owner, Node):
+        return f"an attribute of a {kind.__name__} is assigned"
+    if kind.__setattr__ is not object.__setattr__:  # type: ignore[comparison-overlap]
+        return f"{kind.__name__} has a __setattr__, or is frozen"
+    return ""

@@ -1,0 +1,67 @@
+"""What a compiler says of generated C is told as a fault of umo, with the line of Python."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from helpers.generating import needs_a_compiler
+from umo.errors import DeclarationError
+from umo.generate.compiled_machine import compiled
+from umo.generate.compiler_errors import told
+
+SOURCE = """\
+#include <stdint.h>
+
+/* Pump.control: pump/control.py:12 */
+static int py_control(void)
+{
+    return nothing;
+}
+
+static int outside(void)
+{
+    return nothing;
+}
+"""
+
+
+def told_of(line: int) -> str:
+    return told(f"/tmp/x/machine.c: In function 'f':\n/tmp/x/machine.c:{line}:12: error: 'nothing' undeclared", _source)
+
+
+def _source(name: str) -> str:
+    if name != "machine.c":
+        raise FileNotFoundError(name)
+    return SOURCE
+
+
+def test_the_function_of_python_is_told() -> None:
+    assert told_of(6) == (
+        "pump/control.py:12: the C that umo generated of Pump.control is not accepted, a fault of umo; "
+        "write it in another way\nmachine.c:6: 'nothing' undeclared"
+    )
+
+
+def test_what_was_made_of_no_function_is_told_by_its_file() -> None:
+    assert told_of(11).startswith("the C that umo generated in machine.c is not accepted, a fault of umo")
+    assert told("umo_gone.c:3: error: no", _source).startswith("the C that umo generated in umo_gone.c is not accepted")
+
+
+@pytest.mark.parametrize("said", ["", "ld: cannot find -lm\n" * 50])
+def test_what_names_no_line_is_told_in_short(said: str) -> None:
+    found = told(said, _source)
+    assert found.startswith("the C that umo generated is not accepted, a fault of umo")
+    assert len(found) < 400
+    assert "\n" not in found
+
+
+@needs_a_compiler
+def test_a_compiler_that_refuses_a_folder_is_told_in_two_lines(tmp_path: Path) -> None:
+    (tmp_path / "machine.c").write_text(SOURCE, "utf-8")
+    with pytest.raises(DeclarationError) as raised:
+        compiled(tmp_path)
+    lines = str(raised.value).splitlines()
+    assert lines[0].startswith("pump/control.py:12: the C that umo generated of Pump.control is not accepted")
+    assert len(lines) == 2

@@ -1,0 +1,447 @@
+"""Order, names and errors that C could take for something else: each program is equal to Python in every
+period, or it is refused with its file and line. Beside it stands its nearest neighbour that translates, if any.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from helpers.generating import needs_a_compiler
+from helpers.side_by_side import Played
+from helpers.written_programs import Cases, Program, check_equal, check_refused
+
+CASES = Cases()
+equal, refused = CASES.is_equal, CASES.is_refused
+
+ONES = np.ones(3)
+
+
+class Loud(Exception):
+    def __init__(self, number: int) -> None:
+        super().__init__(1 / (number - 1))
+
+
+class Helper:
+    made = 0
+    shared = [1.0, 2.0]
+
+    def __init__(self) -> None:
+        self.k = 0.0
+        self._hidden = 1.0
+
+    @property
+    def doubled(self) -> float:
+        return 2.0 * self.k
+
+    @doubled.setter
+    def doubled(self, value: float) -> None:
+        self.k = value / 2.0
+
+    @cached_property
+    def once(self) -> float:
+        return self.k + 1.0
+
+
+# Order --------------------------------------------------------------------------------------------------------------
+
+
+class WithNext(Program):
+    def begin(self) -> None:
+        self.row, self.at = [1.0, 2.0, 3.0], 0
+
+    def next(self) -> int:
+        self.at = (self.at + 1) % 3
+        return self.at
+
+
+@equal
+class PlaceIsFoundOnce(WithNext):
+    def control(self) -> None:
+        self.row[self.next()] += 1.0
+
+
+@equal
+class PlaceIsFoundFirst(WithNext):
+    def control(self) -> None:
+        self.row[self.at] += self.next()
+
+
+class WithHelper(Program):
+    def begin(self) -> None:
+        self.helper = Helper()
+
+
+@refused("run twice")
+class ObjectIsFoundOnce(WithHelper):
+    def found(self) -> Helper:
+        self.c += 1
+        return self.helper
+
+    def control(self) -> None:
+        self.found().k += 1.0
+
+
+@equal
+class TupleBeforeACall(Program):
+    def begin(self) -> None:
+        self.at = 0
+
+    def bump(self) -> float:
+        self.k += 1.0
+        return self.k
+
+    def sum_of(self, pair: tuple[float, float], last: float) -> float:
+        return pair[0] + 10.0 * pair[1] + 100.0 * last
+
+    def control(self) -> None:
+        self.k = self.sum_of((self.k, self.u), self.bump())
+
+
+@equal
+class ElementsOfATupleStay(Program):
+    def control(self) -> None:
+        for each in (self.k, self.u, self.k):
+            self.k = each + 1.0
+        self.c = any(self.bumped(each) for each in (self.k, self.u))
+
+    def bumped(self, number: float) -> bool:
+        self.k += 1.0
+        self.u += 1.0
+        return number > 3.0
+
+
+@refused("is assigned in it")
+class LoopOverWhatIsRebound(Program):
+    def control(self) -> None:
+        values = np.zeros(3) + self.u
+        for each in values:
+            self.k += float(each)
+            values = ONES * 10.0
+        self.k += float(values[0])
+
+
+@refused("is assigned in it")
+class LoopOverAFieldThatIsRebound(Program):
+    def begin(self) -> None:
+        self.row = np.ones(3)
+
+    def replace(self) -> None:
+        self.row = ONES * 10.0
+
+    def control(self) -> None:
+        for each in self.row:
+            self.k += float(each)
+            self.replace()
+
+
+@equal
+class LoopOverWhatIsChanged(WithNext):
+    def control(self) -> None:
+        for each in self.row:
+            self.row[2] = self.u + each
+            self.k = each
+
+
+# Names --------------------------------------------------------------------------------------------------------------
+
+
+@equal
+class VariableOfAGenerator(Program):
+    def control(self) -> None:
+        each = self.u
+        found = any(each > 1.0 for each in (self.k, 0.5)) or sum(each for each in (1.0, 2.0)) > self.u
+        self.k = each + found
+
+
+@equal
+class FilterOfAGenerator(Program):
+    def control(self) -> None:
+        self.c = any(1.0 / each > 0.2 for each in (self.u, 0.0, 4.0) if each != 0.0 if each > 1.0)
+        self.yes = all(1.0 / each > 0.2 for each in (self.u, 0.0, 4.0) if each != 0.0)
+
+
+@refused("before it has a value on every way")
+class NameAfterALoopOfNoTurns(Program):
+    def control(self) -> None:
+        for i in range(self.n % 4):
+            last = i
+        self.c = last
+
+
+@refused("before it has a value on every way")
+class NameAfterAWhileOfNoTurns(Program):
+    def control(self) -> None:
+        i = self.n % 4
+        while i > 0:
+            last = i
+            i -= 1
+        self.c = last
+
+
+@refused("before it has a value on every way")
+class NameOfAConditionThatIsNotAsked(Program):
+    def control(self) -> None:
+        if self.u > 1.0 and (more := self.u - 1.0) > 2.0:
+            self.k = 1.0
+        self.k += more
+
+
+@refused("before it has a value on every way")
+class NameInFinally(Program):
+    def control(self) -> None:
+        try:
+            found = 1.0 / self.u
+        finally:
+            self.k = found
+
+
+@equal
+class NameBeforeTheLoop(Program):
+    def control(self) -> None:
+        last = -1
+        for i in range(self.n % 4):
+            last = i
+        self.c = last
+
+
+@equal
+class UnderscoresAndWordsOfC(Program):
+    def control(self) -> None:
+        x, _x, x_, __x = self.u, 2.0, 3.0, 4.0
+        isnan = double = m = out = fault = t1 = n1 = sqrt = umo_max = 5.0
+        register, errno, NAN, INFINITY, p0 = 1, 2, 3, 4, 5
+        self.k = x + 10.0 * _x + 100.0 * x_ + 1000.0 * __x + isnan + double + m + out + fault + t1 + n1 + sqrt + umo_max
+        self.c = register + errno + NAN + INFINITY + p0 + int(self.n % 3)
+
+    def sqrt(self) -> None:
+        """A name of the library of C."""
+
+
+@equal
+class LettersBeyondAscii(Program):
+    def control(self) -> None:
+        grün, grön = self.u, 2.0
+        self.k = grün + 10.0 * grön
+
+
+@refused("not the name of a field in C")
+class FieldBeyondAscii(Program):
+    def begin(self) -> None:
+        self.grün, self.grön = 1.0, 2.0
+
+    def control(self) -> None:
+        self.k = self.grün + self.grön
+
+
+@refused("not the name of a field in C")
+class FieldNamedAsAWordOfC(Program):
+    def begin(self) -> None:
+        self.register = 1.0
+
+    def control(self) -> None:
+        self.register = self.u
+
+
+def sin(number: float) -> float:
+    return number + 1.0
+
+
+def machine_step(number: float) -> float:
+    return number + 2.0
+
+
+def umo_floor(number: float) -> float:
+    return number + 3.0
+
+
+def init_objects(number: float) -> float:
+    return number + 4.0
+
+
+@equal
+class FunctionsNamedAsThoseOfC(Program):
+    def step(self) -> float:
+        return 1.0
+
+    def clear(self) -> float:
+        return 2.0
+
+    def control(self) -> None:
+        self.k = sin(self.u) + machine_step(self.u) + umo_floor(self.u) + init_objects(self.u) + math.sin(self.x.read())
+        self.k += self.step() + self.clear()
+
+
+class reals_2(NamedTuple):
+    step: float
+    last: float
+
+
+class step(NamedTuple):
+    x: float
+
+
+@equal
+class RecordsNamedAsTypesOfC(Program):
+    def begin(self) -> None:
+        self.row, self.one = np.zeros(2), reals_2(1.0, 2.0)
+        self.maybe_one: reals_2 | None = None
+
+    def control(self) -> None:
+        self.row[0] = self.u
+        self.one = reals_2(self.u, self.one.step)
+        self.k = step(self.u).x + self.one.last + float(self.row[0])
+
+
+# Errors -------------------------------------------------------------------------------------------------------------
+
+
+@equal
+class ReturnsAndFinally(Program):
+    def found(self) -> float:
+        for i in range(5):
+            try:
+                if i == 2:
+                    return self.u + i
+            finally:
+                self.c += 1
+        return -1.0
+
+    def control(self) -> None:
+        self.k = self.found()
+
+
+@equal
+class ReturnsOnEveryWay(Program):
+    def found(self) -> float:
+        try:
+            return 1.0 / self.u
+        except ZeroDivisionError:
+            return -1.0
+        finally:
+            self.c += 1
+
+    def control(self) -> None:
+        self.k = self.found()
+
+
+@equal
+class FaultOfTheControllerIsNotCaught(Program):
+    def control(self) -> None:
+        try:
+            self.c = self.n + (2**31 - 8)
+        except OverflowError:
+            self.k = 5.0
+
+
+@equal
+class SeveralHandlers(Program):
+    def control(self) -> None:
+        try:
+            self.k = 1.0 / self.u
+            best = self.k
+        except ZeroDivisionError:
+            best = 1.0
+        except TypeError:
+            best = 2.0
+        self.k = best + 1.0
+
+
+@refused("outside of `except`")
+class RaiseInAFunctionThatAHandlerCalls(Program):
+    def again(self) -> None:
+        raise
+
+    def control(self) -> None:
+        try:
+            self.k = 1.0 / self.u
+        except ZeroDivisionError:
+            self.again()
+
+
+@refused("a call in a text")
+class MessageThatChangesSomething(Program):
+    def bump(self) -> float:
+        self.k += 1.0
+        return self.k
+
+    def control(self) -> None:
+        with suppress(ValueError):
+            if self.u > 1.0:
+                raise ValueError(f"{self.bump()}")
+
+
+@refused("a call in a text")
+class PrintThatChangesSomething(Program):
+    def bump(self) -> float:
+        self.k += 1.0
+        return self.k
+
+    def control(self) -> None:
+        print(self.bump())
+
+
+@refused("that may fail")
+class MessageThatFails(Program):
+    def begin(self) -> None:
+        self.row = [1.0, 2.0]
+
+    def control(self) -> None:
+        if self.u > 1.0:
+            raise ValueError(f"{self.row[self.n]}")
+
+
+@refused("that may fail")
+class FormatThatFails(Program):
+    def control(self) -> None:
+        print(f"{self.maybe:.2f}")
+
+
+@equal
+class MessagesOfNumbers(Program):
+    def control(self) -> None:
+        if self.u > 1.0:
+            raise ValueError(f"{self.u:.2f} V, {self.n:5d}, {self.maybe}, {self.fan.pending!r}", str(self.c))
+
+
+@refused("runs code when it is made")
+class ErrorThatRunsCode(Program):
+    def control(self) -> None:
+        if self.u > 1.0:
+            raise Loud(1)
+
+
+@refused("an object is returned, and elsewhere a number")
+class ObjectOrNumber(Program):
+    def begin(self) -> None:
+        self.helper = Helper()
+
+    def found(self) -> Any:
+        if self.u > 1.0:
+            return self.helper
+        return 1.0
+
+    def control(self) -> None:
+        self.yes = self.found() == 1.0
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> dict[Any, Played]:
+    return CASES.played(tmp_path_factory.mktemp("c"))
+
+
+@needs_a_compiler
+@pytest.mark.parametrize("kind", CASES.equal)
+def test_it_is_what_python_does(kind: Any, results: dict[Any, Played]) -> None:
+    check_equal(results[kind])
+
+
+@needs_a_compiler
+@pytest.mark.parametrize("kind", CASES.refused)
+def test_it_is_refused_with_its_line(kind: Any, results: dict[Any, Played]) -> None:
+    check_refused(results[kind], CASES.refused[kind], __file__)
