@@ -182,9 +182,12 @@ CHANGED = {
     "cycle/connect.py:_ENTERED": "the ids of connected machines, behind a lock: none is connected twice",
     "cycle/sequences.py:_ADOPTING": "filled by a decorator while umo is imported",
     "cycle/stopping.py:SIGNALS": "completed while umo is imported",
+    "cycle/stopping.py:_insistence": "how often the process was asked to stop since its machines were connected",
     "cycle/stopping.py:_before": "the handlers of the process's signals, which stop every machine of it",
     "cycle/stopping.py:_flags": "the stop flags of all machines: a signal sets every one",
     "drivers/fmu/instance.py:_logs": "by the number of each instance of a model",
+    "system/streams.py:_unlogged": "the number of lines of the process's log that nobody has read",
+    "system/streams.py:late": "the standard streams of the process that have something left to write",
     "testing/conformance/rules.py:_RULES": "filled by a decorator while the kit is imported",
     "testing/faces/face_rules.py:RULES": "filled by a decorator while the kit is imported",
 }
