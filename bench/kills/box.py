@@ -111,7 +111,7 @@ class Box:
 
     @property
     def answers_for(self) -> float:
-        """s since the end of a fault whose time has ended; below 0: it lasts. Infinite where no fault is switched on."""
+        """s since the end of a fault whose time has ended; below 0: it lasts. Infinite without a fault."""
         until = self.cells[UNTIL] if self.cells[FAULT] else 0
         return (monotonic_ns() - until) * 1e-9 if until else inf
 
