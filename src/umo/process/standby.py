@@ -126,7 +126,7 @@ class Standby:
     def follow_both(self) -> bool:
         """One look of the reserve, every `LOOK_INTERVAL` s. True: the run has ended, by its work or without it."""
         run_state = self._run_state
-        both_dead = run_state.gone(0.0, Who.GUARDIAN) and run_state.gone(0.0, Who.STANDBY)
+        both_dead = run_state.gone(0.0, Who.GUARDIAN) and self._standby_is_out()
         if run_state.told or (both_dead and not run_state.admitted):  # nothing was driven
             return True
         if not both_dead and self._silence.look() <= RESERVE_GRACE:
@@ -139,6 +139,13 @@ class Standby:
         self._make_sure()
         self._take_over()
         return True
+
+    def _standby_is_out(self) -> bool:
+        """Whether the standby guardian is dead, or was stopped by a signal when it is its turn."""
+        if self._run_state.gone(0.0, Who.STANDBY):
+            return True
+        process = self._run_state.process(Who.STANDBY)
+        return process is not None and process.is_stopped
 
 
 def tell_who(channel: MessageSocket, kind: str, pid: int) -> None:
