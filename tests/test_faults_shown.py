@@ -178,7 +178,7 @@ def test_clear_takes_paths_and_patterns_and_says_what_it_cleared(umo: Umo, start
             assert umo("clear", "plant", *more).stdout.endswith("nothing was in fault\n")
     assert umo("clear", "plant", "timer").stdout == "timer: in no equipment\n"
     fail(umo, started, 0, 2)
-    assert umo("clear", "plant").stdout == "cleared: reactors.0, reactors.2\n"
+    assert umo("clear", "plant").stdout == "cleared: reactors.0 and reactors.2\n"
     result = umo("clear", "plant", "reactors.*", "reactor.*.heater")
     assert result.exit_code == 2
     assert "no object or signal 'reactor.*.heater' (did you mean 'reactors.*.heater'?) in plant" in said(result)

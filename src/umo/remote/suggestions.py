@@ -10,6 +10,7 @@ from typing import Any
 
 from umo.cycle.client_alarms import ALARM_COMMANDS
 from umo.cycle.client_control import COMMANDS
+from umo.cycle.client_experiments import NAMES as EXPERIMENTS
 from umo.cycle.events import CommandState, Event
 from umo.frames.layout import Layout
 from umo.text import did_you_mean
@@ -62,6 +63,9 @@ def _named(entries: Sequence[Mapping[str, Any]], path: str) -> Iterator[str]:
 def _of_action(event: Event, layout: Layout) -> Iterator[str]:
     """The arguments of an action, their choices, and the recipes of its book; if there is no such action, the paths of
     all."""
+    if event.path.rpartition(".")[2] in EXPERIMENTS:  # on a law, which no list shows
+        yield from _with_parents((*layout.objects, *layout.signals, *layout.tunables))
+        return
     action = next((each for each in layout.actions if each["path"] == event.path), None)
     if action is None:
         yield from (each["path"] for each in layout.actions)
