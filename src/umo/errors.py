@@ -34,9 +34,10 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from opcode import opmap
 from traceback import walk_stack, walk_tb
 from types import TracebackType
@@ -244,10 +245,20 @@ class EquipmentFault(TaskFailed):
     """The equipment is in fault (its `path`, the `reason`): what was under way in it has ended, and nothing can be
     started before `clear`."""
 
-    def __init__(self, path: str, reason: str) -> None:
-        super().__init__(f"{path} is in fault: {reason}")
+    def __init__(self, path: str, reason: str | Callable[[], str]) -> None:
+        """A function puts the reason into words when it is asked for: that may call code of the user's."""
+        super().__init__(path, reason)
         self.path = path
-        self.reason = reason
+        self._reason = reason
+
+    @property
+    def reason(self) -> str:
+        return self._reason if isinstance(self._reason, str) else self._reason()
+
+    def __str__(self) -> str:
+        if len(self.args) == 1:  # as a client gets it: its text
+            return str(self.args[0])
+        return f"{self.path} is in fault: {self.reason}"
 
 
 class AxisError(TaskFailed):
@@ -277,11 +288,21 @@ class Cancelled(BaseException):
 def text_of(error: BaseException) -> str:
     """The one text of an exception, in one line. One of umo, of the operating system or of a device explains itself;
     any other comes from a mistake in code: its type is before its text, the place where it was raised behind it."""
+    return text_later(error)()
+
+
+def text_later(error: BaseException) -> Callable[[], str]:
+    """A function that gives this text. It calls code of the user's (`__str__`), which may take its time; the place is
+    taken now, so the error may lose its frames before."""
+    return partial(_text_of, error, place_of(error))
+
+
+def _text_of(error: BaseException, place: str) -> str:
     said = str_of(error).strip()
     if said and isinstance(error, UmoError | OSError | Interrupted):
         return in_a_line(said)
     first = said.partition("\n")[0]
-    return ": ".join(filter(None, (type(error).__name__, first))) + in_brackets(place_of(error))
+    return ": ".join(filter(None, (type(error).__name__, first))) + in_brackets(place)
 
 
 def forget_frames(error: BaseException) -> None:

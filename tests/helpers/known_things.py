@@ -127,7 +127,7 @@ class Tank(Compound):
             total += 400.0
         if self.state is OnOff.ON:
             total += 0.5
-        total += self.table[1] + self.weights[0]
+        total += self.table[1] + float(self.weights[0])
         self.table[0] = total
         self.total += total
         for each in self.enabled:

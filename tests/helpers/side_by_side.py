@@ -295,7 +295,8 @@ def same(python: Any, c: Any) -> bool:
 
 def _renamed(number: int, translation: Translation) -> Translation:
     """The same with names of its own."""
-    texts = translation.header, translation.members, translation.source, translation.init
+    init = f"{translation.init}\n{translation.access}"
+    texts = translation.header, translation.members, translation.source, init
     names = {name for text in texts for found in DEFINED.findall(text) for name in found if name}
     word = re.compile(rf"\b(?:{'|'.join(map(re.escape, sorted(names)))})\b") if names else re.compile(r"(?!)")
     header, members, source, init = (word.sub(lambda found: f"p{number}_{found[0]}", text) for text in texts)

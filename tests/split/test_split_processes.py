@@ -57,7 +57,7 @@ def test_when_all_processes_are_killed_the_controller_stops_by_itself(controller
     run, record = heating(controller), controller.recorded()
     next(each for each in record if each.outputs[0] > 0)
     for number in (signal.SIGSTOP, signal.SIGKILL):  # so that none acts on the end of another
-        for each in (run.standby, run.guardian, run.control):
+        for each in (run.reserve, run.standby, run.guardian, run.control):
             with suppress(ProcessLookupError):  # it has died with the guardian
                 os.kill(each, number)
     gone = next(each for each in record if each.mode == HOST_GONE)

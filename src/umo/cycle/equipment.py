@@ -20,7 +20,7 @@ from umo.cycle.events import FAULT, FAULT_CLEARED, IN_FAULT, Event
 from umo.cycle.image import Image
 from umo.cycle.inhibition import Inhibition
 from umo.cycle.sequences import Task
-from umo.errors import DriverError, EquipmentFault, Failure, text_of
+from umo.errors import DriverError, EquipmentFault, Failure, text_later
 from umo.objects import Actuator, Atomic, Compound, Interlock, Node, Quality, atoms, walk
 from umo.objects.keywords import IN_MANUAL
 from umo.objects.paths import is_within
@@ -49,7 +49,8 @@ class Reason:
 
     def __call__(self) -> str:
         if not self._words:
-            self._words = in_a_line(self._given if isinstance(self._given, str) else self._given())
+            given, self._given = self._given, ""
+            self._words = in_a_line(given if isinstance(given, str) else given())
         return self._words
 
 
@@ -90,12 +91,11 @@ class Equipment:
 
     def error(self) -> EquipmentFault:
         """A new one each time: an error that is raised again keeps the frames of each time."""
-        return EquipmentFault(self.path, self.reason())
+        return EquipmentFault(self.path, self.reason)
 
     def error_of_this_fault(self) -> Callable[[], EquipmentFault]:
         """A function that gives the error of the fault as it is now, also when that is cleared."""
-        path, reason = self.path, self.reason
-        return lambda: EquipmentFault(path, reason())
+        return partial(EquipmentFault, self.path, self.reason)
 
 
 def equipment_in(root: Compound) -> list[Compound]:
@@ -171,15 +171,16 @@ class Containment:
         if own:
             raise DriverError(what, own)
 
-    def contain(self, part: Node, error: BaseException, text: str = "") -> bool:
-        """Put the equipment of an object in fault; False if there is none but the machine itself. `text`: that of the
-        error."""
+    def contain(self, part: Node, error: BaseException) -> bool:
+        """Put the equipment of an object in fault; False if there is none but the machine itself."""
         equipment = self.innermost(part)
         if equipment is None or is_interrupt(error):
             return False
+        text = text_later(error)
         if self.is_in_fault(equipment.compound):
-            self._tell(equipment, f"{CLEANING_UP}{text or text_of(error)}")
-        self.enter({equipment: text or text_of(error)})
+            event = partial(_cleaning_up_event, self._image.clock.now, equipment.path, text)
+            self._commands.events.add(event, logged=True)
+        self.enter({equipment: text})
         return True
 
     def contain_sequence(self, task: Task, error: BaseException) -> bool:
@@ -191,10 +192,9 @@ class Containment:
         if any(equipment is None or is_within(each.part, equipment.compound) for each in awaiting):
             task.error = error
             return True
-        text = text_of(error)
-        if not self.contain(task.part, error, text):
+        if not self.contain(task.part, error):
             return False
-        task.fail(error, text)
+        task.fail(error)
         return True
 
     def enter(self, reasons: Mapping[Equipment, str | Callable[[], str]]) -> None:
@@ -282,6 +282,10 @@ class Containment:
 
     def _tell(self, equipment: Equipment, text: str) -> None:
         self._commands.events.add(Event(self._image.clock.now, equipment.path, text), logged=True)
+
+
+def _cleaning_up_event(now: float, path: str, text: Callable[[], str]) -> Event:
+    return Event(now, path, f"{CLEANING_UP}{text()}")
 
 
 def _text_of_failures(what: str, failures: Sequence[Failure]) -> str:

@@ -23,7 +23,7 @@ from umo.cycle.stage import Stage
 from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Direction
 from umo.drivers.faults.wrapper import Injection
-from umo.errors import DriverError, EquipmentFault, forget_frames, text_of
+from umo.errors import DriverError, EquipmentFault, forget_frames, text_later
 from umo.objects import Action, Atomic, Compound, Node, actions_of, atoms, described, numbers_of, walk
 from umo.objects.laws import laws_in
 from umo.objects.link import Machine
@@ -332,7 +332,7 @@ class ConnectedMachine:
             if equipment is None:
                 refuse_exit(error, "control")
                 raise
-            failed = {equipment: text_of(error)}
+            failed = {equipment: text_later(error)}
             forget_frames(error)
             self._act_on(laws, failed)
 
@@ -346,7 +346,7 @@ class ConnectedMachine:
         forget_frames(error)
         return True
 
-    def _act_on(self, laws: Iterator[MethodType], failed: dict[Equipment, str]) -> None:
+    def _act_on(self, laws: Iterator[MethodType], failed: dict[Equipment, Callable[[], str]]) -> None:
         """The laws after one that has failed: what equipment contains of their errors keeps no other from acting."""
         while True:
             try:
@@ -358,7 +358,7 @@ class ConnectedMachine:
                 if equipment is None:
                     refuse_exit(error, "control")
                     raise
-                failed.setdefault(equipment, text_of(error))
+                failed.setdefault(equipment, text_later(error))
                 forget_frames(error)
         self.equipment.enter(failed)
 

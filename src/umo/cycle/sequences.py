@@ -20,7 +20,7 @@ from umo.cycle import wait_graph
 from umo.cycle.clock import Clock
 from umo.cycle.wait_graph import Waiter
 from umo.duration import seconds as in_seconds
-from umo.errors import Cancelled, TaskFailed, TimeExpired, forget_frames, text_of
+from umo.errors import Cancelled, TaskFailed, TimeExpired, forget_frames, text_later, text_of
 from umo.objects import Node
 from umo.objects.paths import walk
 from umo.text import add_note, cut_repr, in_brackets, place_among, shown_path, str_of
@@ -228,8 +228,8 @@ class Task(Waiter):
         self.error: BaseException | None = None
         """The error that ended it, for whoever awaits it: he takes it. An error that its own frames refer to is never
         freed while the collector is off."""
-        self._failure = ""
-        """The text of this error."""
+        self._failure: Callable[[], str] | None = None
+        """What gives the text of this error."""
         self.clock: Clock | None = None
         """The clock of the part by which it takes its steps; None: that of the machine."""
         self.limits: list[timeout] = []
@@ -255,9 +255,9 @@ class Task(Waiter):
         self.awaited_by.remove(awaiting)
         error, self.error = self.error, None
         if error is not None:
-            self._failure = self._failure or text_of(error)
-        if self._failure:
-            raise TaskFailed(f"{self.name} failed: {self._failure}") from error
+            self._failure = self._failure or text_later(error)
+        if self._failure is not None:
+            raise TaskFailed(f"{self.name} failed: {self._failure()}") from error
         if self._cancelled:
             raise TaskFailed(f"{self.name} was cancelled")
         return self.result
@@ -385,11 +385,11 @@ class Task(Waiter):
     @property
     def is_untold(self) -> bool:
         """Whether it has failed, whoever awaited it was cancelled before he took the error, and nobody else knows."""
-        return self.error is not None and not self._failure and not self.awaited_by
+        return self.error is not None and self._failure is None and not self.awaited_by
 
-    def fail(self, error: BaseException, text: str = "") -> None:
-        """It has ended with this error, which lets go of its frames; `text`: that of the error."""
-        self.error, self._failure = error, text or text_of(error)
+    def fail(self, error: BaseException) -> None:
+        """It has ended with this error, which lets go of its frames."""
+        self.error, self._failure = error, text_later(error)
         forget_frames(error)
 
     def _begin(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections import deque
 from enum import Enum
 from typing import Any
 
@@ -29,7 +30,7 @@ from umo.generate.terms import TEXT, Code, Known, Many, Present, Term, UnknownTe
 from umo.generate.value_kinds import compares_by_identity, is_bare_enum, is_immutable
 
 NUMBERS_AND_TEXTS = (*NUMBERS, str, bytes, tuple, np.generic)
-ELEMENTS = (tuple, list, set, frozenset, dict, range)
+ELEMENTS = (tuple, list, set, frozenset, dict, range, deque)
 """Containers whose elements are found by Python itself."""
 
 
