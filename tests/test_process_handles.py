@@ -184,3 +184,27 @@ def test_a_state_that_cannot_be_read_is_no_end(monkeypatch: pytest.MonkeyPatch) 
     os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
     assert handle.ended
+
+
+def test_a_process_that_was_killed_is_known_before_it_has_ended() -> None:
+    """Also before it has got a processor to end."""
+    with subprocess.Popen(SLEEP, stdin=subprocess.PIPE) as sleeping:
+        handle = ProcessHandle(sleeping.pid)
+        assert not handle.is_killed
+        sleeping.kill()
+        assert handle.is_killed
+
+
+@pytest.mark.parametrize(
+    ("line", "killed"),
+    [
+        ("SigPnd:\t0000000000000100", True),
+        ("ShdPnd:\t0000000000000300", True),
+        ("SigPnd:\t0000000000000000", False),
+        ("SigPnd:\t0000000000004200", False),
+        ("SigBlk:\t0000000000000100", False),
+    ],
+)
+def test_sigkill_is_the_ninth_of_the_signals_that_are_pending(line: str, killed: bool) -> None:
+    text = f"Name:\tumo\n{line}\nSigCgt:\t0000000000000100\n"
+    assert (processes.SIGKILL_PENDING.search(text) is not None) is killed

@@ -168,7 +168,7 @@ def test_names_that_are_not_utf8_are_shown_with_their_bytes(tank: Path) -> None:
         os.rename(os.fsencode(tank) + b"/wiring/caf\xe9.toml", tank / "wiring" / "simulated.toml")
 
 
-def test_ctrl_c_before_there_is_a_machine_is_130_without_a_word(tank: Path) -> None:
+def test_ctrl_c_before_there_is_a_machine_is_130_and_a_line_that_says_where(tank: Path) -> None:
     objects = tank / "objects.py"
     before = objects.read_text()
     objects.write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n" + before)
@@ -177,7 +177,7 @@ def test_ctrl_c_before_there_is_a_machine_is_130_without_a_word(tank: Path) -> N
     finally:
         objects.write_text(before)
     assert ended.returncode == 128 + signal.SIGINT
-    assert ended.stderr.strip() == ""
+    assert ended.stderr.strip() == "umo: interrupted (tank/objects.py:2)"
 
 
 @pytest.mark.parametrize(("terminal", "begun"), [(True, "\r\x1b[2K"), (False, "")])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from enum import IntEnum
 from pathlib import Path
 from random import Random
@@ -255,12 +255,17 @@ class Case:
     def target(self, cause: str) -> str | None:
         """Where a command leads; None: it is refused. An end ("") leads past states that the mode does not have."""
         then = self.table.get((self.expected, cause))
-        if then is None or (cause and self.manual and cause not in ("stop", "abort", "clear")):
-            return None
         excluded = EXCLUDED[self.base] if self.mode is UnitMode.MAINTENANCE else ()
+        if then is None or (cause and self.manual and not self.acts_in_manual(cause, then, excluded)):
+            return None
         if self.names[then] in excluded:
             return None if cause else self.table[then, ""]
         return then
+
+    def acts_in_manual(self, cause: str, then: str, excluded: Collection[IntEnum]) -> bool:
+        """Whether a command needs no sequence, which would wait with the application."""
+        leads_to_one = then.lower() in SEQUENCES[self.base] and self.names[then] not in excluded
+        return cause == "abort" or (cause in ("stop", "clear") and not leads_to_one)
 
     def sequence(self) -> str:
         """The sequence of the present state; "": it has none."""

@@ -163,7 +163,7 @@ def _watch_conveyor(run: Run) -> None:
 
 
 def _watch_furnace(run: Run) -> None:
-    if run.machine.soak_errors is not None:
+    if run.machine.soaking:
         error = np.abs(run.plant.temperatures - run.machine.targets)
         run.seen["error"] = np.maximum(run.seen.get("error", 0.0), error)
         run.seen["soaked"] = run.seen.get("soaked", 0) + 1

@@ -40,7 +40,7 @@ from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome, plain, plain_reports, status_of
 from umo.process.reset import DEATH_TIMEOUT
 from umo.process.run_end import RunEnd, tell_final_message
-from umo.process.run_state import RunState, Who
+from umo.process.run_state import FOLLOWERS, RunState, Who
 from umo.remote.queue import Receiver
 from umo.system import realtime
 from umo.system.device_record import DeviceClaim
@@ -173,12 +173,11 @@ class Control:
             guardian.send(signal.SIGKILL)
 
     def _is_alone(self) -> bool:
-        """Whether nobody follows the guardian. One that was stopped by a signal does not."""
-        for who in (Who.STANDBY, Who.RESERVE):
-            if (process := self._run_state.process(who)) is not None:
-                if not process.is_stopped:
-                    return False
-                self._run_state.end(who, DEATH_TIMEOUT)
+        """Whether nobody follows the guardian. One that was stopped or killed does not, and is ended."""
+        if any(map(self._run_state.is_able, FOLLOWERS)):
+            return False
+        for who in FOLLOWERS:
+            self._run_state.end(who, DEATH_TIMEOUT)
         return True
 
     @property

@@ -35,7 +35,7 @@ from umo.process.outcome import Failed, Outcome
 from umo.process.processor_share import ProcessorShare
 from umo.process.reset import DEATH_TIMEOUT, STOP_SIGNALS
 from umo.process.run_end import RunEnd, tell_final_message
-from umo.process.run_state import RunState, Who
+from umo.process.run_state import FOLLOWERS, RunState, Who
 from umo.process.service_report import ServiceReport
 from umo.process.standby import Standby, tell_who
 from umo.process.workers import Workers, groups_of
@@ -199,8 +199,7 @@ class Guardian:
     @property
     def is_followed(self) -> bool:
         """Whether a process lives that takes over when this one ends."""
-        followers = (Who.STANDBY, Who.RESERVE)
-        return self.is_driving and not all(self._run_state.gone(0.0, who) for who in followers)
+        return self.is_driving and any(map(self._run_state.is_able, FOLLOWERS))
 
     def _guard(self) -> Outcome:
         """Watch the control process to its end, reset the machine where that is needed, record and tell it."""

@@ -43,6 +43,10 @@ class Who(IntEnum):
     """The process that writes kept values."""
 
 
+FOLLOWERS = (Who.STANDBY, Who.RESERVE)
+"""Those that take the guardian's place."""
+
+
 STAGE, BEAT, ASKED, WATCH, ADMITTED, CONCLUDING, REPORT_LENGTH, OUTCOME_LENGTH, EXCUSED, TOLD = range(10)
 CELLS = 16
 MAX_REPORT_BYTES = 1 << 16
@@ -176,6 +180,11 @@ class RunState:
             return None
         handle = ProcessHandle(pid)
         return None if self.gone(TEST_TIME, who) or int(self._pids[who]) != pid else handle
+
+    def is_able(self, who: int) -> bool:
+        """Whether the holder of a lock lives and can act: it was neither stopped nor killed."""
+        process = self.process(who)
+        return process is not None and not (process.is_stopped or process.is_killed)
 
     def end(self, who: int, within: float) -> bool:
         """Kill the holder of a lock, if there is one, and wait up to `within` s for its end; whether it has ended."""

@@ -141,11 +141,11 @@ class Standby:
         return True
 
     def _standby_is_out(self) -> bool:
-        """Whether the standby guardian is dead, or was stopped by a signal when it is its turn."""
+        """Whether the standby guardian is dead, or was killed or stopped by a signal when it is its turn."""
         if self._run_state.gone(0.0, Who.STANDBY):
             return True
         process = self._run_state.process(Who.STANDBY)
-        return process is not None and process.is_stopped
+        return process is not None and (process.is_stopped or process.is_killed)
 
 
 def tell_who(channel: MessageSocket, kind: str, pid: int) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import ctypes
 import getpass
 import os
+import re
 import select
 import signal
 import sys
@@ -25,9 +26,12 @@ PR_SET_NAME = 15
 FLAGS, START, PROCESSOR, PRIORITY = 6, 19, 36, 37
 """Places in proc_pid_stat(5), counted from the state: flags, starttime, processor, rt_priority."""
 BOOT = Path("/proc/sys/kernel/random/boot_id")
-KERNEL_THREAD = 0x200000
+KERNEL_THREAD, EXITING = 0x200000, 0x4
+"""Flags of proc_pid_stat(5): PF_KTHREAD, PF_EXITING."""
 STOPPED, ENDED = "Tt", "ZX"
 """States of processes that were stopped by a signal or a debugger, and of those that have ended."""
+SIGKILL_PENDING = re.compile(r"^S\w\wPnd:\t[0-9a-f]*[13579bdf][0-9a-f]{2}$", re.M)
+"""A line of proc_pid_status(5), SigPnd or ShdPnd: the masks of pending signals, of which SIGKILL is the ninth bit."""
 LOOK_INTERVAL = 0.0005
 """Time in s between two looks for the end of a process."""
 MAX_NAME_BYTES = 15
@@ -86,6 +90,13 @@ class ProcessHandle:
     def is_stopped(self) -> bool:
         """Whether it was stopped by a signal, or by a debugger."""
         return self.state in STOPPED
+
+    @property
+    def is_killed(self) -> bool:
+        """Whether it is ending, or was killed and waits for a processor to end."""
+        fields = _stat(self.pid)
+        ending = len(fields) > FLAGS and bool(int(fields[FLAGS]) & EXITING)
+        return ending or SIGKILL_PENDING.search(_status(self.pid)) is not None or self.ended
 
     def end(self, within: float) -> bool:
         """Kill it, and wait up to `within` s for its end; False if it has not ended: it is blocked in the kernel."""
@@ -246,6 +257,13 @@ def _stat(pid: int) -> list[str]:
     with suppress(OSError):
         return Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()
     return []
+
+
+def _status(pid: int) -> str:
+    """The text of proc_pid_status(5); empty where there is no such process."""
+    with suppress(OSError):
+        return Path(f"/proc/{pid}/status").read_text(errors="replace")
+    return ""
 
 
 def name_process(text: str) -> None:
