@@ -374,6 +374,7 @@ def test_an_absence_is_told_once_it_has_lasted(kind: type[Box], cause: OSError) 
 @given(st.sampled_from([Box, Blind]), st.booleans(), st.integers(1, 120), st.integers(1, 3))
 @settings(max_examples=10, deadline=None)
 @example(Blind, False, 2, 1)
+@pytest.mark.full
 def test_a_device_that_fails_now_and_then_is_told_a_few_times_a_second_at_most(
     kind: type[Box], silent: bool, away: int, there: int
 ) -> None:

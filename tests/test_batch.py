@@ -175,6 +175,7 @@ def test_the_same_seed_gives_the_same_run() -> None:
     assert one.phases == again.phases != other.phases
 
 
+@pytest.mark.full
 def test_the_same_machine_makes_batches_again_in_another_connection() -> None:
     m = machine()
     for _ in range(2):
@@ -252,6 +253,7 @@ def test_a_batch_that_is_held_at_any_moment_goes_on_and_is_good(seed: int) -> No
     Run(batches=2, seed=seed, patience=1e6, disturb=operate).assert_made("glue 2, soap 2")
 
 
+@pytest.mark.full
 def test_the_other_reactor_goes_on_while_one_is_held() -> None:
     run = Run(batches=1, disturb=held("heating", "hold", "restart", 900.0))
     run.assert_made("glue 1, soap 1")
@@ -430,6 +432,7 @@ PATHS = ["line.scale", "reactors.0.heater", "reactors.0.temperature", "reactors.
 
 
 @pytest.mark.parametrize("path", first(2, PATHS))
+@pytest.mark.full
 def test_lost_answers_cost_nothing(path: str) -> None:
     run = Run(batches=1, fault=[f"{path} disconnect at {at} s for 0.4 s" for at in range(7, 330, 13)])
     run.assert_made("glue 1, soap 1", dumped=0)

@@ -105,6 +105,7 @@ def test_the_rows_of_a_driver_are_measured_beside_its_library_and_counted_on_the
     assert "modbus, TCP" in {row.driver for row in rows}
 
 
+@pytest.mark.full
 def test_a_driver_whose_device_is_not_here_is_named_and_the_others_are_measured(monkeypatch):
     def cases(channels, stack):
         raise NotHere("there is no chip")

@@ -15,6 +15,7 @@ from types import SimpleNamespace
 import pytest
 from typer.testing import Result
 
+from helpers.tiers import first
 from umo import connect, published
 from umo.frames import Reader
 from umo.process.station import find
@@ -201,7 +202,9 @@ def test_a_device_that_is_not_there_is_named_with_status_1(umo, tmp_path: Path) 
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="devices are held on Linux")
-@pytest.mark.parametrize("command", [["run", "--no-record"], ["get", "level"], ["set", "inlet", "OPEN", "--hold", "0"]])
+@pytest.mark.parametrize(
+    "command", first(1, [["run", "--no-record"], ["get", "level"], ["set", "inlet", "OPEN", "--hold", "0"]])
+)
 def test_a_device_that_stands_stopped_wants_to_be_acknowledged(umo, tank: Path, command: list[str]) -> None:
     plant, card = tank / "plant.py", f"card {os.getpid()}"  # devices are held beyond this test process
     plant.write_text(plant.read_text() + f"\n    def devices(self):\n        return [{card!r}]\n")

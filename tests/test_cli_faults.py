@@ -6,12 +6,15 @@ import json
 import tomllib
 from pathlib import Path
 
+import pytest
+
 from umo.plant.register_map import register_maps
 from umo.plant.simulation import Simulation
 from umo.process.station import find
 from umo.wiring import resolve
 
 
+@pytest.mark.full
 def test_a_run_with_a_fault_says_so(umo, tmp_path):
     result = umo(
         "run", "conveyor", "--parts", "2", "--fault", "sorter.belt.speed stuck at 1 s",

@@ -347,7 +347,7 @@ def test_the_options_reach_application_and_plant(umo: Callable[..., Result], tmp
         ("--tolerance 1 ", 1, "0.3 m/s is 0.6 mm in a period: it must be above 0, at most 0.5 mm"),
         ("--nominal 300", 2, "this must be within 20 to 250 mm"),
         ("--faults jamm", 2, "jamm"),
-        ("--faults jam", 1, "part 7 is jammed between the barriers"),
+        pytest.param("--faults jam", 1, "part 7 is jammed between the barriers", marks=pytest.mark.full),
         ("--parts 0", 0, "accepted"),
     ],
 )

@@ -161,6 +161,7 @@ def fail(umo: Umo, started: Started, *numbers: int) -> None:
 
 
 @pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")
+@pytest.mark.full
 def test_clear_takes_paths_and_patterns_and_says_what_it_cleared(umo: Umo, started: Started) -> None:
     for words, cleared in (
         (["reactors.0"], [0]),

@@ -86,6 +86,7 @@ def test_a_file_that_was_copied_from_another_computer_is_taken(tmp_path: Path, c
     assert start(tmp_path, "count").outcome().result == first
 
 
+@pytest.mark.full
 def test_a_fresh_run_starts_with_its_defaults_and_leaves_the_old_file_under_another_name(
     tmp_path: Path, cells: Cells
 ) -> None:
@@ -190,6 +191,7 @@ def test_a_keeper_that_was_stopped_by_a_signal_is_replaced_at_the_end(tmp_path: 
     assert_one_moment(kept())
 
 
+@pytest.mark.full
 def test_a_second_run_of_one_name_takes_the_values_but_keeps_none(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:

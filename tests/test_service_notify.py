@@ -260,6 +260,7 @@ def test_a_run_tells_that_it_runs_how_that_it_lives_and_that_it_stops(tank: Path
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_a_supervisor_starves_when_the_guardians_are_stopped_and_its_stop_resets_the_machine(
     tank: Path, supervisor: Supervisor
 ) -> None:
@@ -279,6 +280,7 @@ def test_a_supervisor_starves_when_the_guardians_are_stopped_and_its_stop_resets
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_the_standby_guardian_tells_the_stop_when_the_guardian_is_killed(tank: Path, supervisor: Supervisor) -> None:
     with run(tank, {notify.SOCKET: supervisor.address, notify.WATCHDOG: "200000"}) as process:
         supervisor.until(notify.ALIVE)

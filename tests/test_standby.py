@@ -15,7 +15,7 @@ import pytest
 from helpers import process_box
 from helpers.process_box import Cells
 from helpers.runs import Run, assert_safe, standing, until_dead
-from helpers.tiers import some
+from helpers.tiers import first, some
 from helpers.waiting import until
 from umo.cycle import transfer
 from umo.process import guardian, run_end, standby
@@ -67,7 +67,7 @@ def test_guardian_and_control_process_killed_together_leave_one_that_resets(
     assert ended.state == "stopped"
 
 
-@pytest.mark.parametrize("group", ["guardian", "control", "standby"])
+@pytest.mark.parametrize("group", first(1, ["guardian", "control", "standby"]))
 def test_the_group_of_one_process_is_not_that_of_another(tmp_path: Path, cells: Cells, group: str) -> None:
     run = running(tmp_path)
     pids = {run.guardian, run.control, run.standby}
@@ -284,7 +284,7 @@ def away(tmp_path: Path) -> Path:
     return file
 
 
-@pytest.mark.parametrize("step", ["record", "tell", "end"])
+@pytest.mark.parametrize("step", first(1, ["record", "tell", "end"]))
 @pytest.mark.parametrize(("application", "status"), [("drive", 0), ("fail_at", 1)])
 def test_a_guardian_killed_when_all_was_reset_changes_nothing_of_the_end(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch, step: str, application: str, status: int

@@ -122,6 +122,7 @@ def test_a_terminal_that_is_closed_stops_the_run_safely(clocked: Path) -> None:
 
 
 @pytest.mark.parametrize("where", first(1, [">&- 2>&-", ">/dev/full 2>&1", "2>&1 | true; exit ${PIPESTATUS[0]}"]))
+@pytest.mark.full
 def test_the_exit_status_is_that_of_the_command(tank: Path, where: str) -> None:
     assert run(tank, f"umo check tank {where}").returncode == 0
     assert run(tank, f"umo check nothing {where}").returncode == 2

@@ -115,6 +115,7 @@ def test_a_signal_at_any_period_leaves_the_box_at_its_defaults(
 
 
 @pytest.mark.parametrize("period", first(1, [150, 3, 700]))
+@pytest.mark.full
 def test_killed_outright_the_box_drops_its_outputs_by_its_own_watchdog(tmp_path: Path, period: int) -> None:
     with box(tmp_path, "--seed", "0", watchdog="200 ms") as served:
         assert struck(served, period, signal.SIGKILL).returncode == -signal.SIGKILL

@@ -359,7 +359,7 @@ def command(*words: str) -> tuple[list[str], dict[str, str]]:
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a terminal of Linux")
-@pytest.mark.parametrize("answer", ["n", ""])
+@pytest.mark.parametrize("answer", first(1, ["n", ""]))
 def test_at_a_terminal_it_lists_the_outputs_and_asks(press: Path, device: Device, answer: str) -> None:
     words, environment = command("conform", str(press), "-w", "card")
     terminal, inner = pty.openpty()

@@ -12,6 +12,7 @@ import pytest
 from helpers.generating import Beside, Fragile, needs_a_compiler, set_inputs, wired, without_host
 from helpers.machines import timer
 from helpers.slide import DT, Slide, servo, stepper
+from helpers.tiers import first
 from umo import Compound, DigitalSensor
 from umo.control import Axis
 from umo.control.inputs import HOMING
@@ -102,7 +103,7 @@ def test_a_stepper_axis_stays_where_it_was_stopped(tmp_path: Path) -> None:
     assert found[-1][1:] == (0.0, 0.0)
 
 
-@pytest.mark.parametrize("make", [servo, stepper])
+@pytest.mark.parametrize("make", first(1, [servo, stepper]))
 def test_the_whole_controller_is_told_to_brake_and_says_when_it_stands(
     make: Callable[[], Axis], tmp_path: Path
 ) -> None:

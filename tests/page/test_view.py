@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 from typer.testing import Result
 
+from helpers.tiers import first
 from umo.page.server import Options
 from umo.page.session import InitialStation
 
@@ -128,7 +129,7 @@ def test_the_examples_show_no_token_to_those_who_list_the_processes(umo: Umo) ->
         assert re.search(r"umo\s+view --[^|`]*--(token|password)\b", text) is None
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", first(1, [signal.SIGINT, signal.SIGTERM]))
 def test_the_file_that_opens_the_browser_goes_when_the_server_ends(
     number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -262,6 +262,7 @@ def test_a_run_in_real_time_is_recorded_from_period_0_to_its_end(
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_a_recorder_that_is_killed_is_told_and_the_run_goes_on(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -329,6 +329,7 @@ def begun(file: Path, *words: str) -> Any:
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_at_a_terminal_ctrl_c_begins_a_new_line_and_the_history_goes_along(conveyor: Path) -> None:
     terminal = begun(conveyor, "--at", "2500")
     terminal.send("half a line")

@@ -85,6 +85,7 @@ def test_an_axis_that_stands_is_at_its_defaults_at_the_host_timeout(theta: Theta
 
 
 @pytest.mark.parametrize("theta", [SHORT * DT], indirect=True)
+@pytest.mark.full
 def test_a_braking_that_takes_too_long_ends_at_the_declared_time(theta: Theta) -> None:
     cruising(theta)
     found = silent(theta)
@@ -94,6 +95,7 @@ def test_a_braking_that_takes_too_long_ends_at_the_declared_time(theta: Theta) -
 
 
 @pytest.mark.parametrize("theta", [0], indirect=True)
+@pytest.mark.full
 def test_without_a_braking_timeout_the_outputs_go_to_their_defaults_at_once(theta: Theta) -> None:
     cruising(theta)
     assert [each.mode for each in silent(theta)] == [RUNNING] * QUIET + [HOST_GONE]
