@@ -183,3 +183,8 @@ def test_the_table_of_a_run_shows_times_as_everything_else_does() -> None:
     statistics.periods = 3
     console.print(RunSummary(statistics, Outcome(simulated=0.004), elapsed=0.000_25).table("umo run"))
     assert "4 ms in 250 µs, 16 x real time" in console.export_text()
+
+
+def test_a_run_that_was_stopped_before_it_started_does_not_say_that_its_outputs_are_at_their_defaults() -> None:
+    assert Outcome(stopped_by=2, driven=True).outputs == "every actuator is at its default"
+    assert Outcome(stopped_by=2).outputs.startswith("it had not started: its outputs are as they were")

@@ -188,7 +188,7 @@ def test_a_starter_that_is_gone_stops_the_machine(tmp_path: Path, cells: Cells) 
 @pytest.mark.parametrize(
     ("killed", "text"),
     [
-        ("nobody", "the run has ended, every actuator is at its default"),
+        ("nobody", "the run has ended; every actuator is at its default"),
         ("control", "the control process was killed (SIGKILL)"),
         ("guardian", "the guardian has ended; the control process stopped the machine"),
     ],

@@ -158,9 +158,9 @@ def _say_how_it_ended(outcome: Outcome, full_traceback: bool) -> None:
     if outcome.failure is not None:
         _fail(outcome.failure, full_traceback)
     elif outcome.stopped_by is not None:
-        say(f"stopped by {outcome.stopper}; every actuator is at its default")
+        say(f"stopped by {outcome.stopper}; {outcome.outputs}")
     elif outcome.time_over:
-        say(f"ended at {outcome.simulated:g} s (--until); every actuator is at its default")
+        say(f"ended at {outcome.simulated:g} s (--until); {outcome.outputs}")
 
 
 def _fail(failure: Failed, full_traceback: bool) -> int:

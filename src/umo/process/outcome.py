@@ -86,6 +86,13 @@ class Outcome:
     """The application's result, if it is plain data; else its text."""
 
     @property
+    def outputs(self) -> str:
+        """Where a run that ended safely has left its outputs, in words."""
+        if self.driven:
+            return "every actuator is at its default"
+        return "it had not started: its outputs are as they were, or at their defaults where it had reached them"
+
+    @property
     def status(self) -> int:
         """The exit status: as in `ExitStatus`, or 128 and the signal."""
         if self.unreached:

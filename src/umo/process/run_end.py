@@ -144,7 +144,6 @@ def tell_final_message(channel: MessageSocket, name: str, outcome: Outcome) -> N
     called when the machine has been reset and everything is recorded; no error of it changes how the run ended."""
     with suppress(Exception):
         if channel.peer_is_gone(STARTER_END_TIMEOUT if outcome.unsafe else 0.0):
-            reached = "every actuator is at its default" if outcome.driven else "no actuator was driven"
-            how = f"the run has ended, {reached}" if outcome.failure is None else outcome.failure.message
+            how = f"the run has ended; {outcome.outputs}" if outcome.failure is None else outcome.failure.message
             text = f"umo: {name}: the process that started it is gone; {how}"
             say_without_waiting(printable(text.replace("\n", "; "))[:MAX_MESSAGE_LENGTH])
