@@ -262,7 +262,7 @@ def test_the_second_signal_ends_what_does_not_end_and_the_outputs_are_reset(
     child.send(signal.SIGINT)
     until(case.ready.exists)
     child.send(signal.SIGTERM)  # another one: two of the same kind would count as one
-    assert child.status() == 128 + signal.SIGTERM
+    assert child.status() in (128 + signal.SIGTERM, 128 + signal.SIGINT)  # the second, where it came into the first
     *notices, line = case.told.read_text().splitlines()
     assert all(
         each.startswith("umo: a call of a driver is under way") for each in notices
