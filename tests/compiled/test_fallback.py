@@ -143,6 +143,57 @@ def test_a_list_that_grows_gives_the_laws_back_to_python() -> None:
         run.step()
 
 
+@pytest.mark.parametrize("gains", [[1.0, 2.0], np.array([1.0, 2.0])], ids=["list", "array"])
+def test_a_list_or_an_array_of_the_class_keeps_python(gains: Any) -> None:
+    class OfClass(Pump):
+        def control(self) -> None:
+            self.motor.write(float(self.gains[0]))  # type: ignore[attr-defined]
+
+    OfClass.gains = gains  # type: ignore[attr-defined]
+    with running(pump(OfClass), "python") as run:
+        assert "gains is a list or an array of its class, which others have, too" in run.events
+        gains[0] = 9.0
+        run.step()
+        assert run.m.motor.pending == 9.0
+
+
+class PairOfArrays(Pump):
+    def setup(self) -> None:
+        self.held = (np.zeros(2), np.ones(2))
+
+    def control(self) -> None:
+        self.motor.write(float(self.held[0][0]))
+
+
+class NumberAndArray(Pump):
+    def setup(self) -> None:
+        self.held = (1.0, np.ones(2))
+
+    def control(self) -> None:
+        self.motor.write(float(self.held[1][0]))
+
+
+class ArrayOrNone(Pump):
+    def setup(self) -> None:
+        self.held: Any = None
+        self.total = 0.0
+
+    def control(self) -> None:
+        self.total += 1.0
+        if self.total == 3.0:
+            self.held = np.zeros(2)
+        if self.held is not None:
+            sums = self.held + 0.0
+            self.motor.write(float(sums[0]))
+
+
+@pytest.mark.parametrize("kind", [PairOfArrays, NumberAndArray, ArrayOrNone])
+def test_an_array_within_another_value_does_not_compile(kind: type[Pump]) -> None:
+    machine = pump(kind)
+    with pytest.raises(DeclarationError, match=r"held has a list or an array within another value"):
+        prepare(machine, resolve(machine, wired(machine, Fragile(), VirtualTimer())))
+
+
 def test_a_difference_keeps_python(monkeypatch: pytest.MonkeyPatch) -> None:
     source = compiled_laws.source_of_laws
 

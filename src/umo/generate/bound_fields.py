@@ -126,6 +126,8 @@ class BoundFields:
         self._memory.push()
         self._memory.forget()
         for name in self._memory.fields:
+            if name not in vars(self.owner) and isinstance(getattr(self.owner, name), list | np.ndarray):
+                raise ValueError(f"{self._label}.{name} is a list or an array of its class, which others have, too")
             if not self._is_rebound(name) and is_shared(vars(self.owner), name):
                 raise ValueError(f"{self._label}.{name} is a list or an array that others have, too")
         self._own = {name for name in self._memory.fields if name in vars(self.owner)}
@@ -299,11 +301,9 @@ class BoundFields:
 
     def _of_others(self, name: str, of: CType) -> tuple[Get, Set]:
         inner = of.of if isinstance(of, OptionalType) else of
-        is_array = isinstance(inner, ArrayType)
 
         def get(_: Any) -> Any:
-            value = self._memory.read(name)
-            return np.array(value) if is_array and value is not None else value
+            return self._memory.read(name)
 
         def put(_: Any, value: Any) -> None:
             kinds = KINDS.get(inner)
