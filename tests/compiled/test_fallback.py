@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, MutableSequence
 from dataclasses import replace
+from math import atan2
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,8 @@ import pytest
 from helpers.compiling import CompiledRun, observed
 from helpers.generating import Fragile, needs_a_compiler, wired
 from helpers.machines import timer
-from umo import Compound, DigitalActuator, DigitalSensor
+from helpers.tiers import first
+from umo import Compound, DigitalActuator, DigitalSensor, connect
 from umo.control import Servo, value_of
 from umo.control.loops import LawLoop
 from umo.errors import BadInput, DeclarationError, RangeError
@@ -121,6 +123,66 @@ def test_a_value_of_another_kind_gives_the_laws_back_to_python(name: str, value:
         setattr(run.m, name, {"gain": 1.0, "total": 0.0, "table": [1.0, 2.0], "weights": np.ones(2)}[name])
         run.step()
         assert isinstance(run.m.table, list)
+
+
+class Typed(Pump):
+    """A law whose result tells a zero with a sign from one without."""
+
+    def setup(self) -> None:
+        self.real, self.whole, self.flag = 1.0, 1, True
+        self.pair = (1.0, 2)
+        self.reals, self.wholes, self.pairs = [1.0, 2.0], [1, 2], [(1.0, 2.0), (3.0, 4.0)]
+        self.array, self.counts = np.ones(2), np.array([1, 2])
+
+    def control(self) -> None:
+        turned = atan2(-self.real, -1.0) + atan2(-self.pair[0], -1.0) + atan2(-self.reals[0], -1.0)
+        turned += atan2(-self.pairs[0][0], -1.0) + atan2(-float(self.array[0]), -1.0)
+        count = self.whole + self.wholes[0] + self.pair[1] + float(self.counts[0])
+        self.motor.write(10.0 - abs(turned + count) / 10.0 if self.flag else 0.0)
+
+
+ANYTHING = [0, 0.0, -0.0, 3, 1.5, True, 2**31, 2**53, 2**53 + 1, np.float64(2.0), np.int64(0), np.True_, None]
+
+
+@pytest.mark.parametrize("name", ["real", "whole", "flag", "pair", "reals", "wholes", "pairs", "array", "counts"])
+@pytest.mark.parametrize("value", first(5, ANYTHING))
+def test_what_is_set_is_computed_with_as_in_python_or_gives_the_laws_back(name: str, value: Any) -> None:
+    def act(m: Any) -> Any:
+        """Set it, or an element of it; what the law does then."""
+        found: Any = getattr(m, name)
+        if isinstance(found, np.ndarray):
+            setattr(m, name, np.array([value, 1]))
+        elif name == "pairs":
+            found[0] = (value, 1.0)
+        elif isinstance(found, MutableSequence):
+            found[0] = value
+        else:
+            setattr(m, name, (value, 2) if name == "pair" else value)
+        try:
+            m.control()
+        except Exception as error:
+            return type(error)
+        return m.motor.pending
+
+    alone = pump(Typed)
+    with running(pump(Typed)) as run, connect(alone, wired(alone, Fragile(), VirtualTimer())):
+        for _ in range(2):
+            run.m.timer.read(), run.m.sample(), alone.timer.read(), alone.sample()
+            assert act(run.m) == act(alone)
+
+
+class Asking(Pump):
+    def control(self) -> None:
+        self.motor.write(1.0 if isinstance(self.gain, int) else 2.0)
+
+
+@pytest.mark.parametrize(("kind", "state"), [(Pump, "compiled"), (Asking, "python")])
+def test_a_whole_number_is_a_real_unless_code_asks_for_its_class(kind: type[Pump], state: str) -> None:
+    with running(pump(kind)) as run:
+        run.m.gain = 3
+        run.step()
+        assert run.laws.state == state
+        assert run.m.motor.pending == (10.0 if kind is Pump else 1.0)
 
 
 def test_the_class_of_a_bound_object_is_not_told_of_the_one_below_it() -> None:

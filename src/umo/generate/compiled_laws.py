@@ -169,6 +169,7 @@ class CompiledLaws:
                 {name for name in struct.fields if (struct.path, name) in states},
                 self.give_up,
                 self._known.names_of(struct.owner),
+                self._known.exact(struct.fields),
             )
             for memory, struct in zip(self._memories, structs, strict=True)
         ]

@@ -11,7 +11,7 @@ from __future__ import annotations
 import builtins
 import sys
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
@@ -174,6 +174,18 @@ class KnownValues:
     def codes(self) -> Iterator[CodeType]:
         """The code of the functions that are translated."""
         return (value for owner, name, value, _ in self.attributes.values() if name == "__code__")
+
+    def exact(self, names: Iterable[str]) -> frozenset[str]:
+        """Those of the names of which translated code may ask for the class: where code of the user does so at all,
+        each of them; in code of umo those that stand beside the question."""
+        asking = [
+            (owner, value)
+            for owner, name, value, _ in self.attributes.values()
+            if name == "__code__" and not {"isinstance", "type"}.isdisjoint(value.co_names)
+        ]
+        if any(not is_installed(owner.__module__ or "") for owner, _ in asking):
+            return frozenset(names)
+        return frozenset(name for name in names if any(name in code.co_names for _, code in asking))
 
     def names_of(self, owner: Any) -> frozenset[str]:
         """The attributes of one object that are taken as known."""
