@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, MutableSequence
 from dataclasses import replace
+from enum import Enum
+from functools import partial
 from math import atan2
 from pathlib import Path
 from typing import Any
@@ -183,6 +185,70 @@ def test_a_whole_number_is_a_real_unless_code_asks_for_its_class(kind: type[Pump
         run.step()
         assert run.laws.state == state
         assert run.m.motor.pending == (10.0 if kind is Pump else 1.0)
+
+
+def scaled(gains: list[float], value: float, by: float = 1.0) -> float:
+    return gains[0] * value * by
+
+
+def one(_: Any) -> float:
+    return 1.0
+
+
+def three(_: Any) -> float:
+    return 3.0
+
+
+def test_what_a_partial_or_a_member_of_an_enum_has_is_seen_to_change() -> None:
+    gains, values = [1.0], [2.0]
+    scale = partial(scaled, gains, by=3.0)
+
+    class Kind(Enum):
+        FIRST = values
+
+        own = one
+
+    class Reading(Pump):
+        def control(self) -> None:
+            self.motor.write(scale(1.0) + Kind.FIRST.value[0] + Kind.FIRST.own())
+
+    changes: list[tuple[Callable[[], Any], float]] = [
+        (lambda: gains.__setitem__(0, 2.0), 9.0),
+        (lambda: scale.keywords.update(by=1.0), 5.0),
+        (lambda: values.__setitem__(0, 1.0), 4.0),
+        (lambda: setattr(Kind, "own", three), 6.0),
+        (lambda: setattr(Kind.FIRST, "_value_", [0.0]), 5.0),
+    ]
+    for change, pending in changes:
+        with running(pump(Reading)) as run:
+            change()
+            run.step()
+            assert (run.laws.state, run.m.motor.pending) == ("python", pending)
+
+
+def test_a_class_with_a_metaclass_of_its_own_is_not_made_a_class_below_it() -> None:
+    made: list[str] = []
+
+    class Counting(type):
+        def __init__(cls, *given: Any) -> None:
+            super().__init__(*given)
+            made.append(cls.__name__)
+
+    class Limits(metaclass=Counting):
+        label = "low"
+
+    class Reading(Pump):
+        def setup(self) -> None:
+            self.limits = Limits()
+
+        def control(self) -> None:
+            self.motor.write(1.0 if self.limits.label == "low" else 2.0)
+
+    with running(pump(Reading)) as run:
+        assert made == ["Limits"]
+        Limits.label = "high"
+        run.step()
+        assert (run.laws.state, run.m.motor.pending) == ("python", 2.0)
 
 
 def test_the_class_of_a_bound_object_is_not_told_of_the_one_below_it() -> None:

@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from enum import Enum
-from functools import cached_property
+from functools import cached_property, partial
 from types import CodeType, FunctionType, MappingProxyType, MemberDescriptorType, ModuleType
 from typing import Any, NamedTuple
 
@@ -32,6 +32,8 @@ PLAIN = str, bytes, bool, int, float, complex, type(None)
 MOST_ELEMENTS = 4096
 HEAP_TYPE = 1 << 9
 """Flag of a class that was made by a `class` statement: the others do not change."""
+OF_MEMBERS = {"name": "_name_", "value": "_value_"}
+"""Attributes of the members of each Enum, and where they are."""
 FUNCTIONS = FunctionType, staticmethod, classmethod, property, cached_property
 
 
@@ -122,8 +124,8 @@ class KnownValues:
 
     def attribute(self, owner: Any, name: str, at: tuple[str, int]) -> None:
         """An attribute of a live object, class or module, or that there is none. Unwatchable."""
-        if isinstance(owner, Enum) or (isinstance(owner, type) and issubclass(owner, Enum) and _is_member(owner, name)):
-            return
+        if isinstance(owner, type) and issubclass(owner, Enum) and _is_member(owner, name):
+            return  # nobody can set it
         known = self._named(owner, name, getattr(owner, name, ABSENT), at)
         if isinstance(owner, ModuleType):
             if name not in vars(owner) and known.value is not ABSENT:
@@ -132,6 +134,8 @@ class KnownValues:
         elif isinstance(owner, type):
             if name not in vars(type):
                 self._class(owner, name, known)
+        elif isinstance(owner, Enum) and name in OF_MEMBERS:
+            self._own(owner, OF_MEMBERS[name], known)
         else:
             self._instance(owner, name, known)
         self._content(known.value, known)
@@ -199,8 +203,7 @@ class KnownValues:
     def _instance(self, owner: Any, name: str, known: KnownName) -> None:
         own, found = getattr(owner, "__dict__", None), _in_classes(type(owner), name)
         if isinstance(own, dict):
-            self.objects.setdefault(id(owner), Namespace(owner)).names.setdefault(name, own.get(name, ABSENT))
-            self._told.setdefault((id(owner), name), known)
+            self._own(owner, name, known)
             self._class(type(owner), name, known)
             if name in own and not hasattr(type(found), "__set__"):
                 return
@@ -210,6 +213,11 @@ class KnownValues:
             raise Unwatchable(f"{name!r} of a {type(owner).__name__} is no attribute that is set")
         elif hasattr(type(found), "__get__") and not isinstance(found, FUNCTIONS) and _changes(type(owner)):
             raise Unwatchable(f"{name!r} of a {type(owner).__name__} is computed where it is read")
+
+    def _own(self, owner: Any, name: str, known: KnownName) -> None:
+        """What an object has itself, by this name."""
+        self.objects.setdefault(id(owner), Namespace(owner)).names.setdefault(name, vars(owner).get(name, ABSENT))
+        self._told.setdefault((id(owner), name), known)
 
     def _class(self, kind: type, name: str, known: KnownName) -> None:
         for each in kind.__mro__:
@@ -227,6 +235,12 @@ class KnownValues:
         """The elements of containers, and of containers in them."""
         if isinstance(value, np.ndarray) and not value.flags.c_contiguous:
             raise Unwatchable(f"{known.label} is a part of another array")
+        if isinstance(value, partial):
+            for name in ("func", "args", "keywords"):
+                part = getattr(value, name)
+                self.attributes[id(value), name] = value, name, part, known
+                self._content(part, known, depth + 1)
+            return
         if isinstance(value, MUTABLE):
             if id(value) in self.contents:
                 return

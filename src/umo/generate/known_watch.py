@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABCMeta
 from collections.abc import Callable, Sequence
 from ctypes import c_void_p, cast, pythonapi
 from gc import get_referents
@@ -121,6 +122,8 @@ def _space(owner: Any, names: dict[str, Any], complete: bool = False) -> tuple[A
 
 def _untouched(kind: type) -> type | None:
     """A class below another one, of which nobody ever looks an attribute up; None: there can be none."""
+    if type(kind) not in (type, ABCMeta):
+        return None  # its metaclass may do something with each class
     try:
         return class_below(kind, {})
     except Exception:  # a class that is final, or whose metaclass refuses
