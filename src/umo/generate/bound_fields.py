@@ -23,8 +23,14 @@ OF_ABSTRACT_CLASSES = "_abc_impl", "__abstractmethods__"
 """What each class of ABCMeta has of its own."""
 
 
-ALONE = 2
-"""References to a value that has one name: this one, and that of the call which counts them."""
+def _references() -> int:
+    names: dict[str, Any] = {"name": []}
+    value = names.pop("name", None)
+    return sys.getrefcount(value)
+
+
+ALONE = _references()
+"""References to a value that has one name, as this Python counts them where it is asked."""
 
 
 class BoundList(MutableSequence[Any]):

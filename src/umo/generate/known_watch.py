@@ -6,7 +6,7 @@ from abc import ABCMeta
 from collections.abc import Callable, Sequence
 from ctypes import c_void_p, cast, pythonapi
 from gc import get_referents
-from types import CellType, FunctionType
+from types import CellType, FunctionType, MappingProxyType
 from typing import Any
 
 from umo.cycle.conversion import extension
@@ -60,7 +60,7 @@ class KnownWatch:
         always, in_turn = self._spaces()
         types, of_classes = self._types()
         always += of_classes
-        contents = tuple((each.container, each.elements) for each in self._known.contents.values())
+        contents = tuple((_behind(each.container), each.elements) for each in self._known.contents.values())
         read = [each[:3] for each in self._known.attributes.values()]
         others = tuple(each for each in read if not isinstance(each[0], FunctionType | CellType))
         cells = tuple((cell, value) for cell, _, value in read if isinstance(cell, CellType))
@@ -118,6 +118,14 @@ def _space(owner: Any, names: dict[str, Any], complete: bool = False) -> tuple[A
     """`complete`: the owner is to have as many names as now."""
     kind = None if type(owner) is dict else type(owner)
     return owner, kind, len(owner) if complete else -1, tuple(names), tuple(names.values())
+
+
+def _behind(container: Any) -> Any:
+    """The dict of which a proxy is a view: it is compared element by element."""
+    if isinstance(container, MappingProxyType):
+        (found,) = get_referents(container)
+        return found if type(found) is dict else container
+    return container
 
 
 def _untouched(kind: type) -> type | None:
