@@ -226,6 +226,31 @@ def test_what_a_partial_or_a_member_of_an_enum_has_is_seen_to_change() -> None:
             assert (run.laws.state, run.m.motor.pending) == ("python", pending)
 
 
+class Fast:
+    limit = 1.0
+
+
+class Slow(Fast):
+    pass
+
+
+class Classed(Pump):
+    def setup(self) -> None:
+        self.speed = Fast()
+
+    def control(self) -> None:
+        self.motor.write(1.0 if isinstance(self.speed, Slow) else 2.0)
+
+
+@pytest.mark.parametrize("period", [0, 30])
+def test_the_class_of_an_object_that_code_asks_for_is_seen_to_change(period: int) -> None:
+    with running(pump(Classed)) as run:
+        run.step(period)
+        run.m.speed.__class__ = Slow
+        run.step()
+        assert (run.laws.state, run.m.motor.pending) == ("python", 1.0)
+
+
 def test_a_class_with_a_metaclass_of_its_own_is_not_made_a_class_below_it() -> None:
     made: list[str] = []
 

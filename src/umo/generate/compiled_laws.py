@@ -292,6 +292,7 @@ class CompiledLaws:
         except WRONG as error:
             self.give_up(text_of(error))
             return
+        self._known.bind(each.owner for each in self._fields)
         self.state = "compiled"
         self._watch = KnownWatch(self._known, self._changed, [(each.owner, each.names) for each in self._fields])
         if self.state != "compiled":

@@ -87,6 +87,8 @@ class Namespace:
     owner: Any
     """The object or class; of a module its dict."""
     names: dict[str, Any] = field(default_factory=dict)
+    kind: type | None = None
+    """The class that the object is to have; None: any."""
 
     @property
     def now(self) -> Any:
@@ -249,17 +251,29 @@ class KnownValues:
         elif isinstance(value, tuple | frozenset):
             elements = tuple(value)
         else:
+            self._class_of(value)
             return
         if len(elements) > MOST_ELEMENTS or depth > 8:
             raise Unwatchable(f"{known.label} has {len(elements)} elements, at most {MOST_ELEMENTS} are watched")
         for each in elements:
             self._content(each, known, depth + 1)
 
+    def _class_of(self, value: Any) -> None:
+        """The class of an object, of which code may ask, or that may be set."""
+        if (
+            _changes(type(value))
+            and not isinstance(value, type | Enum)
+            and isinstance(getattr(value, "__dict__", 0), dict)
+        ):
+            self.objects.setdefault(id(value), Namespace(value)).kind = type(value)
+
     # Whether it still is -------------------------------------------------------------------------------
 
     def changes(self) -> Iterator[KnownName]:
         """The names whose values are others now. What is equal, but another object, is taken over."""
         for space in (*self.objects.values(), *self.classes.values()):
+            if space.kind is not None and type(space.owner) is not space.kind:
+                yield KnownName(space.owner, "__class__", space.kind, "", 0)
             now = space.now
             for name, value in space.names.items():
                 found = now.get(name, ABSENT)
@@ -280,6 +294,12 @@ class KnownValues:
                 yield known
             else:
                 self.attributes[place] = owner, name, found, known
+
+    def bind(self, owners: Iterable[Any]) -> None:
+        """These objects have a class below theirs from now on."""
+        for owner in owners:
+            if id(owner) in self.objects:
+                self.objects[id(owner)].kind = type(owner)
 
     def settle(self) -> None:
         """The objects keep the attributes that are their own now: those of their classes are behind them."""
