@@ -6,6 +6,7 @@ import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,10 +15,11 @@ from bench import bounds
 from bench.bounded_plant import Rig
 from helpers.machines import actuator, timer, wired
 from helpers.operator import Operator
-from umo import Compound, DigitalActuator, connect
+from umo import Compound, DigitalActuator, action, connect
 from umo.cycle.client_commands import ClientCommand, Mode
 from umo.cycle.client_control import COMMANDS
-from umo.cycle.events import LET_GO, CommandState
+from umo.cycle.events import LET_GO, CommandState, Event
+from umo.remote.commander import has_ended
 from umo.testing import Scripted
 
 PAGE = Path(__file__).parents[1] / "docs" / "bounds.md"
@@ -138,6 +140,51 @@ def test_an_actuator_in_a_list_of_the_machine_is_released(count: int, how: str) 
             (event,) = ended
             assert (event.path, event.command, event.asked) == ("valves", 0, LET_GO)
             assert event.text.endswith(": 5 released: valves.0, valves.1 and 3 others")
+
+
+class JoggedLine(Line):
+    is_jogging = False
+
+    @action(release="halt")
+    def jog(self) -> None:
+        """Drive while it is held."""
+        self.is_jogging = True
+
+    def halt(self) -> None:
+        self.is_jogging = False
+
+
+@pytest.mark.parametrize("count", [0, 1, 5])
+@pytest.mark.parametrize("how", ["given back", "lapsed"])
+def test_the_end_of_an_action_that_is_held_is_told_by_itself_beside_actuators(count: int, how: str) -> None:
+    m = JoggedLine(timer=timer(), valves=[actuator() for _ in range(count)])
+    with connect(m, wired(m, Scripted())):
+        ann = Operator(m, Mode.MANUAL)
+        ann.do("lease", seconds=2.0)
+        for number in range(count):
+            ann.do("write", f"valves.{number}", 3.0)
+        jog = ann.call("jog")
+        assert m.is_jogging
+        if how == "given back":
+            ann.do("give back")
+        else:
+            ann.alive = False
+            ann.run(700)
+        ann.run(2)
+        assert not m.is_jogging
+        ended = [event for event in ann.events if event.state is CommandState.CANCELLED]
+        assert [event.path for event in ended if event.command == jog.command] == ["jog"]
+        assert len(ended) == 1 + min(count, 1)
+
+
+@pytest.mark.parametrize("path", ["cell.jog", "cell.valve", "cell.lamp", "other.valve"])
+@pytest.mark.parametrize("around", ["", "cell", "cell.jog", "cell.valve"])
+@pytest.mark.parametrize("number", [0, 7])
+def test_the_end_of_several_actuators_is_that_of_no_action(path: str, around: str, number: int) -> None:
+    reader: Any = SimpleNamespace(is_object=lambda path: "jog" not in path, is_taken=lambda path: path == "cell.lamp")
+    event = Event(1.0, around, "its lease ended", "ann", number, CommandState.CANCELLED, LET_GO)
+    of_several = not number and path in ("cell.valve", "other.valve") and around in ("", path.partition(".")[0])
+    assert has_ended(event, path, reader) == (of_several or (number > 0 and path == around))
 
 
 def test_of_the_commands_that_may_concern_the_whole_machine_one_is_carried_out_in_a_period() -> None:

@@ -17,7 +17,7 @@ from helpers.operator import Operator
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Interlock, connect
 from umo.alarms import Alarm, High
 from umo.control import next_period
-from umo.cycle.events import TOLD_PER_PERIOD, Event, Events
+from umo.cycle.events import FAULT, IN_FAULT, MOST_WAITING, TOLD_PER_PERIOD, CommandState, Event, Events
 from umo.errors import DriverError, EquipmentFault
 from umo.states import OnOff
 from umo.testing import Scripted, VirtualTimer
@@ -302,6 +302,37 @@ def test_a_flood_of_events_is_told_in_the_following_periods_and_answers_at_once(
     events.tell()
     assert [record.getMessage() for record in caplog.records] == [f"event {number}" for number in range(50)]
     assert not events.untold
+
+
+@pytest.mark.parametrize("size", [999, 1_000, 1_001, 3_500])
+@pytest.mark.parametrize("periods", [1, 3])
+def test_of_any_number_of_notes_every_answer_is_told_in_its_period_and_nothing_is_lost_without_being_counted(
+    caplog: pytest.LogCaptureFixture, size: int, periods: int
+) -> None:
+    events, told = Events(), list[Event]()
+
+    def tell() -> list[Event]:
+        before = events.told
+        events.tell()
+        told.extend(new := events.recent(events.told - before))
+        return new
+
+    for period in range(periods):
+        events.add(Event(0.0, "valve", "", "ann", 1 + 2 * period, CommandState.DONE, "write"))
+        for number in range(size):
+            events.add(partial(Event, 0.0, "zone", f"other {number}"), logged=True)
+            events.add(partial(Event, 0.0, f"zones.{period}.{number}", IN_FAULT, asked=FAULT), logged=True, needed=True)
+        events.add(Event(0.0, "valve", "", "ann", 2 + 2 * period, CommandState.DONE, "write"))
+        assert [each.command for each in tell() if each.command] == [1 + 2 * period, 2 + 2 * period]
+    while events.untold:
+        assert len(tell()) <= TOLD_PER_PERIOD + 1
+    faults = [event.path for event in told if event.asked == FAULT]
+    assert faults == [f"zones.{period}.{number}" for period in range(periods) for number in range(size)]
+    left_out = [int(event.text.split()[0].replace(",", "")) for event in told if "were not told" in event.text]
+    others = sum(event.text.startswith("other") for event in told)
+    assert others + sum(left_out) == periods * size
+    assert others <= MOST_WAITING + periods * TOLD_PER_PERIOD
+    assert len(caplog.records) == others + len(faults) + len(left_out)
 
 
 def test_whoever_reads_the_events_finds_what_is_not_told_yet_and_it_is_logged_later(

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, MutableSequence
 from dataclasses import replace
+from enum import Enum
+from functools import partial
+from math import atan2
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +16,8 @@ import pytest
 from helpers.compiling import CompiledRun, observed
 from helpers.generating import Fragile, needs_a_compiler, wired
 from helpers.machines import timer
-from umo import Compound, DigitalActuator, DigitalSensor
+from helpers.tiers import first
+from umo import Compound, DigitalActuator, DigitalSensor, connect
 from umo.control import Servo, value_of
 from umo.control.loops import LawLoop
 from umo.errors import BadInput, DeclarationError, RangeError
@@ -123,6 +127,155 @@ def test_a_value_of_another_kind_gives_the_laws_back_to_python(name: str, value:
         assert isinstance(run.m.table, list)
 
 
+class Typed(Pump):
+    """A law whose result tells a zero with a sign from one without."""
+
+    def setup(self) -> None:
+        self.real, self.whole, self.flag = 1.0, 1, True
+        self.pair = (1.0, 2)
+        self.reals, self.wholes, self.pairs = [1.0, 2.0], [1, 2], [(1.0, 2.0), (3.0, 4.0)]
+        self.array, self.counts = np.ones(2), np.array([1, 2])
+
+    def control(self) -> None:
+        turned = atan2(-self.real, -1.0) + atan2(-self.pair[0], -1.0) + atan2(-self.reals[0], -1.0)
+        turned += atan2(-self.pairs[0][0], -1.0) + atan2(-float(self.array[0]), -1.0)
+        count = self.whole + self.wholes[0] + self.pair[1] + float(self.counts[0])
+        self.motor.write(10.0 - abs(turned + count) / 10.0 if self.flag else 0.0)
+
+
+ANYTHING = [0, 0.0, -0.0, 3, 1.5, True, 2**31, 2**53, 2**53 + 1, np.float64(2.0), np.int64(0), np.True_, None]
+
+
+@pytest.mark.parametrize("name", ["real", "whole", "flag", "pair", "reals", "wholes", "pairs", "array", "counts"])
+@pytest.mark.parametrize("value", first(5, ANYTHING))
+def test_what_is_set_is_computed_with_as_in_python_or_gives_the_laws_back(name: str, value: Any) -> None:
+    def act(m: Any) -> Any:
+        """Set it, or an element of it; what the law does then."""
+        found: Any = getattr(m, name)
+        if isinstance(found, np.ndarray):
+            setattr(m, name, np.array([value, 1]))
+        elif name == "pairs":
+            found[0] = (value, 1.0)
+        elif isinstance(found, MutableSequence):
+            found[0] = value
+        else:
+            setattr(m, name, (value, 2) if name == "pair" else value)
+        try:
+            m.control()
+        except Exception as error:
+            return type(error)
+        return m.motor.pending
+
+    alone = pump(Typed)
+    with running(pump(Typed)) as run, connect(alone, wired(alone, Fragile(), VirtualTimer())):
+        for _ in range(2):
+            run.m.timer.read(), run.m.sample(), alone.timer.read(), alone.sample()
+            assert act(run.m) == act(alone)
+
+
+class Asking(Pump):
+    def control(self) -> None:
+        self.motor.write(1.0 if isinstance(self.gain, int) else 2.0)
+
+
+@pytest.mark.parametrize(("kind", "state"), [(Pump, "compiled"), (Asking, "python")])
+def test_a_whole_number_is_a_real_unless_code_asks_for_its_class(kind: type[Pump], state: str) -> None:
+    with running(pump(kind)) as run:
+        run.m.gain = 3
+        run.step()
+        assert run.laws.state == state
+        assert run.m.motor.pending == (10.0 if kind is Pump else 1.0)
+
+
+def scaled(gains: list[float], value: float, by: float = 1.0) -> float:
+    return gains[0] * value * by
+
+
+def one(_: Any) -> float:
+    return 1.0
+
+
+def three(_: Any) -> float:
+    return 3.0
+
+
+def test_what_a_partial_or_a_member_of_an_enum_has_is_seen_to_change() -> None:
+    gains, values = [1.0], [2.0]
+    scale = partial(scaled, gains, by=3.0)
+
+    class Kind(Enum):
+        FIRST = values
+
+        own = one
+
+    class Reading(Pump):
+        def control(self) -> None:
+            self.motor.write(scale(1.0) + Kind.FIRST.value[0] + Kind.FIRST.own())
+
+    changes: list[tuple[Callable[[], Any], float]] = [
+        (lambda: gains.__setitem__(0, 2.0), 9.0),
+        (lambda: scale.keywords.update(by=1.0), 5.0),
+        (lambda: values.__setitem__(0, 1.0), 4.0),
+        (lambda: setattr(Kind, "own", three), 6.0),
+        (lambda: setattr(Kind.FIRST, "_value_", [0.0]), 5.0),
+    ]
+    for change, pending in changes:
+        with running(pump(Reading)) as run:
+            change()
+            run.step()
+            assert (run.laws.state, run.m.motor.pending) == ("python", pending)
+
+
+class Fast:
+    limit = 1.0
+
+
+class Slow(Fast):
+    pass
+
+
+class Classed(Pump):
+    def setup(self) -> None:
+        self.speed = Fast()
+
+    def control(self) -> None:
+        self.motor.write(1.0 if isinstance(self.speed, Slow) else 2.0)
+
+
+@pytest.mark.parametrize("period", [0, 30])
+def test_the_class_of_an_object_that_code_asks_for_is_seen_to_change(period: int) -> None:
+    with running(pump(Classed)) as run:
+        run.step(period)
+        run.m.speed.__class__ = Slow
+        run.step()
+        assert (run.laws.state, run.m.motor.pending) == ("python", 1.0)
+
+
+def test_a_class_with_a_metaclass_of_its_own_is_not_made_a_class_below_it() -> None:
+    made: list[str] = []
+
+    class Counting(type):
+        def __init__(cls, *given: Any) -> None:
+            super().__init__(*given)
+            made.append(cls.__name__)
+
+    class Limits(metaclass=Counting):
+        label = "low"
+
+    class Reading(Pump):
+        def setup(self) -> None:
+            self.limits = Limits()
+
+        def control(self) -> None:
+            self.motor.write(1.0 if self.limits.label == "low" else 2.0)
+
+    with running(pump(Reading)) as run:
+        assert made == ["Limits"]
+        Limits.label = "high"
+        run.step()
+        assert (run.laws.state, run.m.motor.pending) == ("python", 2.0)
+
+
 def test_the_class_of_a_bound_object_is_not_told_of_the_one_below_it() -> None:
     told: list[type] = []
 
@@ -141,6 +294,57 @@ def test_a_list_that_grows_gives_the_laws_back_to_python() -> None:
         run.m.table.append(3.0)
         assert run.laws.state == "python" and run.m.table == [1.0, 10.0, 3.0]
         run.step()
+
+
+@pytest.mark.parametrize("gains", [[1.0, 2.0], np.array([1.0, 2.0])], ids=["list", "array"])
+def test_a_list_or_an_array_of_the_class_keeps_python(gains: Any) -> None:
+    class OfClass(Pump):
+        def control(self) -> None:
+            self.motor.write(float(self.gains[0]))  # type: ignore[attr-defined]
+
+    OfClass.gains = gains  # type: ignore[attr-defined]
+    with running(pump(OfClass), "python") as run:
+        assert "gains is a list or an array of its class, which others have, too" in run.events
+        gains[0] = 9.0
+        run.step()
+        assert run.m.motor.pending == 9.0
+
+
+class PairOfArrays(Pump):
+    def setup(self) -> None:
+        self.held = (np.zeros(2), np.ones(2))
+
+    def control(self) -> None:
+        self.motor.write(float(self.held[0][0]))
+
+
+class NumberAndArray(Pump):
+    def setup(self) -> None:
+        self.held = (1.0, np.ones(2))
+
+    def control(self) -> None:
+        self.motor.write(float(self.held[1][0]))
+
+
+class ArrayOrNone(Pump):
+    def setup(self) -> None:
+        self.held: Any = None
+        self.total = 0.0
+
+    def control(self) -> None:
+        self.total += 1.0
+        if self.total == 3.0:
+            self.held = np.zeros(2)
+        if self.held is not None:
+            sums = self.held + 0.0
+            self.motor.write(float(sums[0]))
+
+
+@pytest.mark.parametrize("kind", [PairOfArrays, NumberAndArray, ArrayOrNone])
+def test_an_array_within_another_value_does_not_compile(kind: type[Pump]) -> None:
+    machine = pump(kind)
+    with pytest.raises(DeclarationError, match=r"held has a list or an array within another value"):
+        prepare(machine, resolve(machine, wired(machine, Fragile(), VirtualTimer())))
 
 
 def test_a_difference_keeps_python(monkeypatch: pytest.MonkeyPatch) -> None:

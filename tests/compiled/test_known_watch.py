@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import CellType, FunctionType
+from types import CellType, FunctionType, MappingProxyType
 from typing import Any
 
 import pytest
 
 from umo.cycle.conversion import extension
-from umo.generate.known_values import ABSENT
-from umo.generate.known_watch import ADDRESSES, _Watch
+from umo.generate.known_values import ABSENT, KnownName, KnownValues
+from umo.generate.known_watch import ADDRESSES, KnownWatch, _Watch
 
 WAYS = [_Watch] if extension is None else [_Watch, extension.Watch]
 
@@ -98,3 +98,17 @@ def names_of(text: str) -> list[str]:
 def test_what_is_no_watch_is_a_type_error(wrong: dict[str, Any]) -> None:
     with pytest.raises(TypeError):
         watch(extension.Watch, **wrong)
+
+
+def test_a_proxy_of_a_dict_is_as_it_was_without_being_compared_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    behind = {"a": 1.0}
+    known, told = KnownValues(), list[KnownName]()
+    thing = Thing()
+    thing.proxy = MappingProxyType(behind)  # type: ignore[attr-defined]
+    known.attribute(thing, "proxy", ("", 1))
+    found = KnownWatch(known, told.extend)
+    monkeypatch.setattr(found, "_renew", lambda: pytest.fail("compared anew"))
+    look = found.look
+    assert look() and look()
+    behind["a"] = 2.0
+    assert not look() and [each.name for each in told] == ["proxy"]

@@ -313,12 +313,15 @@ class ClientActions:
         self._machine.events.add(Event(now, command.path, text, command.who, command.number, state, asked=str(command)))
 
     def _tell_ended(self, ended: Sequence[_Held], why: str) -> None:
-        """What was held has ended for one reason: the end of one as that of its command, of several together."""
-        if len(ended) == 1:
-            self.tell(ended[0].command, CommandState.CANCELLED, why)
-        elif ended:
-            paths, who = [held.command.path for held in ended], ended[0].command.who
-            self._machine.events.add(partial(_several_ended, self._machine.clock.now, who, why, paths))
+        """What was held has ended for one reason: the end of an action, or of one actuator, as that of its command; of
+        several actuators together, as the frames show which they are."""
+        actuators = [held for held in ended if held.slot >= 0]
+        for held in ended:
+            if held.slot < 0 or len(actuators) == 1:
+                self.tell(held.command, CommandState.CANCELLED, why)
+        if len(actuators) > 1:
+            paths, who = [held.command.path for held in actuators], actuators[0].command.who
+            self._machine.events.add(partial(_several_ended, self._machine.clock.now, who, why, paths), needed=True)
 
     def note(self, text: str) -> None:
         """What the machine itself says."""

@@ -209,7 +209,7 @@ class Containment:
         for equipment in new:
             self._image.columns.equipment[equipment.number] = EquipmentState.FAULT
             now, path = self._image.clock.now, equipment.path
-            self._commands.events.add(partial(_fault_event, now, path, equipment.reason), logged=True)
+            self._commands.events.add(partial(_fault_event, now, path, equipment.reason), logged=True, needed=True)
             if unreached and (left := [unreached[slot] for slot in equipment.slots if slot in unreached]):
                 self._commands.events.add(partial(_unreached_event, now, path, left), logged=True)
         if new:

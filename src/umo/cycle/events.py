@@ -24,6 +24,9 @@ LIMIT_COUNT, LIMIT_TIME = 3, 60.0
 TOLD_PER_PERIOD = 20
 """Number of the events and lines of the log that are told in a period at most, beside the answers to clients: the
 others follow in the next periods."""
+MOST_WAITING = 1000
+"""Number of those that may wait for a later period, beside faults and ends of what is held, which all wait. Of more the
+oldest are left out, and an event tells how many."""
 EVENT_TEXT_BYTES = 448
 """Length of an event's text that others see, bytes of UTF-8."""
 END = "end"
@@ -114,6 +117,9 @@ class Note(NamedTuple):
     """The event; or a function that puts it into words, or a line that is only logged."""
     logged: bool
     is_answer: bool
+    """It is told in its period."""
+    is_needed: bool
+    """It is told in any case, though it may be later."""
 
 
 class Events(Sequence[Event]):
@@ -124,38 +130,48 @@ class Events(Sequence[Event]):
         self._kept: deque[Event] = deque(maxlen=KEPT_EVENTS)
         self.untold = False
         """Whether anything is to be told; looked at when the outputs of a period have been sent."""
-        self._noted: deque[Note] = deque(maxlen=KEPT_EVENTS)
-        self._lines: deque[str] = deque(maxlen=KEPT_EVENTS)
+        self._noted: deque[Note] = deque()
+        """Since the last period."""
+        self._waiting: deque[Note] = deque()
+        """From the periods before."""
+        self._spare = 0
+        """Number of those that are waiting, and may be left out."""
+        self._lines: deque[str] = deque()
         """What is to be logged and was put into words already."""
         self.told = 0
         """Number of events in words so far."""
 
-    def add(self, event: Event | Callable[[], Event], *, logged: bool = False) -> None:
-        """Note an event, or a function that makes it later. `logged`: the log has it too, as a warning."""
+    def add(self, event: Event | Callable[[], Event], *, logged: bool = False, needed: bool = False) -> None:
+        """Note an event, or a function that makes it later. `logged`: the log has it too, as a warning; `needed`: it is
+        told however many others there are, as the answers to clients are."""
         self.untold = True
-        self._noted.append(Note(event, logged, isinstance(event, Event) and event.command > 0))
+        is_answer = isinstance(event, Event) and event.command > 0
+        self._noted.append(Note(event, logged, is_answer, needed))
 
     def log(self, line: Callable[[], str]) -> None:
         """Note a warning for the log alone; the function puts it into words later."""
         self.untold = True
-        self._noted.append(Note(line, True, False))
+        self._noted.append(Note(line, True, False, False))
 
     def tell(self) -> None:
         """The outputs of a period have been sent: put into words and log what was noted, the answers to clients and
         the first of the others."""
-        noted, room = self._noted, TOLD_PER_PERIOD
-        if len(noted) > TOLD_PER_PERIOD:
-            waiting = []
-            for note in noted:
-                room -= not note.is_answer
-                if note.is_answer or room >= 0:
-                    self._take(note)
-                else:
-                    waiting.append(note)
-            noted.clear()
-            noted.extend(waiting)
-        else:
-            self._take_all()
+        room = TOLD_PER_PERIOD
+        while self._waiting and room:
+            self._take_waiting()
+            room -= 1
+        while self._noted:
+            note = self._noted.popleft()
+            if note.is_answer:
+                self._take(note)
+            elif room:
+                self._take(note)
+                room -= 1
+            else:
+                self._waiting.append(note)
+                self._spare += not note.is_needed
+        if self._spare > MOST_WAITING:
+            self._leave_out(self._spare - MOST_WAITING)
         self._log()
 
     def tell_all(self) -> None:
@@ -163,9 +179,30 @@ class Events(Sequence[Event]):
         self._take_all()
         self._log()
 
+    def _leave_out(self, count: int) -> None:
+        """So many of the oldest that are waiting are not told; an event and a line of the log say so."""
+        waiting, left = self._waiting, count
+        self._waiting = deque()
+        for note in waiting:
+            if left and not note.is_needed:
+                left -= 1
+            else:
+                self._waiting.append(note)
+        self._spare -= count
+        time = self._kept[-1].time if self._kept else 0.0
+        text = f"{count:,} events were not told: more came than {TOLD_PER_PERIOD} in a period"
+        self._take(Note(Event(time, "", text), True, False, True))
+
     def _take_all(self) -> None:
+        while self._waiting:
+            self._take_waiting()
         while self._noted:
             self._take(self._noted.popleft())
+
+    def _take_waiting(self) -> None:
+        note = self._waiting.popleft()
+        self._spare -= not note.is_needed
+        self._take(note)
 
     def _take(self, note: Note) -> None:
         found = note.event if isinstance(note.event, Event) else note.event()
@@ -178,7 +215,7 @@ class Events(Sequence[Event]):
     def _log(self) -> None:
         while self._lines:
             log_without_waiting(log, self._lines.popleft())
-        self.untold = bool(self._noted)
+        self.untold = bool(self._noted or self._waiting)
 
     @property
     def number(self) -> int:

@@ -308,7 +308,7 @@ static PyObject *Field_get(Field *self, PyObject *owner, PyObject *Py_UNUSED(typ
 /* Whether the value was of the plain kind, and has been set. */
 static int set_plain(Field *self, PyObject *value)
 {
-    if (self->kind == REAL && PyFloat_Check(value)) {
+    if (self->kind == REAL && PyFloat_CheckExact(value)) {
         double real = PyFloat_AsDouble(value);
         memcpy(self->at, &real, sizeof real);
         return 1;

@@ -49,7 +49,7 @@ static int Watch_traverse(Watch *self, visitproc visit, void *arg)
 
 static int Watch_clear(Watch *self)
 {
-    self->count = 0;
+    self->count = self->always = 0;
     Py_CLEAR(self->held);
     Py_CLEAR(self->types);
     Py_CLEAR(self->contents);
@@ -340,9 +340,11 @@ static int is_all(Watch *self)
     return same;
 }
 
-/* look(): True where everything is as it was; else what changed() gives. */
+/* look(): True where everything is as it was; else what changed() gives. False once it has been collected. */
 static PyObject *Watch_look(Watch *self, PyObject *Py_UNUSED(none))
 {
+    if (self->held == NULL)
+        Py_RETURN_FALSE;
     if (is_all(self))
         Py_RETURN_TRUE;
     return PyObject_CallNoArgs(self->changed);

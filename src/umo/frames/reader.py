@@ -331,6 +331,10 @@ class Reader:
             return reason_of_client(self.holder)
         return self.layout.interlocks[state - 1] if state <= len(self.layout.interlocks) else "an unknown interlock"
 
+    def is_object(self, path: str) -> bool:
+        """Whether a path is that of a sensor or an actuator."""
+        return path in self._index
+
     def is_taken(self, path: str) -> bool:
         """Whether a client has taken the actuator at a path, by the newest frame; False for any other path."""
         number, frame = self._index.get(path), self.latest()

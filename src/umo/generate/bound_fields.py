@@ -9,32 +9,39 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from umo.generate.c_types import BOOL, INT, MASK, REAL, ArrayType, CType, OptionalType, StateType
+from umo.generate.c_types import BOOL, INT, MASK, REAL, ArrayType, CType, OptionalType, StateType, TupleType
 from umo.generate.function_source import shown_file
 from umo.generate.struct_memory import PLAIN, StructMemory
 
 WRONG = (TypeError, ValueError, KeyError, OverflowError, AttributeError, IndexError)
 """Errors of a value that a field cannot have."""
-KINDS: dict[Any, tuple[type, ...]] = {
-    REAL: (float, int, np.floating, np.integer),
-    INT: (int, np.integer),
-    BOOL: (bool, np.bool_),
-}
+EXACT = 2**53
+"""Whole numbers up to this one are the same as reals."""
 
 
 OF_ABSTRACT_CLASSES = "_abc_impl", "__abstractmethods__"
 """What each class of ABCMeta has of its own."""
 
 
-ALONE = 2
-"""References to a value that has one name: this one, and that of the call which counts them."""
+def _references() -> int:
+    names: dict[str, Any] = {"name": []}
+    value = names.pop("name", None)
+    return sys.getrefcount(value)
+
+
+ALONE = _references()
+"""References to a value that has one name, as this Python counts them where it is asked."""
 
 
 class BoundList(MutableSequence[Any]):
     """A list whose elements are in the memory of a compiled library. Its length does not change: where somebody changes
     it, `refused` is called, and the list of the object is changed."""
 
-    def __init__(self, memory: StructMemory, name: str, length: int, refused: Callable[[], list[Any]]) -> None:
+    def __init__(
+        self, memory: StructMemory, name: str, length: int, refused: Callable[[], list[Any]], exact: bool
+    ) -> None:
+        """`exact`: code asks for the class of its elements."""
+        self._exact = exact
         self._memory, self._name, self._length, self._refused = memory, name, length, refused
         self._own: list[Any] | None = None
         """The list of the object, once its elements are no longer in the memory."""
@@ -59,9 +66,13 @@ class BoundList(MutableSequence[Any]):
         if self._own is not None:
             self._own[place] = value
             return
+        of = self._memory.fields[self._name]
+        assert isinstance(of, ArrayType)
         try:
             places = range(self._length)[place]
             values = list(value) if isinstance(place, slice) else [value]
+            for one in values:
+                require(of.of, one, self._exact)
             for each, one in zip(places if isinstance(place, slice) else [places], values, strict=True):
                 self._memory.set_element(self._name, each, one)
         except WRONG:
@@ -93,10 +104,11 @@ class BoundFields:
         states: set[str],
         refused: Callable[[str], None],
         taken: frozenset[str] = frozenset(),
+        exact: frozenset[str] = frozenset(),
     ) -> None:
-        """`states`: the fields that compiled code assigns; `taken`: names of other attributes that it takes as known.
-        TypeError if an object of this class cannot be bound."""
-        self._taken = taken
+        """`states`: the fields that compiled code assigns; `taken`: names of other attributes that it takes as known;
+        `exact`: the fields whose class it asks for. TypeError if an object of this class cannot be bound."""
+        self._taken, self._exact = taken, exact
         self._label = memory.path or type(owner).__name__
         """What the object is called in messages."""
         self._memory, self.owner, self._refused, self._states = memory, owner, refused, states
@@ -126,6 +138,8 @@ class BoundFields:
         self._memory.push()
         self._memory.forget()
         for name in self._memory.fields:
+            if name not in vars(self.owner) and isinstance(getattr(self.owner, name), list | np.ndarray):
+                raise ValueError(f"{self._label}.{name} is a list or an array of its class, which others have, too")
             if not self._is_rebound(name) and is_shared(vars(self.owner), name):
                 raise ValueError(f"{self._label}.{name} is a list or an array that others have, too")
         self._own = {name for name in self._memory.fields if name in vars(self.owner)}
@@ -158,7 +172,12 @@ class BoundFields:
         """Lists and arrays that were set since the last period: the memory has what is in them now. One that others
         have too gives the laws back to Python: what they change in it would not be seen."""
         for name in tuple(self._given):
-            self._memory.write(name, self._given[name])
+            try:
+                require(self._memory.fields[name], self._given[name], name in self._exact)
+                self._memory.write(name, self._given[name])
+            except WRONG:
+                self._refused(f"{self._label}.{name} is set to {self._given[name]!r:.60}")
+                return
             if not self._is_rebound(name) and is_shared(self._given, name):
                 self._refused(f"{self._label}.{name} is set to a list or an array that others have, too")
                 return
@@ -200,6 +219,7 @@ class BoundFields:
 
         def checked(owner: Any, value: Any) -> None:
             try:
+                require(of, value, name in self._exact)
                 put(owner, value)
             except WRONG:
                 self._refused(f"{self._label}.{name} is set to {value!r:.60}")
@@ -236,7 +256,7 @@ class BoundFields:
 
     def _access(self, name: str, of: CType) -> tuple[Get, Set]:
         if of in PLAIN:
-            return _of_number(self._memory.view(name, PLAIN[of]), KINDS[of])
+            return _of_number(self._memory.view(name, PLAIN[of]))
         if isinstance(of, StateType):
             return _of_state(self._memory.view(name, "B"), list(of.kind))
         if of == MASK:
@@ -245,7 +265,7 @@ class BoundFields:
             return self._of_list(name, of)
         if isinstance(of, ArrayType):
             return self._of_array(name, of)
-        return self._of_others(name, of)
+        return self._of_others(name)
 
     def _of_mask(self, name: str) -> tuple[Get, Set]:
         """Qualities that are accepted: Python has them as they were given."""
@@ -259,10 +279,10 @@ class BoundFields:
 
     def _of_list(self, name: str, of: ArrayType) -> tuple[Get, Set]:
         def refused() -> Any:
-            self._refused(f"{self._label}.{name} has another length")
+            self._refused(f"{self._label}.{name} has another length, or an element of another kind")
             return getattr(self.owner, name)
 
-        self._lists[name] = found = BoundList(self._memory, name, of.length, refused)
+        self._lists[name] = found = BoundList(self._memory, name, of.length, refused, name in self._exact)
 
         def put(_: Any, value: Any) -> None:
             if type(value) is not list or len(value) != of.length:
@@ -288,30 +308,48 @@ class BoundFields:
             return copy
 
         def put(_: Any, value: Any) -> None:
-            if not isinstance(value, np.ndarray) or (value.dtype.kind != view.dtype.kind and of.of != REAL):
+            if type(value) is not np.ndarray or value.dtype.kind != view.dtype.kind:
                 raise TypeError
-            if value.shape not in ((1,), view.shape):
+            if value.shape not in ((1,), view.shape) or (of.of == REAL and value.dtype != view.dtype):
+                raise ValueError
+            if of.of == INT and not np.array_equal(value, value.astype(view.dtype)):
                 raise ValueError
             view[:] = value
             self._give(name, value)
 
         return get, put
 
-    def _of_others(self, name: str, of: CType) -> tuple[Get, Set]:
-        inner = of.of if isinstance(of, OptionalType) else of
-        is_array = isinstance(inner, ArrayType)
-
-        def get(_: Any) -> Any:
-            value = self._memory.read(name)
-            return np.array(value) if is_array and value is not None else value
-
+    def _of_others(self, name: str) -> tuple[Get, Set]:
         def put(_: Any, value: Any) -> None:
-            kinds = KINDS.get(inner)
-            if kinds is not None and value is not None and not isinstance(value, kinds):
-                raise TypeError
             self._memory.write(name, value)
 
-        return get, put
+        return (lambda _: self._memory.read(name)), put
+
+
+def require(of: CType, value: Any, exact: bool) -> None:
+    """TypeError or ValueError for a value with which C would not compute as Python does: a number of numpy or a bool in
+    the place of a number, a whole number where reals are that has a zero without a sign, or that no real is. `exact`:
+    code asks for its class, so no whole number is a real."""
+    kind = type(value)
+    if of == REAL:
+        wrong = kind is not float and (exact or not (kind is int and 0 < abs(value) <= EXACT))
+    elif of == INT:
+        wrong = kind is not int or not -(2**31) <= value < 2**31
+    elif of == BOOL:
+        wrong = kind is not bool
+    elif isinstance(of, TupleType):
+        wrong = kind is not (of.kind or tuple) or len(value) != len(of.members)
+        for (_, each), part in zip(of.members, () if wrong else value, strict=not wrong):
+            require(each, part, exact)
+    else:
+        wrong = False
+        if isinstance(of, OptionalType) and value is not None:
+            require(of.of, value, exact)
+        elif isinstance(of, ArrayType) and kind is list:
+            for part in value:
+                require(of.of, part, exact)
+    if wrong:
+        raise TypeError(f"{value!r:.60} is not of this kind")
 
 
 class _Untold:
@@ -366,10 +404,8 @@ def is_shared(names: dict[str, Any], name: str) -> bool:
             names[name] = value
 
 
-def _of_number(view: Any, kinds: tuple[type, ...]) -> tuple[Get, Set]:
+def _of_number(view: Any) -> tuple[Get, Set]:
     def put(_: Any, value: Any) -> None:
-        if not isinstance(value, kinds):
-            raise TypeError
         view[0] = value
 
     return (lambda _: view[0]), put

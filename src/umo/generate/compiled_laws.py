@@ -25,6 +25,7 @@ from umo.cycle.conversion import extension
 from umo.cycle.machine import ConnectedMachine
 from umo.errors import BadInput, DeclarationError, DriverError, Interlocked, RangeError, StateError, text_of
 from umo.generate.bound_fields import WRONG, BoundFields
+from umo.generate.c_types import ArrayType, CType, OptionalType, TupleType
 from umo.generate.code_world import translate
 from umo.generate.compiled_conditions import CompiledConditions, translated_conditions
 from umo.generate.controller_folder import TARGETS
@@ -120,11 +121,28 @@ def _check(translation: Translation) -> None:
     for struct in translation.structs:
         if isinstance(struct.owner, type) or not hasattr(struct.owner, "__dict__"):
             raise DeclarationError(f"{struct.path} is no object whose attributes can be elsewhere")
+        for name, of in struct.fields.items():
+            if any(map(_has_array, _inside(of))):
+                raise DeclarationError(
+                    f"{struct.path or type(struct.owner).__name__}.{name} has a list or an array within another value "
+                    "or in the place of None: what others change in it would not be seen"
+                )
     for owner, name in translation.hosts:
         if name in vars(owner) and not is_installed(str(getattr(vars(owner)[name], "__module__", ""))):
             raise DeclarationError(f"{name} of a {type(owner).__name__} is a function that only Python can call")
     if any(word in translation.source for word in NOT_ON_COLUMNS):
         raise DeclarationError("control code resets or references an object, or asks for its time or offset")
+
+
+def _inside(of: CType) -> list[CType]:
+    """The types of what is in a value of this one."""
+    if isinstance(of, TupleType):
+        return [each for _, each in of.members]
+    return [of.of] if isinstance(of, OptionalType | ArrayType) else []
+
+
+def _has_array(of: CType) -> bool:
+    return isinstance(of, ArrayType) or any(map(_has_array, _inside(of)))
 
 
 class CompiledLaws:
@@ -151,6 +169,7 @@ class CompiledLaws:
                 {name for name in struct.fields if (struct.path, name) in states},
                 self.give_up,
                 self._known.names_of(struct.owner),
+                self._known.exact(struct.fields),
             )
             for memory, struct in zip(self._memories, structs, strict=True)
         ]
@@ -273,6 +292,7 @@ class CompiledLaws:
         except WRONG as error:
             self.give_up(text_of(error))
             return
+        self._known.bind(each.owner for each in self._fields)
         self.state = "compiled"
         self._watch = KnownWatch(self._known, self._changed, [(each.owner, each.names) for each in self._fields])
         if self.state != "compiled":

@@ -11,10 +11,10 @@ from __future__ import annotations
 import builtins
 import sys
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from enum import Enum
-from functools import cached_property
+from functools import cached_property, partial
 from types import CodeType, FunctionType, MappingProxyType, MemberDescriptorType, ModuleType
 from typing import Any, NamedTuple
 
@@ -32,6 +32,8 @@ PLAIN = str, bytes, bool, int, float, complex, type(None)
 MOST_ELEMENTS = 4096
 HEAP_TYPE = 1 << 9
 """Flag of a class that was made by a `class` statement: the others do not change."""
+OF_MEMBERS = {"name": "_name_", "value": "_value_"}
+"""Attributes of the members of each Enum, and where they are."""
 FUNCTIONS = FunctionType, staticmethod, classmethod, property, cached_property
 
 
@@ -85,6 +87,8 @@ class Namespace:
     owner: Any
     """The object or class; of a module its dict."""
     names: dict[str, Any] = field(default_factory=dict)
+    kind: type | None = None
+    """The class that the object is to have; None: any."""
 
     @property
     def now(self) -> Any:
@@ -122,8 +126,8 @@ class KnownValues:
 
     def attribute(self, owner: Any, name: str, at: tuple[str, int]) -> None:
         """An attribute of a live object, class or module, or that there is none. Unwatchable."""
-        if isinstance(owner, Enum) or (isinstance(owner, type) and issubclass(owner, Enum) and _is_member(owner, name)):
-            return
+        if isinstance(owner, type) and issubclass(owner, Enum) and _is_member(owner, name):
+            return  # nobody can set it
         known = self._named(owner, name, getattr(owner, name, ABSENT), at)
         if isinstance(owner, ModuleType):
             if name not in vars(owner) and known.value is not ABSENT:
@@ -132,6 +136,8 @@ class KnownValues:
         elif isinstance(owner, type):
             if name not in vars(type):
                 self._class(owner, name, known)
+        elif isinstance(owner, Enum) and name in OF_MEMBERS:
+            self._own(owner, OF_MEMBERS[name], known)
         else:
             self._instance(owner, name, known)
         self._content(known.value, known)
@@ -175,6 +181,18 @@ class KnownValues:
         """The code of the functions that are translated."""
         return (value for owner, name, value, _ in self.attributes.values() if name == "__code__")
 
+    def exact(self, names: Iterable[str]) -> frozenset[str]:
+        """Those of the names of which translated code may ask for the class: where code of the user does so at all,
+        each of them; in code of umo those that stand beside the question."""
+        asking = [
+            (owner, value)
+            for owner, name, value, _ in self.attributes.values()
+            if name == "__code__" and not {"isinstance", "type"}.isdisjoint(value.co_names)
+        ]
+        if any(not is_installed(owner.__module__ or "") for owner, _ in asking):
+            return frozenset(names)
+        return frozenset(name for name in names if any(name in code.co_names for _, code in asking))
+
     def names_of(self, owner: Any) -> frozenset[str]:
         """The attributes of one object that are taken as known."""
         return frozenset(name for each, name in self.names if each == id(owner))
@@ -187,8 +205,7 @@ class KnownValues:
     def _instance(self, owner: Any, name: str, known: KnownName) -> None:
         own, found = getattr(owner, "__dict__", None), _in_classes(type(owner), name)
         if isinstance(own, dict):
-            self.objects.setdefault(id(owner), Namespace(owner)).names.setdefault(name, own.get(name, ABSENT))
-            self._told.setdefault((id(owner), name), known)
+            self._own(owner, name, known)
             self._class(type(owner), name, known)
             if name in own and not hasattr(type(found), "__set__"):
                 return
@@ -198,6 +215,11 @@ class KnownValues:
             raise Unwatchable(f"{name!r} of a {type(owner).__name__} is no attribute that is set")
         elif hasattr(type(found), "__get__") and not isinstance(found, FUNCTIONS) and _changes(type(owner)):
             raise Unwatchable(f"{name!r} of a {type(owner).__name__} is computed where it is read")
+
+    def _own(self, owner: Any, name: str, known: KnownName) -> None:
+        """What an object has itself, by this name."""
+        self.objects.setdefault(id(owner), Namespace(owner)).names.setdefault(name, vars(owner).get(name, ABSENT))
+        self._told.setdefault((id(owner), name), known)
 
     def _class(self, kind: type, name: str, known: KnownName) -> None:
         for each in kind.__mro__:
@@ -215,6 +237,12 @@ class KnownValues:
         """The elements of containers, and of containers in them."""
         if isinstance(value, np.ndarray) and not value.flags.c_contiguous:
             raise Unwatchable(f"{known.label} is a part of another array")
+        if isinstance(value, partial):
+            for name in ("func", "args", "keywords"):
+                part = getattr(value, name)
+                self.attributes[id(value), name] = value, name, part, known
+                self._content(part, known, depth + 1)
+            return
         if isinstance(value, MUTABLE):
             if id(value) in self.contents:
                 return
@@ -223,17 +251,29 @@ class KnownValues:
         elif isinstance(value, tuple | frozenset):
             elements = tuple(value)
         else:
+            self._class_of(value)
             return
         if len(elements) > MOST_ELEMENTS or depth > 8:
             raise Unwatchable(f"{known.label} has {len(elements)} elements, at most {MOST_ELEMENTS} are watched")
         for each in elements:
             self._content(each, known, depth + 1)
 
+    def _class_of(self, value: Any) -> None:
+        """The class of an object, of which code may ask, or that may be set."""
+        if (
+            _changes(type(value))
+            and not isinstance(value, type | Enum)
+            and isinstance(getattr(value, "__dict__", 0), dict)
+        ):
+            self.objects.setdefault(id(value), Namespace(value)).kind = type(value)
+
     # Whether it still is -------------------------------------------------------------------------------
 
     def changes(self) -> Iterator[KnownName]:
         """The names whose values are others now. What is equal, but another object, is taken over."""
         for space in (*self.objects.values(), *self.classes.values()):
+            if space.kind is not None and type(space.owner) is not space.kind:
+                yield KnownName(space.owner, "__class__", space.kind, "", 0)
             now = space.now
             for name, value in space.names.items():
                 found = now.get(name, ABSENT)
@@ -254,6 +294,12 @@ class KnownValues:
                 yield known
             else:
                 self.attributes[place] = owner, name, found, known
+
+    def bind(self, owners: Iterable[Any]) -> None:
+        """These objects have a class below theirs from now on."""
+        for owner in owners:
+            if id(owner) in self.objects:
+                self.objects[id(owner)].kind = type(owner)
 
     def settle(self) -> None:
         """The objects keep the attributes that are their own now: those of their classes are behind them."""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from abc import ABCMeta
 from collections.abc import Callable, Sequence
 from ctypes import c_void_p, cast, pythonapi
 from gc import get_referents
-from types import CellType, FunctionType
+from types import CellType, FunctionType, MappingProxyType
 from typing import Any
 
 from umo.cycle.conversion import extension
@@ -59,7 +60,7 @@ class KnownWatch:
         always, in_turn = self._spaces()
         types, of_classes = self._types()
         always += of_classes
-        contents = tuple((each.container, each.elements) for each in self._known.contents.values())
+        contents = tuple((_behind(each.container), each.elements) for each in self._known.contents.values())
         read = [each[:3] for each in self._known.attributes.values()]
         others = tuple(each for each in read if not isinstance(each[0], FunctionType | CellType))
         cells = tuple((cell, value) for cell, _, value in read if isinstance(cell, CellType))
@@ -119,8 +120,18 @@ def _space(owner: Any, names: dict[str, Any], complete: bool = False) -> tuple[A
     return owner, kind, len(owner) if complete else -1, tuple(names), tuple(names.values())
 
 
+def _behind(container: Any) -> Any:
+    """The dict of which a proxy is a view: it is compared element by element."""
+    if isinstance(container, MappingProxyType):
+        (found,) = get_referents(container)
+        return found if type(found) is dict else container
+    return container
+
+
 def _untouched(kind: type) -> type | None:
     """A class below another one, of which nobody ever looks an attribute up; None: there can be none."""
+    if type(kind) not in (type, ABCMeta):
+        return None  # its metaclass may do something with each class
     try:
         return class_below(kind, {})
     except Exception:  # a class that is final, or whose metaclass refuses

@@ -264,13 +264,14 @@ class Answers:
 
 
 def has_ended(event: Event, path: str, reader: Reader) -> bool:
-    """Whether an event tells that what was held at this path has ended: by itself, or with others for one reason. Of
-    those the text names the first: what is still taken by a client has not ended."""
+    """Whether an event tells that what was held at this path has ended: by itself, or as one of several actuators for
+    one reason. Of those the text names the first: what is still taken by a client has not ended. Of an action each end
+    is told by itself."""
     if event.state is not CommandState.CANCELLED:
         return False
     if event.command or event.asked != LET_GO:
         return event.path == path
-    return is_beside(path, event.path) and not reader.is_taken(path)
+    return reader.is_object(path) and is_beside(path, event.path) and not reader.is_taken(path)
 
 
 def is_beside(path: str, around: str) -> bool:
