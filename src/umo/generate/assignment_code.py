@@ -190,7 +190,7 @@ class AssignmentCode(CallCode):
         if reason := refused_store(owner, name) or _odd_attribute(owner, name):
             raise self.refused(node, reason, "an attribute of an object of its own")
         if isinstance(term, Known) and isinstance(term.value, str):
-            self.world.memory.texts.add((id(owner), name))
+            self.world.memory.add_text(owner, name)
             self.world.note(f"{self.source.segment(target)} is a text: a controller does not have it")
             return
         self.world.memory.assign(owner, name)
