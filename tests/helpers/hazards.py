@@ -275,6 +275,11 @@ def late_text(w: Writer) -> list[str]:
     return [f"self.a.write(1.0 if {told} else 2.0)", "self.note = 'seen'"]
 
 
+def bool_as_a_number(w: Writer) -> list[str]:
+    given = w.pick(f"max({w.real(1)}, {w.truth(0)})", f"({w.real(1)} or False)", f"(1 if {w.truth(1)} else True)")
+    return [f"self.a.write({given})"]
+
+
 HAZARDS: Sequence[Write] = [
     real_in_whole_list, number_in_bool_list, mixed_sign, mixed_name, alias_of_a_list, view_of_an_array,
     alias_of_an_object, local_alias, list_of_a_class, counter_of_a_class, frozen_object, computed_once, setter,
@@ -283,5 +288,5 @@ HAZARDS: Sequence[Write] = [
     none_assigned, not_none, filtered, rebound_array, range_to_the_end, range_of_reals, small_numbers,
     class_of_a_number, logarithm, nan_among, list_and_tuple, levels, truth_of_a_state, odd_names, message_with_a_call,
     numpy_bools, numpy_number, returned_array, constant_array, deleted, returned_in_try, array_in_a_list,
-    list_of_the_module, returned_list, size_of_an_object, class_of_an_error, late_text,
+    list_of_the_module, returned_list, size_of_an_object, class_of_an_error, late_text, bool_as_a_number,
 ]  # fmt: skip

@@ -18,6 +18,7 @@ from umo.generate.c_types import (
     OptionalType,
     TupleType,
     array,
+    may_be_bool,
     plain,
     plain_number,
 )
@@ -245,6 +246,8 @@ class AssignmentCode(CallCode):
         self.check_length(base.type, node)
         if base.type.listed and is_of_numpy(term):
             raise self.refused(node, "a number of numpy in a list", "float(...), int(...), bool(...)")
+        if base.type.listed and base.type.of != BOOL and may_be_bool(self.type_of(term) or NOTHING):
+            raise self.refused(node, "a bool in a list of numbers", "int(...)")
         if not base.type.listed and base.type.of != REAL and plain_number(self.code(term, node).type) == REAL:
             raise self.refused(node, "numbers of another type are set in the array", "int(...)")
         place = f"{base.text}.at[{self.index(base.type, index, node)}]"
