@@ -280,6 +280,12 @@ def bool_as_a_number(w: Writer) -> list[str]:
     return [f"self.a.write({given})"]
 
 
+def list_in_a_tuple(w: Writer) -> list[str]:
+    if "self.inner = ([1, 2], 3.0)" not in w.begin:
+        w.begin.append("self.inner = ([1, 2], 3.0)")
+    return ["self.c = self.inner[0][0]"]
+
+
 HAZARDS: Sequence[Write] = [
     real_in_whole_list, number_in_bool_list, mixed_sign, mixed_name, alias_of_a_list, view_of_an_array,
     alias_of_an_object, local_alias, list_of_a_class, counter_of_a_class, frozen_object, computed_once, setter,
@@ -289,4 +295,5 @@ HAZARDS: Sequence[Write] = [
     class_of_a_number, logarithm, nan_among, list_and_tuple, levels, truth_of_a_state, odd_names, message_with_a_call,
     numpy_bools, numpy_number, returned_array, constant_array, deleted, returned_in_try, array_in_a_list,
     list_of_the_module, returned_list, size_of_an_object, class_of_an_error, late_text, bool_as_a_number,
+    list_in_a_tuple,
 ]  # fmt: skip
