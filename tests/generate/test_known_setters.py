@@ -95,6 +95,9 @@ class Order:
     def setup(self, m):
         self.mode_name = "another"
         BY_SETUP
+
+    def later(self):
+        self.mode_name = "off"
 """
 LINES = {
     "SET_OFFSET": "return None",
@@ -164,6 +167,7 @@ def test_an_application_that_sets_what_is_known_is_refused(umo: Umo, tmp_path: P
         ({"BY_ORDER": 'm.mode_name = "off"'}, "Pump.mode_name is taken as known, and is set in pump/application.py:12"),
         ({"AFTER_ORDER": "setattr(m, self.name, 2)"}, "is taken as known, and may be set in pump/application.py:15"),
         ({"BY_SETUP": "m.active = m.motor"}, "Pump.active is taken as known, and is set in pump/application.py:19"),
+        ({"SET_THERE": "Order.later(m)"}, "Pump.mode_name is taken as known, and is set in pump/application.py:22"),
         ({"TUNABLE": "True"}, "PV is taken as known, and clients may set it"),
         ({"NAMES": '["a"]'}, "Pump.names is a list, which code can change"),
         ({"NAMES": '{"a": 1}'}, "Pump.names is a dict, which code can change"),

@@ -139,7 +139,9 @@ class _Search:
         self._file = file
 
     def of(self, tree: ast.AST) -> Iterator[Setting]:
-        yield from self._in(tree, "", "", 0, frozenset())
+        others = _given_others(tree)
+        for each in self._in(tree, "", "", 0, frozenset()):
+            yield each._replace(kind="") if each.function in others else each
 
     def _in(self, node: ast.AST, kind: str, me: str, function: int, outer: frozenset[str]) -> Iterator[Setting]:
         """`me`: the name of `self`; `outer`: names of the module, or of an enclosing function."""
@@ -181,6 +183,28 @@ class _Search:
             key = node.slice
             name = key.value if isinstance(key, ast.Constant) and isinstance(key.value, str) else ANY
             yield Setting(name, kind if _is_of(node.value, me) else "", self._file, line, function)
+
+
+def _given_others(tree: ast.AST) -> set[int]:
+    """First lines of methods whose `self` may be any object: `Class.method(other)` calls them."""
+    called = {
+        (each.func.value.id, each.func.attr)
+        for each in ast.walk(tree)
+        if isinstance(each, ast.Call) and isinstance(each.func, ast.Attribute) and isinstance(each.func.value, ast.Name)
+        if not (each.args and isinstance(each.args[0], ast.Name) and each.args[0].id == "self")
+    }
+    methods = [
+        (kind.name, each)
+        for kind in ast.walk(tree)
+        if isinstance(kind, ast.ClassDef)
+        for each in kind.body
+        if isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef)
+    ]
+    return {
+        min([each.lineno, *(one.lineno for one in each.decorator_list)])
+        for kind, each in methods
+        if (kind, each.name) in called
+    }
 
 
 def _own_nodes(function: ast.AST) -> Iterator[ast.AST]:
