@@ -84,11 +84,28 @@ from .control import Pump, Settings
 async def main(m: Pump):
     await wait("1 s")
     SET_THERE
+
+class Order:
+    def __init__(self, m):
+        BY_ORDER
+
+    def __post_init__(self, m=None):
+        AFTER_ORDER
+
+    def setup(self, m):
+        self.mode_name = "another"
+        BY_SETUP
+
+    def later(self):
+        self.mode_name = "off"
 """
 LINES = {
     "SET_OFFSET": "return None",
     "SET_HERE": "return None",
     "SET_THERE": "return None",
+    "BY_ORDER": "self.machine = m",
+    "AFTER_ORDER": 'object.__setattr__(self, "mode_name", "mine")',
+    "BY_SETUP": 'vars(self)["mode_name"] = "mine"',
     "TUNABLE": "False",
     "NAMES": '("a", "b")',
 }
@@ -111,6 +128,11 @@ THERE = [
     ("del m.mode_name", "Pump.mode_name"),
     ('setattr(m, "mode_name", "off")', "Pump.mode_name"),
     ('object.__setattr__(m, "mode_name", "off")', "Pump.mode_name"),
+    ('setattr(m, input(), "off")', "may be set"),
+    ('m.__setattr__(input(), "off")', "may be set"),
+    ('object.__setattr__(m, input(), "off")', "may be set"),
+    ('names = vars(m); names["mode_name"] = "off"', "may be set"),
+    ("Settings.update(m.__dict__)", "may be set"),
     ('m.__setattr__("mode_name", "off")', "Pump.mode_name"),
     ('vars(m)["mode_name"] = "off"', "Pump.mode_name"),
     ('m.__dict__.update(mode_name="off")', "may be set"),
@@ -142,6 +164,10 @@ def test_an_application_that_sets_what_is_known_is_refused(umo: Umo, tmp_path: P
         ({"SET_HERE": "self.mode_name = name"}, "Pump.mode_name is taken as known, and is set in pump/control.py:"),
         ({"SET_HERE": "global LIMIT; LIMIT = 2.0"}, "LIMIT of pump/control.py is taken as known, and is set in"),
         ({"SET_OFFSET": "offset = value"}, "offset of offset_of.read is taken as known, and is set in"),
+        ({"BY_ORDER": 'm.mode_name = "off"'}, "Pump.mode_name is taken as known, and is set in pump/application.py:12"),
+        ({"AFTER_ORDER": "setattr(m, self.name, 2)"}, "is taken as known, and may be set in pump/application.py:15"),
+        ({"BY_SETUP": "m.active = m.motor"}, "Pump.active is taken as known, and is set in pump/application.py:19"),
+        ({"SET_THERE": "Order.later(m)"}, "Pump.mode_name is taken as known, and is set in pump/application.py:22"),
         ({"TUNABLE": "True"}, "PV is taken as known, and clients may set it"),
         ({"NAMES": '["a"]'}, "Pump.names is a list, which code can change"),
         ({"NAMES": '{"a": 1}'}, "Pump.names is a dict, which code can change"),

@@ -447,6 +447,15 @@ class ListThatIsReturned(Program):
         self.k = self.row[0] * 1.0
 
 
+@equal
+class ListInATupleThatIsRead(Program):
+    def begin(self) -> None:
+        self.both = ([1, 2], 3.0)
+
+    def control(self) -> None:
+        self.c = self.both[0][0]
+
+
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> dict[Any, Played]:
     return CASES.played(tmp_path_factory.mktemp("c"))

@@ -416,6 +416,98 @@ class ErrorThatRunsCode(Program):
             raise Loud(1)
 
 
+@refused("a text that is made at run time")
+class ClassOfACaughtError(Program):
+    def control(self) -> None:
+        try:
+            self.k = 1.0 / self.u
+        except ArithmeticError as error:
+            self.c = 1 if isinstance(error, ZeroDivisionError) else 2
+
+
+@refused("a text that is made at run time")
+class TypeOfACaughtError(Program):
+    def control(self) -> None:
+        try:
+            self.k = 1.0 / self.u
+        except ArithmeticError as error:
+            self.c = 1 if type(error) is ZeroDivisionError else 2
+
+
+@refused("a text that is made at run time")
+class AttributeOfACaughtError(Program):
+    def control(self) -> None:
+        try:
+            self.k = 1.0 / self.u
+        except ArithmeticError as error:
+            self.c = 1 if error.__class__ is ZeroDivisionError or hasattr(error, "args") else 2
+
+
+@refused("a text that is made at run time")
+class CaughtErrorAsAnArgument(Program):
+    def its_class(self, error: Exception) -> int:
+        return 1 if isinstance(error, ZeroDivisionError) else 2
+
+    def control(self) -> None:
+        try:
+            self.k = 1.0 / self.u
+        except ArithmeticError as error:
+            self.c = self.its_class(error)
+
+
+@equal
+class MessageOfACaughtError(Program):
+    def control(self) -> None:
+        try:
+            self.k = 1.0 / self.u
+        except ArithmeticError as error:
+            raise ValueError(f"no quotient: {error}") from error
+
+
+@refused("a text that is made at run time")
+class TextAfterNone(Program):
+    def begin(self) -> None:
+        self.note: str | None = None
+
+    def control(self) -> None:
+        self.a.write(1.0 if self.note is None else 2.0)
+        self.note = "x"
+
+
+@refused("a text that is made at run time")
+class TextThatIsSetAfterItIsRead(Program):
+    def begin(self) -> None:
+        self.note = ""
+
+    def marks(self) -> None:
+        self.note = "seen"
+
+    def control(self) -> None:
+        self.a.write(1.0 if self.note == "" else 2.0)
+        self.marks()
+
+
+@refused("a text that is made at run time")
+class TextThatMayBeAnother(Program):
+    def begin(self) -> None:
+        self.note = ""
+
+    def control(self) -> None:
+        self.a.write(1.0 if isinstance(self.note, str) and self.note in ("seen",) else 2.0)
+        self.note = "seen"
+
+
+@equal
+class TextThatOnlyTells(Program):
+    def begin(self) -> None:
+        self.note = ""
+
+    def control(self) -> None:
+        if self.u > 5.0:
+            raise ValueError(f"after {self.note}")
+        self.note = "seen"
+
+
 @refused("an object is returned, and elsewhere a number")
 class ObjectOrNumber(Program):
     def begin(self) -> None:

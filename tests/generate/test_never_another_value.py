@@ -54,6 +54,11 @@ class Odd(Enum):
         return self is Odd.TWO
 
 
+class Numbers(NamedTuple):
+    first: int
+    second: int
+
+
 class Pair(NamedTuple):
     first: float
     second: float
@@ -100,7 +105,7 @@ class BoolsInLists(Program):
 
     def control(self) -> None:
         self.marks[1] = self.u > 1.0
-        self.counts[0] = self.u > 2.0
+        self.counts[0] = int(self.u > 2.0)
         self.counts[1] += self.marks[1]
         self.c = sum(self.marks) + self.counts[0] + -self.marks[0]
 
@@ -503,6 +508,113 @@ class StatesInTuples(Program):
         self.one = (Side.RIGHT, self.u)
         self.other = (Way.UP, self.u)
         self.c = (self.one[0] is Side.RIGHT) + 2 * (self.other[0] is Way.UP)
+
+
+# A bool is no number for an object ----------------------------------------------------------------------------------
+
+
+@refused("it may be a bool")
+class BoolThenNumber(Program):
+    def control(self) -> None:
+        k: float = True
+        if self.u > 1.0:
+            k = 2.0
+        self.a.write(k)
+
+
+@refused("it may be a bool")
+class FieldThatIsABoolThenANumber(Program):
+    def control(self) -> None:
+        self.c = self.u > 1.0
+        self.a.write(self.c)
+
+
+@refused("it may be a bool")
+class OneOrTrue(Program):
+    def control(self) -> None:
+        self.a.write(1 if self.u > 1.0 else True)
+
+
+@refused("it may be a bool")
+class NumberOrFalse(Program):
+    def control(self) -> None:
+        self.a.write(self.u or False)
+
+
+@refused("it may be a bool")
+class ExtremeOfABoolAndANumber(Program):
+    def control(self) -> None:
+        self.a.write(max(True, self.u))
+
+
+@equal
+class ExtremeOfBools(Program):
+    def control(self) -> None:
+        self.a.write(min(self.u > 1.0, self.n > 1))
+
+
+@refused("it may be a bool")
+class ResultThatIsABoolOrANumber(Program):
+    def given(self) -> float:
+        if self.u > 1.0:
+            return 2.0
+        return True
+
+    def control(self) -> None:
+        self.a.write(self.given())
+
+
+@refused("a bool in a list of numbers")
+class BoolInAListOfNumbers(Program):
+    def begin(self) -> None:
+        self.counts = [0, 0]
+
+    def control(self) -> None:
+        self.counts[0] = self.u > 2.0
+        self.a.write(self.counts[0])
+
+
+@refused("a bool where a tuple has a whole number")
+class BoolInATuple(Program):
+    def begin(self) -> None:
+        self.two = Numbers(0, 1)
+
+    def control(self) -> None:
+        self.two = Numbers(self.u > 2.0, 1)
+        self.a.write(self.two[0])
+
+
+@equal
+class BoolAsANumber(Program):
+    """Each is refused when it is written, in C too."""
+
+    def sets(self, value: float) -> None:
+        self.a.write(value)
+
+    def sets_some(self, value: float | None = None) -> None:
+        self.a.write(value)  # type: ignore[arg-type]
+
+    def gives(self) -> float:
+        return self.u > 1.0
+
+    def control(self) -> None:
+        if self.n == 1:
+            self.sets(self.u > 1.0)
+        elif self.n == 2:
+            self.sets_some(self.u > 1.0)
+        elif self.n == 4:
+            self.a.write(self.gives())
+        elif self.n == 0:
+            self.a.write(self.u > 1.0 if self.u < 5.0 else None)  # type: ignore[arg-type]
+        else:
+            self.sets(True)
+
+
+@equal
+class BoolThatIsCounted(Program):
+    def control(self) -> None:
+        self.a.write((self.u > 1.0) + 1)
+        self.b.write(int(self.n > 1) if self.u > 2.0 else +(self.u > 1.0))
 
 
 @pytest.fixture(scope="module")

@@ -258,6 +258,34 @@ def deleted(w: Writer) -> list[str]:
                    "setattr(self, 's', 2.0)", "self.row = [2.0, 3.0, 4.0]", "self.s = self.row.pop()")]  # fmt: skip
 
 
+def class_of_an_error(w: Writer) -> list[str]:
+    told = w.pick("isinstance(error, ZeroDivisionError)", "type(error) is ZeroDivisionError", "hasattr(error, 'args')")
+    return [
+        "try:",
+        f"    self.s = 1.0 / {w.real(1)}",
+        "except ArithmeticError as error:",
+        f"    self.c = 1 if {told} else 2",
+    ]
+
+
+def late_text(w: Writer) -> list[str]:
+    if "self.note = ''" not in w.begin:
+        w.begin.append("self.note = ''")
+    told = w.pick("self.note == ''", "self.note", "isinstance(self.note, int)")
+    return [f"self.a.write(1.0 if {told} else 2.0)", "self.note = 'seen'"]
+
+
+def bool_as_a_number(w: Writer) -> list[str]:
+    given = w.pick(f"max({w.real(1)}, {w.truth(0)})", f"({w.real(1)} or False)", f"(1 if {w.truth(1)} else True)")
+    return [f"self.a.write({given})"]
+
+
+def list_in_a_tuple(w: Writer) -> list[str]:
+    if "self.inner = ([1, 2], 3.0)" not in w.begin:
+        w.begin.append("self.inner = ([1, 2], 3.0)")
+    return ["self.c = self.inner[0][0]"]
+
+
 HAZARDS: Sequence[Write] = [
     real_in_whole_list, number_in_bool_list, mixed_sign, mixed_name, alias_of_a_list, view_of_an_array,
     alias_of_an_object, local_alias, list_of_a_class, counter_of_a_class, frozen_object, computed_once, setter,
@@ -266,5 +294,6 @@ HAZARDS: Sequence[Write] = [
     none_assigned, not_none, filtered, rebound_array, range_to_the_end, range_of_reals, small_numbers,
     class_of_a_number, logarithm, nan_among, list_and_tuple, levels, truth_of_a_state, odd_names, message_with_a_call,
     numpy_bools, numpy_number, returned_array, constant_array, deleted, returned_in_try, array_in_a_list,
-    list_of_the_module, returned_list, size_of_an_object,
+    list_of_the_module, returned_list, size_of_an_object, class_of_an_error, late_text, bool_as_a_number,
+    list_in_a_tuple,
 ]  # fmt: skip

@@ -18,6 +18,7 @@ from umo.generate.c_types import (
     OptionalType,
     TupleType,
     array,
+    may_be_bool,
     plain,
     plain_number,
 )
@@ -190,7 +191,7 @@ class AssignmentCode(CallCode):
         if reason := refused_store(owner, name) or _odd_attribute(owner, name):
             raise self.refused(node, reason, "an attribute of an object of its own")
         if isinstance(term, Known) and isinstance(term.value, str):
-            self.world.memory.texts.add((id(owner), name))
+            self.world.memory.add_text(owner, name)
             self.world.note(f"{self.source.segment(target)} is a text: a controller does not have it")
             return
         self.world.memory.assign(owner, name)
@@ -245,6 +246,8 @@ class AssignmentCode(CallCode):
         self.check_length(base.type, node)
         if base.type.listed and is_of_numpy(term):
             raise self.refused(node, "a number of numpy in a list", "float(...), int(...), bool(...)")
+        if base.type.listed and base.type.of != BOOL and may_be_bool(self.type_of(term) or NOTHING):
+            raise self.refused(node, "a bool in a list of numbers", "int(...)")
         if not base.type.listed and base.type.of != REAL and plain_number(self.code(term, node).type) == REAL:
             raise self.refused(node, "numbers of another type are set in the array", "int(...)")
         place = f"{base.text}.at[{self.index(base.type, index, node)}]"

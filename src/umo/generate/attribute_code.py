@@ -27,8 +27,9 @@ from umo.generate.c_types import (
     plain_number,
     state,
 )
+from umo.generate.function_scope import TELLS
 from umo.generate.live_fields import MOST_INT
-from umo.generate.terms import TEXT, Code, Known, Present, Term
+from umo.generate.terms import TEXT, Code, Known, Present, Term, UnknownText
 from umo.generate.translation import Untranslatable
 from umo.generate.value_kinds import NUMPY_NUMBERS, attribute_kind, is_plain_word
 from umo.objects import Compound, DigitalSensor, Quality, Vector
@@ -54,6 +55,8 @@ class AttributeCode(BuiltinCode):
 
     def attribute(self, base: Known, name: str, node: ast.AST) -> Term:
         owner = base.value
+        if isinstance(owner, UnknownText):
+            raise self.refused(node, TELLS, "a state of an Enum")
         if isinstance(owner, Atomic):
             return self._of_atomic(owner, name, node)
         if isinstance(owner, Vector):

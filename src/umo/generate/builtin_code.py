@@ -7,6 +7,7 @@ import copy
 import math
 import sys
 from collections.abc import Iterable, Iterator, Sequence
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,6 @@ import numpy as np
 from umo.generate.c_types import (
     BOOL,
     INT,
-    MIXED,
     REAL,
     ArrayType,
     CType,
@@ -22,6 +22,7 @@ from umo.generate.c_types import (
     OptionalType,
     StateType,
     TupleType,
+    joined,
     numpy_number,
     plain,
     plain_number,
@@ -172,7 +173,7 @@ class BuiltinCode(VectorCode):
                 raise self.refused(node, "an extreme of bools of numpy", "and, or, bool(...)")
             sure = all(isinstance(each, NumpyNumber) and each.sure for each in kinds)
             return Code(numpy_number(of, sure), found)
-        return Code(MIXED if of == REAL and any(each != REAL for each in kinds) else of, found)
+        return Code(reduce(joined, kinds), found)
 
     def _static(self, target: Any, arguments: list[Term], node: ast.Call) -> Term:
         if target is len and isinstance(arguments[0], Code) and isinstance(arguments[0].type, ArrayType):

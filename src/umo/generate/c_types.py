@@ -63,9 +63,11 @@ class NumpyNumber(CType):
 @dataclass(frozen=True)
 class MixedNumber(CType):
     """A real in C, which in Python is a whole number at one time and a float at another: they differ in the sign of
-    zero, and beyond 2**53."""
+    zero, and beyond 2**53. Or a number that may be a bool, which an object refuses."""
 
     of: CType
+    is_bool: bool = False
+    """Whether it may be a bool."""
 
 
 REAL, INT, BOOL = CType("umo_real"), CType("int32_t"), CType("bool")
@@ -135,15 +137,16 @@ def joined(one: CType, other: CType) -> CType:
     if isinstance(one, NumpyNumber) or isinstance(other, NumpyNumber):
         sure = all(isinstance(each, NumpyNumber) and each.sure for each in (one, other))
         of = joined(plain_number(one), plain_number(other))
-        if of == MIXED:
+        if isinstance(of, MixedNumber):
             raise TypeError
         return numpy_number(of, sure)
     if isinstance(one, OptionalType) or isinstance(other, OptionalType):
         return optional(joined(plain(one), plain(other)))
-    if {one, other} <= {REAL, INT, BOOL, MIXED} and {one, other} != {INT, BOOL}:
+    if is_number(plain_number(one)) and is_number(plain_number(other)):
+        is_real = REAL in (plain_number(one), plain_number(other))
+        if may_be_bool(one) or may_be_bool(other):
+            return MixedNumber(REAL.name, REAL, True) if is_real else MixedNumber(INT.name, INT, True)
         return MIXED
-    if {one, other} == {INT, BOOL}:
-        return INT
     if isinstance(one, ArrayType) or isinstance(other, ArrayType):
         return _joined_arrays(one, other)
     if isinstance(one, TupleType) and isinstance(other, TupleType) and len(one.members) == len(other.members):
@@ -180,6 +183,12 @@ def unmixed(of: CType) -> CType:
     if isinstance(of, OptionalType):
         return OptionalType(of.name, plain_number(of.of))
     return of.of if isinstance(of, MixedNumber) else of
+
+
+def may_be_bool(of: CType) -> bool:
+    """Whether a value, if it is there, may be a bool."""
+    of = plain(of)
+    return of == BOOL or (isinstance(of, MixedNumber) and of.is_bool)
 
 
 def is_number(of: CType) -> bool:

@@ -19,7 +19,19 @@ from umo.control.profile import Profile
 from umo.errors import RangeError, StateError
 from umo.generate.array_code import ArrayMethod
 from umo.generate.attribute_code import AttributeCode, asks_host, dropped
-from umo.generate.c_types import BOOL, INT, MASK, REAL, ArrayType, OptionalType, TupleType, plain_number, state
+from umo.generate.c_types import (
+    BOOL,
+    INT,
+    MASK,
+    REAL,
+    ArrayType,
+    OptionalType,
+    TupleType,
+    may_be_bool,
+    plain,
+    plain_number,
+    state,
+)
 from umo.generate.expression_code import of_element
 from umo.generate.function_scope import NoTranslation
 from umo.generate.function_source import NoSource, bound
@@ -280,9 +292,11 @@ class CallCode(AttributeCode):
     def _write(self, owner: Atomic, place: str, term: Term, node: ast.Call) -> Term:
         if isinstance(owner, Digital):
             code = self.code(term, node)
-            if plain_number(code.type) == BOOL:
+            if plain_number(plain(code.type)) == BOOL:  # a bool is refused, and so is None
                 self.raises(RangeError, node)
                 return Known(False)
+            if may_be_bool(code.type):
+                raise self.refused(node, "it may be a bool, which is written to no number", "float(...), int(...)")
             if isinstance(code.type, OptionalType):
                 term = code = self.kept(code)
                 self.raises(RangeError, node, f"!{code.text}.has")

@@ -6,6 +6,7 @@ import ast
 import inspect
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from types import FunctionType
 from typing import Any
 
@@ -14,11 +15,11 @@ from umo.generate.c_text import array as c_array
 from umo.generate.c_text import comment, identifier
 from umo.generate.c_types import (
     BOOL,
-    MIXED,
     NOTHING,
     REAL,
     ArrayType,
     CType,
+    MixedNumber,
     OptionalType,
     TupleType,
     is_number,
@@ -129,7 +130,7 @@ class CodeWorld:
                 if any(map(_is_code, scope.results)):
                     raise scope.refused(node, "an object is returned, and elsewhere a number", "one of both")
                 return ""
-            if isinstance(term, Many) and MIXED in map(scope.type_of, term.terms):
+            if isinstance(term, Many) and any(isinstance(scope.type_of(each), MixedNumber) for each in term.terms):
                 raise scope.refused(node, "a tuple with what may be a whole number or a float", "0.0, float(...)")
             raise scope.refused(node, "the result is no number, state or tuple of them")
         of = self.memory.learn(self.memory.results, scope.key, of, lambda: _odd(node))
@@ -173,12 +174,10 @@ class CodeWorld:
         hinted = _hinted_parameter(function, name) if name in hints else None
         if isinstance(term, Known):
             self._kept.append(term.value)
-            if isinstance(hinted, OptionalType) and (term.value is None or type(term.value) in (int, float, bool)):
-                return joined(self.fields.type_of_value(term.value) or NOTHING, hinted)
+            if isinstance(hinted, OptionalType) and term.value is None:
+                return hinted
             if type(term.value) in (int, float, bool):
-                of = self.fields.type_of_value(term.value)
-                assert of is not None
-                return joined(of, hinted) if hinted == REAL and is_number(of) else of
+                return self._as_hinted(self.fields.type_of_value(term.value) or NOTHING, hinted)
             return term
         if isinstance(term, Many):
             if all(isinstance(each, Known) for each in term.terms):
@@ -190,12 +189,20 @@ class CodeWorld:
             if of is not None:
                 return of
         if isinstance(term, Code):
-            if is_number(term.type) and hinted == REAL:
-                return joined(term.type, REAL)
-            if isinstance(hinted, OptionalType) and (term.type == hinted.of or is_number(term.type)):
-                return joined(term.type, hinted)
-            return term.type
+            return self._as_hinted(term.type, hinted)
         raise NoTranslation(ast.Pass(lineno=0, col_offset=0), f"the argument {name!r} is no value of a controller")
+
+    @staticmethod
+    def _as_hinted(of: CType, hinted: CType | None) -> CType:
+        """The type of an argument where the function declares another one; a bool stays one."""
+        if of == BOOL:
+            return of
+        if (hinted == REAL and is_number(of)) or (
+            isinstance(hinted, OptionalType) and (of == hinted.of or is_number(of))
+        ):
+            with suppress(TypeError):
+                return joined(of, hinted)
+        return of
 
     def translated(
         self, source: SourcedFunction, given: Mapping[str, CType | Known], node: ast.AST, caller: FunctionScope | None

@@ -9,7 +9,7 @@ from typing import Any
 from umo.generate.c_types import BOOL, INT
 from umo.generate.function_scope import TryBlock, Way
 from umo.generate.loop_code import LoopCode
-from umo.generate.terms import Known, Many
+from umo.generate.terms import TEXT, Known, Many
 from umo.generate.value_kinds import made_by_code
 
 LEAVING = (ast.Return, ast.Break, ast.Continue)
@@ -114,7 +114,7 @@ class ErrorCode(LoopCode):
             self.names = {name: of for name, of in names.items() if self.names.get(name, of) == of}
             self.known.clear()
             if each.name:
-                self.names[each.name] = Known(object())
+                self.names[each.name] = Known(TEXT)  # its class and what it says are of run time
             self.caught.append(f"(umo_fault){caught}")
             with self.block(f"if ({self.world.is_a(caught, kinds)})"):
                 if self.body(each.body):

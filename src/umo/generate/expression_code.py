@@ -11,10 +11,10 @@ from typing import Any
 from umo.generate.c_types import (
     BOOL,
     INT,
-    MIXED,
     REAL,
     ArrayType,
     CType,
+    MixedNumber,
     NumpyNumber,
     TupleType,
     numpy_number,
@@ -317,7 +317,7 @@ def is_of_numpy(term: Term) -> bool:
 
 
 def _is_mixed(term: Term) -> bool:
-    return isinstance(term, Code) and plain(term.type) == MIXED
+    return isinstance(term, Code) and isinstance(of := plain(term.type), MixedNumber) and of.of == REAL
 
 
 def _is_float(term: Term) -> bool:

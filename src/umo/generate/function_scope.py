@@ -17,10 +17,10 @@ from umo.generate.c_types import (
     BOOL,
     INT,
     MASK,
-    MIXED,
     REAL,
     ArrayType,
     CType,
+    MixedNumber,
     NumpyNumber,
     OptionalType,
     StateType,
@@ -323,8 +323,10 @@ class FunctionScope:
             given = self.code(each, node).type if isinstance(each, Known | Code) else kind
             if isinstance(given, NumpyNumber):
                 raise self.refused(node, "a number of numpy in a tuple", "float(...), int(...), bool(...)")
-            if (kind == REAL and plain_number(given) != REAL) or given == MIXED:
+            if (kind == REAL and plain_number(given) != REAL) or isinstance(given, MixedNumber):
                 raise self.refused(node, "a whole number where a tuple has a real one", "0.0, float(...)")
+            if kind == INT and given == BOOL:
+                raise self.refused(node, "a bool where a tuple has a whole number", "int(...)")
         parts = [self.as_type(each, kind, node) for each, (_, kind) in zip(term.terms, of.members, strict=True)]
         return Code(of, f"({of.name}){{{', '.join(parts)}}}")
 

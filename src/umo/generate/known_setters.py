@@ -24,6 +24,10 @@ BEFORE = "setup", "__init__", "__post_init__", "__new__", "__set_name__", "__ini
 SETTERS = "setattr", "delattr", "__setattr__", "__delattr__"
 WHOLE = "vars", "globals", "locals"
 """Functions that give a namespace as a dict."""
+READERS = "print", "len", "dict", "list", "tuple", "set", "sorted", "repr", "str", "iter", "isinstance", "any", "all"
+"""Functions that do not change the dict that they are given."""
+KEEPERS = (ast.Assign, ast.AnnAssign, ast.NamedExpr, ast.Return, ast.Yield, ast.Tuple, ast.List, ast.Set, ast.Dict,
+           ast.IfExp, ast.BoolOp, ast.Lambda, ast.withitem, ast.AugAssign)  # fmt: skip
 ANY = ""
 """The name of a setting that may be of any name."""
 
@@ -135,11 +139,16 @@ class _Search:
         self._file = file
 
     def of(self, tree: ast.AST) -> Iterator[Setting]:
-        yield from self._in(tree, "", "", 0, frozenset())
+        others = _given_others(tree)
+        for each in self._in(tree, "", "", 0, frozenset()):
+            yield each._replace(kind="") if each.function in others else each
 
     def _in(self, node: ast.AST, kind: str, me: str, function: int, outer: frozenset[str]) -> Iterator[Setting]:
         """`me`: the name of `self`; `outer`: names of the module, or of an enclosing function."""
         for each in ast.iter_child_nodes(node):
+            if _is_whole(each) and _keeps(node):
+                about = _is_of(each, me)
+                yield Setting(ANY, kind if about else "", self._file, getattr(each, "lineno", 0), function)
             if isinstance(each, ast.ClassDef):
                 yield from self._in(each, each.name, "", 0, frozenset())
             elif isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef):
@@ -151,29 +160,51 @@ class _Search:
     def _in_function(
         self, node: ast.FunctionDef | ast.AsyncFunctionDef, kind: str, function: int, me: str
     ) -> Iterator[Setting]:
-        if node.name in BEFORE and kind:
-            return
         first = node.args.posonlyargs + node.args.args
         is_static = any(isinstance(each, ast.Name) and each.id == "staticmethod" for each in node.decorator_list)
         own = first[0].arg if kind and first and not is_static else ""
         declared = (each for each in _own_nodes(node) if isinstance(each, ast.Global | ast.Nonlocal))
         outer = frozenset(name for each in declared for name in each.names)
         line = min([node.lineno, *(each.lineno for each in node.decorator_list)])
-        yield from self._in(node, kind, own, line, outer)
+        for each in self._in(node, kind, own, line, outer):
+            if not (node.name in BEFORE and each.kind and each.function == line):
+                yield each
 
     def _of_node(self, node: ast.AST, kind: str, me: str, function: int, outer: frozenset[str]) -> Iterator[Setting]:
         line = getattr(node, "lineno", 0)
         if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store | ast.Del):
-            own = isinstance(node.value, ast.Name) and node.value.id == me != ""
-            yield Setting(node.attr, kind if own else "", self._file, line, function)
+            yield Setting(node.attr, kind if _is_of(node.value, me) else "", self._file, line, function)
         elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store | ast.Del) and node.id in outer:
             yield Setting(node.id, "", self._file, line, function)
         elif isinstance(node, ast.Call):
-            yield from (Setting(name, "", self._file, line, function) for name in _called(node))
+            for name, of in _called(node):
+                yield Setting(name, kind if _is_of(of, me) else "", self._file, line, function)
         elif isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Store | ast.Del) and _is_whole(node.value):
             key = node.slice
             name = key.value if isinstance(key, ast.Constant) and isinstance(key.value, str) else ANY
-            yield Setting(name, "", self._file, line, function)
+            yield Setting(name, kind if _is_of(node.value, me) else "", self._file, line, function)
+
+
+def _given_others(tree: ast.AST) -> set[int]:
+    """First lines of methods whose `self` may be any object: `Class.method(other)` calls them."""
+    called = {
+        (each.func.value.id, each.func.attr)
+        for each in ast.walk(tree)
+        if isinstance(each, ast.Call) and isinstance(each.func, ast.Attribute) and isinstance(each.func.value, ast.Name)
+        if not (each.args and isinstance(each.args[0], ast.Name) and each.args[0].id == "self")
+    }
+    methods = [
+        (kind.name, each)
+        for kind in ast.walk(tree)
+        if isinstance(kind, ast.ClassDef)
+        for each in kind.body
+        if isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef)
+    ]
+    return {
+        min([each.lineno, *(one.lineno for one in each.decorator_list)])
+        for kind, each in methods
+        if (kind, each.name) in called
+    }
 
 
 def _own_nodes(function: ast.AST) -> Iterator[ast.AST]:
@@ -184,15 +215,46 @@ def _own_nodes(function: ast.AST) -> Iterator[ast.AST]:
             yield from _own_nodes(each)
 
 
-def _called(node: ast.Call) -> Iterator[str]:
-    """The names that a call sets."""
+def _called(node: ast.Call) -> Iterator[tuple[str, ast.AST | None]]:
+    """The names that a call sets, and of what; None: it is not seen."""
     func = node.func
     called = func.id if isinstance(func, ast.Name) else func.attr if isinstance(func, ast.Attribute) else ""
     if called in SETTERS:
-        texts = [each.value for each in node.args if isinstance(each, ast.Constant) and isinstance(each.value, str)]
-        yield texts[0] if texts else ANY
-    elif called == "exec" or (isinstance(func, ast.Attribute) and _is_whole(func.value) and _changes(func.attr)):
-        yield ANY
+        yield _named(called, func, node)
+    elif called == "exec":
+        yield ANY, None
+    elif isinstance(func, ast.Attribute) and _is_whole(func.value) and _changes(func.attr):
+        yield ANY, func.value
+
+
+def _named(called: str, func: ast.AST, node: ast.Call) -> tuple[str, ast.AST | None]:
+    """The name that a setter sets: the one before the value, or the last; what stands before it is the object."""
+    place = len(node.args) - (2 if "set" in called else 1)
+    if node.keywords or place < 0 or any(isinstance(each, ast.Starred) for each in node.args):
+        return ANY, None
+    of = node.args[place - 1] if place else func.value if isinstance(func, ast.Attribute) else None
+    name = node.args[place]
+    return (name.value if isinstance(name, ast.Constant) and isinstance(name.value, str) else ANY), of
+
+
+def _is_of(node: ast.AST | None, me: str) -> bool:
+    """Whether this is `self`, or its namespace."""
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "vars" and node.args:
+        node = node.args[0]
+    elif isinstance(node, ast.Attribute) and node.attr == "__dict__":
+        node = node.value
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "super":
+        return me != ""
+    return isinstance(node, ast.Name) and node.id == me != ""
+
+
+def _keeps(node: ast.AST) -> bool:
+    """Whether what stands in this node is known under another name after it."""
+    if isinstance(node, ast.Call):
+        return not (isinstance(node.func, ast.Name) and node.func.id in READERS)
+    if isinstance(node, ast.keyword):
+        return node.arg is not None
+    return isinstance(node, KEEPERS)
 
 
 def _changes(method: str) -> bool:

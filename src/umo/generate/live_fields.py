@@ -127,6 +127,8 @@ class LiveFields:
         if any(isinstance(each, MixedNumber | NumpyNumber) for each in types):
             return None  # a tuple would forget it
         types = [each and plain_number(each) for each in types]
+        if any(isinstance(each, ArrayType) and each.listed for each in types):
+            return None  # a list is no value of C: it has one place
         if not all(each in PLAIN.values() or isinstance(each, StateType | ArrayType) for each in types):
             return None
         letters = "".join(map(_letter, types))

@@ -81,6 +81,11 @@ class TranslationMemory:
             self.assigned.add((id(owner), name))
             self.changed = True
 
+    def add_text(self, owner: object, name: str) -> None:
+        if (id(owner), name) not in self.texts:
+            self.texts.add((id(owner), name))
+            self.changed = True
+
     def share(self, place: object) -> None:
         if place not in self.shared:
             self.shared.add(place)
