@@ -368,16 +368,16 @@ class DeviceServer:
             self._post(rows)
 
     def reset_all(self, order: Sequence[str]) -> dict[str, str]:
-        """Every output to its default, in this order of the channels' texts; the causes of those that failed. After a
-        failure the next attempt opens the driver anew."""
+        """Every output that was initialised to its default, in this order of the channels' texts; the causes of those
+        that failed. After a failure the next attempt opens the driver anew."""
+        driven = [text for text in order if text in self._initialized]
+        if driven and not self.opened and (why := self._open_again(driven)):
+            return dict.fromkeys(driven, why)
         failed: dict[str, str] = {}
-        if not self.opened and (why := self._open_again()):
-            return dict.fromkeys(order, why)
-        for text in order:
-            if text in self._initialized:
-                answer = self.perform({"call": "reset", "channel": text, "raw": self._initialized[text][1]})
-                if "error" in answer:
-                    failed[text] = answer["text"]
+        for text in driven:
+            answer = self.perform({"call": "reset", "channel": text, "raw": self._initialized[text][1]})
+            if "error" in answer:
+                failed[text] = answer["text"]
         if failed:
             self.opened = False
             with suppress(*FAILURES):
@@ -385,11 +385,12 @@ class DeviceServer:
                 self.driver.close()
         return failed
 
-    def _open_again(self) -> str:
-        """Open the driver and initialise its channels as before; why that failed, or ""."""
+    def _open_again(self, outputs: Sequence[str]) -> str:
+        """Open the driver and initialise its channels again, these outputs first; why that failed, or ""."""
         try:
             self._do_open({})
-            for channel, default in self._initialized.values():
+            for text in dict.fromkeys([*outputs, *self._initialized]):
+                channel, default = self._initialized[text]
                 self.on_call()
                 self.driver.initialize(channel, default)
         except FAILURES as error:
