@@ -152,7 +152,7 @@ class DeviceServer:
         """From now on at its own period, beginning with a transfer now."""
         self._cells[Cell.AWAY_SINCE] = NEVER
         if not self._cells[Cell.GENERATION]:
-            self._cells[Cell.GENERATION] = 1
+            self._cells[Cell.GENERATION] = self._cells[Cell.INITIALIZED] = 1
         began = self.ns()
         self._transfer()
         self._due = max(began + self._period, self.ns())
@@ -341,6 +341,7 @@ class DeviceServer:
             number = self.exchange.place.get(channel.text)
             if default is not None and number is not None:
                 rows[Row.RAW, number], rows[Row.STAMP, number] = default, began
+        self._cells[Cell.INITIALIZED] = self._cells[Cell.GENERATION]
         if self._watchdog is not None:
             self.on_call()
             self.driver.watchdog(self._watchdog)
