@@ -651,6 +651,39 @@ def test_a_driver_that_fails_in_any_way_keeps_no_other_driver_from_being_reset(
     assert cause in left["valve"]
 
 
+def test_a_child_on_standby_that_cannot_be_replaced_is_tried_again_until_it_can(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now, refusals = 100.0, 0
+
+    def fork(first: bool) -> int:
+        nonlocal refusals
+        if refusals:
+            refusals -= 1
+            raise BlockingIOError(11, "Resource temporarily unavailable")
+        return os.fork()
+
+    monkeypatch.setattr(reset, "monotonic", lambda: now)
+    resetter = resetter_of(tmp_path, process_box.wiring(tmp_path / "box"), fork=fork)
+    resetter.stand_by()
+    before, files = resetter.reserve, os.listdir("/proc/self/fd")
+    refusals = 3
+    os.kill(before, signal.SIGKILL)
+    os.waitid(os.P_PID, before, os.WEXITED | os.WNOWAIT)
+    for _ in range(3):
+        with pytest.raises(BlockingIOError):
+            resetter.look()
+        assert (resetter.reserve, resetter.look()) == (0, False)  # not sooner than after a pause
+        now += reset.FORK_PAUSE
+    assert resetter.look()
+    assert resetter.reserve not in (0, before)
+    assert len(os.listdir("/proc/self/fd")) == len(files)
+    assert not resetter.look()
+    resetter.dismiss()
+    now += reset.FORK_PAUSE
+    assert (resetter.look(), resetter.reserve) == (False, 0)  # none is needed any more
+
+
 def test_a_child_on_standby_that_fails_by_itself_is_not_forked_again_and_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -189,7 +189,7 @@ def reset_in_the_end() -> Iterator[None]:
     except StopError:
         raise
     except DriverError as error:
-        assert all(failure.cause.startswith("reset at the second attempt") for failure in error.failures), error
+        assert all(failure.cause.startswith("reset at a later attempt") for failure in error.failures), error
 
 
 def memory() -> int:

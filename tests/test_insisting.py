@@ -344,6 +344,66 @@ def test_a_reset_that_ends_is_interrupted_by_no_number_of_signals(tmp_path: Path
     assert_reset(case.file)
 
 
+class Numbered(Scripted):
+    """The channels that were reset are written to a file."""
+
+    def __init__(self, file: Path) -> None:
+        super().__init__()
+        self.file = file
+
+    def reset(self, channel: Channel, default: int | None) -> None:
+        super().reset(channel, default)
+        with self.file.open("a") as file:
+            file.write(f"{channel.text}\n")
+
+
+class Valves(Compound):
+    timer: DigitalSensor
+    valves: Sequence[BinaryActuator[OnOff]]
+
+    def control(self) -> None:
+        for valve in self.valves:
+            valve.write(OnOff.ON)
+        while self.now > 0.0035:
+            with suppress(BaseException):
+                os.kill(os.getpid(), signal.SIGINT)
+
+
+class SignalsIn:
+    """In a call, signals come before these of the steps (calls and returns of functions of Python's) within it."""
+
+    def __init__(self, call: Callable[..., NoReturn], moments: set[int]) -> None:
+        self.call, self.moments, self.step = call, moments, 0
+
+    def __call__(self, *arguments: Any) -> NoReturn:
+        sys.setprofile(self.next_step)
+        self.call(*arguments)
+
+    def next_step(self, *event: Any) -> None:
+        self.step += 1
+        if self.step in self.moments:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+
+@pytest.mark.parametrize("seed", first(4, range(200)))
+def test_signals_in_the_midst_of_the_last_reset_keep_nothing_from_being_reset(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int
+) -> None:
+    chance = Random(seed)
+    steps = {chance.randrange(1, chance.choice([20, 200, 2000])) for _ in range(chance.randrange(1, 8))}
+    monkeypatch.setattr(insisting, "SIMULATED_CALL_LIMIT", 1e9)
+    monkeypatch.setattr(insisting, "_leave_and_exit", SignalsIn(insisting._leave_and_exit, steps))
+    valves = [BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF) for _ in range(6)]
+    box = Numbered(tmp_path / "box")
+    wire = {"timer": {"driver": "clock", "period": "1 ms"}, "valves.*": {"driver": "box", "channel": "v{}"}}
+    wiring = {"drivers": {"box": box, "clock": VirtualTimer()}, "wire": wire}
+    child = Child(tmp_path / "told", lambda: run(Valves(timer=timer(), valves=valves), wiring))
+    status, told = child.status(), (tmp_path / "told").read_text()
+    assert box.file.read_text().split() == [f"v{number}" for number in range(6)]
+    assert status == 128 + signal.SIGINT
+    assert told.splitlines()[-1].endswith("every actuator is at its default")
+
+
 # At random -------------------------------------------------------------------------------------------------
 
 

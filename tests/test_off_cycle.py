@@ -633,6 +633,36 @@ def test_the_place_of_a_worker_is_taken_also_while_the_device_is_away() -> None:
     assert shared.cells[Cell.AWAY_SINCE] == NEVER
 
 
+@given(
+    connecting=st.permutations(["a", "b", "c", "d"]),
+    stopping=st.permutations(["a", "b", "c", "d"]),
+    count=st.integers(0, 4),
+)
+def test_a_worker_left_alone_touches_what_it_has_driven_alone_and_in_the_order_of_stopping(
+    connecting: list[str], stopping: list[str], count: int
+) -> None:
+    driven, order = connecting[:count], [text for text in stopping if text != "d"]  # d is an input
+    box = Scripted()
+    server = DeviceServer(box, exchange(*connecting), OWN)
+    if driven:
+        server.perform({"call": "open"})
+    for text in driven:
+        server.perform({"call": "initialize", "channel": text, "raw": None if text == "d" else 0})
+    box.broken = OSError("away")
+    assert set(server.reset_all(order)) == {text for text in driven if text != "d"}
+    box.broken = None
+    box.calls.clear()
+    assert server.reset_all(order) == {}
+    again = [text for text in order if text in driven]
+    made = [(call.segment, channel) for call in box.calls for channel in call.channels or ("",)]
+    if not again:
+        assert made == []
+        return
+    rest = ["d"] if "d" in driven else []
+    initialized = [("initialize", text) for text in [*again, *rest]]
+    assert made == [("open", ""), *initialized, *(("reset", text) for text in again)]
+
+
 def test_a_binary_sensor_works_as_well(request: pytest.FixtureRequest) -> None:
     with running(Scripted({"limit": [0, 1]})) as (m, _):
         assert m.limit.read() is PassFail.PASS

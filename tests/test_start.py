@@ -17,6 +17,7 @@ from helpers.process_box import Cells
 from helpers.runs import until_dead
 from helpers.waiting import until
 from umo.cycle.stage import Stage
+from umo.process.start import Started
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
 
@@ -150,3 +151,12 @@ def test_processes_that_were_stopped_or_killed_are_named_and_go_on_to_be_stopped
         outcome = machine.stop()
     assert outcome.unreached == []
     assert Cells(tmp_path / "box").levels == {"motor": 0, "valve": 0}
+
+
+@pytest.mark.parametrize("known", ["standby", "reserve", "pid"])
+def test_a_guardian_that_has_forked_whoever_resets_or_drives_counts_as_under_way(known: str) -> None:
+    started = Started.__new__(Started)
+    started.standby, started.reserve, started.pid = 0, 0, None
+    assert not started._is_under_way
+    setattr(started, known, 4711)
+    assert started._is_under_way

@@ -20,7 +20,7 @@ from umo.drivers.off_cycle.shared_memory import Cell
 from umo.process import workers as workers_module
 from umo.process.hang_detection import LOOK_INTERVAL
 from umo.process.run_state import RunState, worker
-from umo.process.workers import CALM, MAX_PAUSE, Workers, groups_of
+from umo.process.workers import CALM, FIRST_PAUSE, MAX_PAUSE, Workers, groups_of
 from umo.system.processes import name_of
 from umo.wiring import resolve
 
@@ -181,7 +181,9 @@ class Deaths:
         self.forked.append((self.now, group.hold))
 
     def initialize(self) -> None:
-        self.group.proxies[0].exchange.cells[Cell.GENERATION] += 1
+        cells = self.group.proxies[0].exchange.cells
+        cells[Cell.GENERATION] += 1
+        cells[Cell.INITIALIZED] = cells[Cell.GENERATION]
 
     def die(self, lived: float) -> float:
         """The worker dies; s until the next one is forked."""
@@ -222,6 +224,38 @@ def test_a_worker_that_dies_before_it_has_reset_is_replaced_after_half_a_second_
     assert waited == sorted(waited)
     assert waited[0] < 0.1
     assert max(waited) <= MAX_PAUSE + LOOK_INTERVAL
+
+
+@pytest.mark.parametrize("call", ["open", "initialize"])
+@pytest.mark.parametrize("calls", [1, 2])
+def test_a_worker_that_dies_in_a_call_before_it_has_reset_is_replaced_after_half_a_second_at_most(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str, calls: int
+) -> None:
+    """Whichever call of the driver it is, and however many have succeeded before."""
+
+    class Death(BaseException):
+        pass
+
+    deaths, left = Deaths(tmp_path, monkeypatch), [0]
+
+    def die(*arguments: object) -> None:
+        left[0] -= 1
+        if left[0] <= 0:
+            raise Death
+
+    server = deaths.group.proxies[0].server
+    for name in ("open", "initialize"):
+        monkeypatch.setattr(server.driver, name, die if name == call else lambda *arguments: None)
+    assert deaths.die(1.0) == 0.0
+    waited = []
+    for _ in range(6):
+        server.opened, left[0] = False, 1 if call == "open" else calls
+        with pytest.raises(Death):
+            server.begin_anew({"motor": 0, "valve": 0}, None)
+        waited.append(deaths.die(0.01))
+    assert waited == sorted(waited)
+    assert waited[0] >= FIRST_PAUSE
+    assert MAX_PAUSE <= waited[-1] <= MAX_PAUSE + LOOK_INTERVAL
 
 
 def test_nobody_takes_the_place_of_a_worker_before_it_is_dead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -389,7 +389,7 @@ class connect(Generic[C]):
             progress = attempts.add(self._reached(slots, left)) and bool(left)
         still = {failure.path for failure in left}
         late = [failure for failure in first if failure.path not in still]
-        return left, [replace(each, cause=f"reset at the second attempt: {each.cause}") for each in late]
+        return left, [replace(each, cause=f"reset at a later attempt: {each.cause}") for each in late]
 
     def _reached(self, slots: list[int], failures: list[Failure]) -> set[str]:
         """The paths of these actuators but for those that failed."""

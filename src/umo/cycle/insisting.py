@@ -11,7 +11,7 @@ A signal comes at any moment. The frames of the main thread say where that is:
 - All else is umo's own and ends by itself.
 
 Code that passes over `Interrupted` is interrupted again by each signal. After `MAX_RAISED` of them the outputs are
-reset in the midst of that code, and the process ends.
+reset in the midst of that code, and the process ends. Further signals interrupt a hanging call of that reset alone.
 """
 
 from __future__ import annotations
@@ -104,13 +104,16 @@ class Standing(NamedTuple):
     """The outermost frame of the call of a driver that is under way; None: none is."""
 
 
-def standing_of(frame: FrameType | None) -> Standing:
-    """Where a thread is, by its innermost frame."""
+def standing_of(frame: FrameType | None, is_leaving: bool = False) -> Standing:
+    """Where a thread is, by its innermost frame. `is_leaving`: the outputs are being reset in the midst of the user's
+    code; what that one was at work with is over, only a call of a driver within the reset counts."""
     within: list[FrameType] = []  # frames that are not umo's, up to one that is
     call: FrameType | None = None
     inner: FrameType | None = None
-    at_once, frame = True, _interrupted(frame)
+    at_once, frame = True, frame if is_leaving else _interrupted(frame)
     while frame is not None:
+        if is_leaving and frame.f_code is Insistence._end.__code__:
+            return Standing(None, False, None)
         side = _side(frame)
         is_called = inner is not None and _side(inner) in (Side.USER, Side.LIBRARY, Side.DRIVER)
         if side in (Side.USER, Side.LIBRARY):
@@ -207,14 +210,14 @@ class Insistence:
 
     def insist(self, number: int, frame: FrameType | None, machines: Sequence[SignalledMachine]) -> None:
         """A further signal has come."""
-        standing, limit = standing_of(frame), max((each.limit for each in machines), default=0.0)
+        standing, limit = standing_of(frame, self._is_leaving), max((each.limit for each in machines), default=0.0)
         if standing.call is not None:
             place = place_within(frame, standing.call)
             if self._find_call(standing) >= limit:
                 self._end(number, f"a call of a driver does not end{_at(place)}", machines)
             what = f"a call of a driver is under way{in_brackets(place)}"
             say_without_waiting(printable(f"umo: {what}; a signal in {limit:.2g} s ends it, if that does not end"))
-        if standing.code is None:
+        if standing.code is None or self._is_leaving:
             return
         code, place = standing.code, place_within(frame, standing.code)
 

@@ -266,7 +266,12 @@ class Guardian:
             self._try(self._workers.look)
 
     def _look_at_resetter(self) -> None:
-        if self._end.resetter.look():
+        try:
+            is_replaced = self._end.resetter.look()
+        except OSError as error:
+            self._say(f"no reset process: {text_of(error)}; it is tried again")
+            return
+        if is_replaced:
             self._tell_reserve()
             self._say("the process that waits to reset the machine was killed or stopped; another one takes its place")
 

@@ -35,6 +35,8 @@ CALL_MARGIN = 1.0
 """Time in s that a call of a driver may take in addition to twice its timeout."""
 RESERVE_INTERVAL = 0.1
 """Time in s between two looks of the child on standby for a guardian."""
+FORK_PAUSE = 1.0
+"""Time in s from one process beside the guardian that could not be forked to the next try."""
 ATTEMPT_PAUSE = 0.2
 """Time in s between two attempts."""
 LOOK_INTERVAL = 0.0005
@@ -89,12 +91,19 @@ class Resetter:
         """The child that works."""
         self._reserve: Child | None = None
         """The child that waits."""
+        self._next_fork = inf
+        """Time at which another one is forked to wait, if there is none; inf: none is needed."""
         self._start_pipe = self._waiting_pipe = -1
 
     def stand_by(self, first: bool = True) -> None:
-        """Fork the child of the first attempt now, or of the next one."""
-        self._waiting_pipe, self._start_pipe = os.pipe()
-        self._reserve = self._fork(self._wait_for_work, lambda: self._fork_reserve(first))
+        """Fork the child of the first attempt now, or of the next one. OSError where it cannot be had."""
+        pipe = self._waiting_pipe, self._start_pipe = os.pipe()
+        try:
+            self._reserve = self._fork(self._wait_for_work, lambda: self._fork_reserve(first))
+        except OSError:
+            for file in pipe:
+                os.close(file)
+            raise
 
     @property
     def reserve(self) -> int:
@@ -102,26 +111,30 @@ class Resetter:
         return 0 if self._reserve is None else self._reserve.pid
 
     def look(self) -> bool:
-        """Whether the child on standby was killed or stopped by a signal; another one takes its place. Where it has
-        failed by itself, the next one would too: a child is forked when it is needed."""
+        """Whether another child stands by in the place of one that was killed or stopped by a signal. OSError where it
+        cannot be had: that is tried again `FORK_PAUSE` s later. Where the one before has failed by itself, the next one
+        would too: a child is forked when it is needed."""
         child = self._reserve
-        if child is None or not (child.ended or child.was_stopped):
+        if child is not None and (child.ended or child.was_stopped):
+            self.dismiss()
+            for file in (self._waiting_pipe, self._start_pipe):
+                os.close(file)
+            has_failed = child.status is not None and os.WIFEXITED(child.status)
+            self._next_fork = inf if has_failed else 0.0
+        if monotonic() < self._next_fork:
             return False
-        self.dismiss()
-        if child.status is not None and os.WIFEXITED(child.status):
-            return False
-        for file in (self._waiting_pipe, self._start_pipe):
-            os.close(file)
+        self._next_fork = monotonic() + FORK_PAUSE
         self.stand_by()
+        self._next_fork = inf
         return True
 
     def hand_over(self) -> None:
         """Work for another guardian from now on, which calls this: the child was the guardian's."""
-        self._reserve = None
+        self._reserve, self._next_fork = None, inf
 
     def dismiss(self) -> None:
         """The machine ended safely: no reset is needed."""
-        child, self._reserve = self._reserve, None
+        child, self._reserve, self._next_fork = self._reserve, None, inf
         if child is not None:
             child.end(DEATH_TIMEOUT)
 

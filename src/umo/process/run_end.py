@@ -18,6 +18,7 @@ from umo.process.run_state import RunState, Who
 from umo.process.workers import Workers
 from umo.system import realtime
 from umo.system.device_record import DeviceClaim
+from umo.system.processes import name_process
 from umo.system.streams import say_without_waiting
 from umo.text import in_brackets, printable
 
@@ -66,6 +67,7 @@ class RunEnd:
         pid = os.fork()
         if pid == 0:
             os.setsid()
+            name_process("umo reset")
             while not self._run_state.hold(Who.RESERVE):
                 pass
         return pid

@@ -47,7 +47,7 @@ FOLLOWERS = (Who.STANDBY, Who.RESERVE)
 """Those that take the guardian's place."""
 
 
-STAGE, BEAT, ASKED, WATCH, ADMITTED, CONCLUDING, REPORT_LENGTH, OUTCOME_LENGTH, EXCUSED, TOLD = range(10)
+STAGE, BEAT, ASKED, WATCH, ADMITTED, CONCLUDING, EXCUSED, TOLD = range(8)
 CELLS = 16
 MAX_REPORT_BYTES = 1 << 16
 """Length of a report at most, bytes."""
@@ -97,6 +97,8 @@ class RunState:
         self._memory = mmap.mmap(-1, first + MUTEX_BYTES * count)  # anonymous and shared
         places = range(first, first + MUTEX_BYTES * count, MUTEX_BYTES)
         self._locks = [ctypes.c_char.from_buffer(self._memory, at) for at in places]
+        self._held: dict[int, int] = {}
+        """The locks that this process holds, each with its pid: a process that is forked holds none of them."""
         self._cells = memoryview(self._memory)[:REPORT_AT].cast("q")
         self._pids = memoryview(self._memory)[PIDS_AT:first].cast("q")
         self._report = SharedText(self._memory, REPORT_AT, REPORT_BYTES)
@@ -157,20 +159,20 @@ class RunState:
     def hold(self, who: int) -> bool:
         """Take a lock: from now on the others detect the death of this thread. It does not wait for a former holder
         that cannot be killed; whether it was taken."""
-        self._pids[who] = 0  # first: a number stands here only as long as its process holds the lock
         taken = self._is_ours(who, self._lock_until(who, HOLD_LIMIT))
-        if taken:
-            self._pids[who] = os.getpid()
+        if taken:  # a number is written by the holder of the lock alone
+            self._pids[who] = self._held[who] = os.getpid()
         return taken
 
     def release(self, who: int) -> None:
         """Give a lock back that this process has taken."""
+        self._held.pop(who, None)
         self._pids[who] = 0
         self._libc.pthread_mutex_unlock(ctypes.byref(self._locks[who]))
 
     def holds(self, who: int) -> bool:
         """Whether this process holds that lock."""
-        return int(self._pids[who]) == os.getpid()
+        return self._held.get(who) == os.getpid()
 
     def process(self, who: int) -> ProcessHandle | None:
         """The living holder of a lock; None: there is none. That it holds the lock after its descriptor was opened
@@ -201,6 +203,7 @@ class RunState:
     def _is_ours(self, who: int, answer: int) -> bool:
         if answer == errno.EOWNERDEAD:
             self._libc.pthread_mutex_consistent(ctypes.byref(self._locks[who]))
+            self._pids[who] = 0  # of the dead process
         elif answer not in (0, errno.ETIMEDOUT):
             raise OSError(answer, f"the lock of process {who} of the run failed")
         return answer != errno.ETIMEDOUT

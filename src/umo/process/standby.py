@@ -16,7 +16,7 @@ from time import monotonic, sleep
 
 from umo.errors import text_of
 from umo.process.messages import MessageSocket
-from umo.process.reset import DEATH_TIMEOUT, STOP_SIGNALS
+from umo.process.reset import DEATH_TIMEOUT, FORK_PAUSE, STOP_SIGNALS
 from umo.process.run_state import RunState, Who
 from umo.system.processes import Child, ProcessHandle, carry_out, identity, name_process
 
@@ -26,8 +26,6 @@ CONCLUDING_LIMIT = 30.0
 """Timeout in s for the guardian's signs of life while it resets, records and tells: drivers and disks may be slow."""
 RESERVE_GRACE = 1.0
 """Time in s, beyond those limits, that the reserve leaves to the standby guardian."""
-FORK_PAUSE = 1.0
-"""Time in s from one standby guardian that could not be forked to the next try."""
 
 
 class Silence:

@@ -218,7 +218,7 @@ class Started:
     @property
     def _is_under_way(self) -> bool:
         """Whether the guardian has begun to guard; before that nothing is driven."""
-        return bool(self.standby or self.pid)
+        return bool(self.standby or self.reserve or self.pid)
 
     def _end_of_guardian(self) -> int:
         """The exit status of a guardian that has told the outcome, or has closed its end of the channel. One that does

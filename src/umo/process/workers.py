@@ -79,8 +79,8 @@ class _Group:
         """Time in s from which it counts as blocked in the kernel, once it was killed."""
         self.begun = 0.0
         """Time in s at which it was forked."""
-        self.generation = 0
-        """How often the outputs had been initialised when it was forked."""
+        self.generations = self.initialized
+        """The generation of each driver's outputs that had been initialised when it was forked."""
         self.next_fork, self.pause, self.hold = 0.0, FIRST_PAUSE, 0.0
         for proxy in self.proxies:
             proxy.worker = _Link(run_state, number, proxy.exchange.cells)
@@ -97,13 +97,13 @@ class _Group:
         return (monotonic_ns() - beat) * 1e-9
 
     @property
-    def initialized(self) -> int:
-        """How often the outputs of the driver were initialised for which that was done least often."""
-        return min(int(proxy.exchange.cells[Cell.GENERATION]) for proxy in self.proxies)
+    def initialized(self) -> list[int]:
+        """The generation of each driver's outputs that was initialised last."""
+        return [int(proxy.exchange.cells[Cell.INITIALIZED]) for proxy in self.proxies]
 
     def begin(self) -> None:
         """It has a moment for its first sign of life."""
-        self.begun, self.generation = monotonic(), self.initialized
+        self.begun, self.generations = monotonic(), self.initialized
         for proxy in self.proxies:
             proxy.exchange.cells[Cell.BEAT] = monotonic_ns()
 
@@ -112,7 +112,7 @@ class _Group:
         now = monotonic()
         if now - self.begun > CALM:
             self.hold = 0.0
-        if self.initialized > self.generation:
+        if all(now > before for now, before in zip(self.initialized, self.generations, strict=True)):
             self.next_fork, self.pause = now, FIRST_PAUSE
         else:  # it has perhaps not come to resetting them: a driver that crashes at once is not forked all the time
             self.next_fork, self.pause = now + self.pause, min(2 * self.pause, MAX_PAUSE)

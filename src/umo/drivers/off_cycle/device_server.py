@@ -152,7 +152,7 @@ class DeviceServer:
         """From now on at its own period, beginning with a transfer now."""
         self._cells[Cell.AWAY_SINCE] = NEVER
         if not self._cells[Cell.GENERATION]:
-            self._cells[Cell.GENERATION] = 1
+            self._cells[Cell.GENERATION] = self._cells[Cell.INITIALIZED] = 1
         began = self.ns()
         self._transfer()
         self._due = max(began + self._period, self.ns())
@@ -341,6 +341,7 @@ class DeviceServer:
             number = self.exchange.place.get(channel.text)
             if default is not None and number is not None:
                 rows[Row.RAW, number], rows[Row.STAMP, number] = default, began
+        self._cells[Cell.INITIALIZED] = self._cells[Cell.GENERATION]
         if self._watchdog is not None:
             self.on_call()
             self.driver.watchdog(self._watchdog)
@@ -368,16 +369,16 @@ class DeviceServer:
             self._post(rows)
 
     def reset_all(self, order: Sequence[str]) -> dict[str, str]:
-        """Every output to its default, in this order of the channels' texts; the causes of those that failed. After a
-        failure the next attempt opens the driver anew."""
+        """Every output that was initialised to its default, in this order of the channels' texts; the causes of those
+        that failed. After a failure the next attempt opens the driver anew."""
+        driven = [text for text in order if text in self._initialized]
+        if driven and not self.opened and (why := self._open_again(driven)):
+            return dict.fromkeys(driven, why)
         failed: dict[str, str] = {}
-        if not self.opened and (why := self._open_again()):
-            return dict.fromkeys(order, why)
-        for text in order:
-            if text in self._initialized:
-                answer = self.perform({"call": "reset", "channel": text, "raw": self._initialized[text][1]})
-                if "error" in answer:
-                    failed[text] = answer["text"]
+        for text in driven:
+            answer = self.perform({"call": "reset", "channel": text, "raw": self._initialized[text][1]})
+            if "error" in answer:
+                failed[text] = answer["text"]
         if failed:
             self.opened = False
             with suppress(*FAILURES):
@@ -385,11 +386,12 @@ class DeviceServer:
                 self.driver.close()
         return failed
 
-    def _open_again(self) -> str:
-        """Open the driver and initialise its channels as before; why that failed, or ""."""
+    def _open_again(self, outputs: Sequence[str]) -> str:
+        """Open the driver and initialise its channels again, these outputs first; why that failed, or ""."""
         try:
             self._do_open({})
-            for channel, default in self._initialized.values():
+            for text in dict.fromkeys([*outputs, *self._initialized]):
+                channel, default = self._initialized[text]
                 self.on_call()
                 self.driver.initialize(channel, default)
         except FAILURES as error:

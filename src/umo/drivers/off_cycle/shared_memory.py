@@ -46,7 +46,7 @@ class Cell(IntEnum):
     ARRIVED = 1
     """Worker: the count of its transfers; the last bit names the bank of the last one."""
     GENERATION = 2
-    """Worker: how often it has initialised the outputs."""
+    """Worker: how often it has begun to initialise the outputs."""
     AWAY_SINCE = 3
     """Worker: ns on its clock since which the device does not answer; NEVER: it answers."""
     ANSWERED = 4
@@ -59,6 +59,8 @@ class Cell(IntEnum):
     """Control process: whether the worker transfers by itself, at its period."""
     NOW = 8
     """Control process: the machine's time in ns, by which injected faults act; NEVER: there are none."""
+    INITIALIZED = 9
+    """Worker: the last generation whose outputs have all been initialised."""
 
 
 class Row(IntEnum):
