@@ -269,17 +269,19 @@ def test_what_is_set_is_in_the_memory_and_what_is_not_plain_goes_to_python() -> 
     owner: Any = fields.owner
     owner.real = 2.5
     assert struct.unpack_from("@d", fields.memory) == (2.5,)
-    owner.real = np.float64(-1.5)
+    owner.real = -1.5
     assert owner.real == -1.5 and type(owner.real) is float
     owner.flag = False
     assert fields.memory[0] == b"\0"
     owner.light = Light.ON
     assert fields.memory[0] == b"\1" and not found
+    owner.real = number = np.float64(2.0)  # what is computed with it would be another class of number
     owner.real = 3
     owner.whole = 4
     owner.light = "on"
     owner.flag = 1
     owner.perhaps = 2.0
+    assert found.pop(0)[1] is number
     assert found == [(owner, 3), (owner, 4), (owner, "on"), (owner, 1), (owner, 2.0)]
 
 

@@ -164,8 +164,8 @@ def test_who_does_not_get_a_lock_is_not_taken_for_its_holder() -> None:
         patch.setattr("umo.process.run_state.HOLD_LIMIT", 0.01)
         assert not state.hold(Who.STANDBY)
     assert not state.holds(Who.STANDBY)
-    assert state.process(Who.STANDBY) is None  # whose number stands there is not known any more
-    assert not state.end(Who.STANDBY, 0.01)
+    found = state.process(Who.STANDBY)
+    assert found is not None and found.pid == child.pid
     assert child.end(20.0)
     assert state.hold(Who.STANDBY)
     assert state.holds(Who.STANDBY)

@@ -216,6 +216,7 @@ def _drive(plan: Plan, result: RunSummary, observers: list[Any], recorded: Recor
                 outcome.simulated = machine.now
                 result.progress = connection.machine.frame.progress
                 faults.add_new(events)
+                outcome.driven = connection.started
                 outcome.stopped_by = connection.stop.signal
                 outcome.time_over = connection.stop.time_over and outcome.stopped_by is None
     except BaseException as error:  # SystemExit too: the run did not come to its end
