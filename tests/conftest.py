@@ -41,9 +41,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--shard", metavar="K/N", default="1/1", help="run the K-th of N parts of the test modules")
 
 
+@pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """When -m and -k have left out what is not to run."""
     part, parts = map(int, config.getoption("--shard").split("/"))
-    files = sorted({item.path for item in items})[part - 1 :: parts]
+    files = set(sorted({item.path for item in items})[part - 1 :: parts])
     config.hook.pytest_deselected(items=[item for item in items if item.path not in files])
     items[:] = [item for item in items if item.path in files]
     in_good_order(items)
@@ -60,10 +62,10 @@ def in_good_order(items: list[pytest.Item]) -> None:
     workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
     slow = [item for item in items if item.get_closest_marker("slow")]
     quick = iter([item for item in items if not item.get_closest_marker("slow")])
-    files = list(dict.fromkeys(item.path for item in slow))
+    turns = {path: turn % workers for turn, path in enumerate(dict.fromkeys(item.path for item in slow))}
     size, ordered = -(-len(items) // workers), []
     for worker in range(workers):
-        first = [item for item in slow if files.index(item.path) % workers == worker]
+        first = [item for item in slow if turns[item.path] == worker]
         ordered += [*first, *islice(quick, max(0, size - len(first)))]
     items[:] = [*ordered, *quick]
 

@@ -13,6 +13,7 @@ import umo
 from helpers.machines import relay, timer
 from helpers.operator import Operator
 from helpers.slide import DT, SERVO, Slide, direction_output, encoder, motor, servo, stepper
+from helpers.tiers import first
 from umo import BinaryActuator, Compound, DigitalSensor, Interlock, Quality
 from umo.control import Axis, EndStop, ServoAxis, state_of, wait
 from umo.cycle.events import CommandState
@@ -261,7 +262,7 @@ def test_an_axis_declared_so_moves_on_to_its_end(make: Make) -> None:
 
 
 @BOTH
-@pytest.mark.parametrize("at", [30, 200, 600, 1_200])
+@pytest.mark.parametrize("at", first(2, [200, 1_200, 30, 600]))
 @pytest.mark.parametrize("jogged", [False, True])
 def test_homing_that_was_suspended_goes_on(make: Make, at: int, jogged: bool) -> None:
     x = make()
@@ -368,7 +369,7 @@ class StepFirst(Port):
 
 @pytest.mark.parametrize("slide", [Port, StepFirst])
 @pytest.mark.parametrize(("target", "default"), [(20.0, Rotation.CW), (60.0, Rotation.CCW)])
-@pytest.mark.parametrize("at", range(40, 60))
+@pytest.mark.parametrize("at", first(5, [*range(40, 60, 4), *(at for at in range(40, 60) if at % 4)]))
 def test_a_change_to_manual_mode_costs_a_stepper_no_step(
     slide: type[Port], target: float, default: Rotation, at: int
 ) -> None:

@@ -89,6 +89,7 @@ def busy_neighbours(cpu: int, count: int = 2) -> Iterator[None]:
             neighbour.communicate()
 
 
+@pytest.mark.full
 def test_a_busy_neighbour_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without real-time scheduling, on the core of others that want all of it."""
     refused = realtime.Refusal("no real-time scheduling", "not in this test", "-")

@@ -293,6 +293,7 @@ def test_ps_and_watch_show_the_mode_and_who_has_the_lease(conveyor: umo.Started)
         assert "lease: some?body" in run("mode", "conveyor").stdout
 
 
+@pytest.mark.full
 def test_the_command_that_runs_a_station_tells_who_has_stopped_it(tmp_path: Path) -> None:
     def stop() -> None:
         until(readers)

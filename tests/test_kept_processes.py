@@ -101,7 +101,7 @@ def test_a_fresh_run_starts_with_its_defaults_and_leaves_the_old_file_under_anot
 KILLED = ["control", "guardian control", "guardian", "control guardian", "guardian standby control"]
 
 
-@pytest.mark.parametrize("names", first(2, KILLED))
+@pytest.mark.parametrize("names", first(1, KILLED))
 def test_after_kills_the_file_has_one_moment_of_the_run_which_the_next_one_takes(
     tmp_path: Path, cells: Cells, names: str
 ) -> None:
@@ -135,6 +135,7 @@ def test_a_keeper_that_was_killed_is_replaced_and_the_last_values_are_written(tm
     assert start(tmp_path, "count").outcome().result > 0
 
 
+@pytest.mark.full
 def test_a_keeper_that_is_killed_as_the_run_ends_is_replaced(tmp_path: Path, cells: Cells) -> None:
     run = start(tmp_path)
     until_kept(run)
@@ -163,6 +164,7 @@ def test_where_nothing_can_be_written_the_run_goes_on_and_its_end_says_so(
     assert file().read_bytes() == before
 
 
+@pytest.mark.full
 def test_a_torn_file_costs_its_values_and_stays_under_another_name(tmp_path: Path, cells: Cells) -> None:
     start(tmp_path, "count").outcome()
     torn = file().read_bytes()[:-20]

@@ -214,6 +214,7 @@ def test_a_new_station_runs_in_wall_clock_time_if_asked_to(umo: Callable[..., Re
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="real time is Linux's")
+@pytest.mark.full
 def test_with_a_real_time_timer_the_option_is_a_sentence(umo: Callable[..., Result], quick_tank: Path) -> None:
     wiring = quick_tank / "wiring" / "simulated.toml"
     wiring.write_text(wiring.read_text().replace('driver = "tank", channel = "tick"', 'driver = "timerfd"'))

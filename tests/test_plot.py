@@ -145,6 +145,7 @@ def test_a_trace_without_rows_or_without_objects_is_no_error(tmp_path: Path) -> 
     assert len(figure.axes) == 1
 
 
+@pytest.mark.full
 def test_umo_run_says_what_the_plot_does_not_show(umo: Any, tank: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plot, "MAX_ROWS", 1)
     result = umo("run", "tank")

@@ -54,6 +54,7 @@ def test_a_run_that_ends_by_itself_is_reported_with_what_the_application_returne
     assert standing() == []
 
 
+@pytest.mark.full
 def test_a_process_that_rises_early_and_sends_at_the_next_tick_ends_as_well(tmp_path: Path, cells: Cells) -> None:
     process = {"busy_wait": "500 us", "outputs": "at next tick"}
     outcome = Run(process_box.wiring(tmp_path / "box", process=process)).outcome()
@@ -148,7 +149,7 @@ def test_an_endless_loop_in_user_code_is_ended_and_its_line_named(
     assert_safe(cells)
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP, signal.SIGSYS])
+@pytest.mark.parametrize("number", first(2, [signal.SIGKILL, signal.SIGSTOP, signal.SIGSYS]))
 def test_the_guardian_resets_what_a_dead_or_stopped_process_left(
     tmp_path: Path, cells: Cells, number: signal.Signals
 ) -> None:
@@ -187,11 +188,14 @@ def test_a_starter_that_is_gone_stops_the_machine(tmp_path: Path, cells: Cells) 
 
 @pytest.mark.parametrize(
     ("killed", "text"),
-    [
-        ("nobody", "the run has ended; every actuator is at its default"),
-        ("control", "the control process was killed (SIGKILL)"),
-        ("guardian", "the guardian has ended; the control process stopped the machine"),
-    ],
+    first(
+        2,
+        [
+            ("nobody", "the run has ended; every actuator is at its default"),
+            ("guardian", "the guardian has ended; the control process stopped the machine"),
+            ("control", "the control process was killed (SIGKILL)"),
+        ],
+    ),
 )
 def test_what_survives_its_starter_says_on_stderr_how_the_run_ended(
     tmp_path: Path, cells: Cells, capfd: pytest.CaptureFixture[str], killed: str, text: str
@@ -348,6 +352,7 @@ def test_the_control_process_has_one_thread_and_no_collector(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("number", [signal.SIGRTMIN + 6])
+@pytest.mark.full
 def test_a_signal_without_a_name_is_told_by_its_number(tmp_path: Path, cells: Cells, number: int) -> None:
     run = Run(process_box.wiring(tmp_path / "box"), "forever").until_running()
     os.kill(run.control, number)
@@ -366,7 +371,7 @@ def test_a_process_that_a_driver_forked_while_connecting_goes_no_further(
     assert_safe(cells)
 
 
-@pytest.mark.parametrize(("application", "status"), [("forks", 1), ("forks_for_work", 7)])
+@pytest.mark.parametrize(("application", "status"), first(1, [("forks", 1), ("forks_for_work", 7)]))
 def test_a_process_that_control_code_forked_drives_nothing(
     tmp_path: Path, cells: Cells, capfd: pytest.CaptureFixture[str], application: str, status: int
 ) -> None:

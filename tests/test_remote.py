@@ -292,6 +292,7 @@ def test_what_a_killed_client_held_goes_to_its_default_and_its_lease_ends(tmp_pa
             assert any("it was not renewed" in text for text in texts)
 
 
+@pytest.mark.full
 def test_what_is_held_lasts_under_a_lease_that_is_seldom_renewed(tmp_path: Path) -> None:
     with umo.start("conveyor", conveyor(tmp_path), manual=True, realtime=True) as started:
         until(lambda: started.stage.name == "RUNNING")

@@ -18,6 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import Result
 
+from helpers.tiers import first
 from umo.cli import service, service_hints
 from umo.cli.service_hints import groups_for
 from umo.cli.systemd_unit import NO_RESTART, SUCCESS, ServiceUnit, plain, quoted, stop_limit, watchdog
@@ -244,15 +245,15 @@ ANALYZE = shutil.which("systemd-analyze")
 
 
 @pytest.mark.skipif(ANALYZE is None, reason="systemd-analyze (Debian: systemd) is not installed")
-@pytest.mark.parametrize("words", [(), ("-w", "modbus", "--as", "root"), ("--user",)])
+@pytest.mark.parametrize("words", first(1, ["-w modbus --as root", "", "--user"]))
 @pytest.mark.parametrize("folder", ["plain", "with a blank, 100% $HOME's"])
 def test_systemd_finds_no_fault_in_the_unit(
-    umo: Umo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], folder: str
+    umo: Umo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str, folder: str
 ) -> None:
     (tmp_path / folder).mkdir()
     monkeypatch.chdir(tmp_path / folder)
     assert umo("new", "tank").exit_code == 0
-    assert umo("service", "tank", *words, "-o", "umo-tank.service").exit_code == 0
+    assert umo("service", "tank", *words.split(), "-o", "umo-tank.service").exit_code == 0
     manager = ["--user"] if "--user" in words else []
     command = [str(ANALYZE), *manager, "--man=no", "verify", "./umo-tank.service"]
     result = subprocess.run(command, capture_output=True, text=True, env={"XDG_RUNTIME_DIR": str(tmp_path)})

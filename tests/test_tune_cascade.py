@@ -26,7 +26,6 @@ from umo.tuning.models import ProcessModel
 from umo.tuning.tried_gains import trying
 
 pytest.importorskip("scipy")
-pytest.importorskip("control")
 realtime = pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")
 SETTINGS = ("gain", "integral_time", "derivative_time", "filter_time")
 INNER = ProcessModel("first order", cascaded.INNER_GAIN, 0.0, (cascaded.INNER_LAG,))
@@ -56,6 +55,7 @@ def balanced(data: dict[str, Any]) -> Gains:
 
 @pytest.mark.parametrize("kind", first(1, ["--relay", "--step"]))
 @pytest.mark.parametrize("process", first(1, cascaded.OUTER))
+@pytest.mark.full
 def test_balanced_gains_have_their_margins_around_the_true_inner_loop(reactor: Path, process: str, kind: str) -> None:
     data = found(reactor, "vessel_law", kind, "10%", "--at", "2", "--within", "40", "--process", process)
     assert (data["sensor"], data["actuator"]) == ("vessel", "jacket_law.setpoint")
@@ -64,6 +64,7 @@ def test_balanced_gains_have_their_margins_around_the_true_inner_loop(reactor: P
     assert phase >= 45.0
 
 
+@pytest.mark.full
 def test_an_inner_loop_that_is_too_slow_is_told(reactor: Path) -> None:
     words = (reactor, "vessel_law", "--step", "10%", "--at", "2", "--within", "40", "--process")
     quick = invoke(*words, "vessel")
@@ -74,6 +75,7 @@ def test_an_inner_loop_that_is_too_slow_is_told(reactor: Path) -> None:
     assert "jacket_law, the inner law, is only" in " ".join(slow.output.split())
 
 
+@pytest.mark.full
 def test_an_inner_law_at_its_limit_is_told(reactor: Path) -> None:
     words = (reactor, "vessel_law", "--relay", "10%", "--at", "2", "--within", "80")
     assert "at its limit" not in invoke(*words).output

@@ -27,7 +27,6 @@ from umo.tuning.margins import Gains
 from umo.tuning.models import ProcessModel
 
 pytest.importorskip("scipy")
-pytest.importorskip("control")
 realtime = pytest.mark.skipif(not LINUX, reason="machines run in other processes on Linux only")
 RARER = [signal.SIGINT, signal.SIGTERM, signal.SIGSTOP]
 FURNACE_PERIOD = 0.1
@@ -61,7 +60,7 @@ def model_of(data: dict[str, Any]) -> ProcessModel:
     return ProcessModel(data["model"]["kind"], found["K"], found["L"], lags)
 
 
-@pytest.mark.parametrize("kind", ["--relay", "--step"])
+@pytest.mark.parametrize("kind", first(1, ["--step", "--relay"]))
 @pytest.mark.parametrize("process", first(1, lagging.MODELS))
 def test_balanced_gains_have_their_margins_on_the_true_process(tank: Path, process: str, kind: str) -> None:
     data = found(tank, "servo", kind, "10%", "--at", "2", "--for", "40", "--within", "80", "--process", process)
@@ -72,6 +71,7 @@ def test_balanced_gains_have_their_margins_on_the_true_process(tank: Path, proce
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", first(1, ["--relay", "--step"]))
+@pytest.mark.full
 def test_a_zone_of_the_furnace_is_tuned(kind: str) -> None:
     furnace = ("--zones", "4", "--peak", "150", "--soak", "900", "--ramp", "4")
     data = found("furnace", "zones.1", kind, "5%", "--at", "120", "--within", "150", *furnace)

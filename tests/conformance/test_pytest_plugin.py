@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from pydantic import TypeAdapter
 
 import umo
@@ -72,6 +73,7 @@ def test_each_rule_is_a_test_and_those_that_cannot_be_tried_are_skipped(tmp_path
     assert certificate.passed and certificate.name == "card"
 
 
+@pytest.mark.full
 def test_a_broken_rule_fails_its_test_in_words(tmp_path: Path) -> None:
     said = run(tmp_path, MODULE.replace("RESET", "1"), "--umo-minutes", "0.05", "-k", "reset or end or range")
     assert "card: valve reads 1 after reset(0) from 1, not 0" in said

@@ -48,6 +48,7 @@ WAYS = first(1, [lambda subject: subject, off_cycle])
 
 
 @pytest.mark.parametrize("way", WAYS, ids=["", "off the cycle"])
+@pytest.mark.full
 def test_an_emulated_avr_on_a_serial_line(board: str, rules: list[str] | None, way: Way) -> None:
     with PtyTap(board) as tap:
         subject = Subject(
@@ -73,7 +74,7 @@ def test_an_emulated_avr_on_a_serial_line(board: str, rules: list[str] | None, w
 
 
 @pytest.mark.parametrize("way", WAYS, ids=["", "off the cycle"])
-@pytest.mark.parametrize("together", [None, ";"])
+@pytest.mark.parametrize("together", first(1, [None, ";"]))
 def test_a_scpi_supply_behind_socat(scpi: Supply, together: str | None, rules: list[str] | None, way: Way) -> None:
     with TcpTap("127.0.0.1", scpi.port) as tap:
         subject = Subject(

@@ -77,6 +77,7 @@ def steps(numbers: list[float]) -> list[float]:
     return [after - before for before, after in pairwise(numbers)]
 
 
+@pytest.mark.full
 def test_without_missed_periods_the_axis_arrives(tmp_path: Path) -> None:
     assert travelled(servo(**GENTLE), tmp_path, {})[-1] == pytest.approx((60.0, 0.0, 0.0))
 
@@ -96,6 +97,7 @@ def test_a_servo_axis_that_moves_brakes_within_its_limits_and_stands(at: int, tm
     assert max(map(abs, steps([before.acceleration, *(each.acceleration for each in after)]))) <= 50_000.0 * DT * 1.001
 
 
+@pytest.mark.full
 def test_a_stepper_axis_stays_where_it_was_stopped(tmp_path: Path) -> None:
     found = travelled(stepper(), tmp_path, {500: MISSED})
     assert found[499].velocity > 10.0
@@ -104,6 +106,7 @@ def test_a_stepper_axis_stays_where_it_was_stopped(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("make", first(1, [servo, stepper]))
+@pytest.mark.full
 def test_the_whole_controller_is_told_to_brake_and_says_when_it_stands(
     make: Callable[[], Axis], tmp_path: Path
 ) -> None:

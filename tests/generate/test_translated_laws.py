@@ -42,6 +42,7 @@ def test_laws_are_equal_to_the_bit_whatever_is_missed_fails_or_is_inhibited(seed
 
 
 @pytest.mark.parametrize("seed", some(lambda seed: seed < 1, range(6)))
+@pytest.mark.full
 def test_laws_of_vectors_are_equal_to_the_bit(seed: int, tmp_path: Path) -> None:
     random, machine, box, steps = Random(seed), zones(), Fragile(), 10_000 if seed else 500
     missed = [random.choice((0, 0, 0, 0, 0, 0, 2, 5)) for _ in range(steps)]

@@ -97,6 +97,7 @@ def test_a_page_is_told_how_the_run_ended() -> None:
 
 
 @pytest.mark.parametrize(("killed", "text"), [("control", "was killed (SIGKILL)"), ("guardian", "the guardian")])
+@pytest.mark.full
 def test_of_a_killed_run_the_page_says_so(tmp_path: Path, killed: str, text: str) -> None:
     process_box.Cells(tmp_path / "box")
     run = Run(process_box.wiring(tmp_path / "box"), "forever").until_running()

@@ -92,6 +92,7 @@ def socket_of(url: str) -> str:
     return url.replace("http", "ws", 1).replace("/?", "/ws?")
 
 
+@pytest.mark.full
 def test_the_table_has_a_station_of_another_computer_and_one_message_shows_and_commands_it(rig: Rig) -> None:
     with opened(socket_of(rig.url)) as client:
         told = row(client, lambda each: each["state"] == "running")

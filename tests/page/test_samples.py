@@ -67,6 +67,7 @@ def test_only_the_samples_between_the_times_are_told() -> None:
     assert [float(line.partition(",")[0]) for line in lines] == times[100:4201].tolist()
 
 
+@pytest.mark.full
 def test_no_sample_of_many_traces_over_all_of_the_history_is_left_out() -> None:
     columns, count = 16, 290_000
     history = History(columns, 0.001)

@@ -75,6 +75,7 @@ def test_it_stops_each_time_that_an_expression_becomes_true(conveyor: Path) -> N
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_it_stops_at_the_first_difference(conveyor: Path, tmp_path: Path) -> None:
     copy = changed_conveyor(tmp_path, "tracking.py", "tunable=True)] = 0.05", "tunable=True)] = 0.09")
     said = session(conveyor, "p sorter.push_time\nback 1\nstep\nq\n", str(copy), "--at", "first-difference")
@@ -256,6 +257,7 @@ def test_breakpoints_go_along_when_one_goes_back(conveyor: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_at_the_end_it_stops_where_the_error_was_raised(tmp_path: Path) -> None:
     (tmp_path / "oven").mkdir()
     (tmp_path / "oven" / "objects.py").write_text(OVEN)

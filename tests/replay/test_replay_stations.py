@@ -50,6 +50,7 @@ def test_a_replay_of_a_station_under_every_fault_is_identical(station: str) -> N
     assert different == []
 
 
+@pytest.mark.full
 def test_other_values_are_tried_in_open_loop_beyond_the_first_difference() -> None:
     tape = recorded("conveyor")
     result = replay(tape, settings={"sorter.push_time": 0.09})

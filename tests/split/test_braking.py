@@ -139,6 +139,7 @@ class Bench(Compound):
     timer: DigitalSensor
 
 
+@pytest.mark.full
 def test_axes_that_miss_periods_brake_and_the_host_is_asked_for_a_plan_of_each(tmp_path: Path) -> None:
     bench = Bench(stage=Stage(x=stepper(following_error=1e3), y=stepper(following_error=1e3)), timer=timer())
     wire = {"timer": {"driver": "timerfd", "period": "2 ms"}, "stage": {"controller": "drive"}}

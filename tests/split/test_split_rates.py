@@ -62,6 +62,7 @@ def header(part: SplitPart, **options: Any) -> str:
 
 
 @needs_a_compiler
+@pytest.mark.full
 def test_the_rate_of_the_part_is_the_period_of_its_controller(tmp_path: Path) -> None:
     assert "#define MACHINE_PERIOD 0.01 " in header(ZONE)
     with (

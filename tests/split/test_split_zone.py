@@ -63,6 +63,7 @@ def heats(each: Recorded) -> bool:
     return each.outputs[0] > 0
 
 
+@pytest.mark.full
 def test_the_law_of_the_zone_heats_on_the_controller(controller: RunningController) -> None:
     seen = []
 
