@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from umo.cycle.conversion import extension
 from umo.generate.known_values import ABSENT, KnownName, KnownValues
 from umo.generate.known_watch import Attribute, KnownWatch, Space, _Watch, behind
-from umo.generate.python_memory import place_of, version_offset
+from umo.generate.python_memory import place_of, place_of_version
 
 WAYS = [_Watch] if extension is None else [_Watch, extension.Watch]
 
@@ -30,7 +30,7 @@ def half(value: float, by: float = 2.0) -> float:
 
 def watch(way: Any, changed: Callable[[], Any] = lambda: False, **other: Any) -> Any:
     given = {"spaces": (), "always": 0, "attributes": (), "attributes_always": 0, "contents": ()} | other
-    return way(*given.values(), version_offset(), ABSENT, changed)
+    return way(*given.values(), ABSENT, changed)
 
 
 def attribute(owner: Any, name: str) -> Attribute:
@@ -44,7 +44,10 @@ def test_what_is_as_it_was_is_true_and_else_the_one_who_asked_is_told(way: Any) 
     cell = CellType(names)
     found = watch(
         way,
-        spaces=((vars(thing), ("name", "other"), (thing.name, ABSENT)), (scope, ("LIMIT",), (scope["LIMIT"],))),
+        spaces=(
+            (vars(thing), ("name", "other"), (thing.name, ABSENT), 0),
+            (scope, ("LIMIT",), (scope["LIMIT"],), place_of_version(scope)),
+        ),
         always=2,
         contents=((names, tuple(names)), (table, ("a", table["a"])), (bytearray(b"xy"), (b"xy",))),
         attributes=(attribute(cell, "cell_contents"), attribute(half, "__defaults__"), attribute(thing, "__class__")),
@@ -115,7 +118,7 @@ class Everything:
 
     def watched(self, way: Any) -> Any:
         def space(names: dict[str, Any]) -> Space:
-            return names, ("a", "b"), (names.get("a", ABSENT), names.get("b", ABSENT))
+            return names, ("a", "b"), (names.get("a", ABSENT), names.get("b", ABSENT)), place_of_version(names)
 
         owners = (self.slotted, "a"), (self.slotted, "b"), (self.thing, "__class__"), (self.thing, "__dict__")
         others = (self.kind, "__mro__"), (self.cell, "cell_contents"), (self.function, "__defaults__")
@@ -149,7 +152,7 @@ def test_it_is_known_where_this_python_keeps_what_is_looked_at() -> None:
         (found.cell, "cell_contents"), (found.function, "__code__"), (found.function, "__defaults__"),
         (found.function, "__kwdefaults__"),
     ))  # fmt: skip
-    assert (version_offset() > 0) == (sys.version_info < (3, 13))
+    assert bool(place_of_version({})) == (sys.version_info[:3] != (3, 13, 0))  # which does not tell of each change
 
 
 def names_of(text: str) -> list[str]:
@@ -161,9 +164,9 @@ def names_of(text: str) -> list[str]:
     "wrong",
     [
         {"spaces": (1,)},
-        {"spaces": (({}, (), 1),)},
-        {"spaces": (({}, ("a",), ()),)},
-        {"spaces": ((1, (), ()),)},
+        {"spaces": (({}, (), 1, 0),)},
+        {"spaces": (({}, ("a",), (), 0),)},
+        {"spaces": ((1, (), (), 0),)},
         {"always": 1},
         {"contents": ((),)},
         {"contents": (([], []),)},

@@ -6,7 +6,7 @@
 
 /* The names of one dict, of a module, a class or an object, that are to be what they were. */
 typedef struct {
-    const uint64_t *at; /* where the dict has its version, which is never 0; NONE: it has none */
+    const uint64_t *at; /* the version of the dict, another one after each change; NONE: it has none */
     uint64_t version; /* that of when its names were compared last */
     PyObject *dict;
     Py_ssize_t first, end; /* places in `names` and `values` */
@@ -77,19 +77,21 @@ static int are_contents(PyObject *all)
     return 1;
 }
 
-/* One space from (dict, names, values); a value that is `absent`: there is no such name. */
-static int take_space(Watch *self, PyObject *given, Py_ssize_t version_at, PyObject *absent, Py_ssize_t at)
+/* One space from (dict, names, values, address of its version or 0); a value that is `absent`: there is no such name. */
+static int take_space(Watch *self, PyObject *given, PyObject *absent, Py_ssize_t at)
 {
     PyObject *dict, *names, *values;
-    if (!PyArg_ParseTuple(given, "O!O!O!", &PyDict_Type, &dict, &PyTuple_Type, &names, &PyTuple_Type, &values))
+    unsigned long long version;
+    if (!PyArg_ParseTuple(given, "O!O!O!K", &PyDict_Type, &dict, &PyTuple_Type, &names, &PyTuple_Type, &values,
+                          &version))
         return -1;
     Py_ssize_t count = PyTuple_Size(names);
     if (PyTuple_Size(values) != count) {
         PyErr_SetString(PyExc_TypeError, "no names to watch");
         return -1;
     }
-    const uint64_t *version = version_at == 0 ? &NONE : (const uint64_t *)((const char *)dict + version_at);
-    self->spaces[self->count++] = (Space){version, NEVER, dict, at, at + count};
+    const uint64_t *version_at = version == 0 ? &NONE : (const uint64_t *)(uintptr_t)version;
+    self->spaces[self->count++] = (Space){version_at, NEVER, dict, at, at + count};
     for (Py_ssize_t i = 0; i < count; i++) {
         PyObject *value = PyTuple_GetItem(values, i);
         self->names[at + i] = PyTuple_GetItem(names, i);
@@ -98,12 +100,12 @@ static int take_space(Watch *self, PyObject *given, Py_ssize_t version_at, PyObj
     return 0;
 }
 
-static int take_spaces(Watch *self, PyObject *given, Py_ssize_t version_at, PyObject *absent)
+static int take_spaces(Watch *self, PyObject *given, PyObject *absent)
 {
     Py_ssize_t spaces = PyTuple_Size(given), names = 0, at = 0;
     for (Py_ssize_t i = 0; i < spaces; i++) {
         PyObject *each = PyTuple_GetItem(given, i);
-        if (!PyTuple_Check(each) || PyTuple_Size(each) != 3 || !PyTuple_Check(PyTuple_GetItem(each, 1))) {
+        if (!PyTuple_Check(each) || PyTuple_Size(each) != 4 || !PyTuple_Check(PyTuple_GetItem(each, 1))) {
             PyErr_SetString(PyExc_TypeError, "no names to watch");
             return -1;
         }
@@ -117,7 +119,7 @@ static int take_spaces(Watch *self, PyObject *given, Py_ssize_t version_at, PyOb
         return -1;
     }
     for (Py_ssize_t i = 0; i < spaces; i++) {
-        if (take_space(self, PyTuple_GetItem(given, i), version_at, absent, at))
+        if (take_space(self, PyTuple_GetItem(given, i), absent, at))
             return -1;
         at = self->spaces[i].end;
     }
@@ -148,18 +150,18 @@ static int take_attributes(Watch *self, PyObject *given)
     return 0;
 }
 
-/* Watch(spaces, how many of them always, attributes, how many of them always, contents, offset of the version of a dict
- * or 0, absent, changed): the others are looked at in turn. */
+/* Watch(spaces, how many of them always, attributes, how many of them always, contents, absent,
+ * changed): the others are looked at in turn. */
 static PyObject *Watch_new(PyTypeObject *type, PyObject *args, PyObject *named)
 {
     PyObject *spaces, *attributes, *contents, *absent, *changed;
-    Py_ssize_t always, attributes_always, version_at;
+    Py_ssize_t always, attributes_always;
     if (named != NULL && PyDict_Size(named) != 0) {
         PyErr_SetString(PyExc_TypeError, "Watch takes no arguments by name");
         return NULL;
     }
-    if (!PyArg_ParseTuple(args, "O!nO!nO!nOO", &PyTuple_Type, &spaces, &always, &PyTuple_Type, &attributes,
-                          &attributes_always, &PyTuple_Type, &contents, &version_at, &absent, &changed))
+    if (!PyArg_ParseTuple(args, "O!nO!nO!OO", &PyTuple_Type, &spaces, &always, &PyTuple_Type, &attributes,
+                          &attributes_always, &PyTuple_Type, &contents, &absent, &changed))
         return NULL;
     if (!are_contents(contents) || always < 0 || always > PyTuple_Size(spaces) ||
         attributes_always < 0 || attributes_always > PyTuple_Size(attributes)) {
@@ -174,7 +176,7 @@ static PyObject *Watch_new(PyTypeObject *type, PyObject *args, PyObject *named)
     self->always = always;
     self->attributes_always = attributes_always;
     self->changed = Py_NewRef(changed);
-    if (self->held == NULL || take_spaces(self, spaces, version_at, absent) || take_attributes(self, attributes)) {
+    if (self->held == NULL || take_spaces(self, spaces, absent) || take_attributes(self, attributes)) {
         Py_DECREF(self);
         return NULL;
     }
@@ -190,7 +192,7 @@ static int has_names(Watch *self, Space *space)
         if (found != self->values[i])
             return found == NULL && PyErr_Occurred() ? -1 : 0;
     }
-    space->version = version == NONE ? NEVER : version;
+    space->version = space->at == &NONE ? NEVER : version;
     return 1;
 }
 
@@ -325,7 +327,40 @@ static PyType_Spec specs[] = {
     {"umo.cycle._columns.Watch", sizeof(Watch), 0, Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC, watch},
 };
 
+/* Versions of dicts that Python tells of each change: one of these each; dicts of the same one change together. */
+enum { VERSIONS = 1024 };
+static uint64_t versions[VERSIONS];
+
+static uint64_t *counter_of(PyObject *dict)
+{
+    return &versions[((uintptr_t)dict >> 4) % VERSIONS];
+}
+
+static int count_change(int Py_UNUSED(event), PyObject *dict, PyObject *Py_UNUSED(key), PyObject *Py_UNUSED(value))
+{
+    ++*counter_of(dict);
+    return 0;
+}
+
+/* count_changes(dict, addresses of PyDict_AddWatcher and PyDict_Watch): from now on each change counts in the address that
+ * this gives. Python has these functions from 3.12 on, but not in its stable interface. */
+static PyObject *count_changes(PyObject *Py_UNUSED(module), PyObject *args)
+{
+    static int watcher = -1;
+    PyObject *dict;
+    unsigned long long add, watch_dict;
+    if (!PyArg_ParseTuple(args, "O!KK", &PyDict_Type, &dict, &add, &watch_dict))
+        return NULL;
+    if (watcher < 0)
+        watcher = ((int (*)(int (*)(int, PyObject *, PyObject *, PyObject *)))(uintptr_t)add)(count_change);
+    if (watcher < 0 || ((int (*)(int, PyObject *))(uintptr_t)watch_dict)(watcher, dict))
+        return NULL;
+    return PyLong_FromUnsignedLongLong((uintptr_t)counter_of(dict));
+}
+
+static PyMethodDef functions[] = {{"count_changes", count_changes, METH_VARARGS, NULL}, {NULL, NULL, 0, NULL}};
+
 int add_watch_type(PyObject *module)
 {
-    return add_types(module, specs, sizeof specs / sizeof *specs);
+    return PyModule_AddFunctions(module, functions) ? -1 : add_types(module, specs, sizeof specs / sizeof *specs);
 }

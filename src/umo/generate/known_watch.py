@@ -9,11 +9,12 @@ from typing import Any, TypeAlias
 
 from umo.cycle.conversion import extension
 from umo.generate.known_values import ABSENT, KnownName, KnownValues, elements_of, is_installed, same_all
-from umo.generate.python_memory import place_of, version_offset
+from umo.generate.python_memory import place_of, place_of_version
 from umo.objects.atomic import Atomic
 
-Space: TypeAlias = tuple[dict[str, Any], tuple[str, ...], tuple[Any, ...]]
-"""The dict of an object, class or module, names in it, and their values; ABSENT: there is no such name."""
+Space: TypeAlias = tuple[dict[str, Any], tuple[str, ...], tuple[Any, ...], int]
+"""The dict of an object, class or module, names in it, their values (ABSENT: there is no such name), and the address of
+its version; 0: not known."""
 Attribute: TypeAlias = tuple[Any, str, Any, int]
 """An object, the name and value of an attribute, and the address where it has the reference; 0: not known."""
 
@@ -54,7 +55,7 @@ class KnownWatch:
         contents = tuple((behind(each.container), each.elements) for each in self._known.contents.values())
         given = (*spaces, *in_turn), len(spaces), (*attributes, *rarely), len(attributes), contents
         native = getattr(extension, "Watch", _Watch)
-        self.look = native(*given, version_offset(), ABSENT, self._changes).look
+        self.look = native(*given, ABSENT, self._changes).look
         self.on_renewal()
 
     def _attributes(self) -> tuple[list[Attribute], list[Attribute]]:
@@ -87,7 +88,7 @@ class KnownWatch:
 
 
 def _space(names: dict[str, Any], known: dict[str, Any]) -> Space:
-    return names, tuple(known), tuple(known.values())
+    return names, tuple(known), tuple(known.values()), place_of_version(names)
 
 
 def _attribute(owner: Any, name: str, value: Any) -> Attribute:
@@ -112,7 +113,6 @@ class _Watch:
         attributes: Any,
         attributes_always: object,
         contents: Any,
-        version_at: object,
         absent: object,
         changed: Callable[[], bool],
     ) -> None:
@@ -128,7 +128,7 @@ class _Watch:
 
     def _is_all(self) -> bool:
         return (
-            all(self._is_space(*each) for each in self._spaces)
+            all(self._is_space(*each[:3]) for each in self._spaces)
             and all(getattr(owner, name) is value for owner, name, value, _ in self._attributes)
             and all(same_all(elements_of(container), elements) for container, elements in self._contents)
         )

@@ -5,21 +5,19 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from ctypes import c_uint64, c_void_p, py_object, pythonapi
+from ctypes import c_uint64, c_void_p, cast, py_object, pythonapi
 from functools import cache, lru_cache
 from gc import get_referents
 from types import CellType, FunctionType, MemberDescriptorType, ModuleType
 from typing import Any, TypeAlias
 
+from umo.cycle.conversion import extension
 from umo.generate.bound_fields import class_below
 
 WORD = 8
 """Size of a reference, and of a version, in bytes."""
-KEEPS_VERSIONS = (3, 11), (3, 12)
-"""The Pythons in which each change of a dict gives it a new version (PEP 509). In 3.13 a change of an attribute does
-not, later ones have no versions."""
-
-
+WATCHES_DICTS = (3, 12)
+"""From this Python on it can tell of each change of a dict; before, each dict has a version (PEP 509)."""
 Change: TypeAlias = Callable[[], object]
 
 
@@ -115,27 +113,50 @@ def _of_slot(descriptor: MemberDescriptorType) -> int:
 # The version of a dict ------------------------------------------------------------------------------------
 
 
+def place_of_version(names: dict[str, Any]) -> int:
+    """The address of a number that is another one after each change of a dict; 0: there is none."""
+    return _place_of_version(names) if _is_each_change_told() else 0
+
+
+def _place_of_version(names: dict[str, Any]) -> int:
+    if sys.version_info >= WATCHES_DICTS:
+        return int(extension.count_changes(names, *_watchers()))
+    return id(names) + _version_offset()
+
+
 @cache
-def version_offset() -> int:
-    """Where a dict has the version that is another one after each change; 0: this Python has none."""
-    if sys.implementation.name != "cpython" or sys.version_info[:2] not in KEEPS_VERSIONS:
-        return 0
+def _watchers() -> tuple[int, ...]:
+    return tuple(cast(getattr(pythonapi, name), c_void_p).value or 0 for name in ("PyDict_AddWatcher", "PyDict_Watch"))
+
+
+@cache
+def _version_offset() -> int:
+    """What is another number where a dict has another value."""
     probe = {"name": 0}
     before = _words(probe)
     probe["name"] = 1
     changed = [place * WORD for place, (old, new) in enumerate(zip(before, _words(probe), strict=True)) if old != new]
-    return changed[0] if len(changed) == 1 and all(_is_told(changed[0], *each) for each in _changes()) else 0
+    return changed[0] if len(changed) == 1 else 0
 
 
-def _is_told(offset: int, changed: dict[str, Any], change: Change) -> bool:
-    """Whether a dict has another version after a change: also where Python has made a short cut of it."""
-    seen = set[int]()
+@cache
+def _is_each_change_told() -> bool:
+    if sys.implementation.name != "cpython" or extension is None:
+        return False
+    try:
+        return all(_is_told(_place_of_version(names), change) for names, change in _changes())
+    except Exception:  # another Python, or eight others watch dicts
+        return False
+
+
+def _is_told(place: int, change: Change) -> bool:
+    """Whether the number is another one after a change: also where Python has made a short cut of it."""
+    seen = {_word(place)}
     for _ in range(64):
         change()
-        version = _word(id(changed) + offset)
-        if version == 0 or version in seen:
+        if _word(place) in seen:
             return False
-        seen.add(version)
+        seen.add(_word(place))
     return True
 
 
