@@ -198,21 +198,16 @@ class Rig:
         return thread_time() - self._began
 
     def _watch_resets(self) -> None:
-        """Note when in a period the last actuator was reset, or initialised."""
+        """Note when in a period the last actuator was reset."""
         image: Any = self.machine.image
         self._began = self.were_reset = 0.0
-        reset_each, initialize = image.reset_each, image.initialize
+        reset_each = image.reset_each
 
         def watched(slots: Any) -> Iterator[Any]:
             yield from reset_each(slots)
             self.were_reset = thread_time() - self._began
 
-        def noted(slot: int) -> Any:
-            failure = initialize(slot)
-            self.were_reset = thread_time() - self._began
-            return failure
-
-        image.reset_each, image.initialize = watched, noted
+        image.reset_each = watched
 
     def steps(self, count: int) -> float:
         """The shortest of some periods, in s."""
