@@ -414,6 +414,8 @@ CAUSES = [
     Cause("all alarms are reset", _asks("reset alarm"), ["reset alarm"], before=_lease, after=BACK, expected="done"),
     Cause("a thousand alarms are shelved", _asks("shelve", "probes", value=600), ["shelve"], before=_lease,
           after=_in_turn(_asks("unshelve", "probes"), BACK), expected="done"),
+    Cause("a thousand alarms that a pattern names are shelved", _asks("shelve", "probes.*", value=600), before=_lease,
+          after=_in_turn(_asks("unshelve", "probes"), BACK), expected="done"),
     Cause("a thousand alarms are unshelved", _asks("unshelve", "probes"), ["unshelve"],
           before=_in_turn(_lease, _asks("shelve", "probes", value=600)), after=BACK, expected="done"),
     Cause("a thousand alarms are put out of service", _asks("remove from service", "probes"), ["remove from service"],
