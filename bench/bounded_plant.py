@@ -13,7 +13,7 @@ from typing import Any
 import umo
 from umo import Compound, DigitalActuator, DigitalSensor, Interlock, Number, action
 from umo.alarms import Alarm, Low
-from umo.control import next_period
+from umo.control import Servo, next_period
 from umo.cycle.client_commands import ClientCommand, Mode
 from umo.cycle.client_control import ClientControl
 from umo.drivers.simulated import Simulated
@@ -39,6 +39,9 @@ class Zone(Compound, equipment=True, alarms=ALARMS, numbers=NUMBERS):
     temperatures: list[DigitalSensor]
     gain = 1.0
     broken = False
+
+    def setup(self) -> None:
+        self.servo = Servo(self.temperatures[0], self.heaters[0], gain=1.0)
 
     def control(self) -> None:
         if self.broken:

@@ -345,6 +345,7 @@ def _stopped_hall(rig: Rig) -> None:
 
 MISSPELT = "zones.{}.heaters.5x"
 BACK = _asks("give back")
+RELAY = {"kind": "relay", "amplitude": 1.0}
 CAUSES = [
     # Leases
     Cause("a lease is taken", _asks("lease"), ["lease"], after=BACK, expected="done"),
@@ -368,6 +369,12 @@ CAUSES = [
           expected="done"),
     Cause("four misspelt actions", _four("call", "zones.{}.wram"), before=_manual, after=_automatic,
           expected="refused"),
+    Cause("four laws tell what they are made of", _four("call", "zones.{}.law"), before=_lease, after=BACK,
+          expected="done"),
+    Cause("four experiments on laws begin", _four("call", "zones.{}.experiment", arguments=RELAY), before=_manual,
+          after=_automatic, expected="begun"),
+    Cause("four experiments on what has no law", _four("call", "probes.{}.experiment", arguments=RELAY), before=_manual,
+          after=_automatic, expected="refused"),
     Cause("all actions are cancelled", _asks("cancel"), ["cancel"], before=_lease, after=BACK, expected="done"),
     Cause("four unknown commands", _four("wirte", "valves.{}", 5.0), before=_lease, after=BACK, expected="refused"),
     Cause("a stop is asked for", lambda rig: rig.ask_to_stop(), after=lambda rig: rig.go_on()),

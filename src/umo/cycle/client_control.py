@@ -67,7 +67,7 @@ class ClientControl:
         """By path; "": the machine."""
         self._actuators = {item.path: item for item in atoms(machine.root) if isinstance(item, Actuator)}
         self._actions = ClientActions(machine)
-        machine.actuators_of(machine.root)  # it is known from now on: in a period it would take long
+        machine.actuators_of(machine.root), machine.actions, machine.loops  # known from now on: they take long
         self._active = False
         self._suspension = Suspension(machine)
         self._next: ClientCommand | None = None

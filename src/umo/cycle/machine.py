@@ -11,6 +11,7 @@ from types import MethodType
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, Protocol, cast
 
 from umo.cycle.client_commands import Inbox, Lease, Mode
+from umo.cycle.client_experiments import Loops
 from umo.cycle.clock import Clock, WallClock
 from umo.cycle.columns import TAKEN_BY_CLIENT
 from umo.cycle.command_stage import CommandStage
@@ -26,7 +27,7 @@ from umo.drivers.contract import Direction
 from umo.drivers.faults.wrapper import Injection
 from umo.errors import DriverError, EquipmentFault, forget_frames, text_later
 from umo.objects import Action, Atomic, Compound, Node, actions_of, atoms, described, numbers_of, walk
-from umo.objects.laws import laws_in
+from umo.objects.laws import has_loops, laws_in
 from umo.objects.link import Machine
 from umo.objects.stop_order import stop_sequence
 from umo.presentation.run_facts import driven_text, facts_of
@@ -160,7 +161,11 @@ class ConnectedMachine:
         self.sequences = Sequences(self.equipment)
         self.supervisors: list[Supervisor] = []
         """The laws that look after the sequences of their parts."""
-        for _, path, law in laws_in(root):
+        self.laws: list[tuple[Compound, str, Any]] = []
+        """Its laws with loops when it was connected, each with the compound that has it and its path."""
+        for part, path, law in laws_in(root):
+            if has_loops(law):
+                self.laws.append((part, path, law))
             if _has_all(law, *SUPERVISES):
                 law.begin(path)
                 self.supervisors.append(law)
@@ -262,13 +267,13 @@ class ConnectedMachine:
         return actions_of(self.root)
 
     def action_at(self, path: str) -> Action | None:
-        """An action by its path; one on a loop (`umo.cycle.client_experiments`) is among `actions` from then on.
-        PathError for one on no law."""
-        if path not in self.actions:
-            from umo.cycle.client_experiments import experiments_on
+        """An action by its path, also one on a loop. PathError for one on no law."""
+        return self.actions.get(path) or self.loops.action(path)
 
-            self.actions.update(experiments_on(self.root, path))
-        return self.actions.get(path)
+    @cached_property
+    def loops(self) -> Loops:
+        """The loops of its laws."""
+        return Loops(self.root, self.laws)
 
     @cached_property
     def books(self) -> dict[str, Book]:
