@@ -13,7 +13,7 @@ from typing import Any
 import umo
 from umo import Compound, DigitalActuator, DigitalSensor, Interlock, Number, action
 from umo.alarms import Alarm, Low
-from umo.control import next_period
+from umo.control import Servo, next_period
 from umo.cycle.client_commands import ClientCommand, Mode
 from umo.cycle.client_control import ClientControl
 from umo.drivers.simulated import Simulated
@@ -39,6 +39,9 @@ class Zone(Compound, equipment=True, alarms=ALARMS, numbers=NUMBERS):
     temperatures: list[DigitalSensor]
     gain = 1.0
     broken = False
+
+    def setup(self) -> None:
+        self.servo = Servo(self.temperatures[0], self.heaters[0], gain=1.0)
 
     def control(self) -> None:
         if self.broken:
@@ -198,21 +201,16 @@ class Rig:
         return thread_time() - self._began
 
     def _watch_resets(self) -> None:
-        """Note when in a period the last actuator was reset, or initialised."""
+        """Note when in a period the last actuator was reset."""
         image: Any = self.machine.image
         self._began = self.were_reset = 0.0
-        reset_each, initialize = image.reset_each, image.initialize
+        reset_each = image.reset_each
 
         def watched(slots: Any) -> Iterator[Any]:
             yield from reset_each(slots)
             self.were_reset = thread_time() - self._began
 
-        def noted(slot: int) -> Any:
-            failure = initialize(slot)
-            self.were_reset = thread_time() - self._began
-            return failure
-
-        image.reset_each, image.initialize = watched, noted
+        image.reset_each = watched
 
     def steps(self, count: int) -> float:
         """The shortest of some periods, in s."""

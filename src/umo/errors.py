@@ -39,11 +39,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from opcode import opmap
-from traceback import walk_stack, walk_tb
-from types import TracebackType
-from typing import Any
+from traceback import walk_stack
+from types import FrameType, TracebackType
+from typing import Any, NamedTuple
 
-from umo.text import did_you_mean, in_a_line, in_brackets, place_of, some, str_of
+from umo.text import CodePlace, did_you_mean, in_a_line, in_brackets, raised_at, shown_place, some, str_of
 
 
 class UmoError(Exception):
@@ -136,8 +136,7 @@ class NotConnected(UmoError, RuntimeError):
     """The object is not connected; use it inside `with connect(...)`."""
 
 
-@dataclass(frozen=True, slots=True)
-class Failure:
+class Failure(NamedTuple):
     """The failure of one object: path, channel, cause, and the driver with its device."""
 
     path: str
@@ -294,15 +293,15 @@ def text_of(error: BaseException) -> str:
 def text_later(error: BaseException) -> Callable[[], str]:
     """A function that gives this text. It calls code of the user's (`__str__`), which may take its time; the place is
     taken now, so the error may lose its frames before."""
-    return partial(_text_of, error, place_of(error))
+    return partial(_text_of, error, raised_at(error))
 
 
-def _text_of(error: BaseException, place: str) -> str:
+def _text_of(error: BaseException, place: CodePlace | None) -> str:
     said = str_of(error).strip()
     if said and isinstance(error, UmoError | OSError | Interrupted):
         return in_a_line(said)
     first = said.partition("\n")[0]
-    return ": ".join(filter(None, (type(error).__name__, first))) + in_brackets(place)
+    return ": ".join(filter(None, (type(error).__name__, first))) + in_brackets(shown_place(place))
 
 
 def forget_frames(error: BaseException) -> None:
@@ -312,17 +311,33 @@ def forget_frames(error: BaseException) -> None:
     is off while a machine runs. An error that a frame is still handling, such as the end of the run, keeps its own.
     """
     with suppress(BaseException):  # an exception of the user's may refuse anything
-        at_work = {frame for frame, _ in walk_stack(sys._getframe(1))}
-        waiting: list[BaseException | None] = [error]
-        while waiting:
-            each = waiting.pop()
-            trace = None if each is None else each.__traceback__
-            if each is None or trace is None or (each is not error and trace.tb_frame in at_work):
-                continue
+        trace = error.__traceback__
+        if trace is not None:
+            _clear(trace)
+            error.__traceback__ = None
+            _forget_causes(error)
+
+
+def _forget_causes(error: BaseException) -> None:
+    """The same of what led to an error."""
+    at_work: set[FrameType] | None = None
+    waiting = _causes(error)
+    while waiting:
+        each = waiting.pop()
+        trace = each.__traceback__
+        if trace is None:
+            continue
+        if at_work is None:
+            at_work = {frame for frame, _ in walk_stack(sys._getframe(1))}
+        if trace.tb_frame not in at_work:
             _clear(trace)
             each.__traceback__ = None
-            waiting += [each.__cause__, each.__context__]
-            waiting += each.exceptions if isinstance(each, BaseExceptionGroup) else ()
+            waiting += _causes(each)
+
+
+def _causes(error: BaseException) -> list[BaseException]:
+    several = error.exceptions if isinstance(error, BaseExceptionGroup) else ()
+    return [each for each in (error.__cause__, error.__context__, *several) if each is not None]
 
 
 _WAITING = opmap["YIELD_VALUE"]
@@ -331,7 +346,12 @@ _WAITING = opmap["YIELD_VALUE"]
 
 def _clear(trace: TracebackType) -> None:
     """Drop the variables of frames that have ended. Before Python 3.13 clearing one that waits ends its sequence."""
-    for frame, _ in walk_tb(trace):
+    each: TracebackType | None = trace
+    while each is not None:
+        frame = each.tb_frame
+        each = each.tb_next
         if frame.f_code.co_code[frame.f_lasti] != _WAITING:
-            with suppress(RuntimeError):  # it still runs
+            try:  # noqa: SIM105  (`suppress` takes longer than what it does here)
                 frame.clear()
+            except RuntimeError:  # it still runs
+                pass

@@ -6,7 +6,6 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from random import Random
@@ -389,7 +388,7 @@ class connect(Generic[C]):
             progress = attempts.add(self._reached(slots, left)) and bool(left)
         still = {failure.path for failure in left}
         late = [failure for failure in first if failure.path not in still]
-        return left, [replace(each, cause=f"reset at a later attempt: {each.cause}") for each in late]
+        return left, [each._replace(cause=f"reset at a later attempt: {each.cause}") for each in late]
 
     def _reached(self, slots: list[int], failures: list[Failure]) -> set[str]:
         """The paths of these actuators but for those that failed."""
@@ -407,7 +406,7 @@ class connect(Generic[C]):
 
     def _finalize(self) -> list[Failure]:
         found = map(self.image.transfer.finalize, reversed(self._initialized))
-        return [replace(failure, cause=f"not finalised: {failure.cause}") for failure in found if failure is not None]
+        return [failure._replace(cause=f"not finalised: {failure.cause}") for failure in found if failure is not None]
 
     def _ask_reports(self) -> list[Failure]:
         def ask(name: str) -> None:

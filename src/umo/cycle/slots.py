@@ -320,6 +320,25 @@ class Slots:
         else:
             self._fail(slot, cause, failures)
 
+    def _fail_inputs(self, block: Block, causes: Mapping[int, str], failures: list[Failure]) -> None:
+        """The same of many in one block, such as all that a driver reads."""
+        items: Any = self.items
+        plain = []
+        for slot, cause in causes.items():
+            item = items[slot]
+            if item._max_age is None and not item._marks:
+                plain.append(slot)
+            else:
+                self._fail_input(slot, cause, failures)
+        if not plain:
+            return
+        self.failed.update(plain)
+        self.columns.quality[plain] = Quality.BAD
+        self.sampled_good = None
+        block.unsettled.update(plain)
+        failure = self.transfer.failure
+        failures += [failure(slot, causes[slot]) for slot in plain]
+
     def _log_marked(self) -> None:
         """Log together what was marked BAD together: a thousand lines would take longer than a period."""
         if self._marked:
@@ -347,10 +366,11 @@ class Slots:
         return item.synchronous and self.transfer.is_unknown(slot)
 
     def _fail(self, slot: int, cause: str, failures: list[Failure]) -> None:
-        self._keep_unsent(slot)
-        self._set_quality(slot, Quality.BAD)
         if self.items[slot].direction is Direction.INPUT:
             self.failed.add(slot)
+        else:
+            self._keep_unsent(slot)
+        self._set_quality(slot, Quality.BAD)
         failures.append(self.transfer.failure(slot, cause))
 
     def _keep_unsent(self, slot: int) -> None:
