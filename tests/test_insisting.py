@@ -328,6 +328,35 @@ def test_a_reset_that_hangs_counts_as_failed_and_the_status_says_so(
     assert child.status() == ExitStatus.UNREACHED
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_program_whose_run_a_signal_ends_tells_it_in_a_line_and_has_its_status(tmp_path: Path, number: int) -> None:
+    """After the reset; it ended with status 0 once."""
+    case = Case(tmp_path, "nowhere")
+    child = Child(case.told, case.drive)
+    until(case.is_driving)
+    child.send(number)
+    assert child.status() == 128 + number
+    name = signal.Signals(number).name
+    assert case.told.read_text() == f"umo: stopped by {name}; every actuator is at its default\n"
+    assert_reset(case.file)
+
+
+def test_a_loop_of_ones_own_ends_and_its_program_goes_on(tmp_path: Path) -> None:
+    case = Case(tmp_path, "nowhere")
+
+    def drive() -> None:
+        with connect(case.m, case.wiring) as m:
+            while m.cycle.running:
+                periods(m)
+        raise SystemExit(7)
+
+    child = Child(case.told, drive)
+    until(case.is_driving)
+    child.send(signal.SIGINT)
+    assert child.status() == 7
+    assert_reset(case.file)
+
+
 def test_a_reset_that_ends_is_interrupted_by_no_number_of_signals(tmp_path: Path) -> None:
     class Slow(Box):
         def reset(self, channel: Channel, default: int | None) -> None:
@@ -340,7 +369,7 @@ def test_a_reset_that_ends_is_interrupted_by_no_number_of_signals(tmp_path: Path
     child = Child(case.told, case.drive)
     until(case.is_driving)
     child.send(signal.SIGTERM)
-    assert child.status() == 0
+    assert child.status() == 128 + signal.SIGTERM
     assert_reset(case.file)
 
 

@@ -19,7 +19,7 @@ from helpers.waiting import until
 from umo import connect, run
 from umo.cycle import program_end
 from umo.cycle.program_end import end_machines
-from umo.cycle.stopping import connected
+from umo.cycle.stopping import connected, request_stop
 from umo.errors import DeclarationError
 from umo.states import OnOff
 from umo.testing import Scripted
@@ -65,6 +65,14 @@ def test_a_machine_in_a_thread_leaves_before_the_program_ends() -> None:
         assert box.get("valve") == 0
         assert connected() == ()
     assert errors == []
+
+
+def test_a_run_in_a_thread_that_a_signal_ends_returns_none() -> None:
+    machine, box = bench(Driven), Scripted()
+    with in_a_thread(machine, box) as errors:
+        request_stop(signal.SIGTERM)
+    assert errors == []
+    assert box.get("valve") == 0
 
 
 def test_one_that_does_not_leave_in_time_is_reset_by_the_main_thread(

@@ -62,7 +62,8 @@ def _rebuilt(kind: type[UmoError], args: tuple[Any, ...], state: dict[str, Any])
 
 
 class Interrupted(KeyboardInterrupt):
-    """A signal has ended code of the user's that did not end by itself, or that ran before there was a machine.
+    """A signal has ended the run of a machine, code of the user's that did not end by itself, or code that ran before
+    there was a machine.
     `number`: that of the signal."""
 
     def __init__(self, what: str, number: int) -> None:

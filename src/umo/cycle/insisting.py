@@ -241,7 +241,7 @@ class Insistence:
         if self._raised > MAX_RAISED and not self._is_leaving:
             self._is_leaving = True
             _leave_and_exit(number, what, machines)
-        _tell_in_a_line()
+        tell_in_a_line()
         raise Interrupted(what, number)
 
 
@@ -274,9 +274,9 @@ def _leave_and_exit(number: int, what: str, machines: Sequence[SignalledMachine]
     os._exit(ExitStatus.UNREACHED if left else 128 + number)
 
 
-def _tell_in_a_line() -> None:
-    """A program that is ended by `Interrupted` tells it in a line, without a traceback, and ends with the status of its
-    signal."""
+def tell_in_a_line() -> None:
+    """From now on a program that is ended by `Interrupted` tells it in a line, without a traceback, and ends with the
+    status of its signal."""
     former = sys.excepthook
     if getattr(former, "tells_interrupted", False):
         return
