@@ -305,7 +305,8 @@ def test_a_server_gives_nothing_to_another_user(monkeypatch: pytest.MonkeyPatch)
             Reader(ring.path)
         monkeypatch.setattr("umo.frames.frame_server.ROOT", os.getuid())
         monkeypatch.setattr(
-            "umo.frames.frame_server._peer", lambda connection: 0 if connection.getsockname() == "" else 7
+            "umo.frames.frame_server._maker_and_user",
+            lambda connection: (0, 0 if connection.getsockname() == "" else 7),
         )
         with pytest.raises(FramesError, match="another version of umo, or to another user"):
             Reader(ring.path)
