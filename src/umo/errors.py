@@ -43,11 +43,15 @@ from traceback import walk_stack, walk_tb
 from types import TracebackType
 from typing import Any
 
-from umo.text import did_you_mean, in_a_line, in_brackets, place_of, some, str_of
+from umo.text import cut_words, did_you_mean, in_a_line, in_brackets, place_of, some, str_of
 
 
 class UmoError(Exception):
-    """Base of all errors that umo raises. All can be copied and pickled, whatever the arguments of the constructor."""
+    """Base of all errors that umo raises. All can be copied and pickled, whatever the arguments of the constructor.
+    What is echoed in a message is cut (`umo.text.cut_words`)."""
+
+    def __init__(self, *args: object) -> None:
+        super().__init__(*(cut_words(each) if isinstance(each, str) else each for each in args))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuilt, (type(self), self.args, self.__dict__)
@@ -82,6 +86,9 @@ class Mistake:
     file: str
     key: str
     message: str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "message", cut_words(self.message))
 
     def __str__(self) -> str:
         return f"{self.file}: {self.key}: {self.message}" if self.key else f"{self.file}: {self.message}"

@@ -21,7 +21,7 @@ from umo.cycle.stopping import SIGNALS, signal_name
 from umo.errors import Interrupted, UmoError, text_of
 from umo.exit_status import ExitStatus
 from umo.system.processes import HASH_SEED
-from umo.text import did_you_mean, in_brackets, place_of
+from umo.text import cut_words, did_you_mean, in_brackets, place_of
 
 from .console import err
 from .left_threads import prepare_end
@@ -84,7 +84,7 @@ def in_a_line(error: Any) -> str:
     if option := getattr(error, "option_name", "") if text.startswith("No such option") else "":
         text = f"No such option: {option}{did_you_mean(option, options_of_command(context))}"
     text = re.sub(r"\. Did you mean (.*)\?$", r" (did you mean \1?)", text)
-    return f"{where}: {text[:1].lower()}{text[1:]}; `{where} --help` shows what it takes"
+    return f"{where}: {cut_words(text[:1].lower() + text[1:])}; `{where} --help` shows what it takes"
 
 
 def options_of_command(context: Any) -> list[str]:
