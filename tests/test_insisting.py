@@ -341,6 +341,34 @@ def test_a_program_whose_run_a_signal_ends_tells_it_in_a_line_and_has_its_status
     assert_reset(case.file)
 
 
+def test_a_finalizer_that_is_interrupted_is_told_in_a_line(tmp_path: Path) -> None:
+    """Python ignores what it raises, with a traceback of umo's own lines."""
+    case = Case(tmp_path, "control")
+
+    class Finalized:
+        def __del__(self) -> None:
+            case.ready.touch()
+            wait_for_ever()
+
+    def finalize() -> None:
+        case.m.stuck = lambda: None
+        Finalized()
+
+    case.m.stuck = finalize
+    child = Child(case.told, case.drive)
+    until(case.ready.exists)
+    until(lambda: state(child.pid) == "S")
+    child.send(signal.SIGINT)
+    until(lambda: state(child.pid) == "S")
+    child.send(signal.SIGTERM)
+    assert child.status() == 128 + signal.SIGINT
+    first_line, *lines = case.told.read_text().splitlines()
+    assert first_line.startswith(f"umo: the application does not end: {HERE}:")
+    assert first_line.endswith(" in wait_for_ever; it was interrupted there")
+    assert lines == ["umo: stopped by SIGINT; every actuator is at its default"]
+    assert_reset(case.file)
+
+
 def test_a_loop_of_ones_own_ends_and_its_program_goes_on(tmp_path: Path) -> None:
     case = Case(tmp_path, "nowhere")
 

@@ -284,13 +284,12 @@ def keep_open() -> None:
 def say_without_waiting(text: str) -> None:
     """A line on stderr if it is taken at once: nothing waits for a stopped terminal or a pipe that nobody reads."""
     with suppress(OSError):
-        flags = os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK | os.O_NOCTTY
-        file = os.open("/proc/self/fd/2", flags)  # opened again: O_NONBLOCK must not change the stream of others
+        send, let_go = _sender(2)
         try:
-            begin = "\n" if os.isatty(file) else ""  # the line of a run's progress, or a prompt, may stand there
-            os.write(file, f"{begin}{text}\n".encode(errors="backslashreplace"))
+            begin = "\n" if os.isatty(2) else ""  # the line of a run's progress, or a prompt, may stand there
+            send(f"{begin}{text}\n".encode(errors="backslashreplace"))
         finally:
-            os.close(file)
+            let_go()
 
 
 def log_on_lines() -> None:
