@@ -43,11 +43,25 @@ from traceback import walk_stack
 from types import FrameType, TracebackType
 from typing import Any, NamedTuple
 
-from umo.text import CodePlace, did_you_mean, in_a_line, in_brackets, raised_at, shown_place, some, str_of
+from umo.text import (
+    CodePlace,
+    cut_words,
+    did_you_mean,
+    in_a_line,
+    in_brackets,
+    raised_at,
+    shown_place,
+    some,
+    str_of,
+)
 
 
 class UmoError(Exception):
-    """Base of all errors that umo raises. All can be copied and pickled, whatever the arguments of the constructor."""
+    """Base of all errors that umo raises. All can be copied and pickled, whatever the arguments of the constructor.
+    What is echoed in a message is cut (`umo.text.cut_words`)."""
+
+    def __init__(self, *args: object) -> None:
+        super().__init__(*(cut_words(each) if isinstance(each, str) else each for each in args))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuilt, (type(self), self.args, self.__dict__)
@@ -62,7 +76,8 @@ def _rebuilt(kind: type[UmoError], args: tuple[Any, ...], state: dict[str, Any])
 
 
 class Interrupted(KeyboardInterrupt):
-    """A signal has ended code of the user's that did not end by itself, or that ran before there was a machine.
+    """A signal has ended the run of a machine, code of the user's that did not end by itself, or code that ran before
+    there was a machine.
     `number`: that of the signal."""
 
     def __init__(self, what: str, number: int) -> None:
@@ -81,6 +96,9 @@ class Mistake:
     file: str
     key: str
     message: str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "message", cut_words(self.message))
 
     def __str__(self) -> str:
         return f"{self.file}: {self.key}: {self.message}" if self.key else f"{self.file}: {self.message}"

@@ -214,6 +214,20 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f" (did you mean {near[0]!r}?)" if near else ""
 
 
+MAX_WORD = 80
+"""Number of characters of a word in a message at most, or of a name in a path."""
+_LONG_WORD = re.compile(rf"[^\s/]{{{MAX_WORD + 1},}}")
+_TAIL = 20
+"""Number of characters at the end of a word that are left where it is cut: quotation marks and brackets among them."""
+
+
+def cut_words(text: str) -> str:
+    """A message whose words are not longer than `MAX_WORD`: what it echoes may be anything that a user wrote."""
+    if len(text) <= MAX_WORD:
+        return text
+    return _LONG_WORD.sub(lambda found: f"{found[0][: MAX_WORD - _TAIL - 3]}...{found[0][-_TAIL:]}", text)
+
+
 def cut_repr(given: object, longest: int = 60) -> str:
     """What was given by mistake, for a message: its `repr` in one line, cut; of what has none its type."""
     try:

@@ -22,6 +22,7 @@ from umo.cycle.insisting import call_limit
 from umo.cycle.journal import CAPACITY, Journal
 from umo.cycle.machine import ConnectedMachine, axes_in
 from umo.cycle.off_cycle import image_of
+from umo.cycle.program_end import check_thread
 from umo.cycle.rated_machine import machine_of
 from umo.cycle.restoring import restore
 from umo.cycle.stopping import StopFlag
@@ -152,7 +153,8 @@ class connect(Generic[C]):
             self.wired = given
         else:
             self.wired = resolve(self.root, given, distribute_options(self._options, wiring=given).wiring)
-        name = type(self.root).__name__
+        check_thread(bool(self.wired.hardware))
+        name = self.stop.title = type(self.root).__name__
         device_claim = self.device_claim or DeviceClaim(self.wired.devices, name, acknowledge=self._acknowledge)
         self.stop.call_limit, self.stop.leave_at_once = self._call_limit, self._leave_at_once
         self.stop.install()
@@ -286,6 +288,7 @@ class connect(Generic[C]):
         unreached: list[Failure] | None = None
         hindered: list[Failure] = []
         self._waiting = set(self._stop_sequence())
+        self.stop.is_leaving = True
         self.machine.contain_failures(False)
         try:
             stopping = _error_of(self.machine.cancel_sequences)

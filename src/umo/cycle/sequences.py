@@ -11,6 +11,7 @@ import linecache
 import math
 import sys
 from collections.abc import Callable, Coroutine, Generator, Iterable
+from enum import Enum
 from functools import partial
 from operator import attrgetter
 from types import CodeType, CoroutineType, FrameType, coroutine
@@ -299,8 +300,8 @@ class Task(Waiter):
         """TaskFailed if another sequence cannot await this one."""
         if awaiting.machine is not self.machine:
             raise TaskFailed(f"{awaiting.name} cannot await {self.name}, which another machine has started")
-        if (why := wait_graph.circle(awaiting, self)) is not None:
-            raise TaskFailed(f"{awaiting.name} awaits {self.name}: {why}")
+        if (why := wait_graph.circle(awaiting, self, "{waiting} awaits {target}")) is not None:
+            raise TaskFailed(why)
 
     @property
     def machine(self) -> object:
@@ -439,6 +440,42 @@ class Task(Waiter):
     @property
     def name(self) -> str:
         return f"sequence {getattr(self._sequence, '__qualname__', self._sequence)}"
+
+    @property
+    def details(self) -> str:
+        number = cast(Task, self.lineage[-1]).number
+        told = [_arguments(self._sequence), f"started as no. {number}"]
+        if self.parent is not None:
+            told.append(f"part {'.'.join(map(str, reversed(self._places_among_parts)))}")
+        return ", ".join(filter(None, told))
+
+    @property
+    def _places_among_parts(self) -> list[int]:
+        """Its place among those that run in parallel, from 1; then that of the one around it, and so on."""
+        pairs = zip(self.lineage, self.lineage[1:], strict=False)
+        found = [(each, around.waits_for) for each, around in pairs]
+        return [
+            parts.tasks.index(each) + 1
+            for each, parts in found
+            if isinstance(parts, wait_graph.ParallelParts) and each in parts.tasks
+        ]
+
+
+def _arguments(sequence: object) -> str:
+    """What an `async def` function was called with, as far as that is short: objects of the machine, numbers, texts."""
+    frame: FrameType | None = getattr(sequence, "cr_frame", None)
+    if frame is None:
+        return ""
+    code, values = frame.f_code, frame.f_locals
+    names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
+    shown = {name: _argument(values[name]) for name in names if name in values}
+    return ", ".join(f"{name}={text}" for name, text in shown.items() if text)
+
+
+def _argument(value: object) -> str:
+    if isinstance(value, Node):
+        return value._path
+    return cut_repr(value) if isinstance(value, str | int | float | Enum) else ""
 
 
 def _dropped(sequence: Any) -> bool:

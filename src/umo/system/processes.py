@@ -23,8 +23,8 @@ from umo.text import printable
 HASH_SEED = "PYTHONHASHSEED"
 """Environment variable of the order of sets of texts, which a process takes at its start."""
 PR_SET_NAME = 15
-FLAGS, START, PROCESSOR, PRIORITY = 6, 19, 36, 37
-"""Places in proc_pid_stat(5), counted from the state: flags, starttime, processor, rt_priority."""
+PARENT, FLAGS, START, PROCESSOR, PRIORITY = 1, 6, 19, 36, 37
+"""Places in proc_pid_stat(5), counted from the state: ppid, flags, starttime, processor, rt_priority."""
 BOOT = Path("/proc/sys/kernel/random/boot_id")
 KERNEL_THREAD, EXITING = 0x200000, 0x4
 """Flags of proc_pid_stat(5): PF_KTHREAD, PF_EXITING."""
@@ -213,6 +213,12 @@ def flush() -> None:
 def state(pid: int) -> str:
     """R, S, D, T, t, Z as in proc_pid_stat(5); X where there is no such process."""
     return (_stat(pid) or ["X"])[0]
+
+
+def parent_of(pid: int) -> int:
+    """The number of the parent of a process; 0 where there is none, or it cannot be told."""
+    fields = _stat(pid)
+    return int(fields[PARENT]) if len(fields) > PARENT else 0
 
 
 def _start_time(pid: int) -> str:
