@@ -65,16 +65,18 @@ class Resetter:
         guard: Callable[[], object] = lambda: None,
         give_up: Callable[[Sequence[str]], object] = lambda paths: None,
         fork: Callable[[bool], int] = lambda first: os.fork(),
+        end: Callable[[Child, float], object] = Child.end,
     ) -> None:
         """`guard` is called in the child that resets. `give_up` is told the paths that an attempt has not reached: a
         worker process that serves one of them is ended, and the next attempt opens its device. `fork` forks the child
-        that stands by: the first one, or one that takes the place of another that has begun to work."""
+        that stands by: the first one, or one that takes the place of another that has begun to work. `end` ends it,
+        and waits so many s for that."""
         by_item = {id(wire.item): wire for wire in wired.wires}
         self._names = {id(driver): name for name, driver in wired.drivers.items()}
         self._wires = [by_item[id(item)] for item in stop_sequence(machine)]
         self._wired = wired
         self._transfer = Transfer(self._wires, wired)
-        self._guard, self._give_up, self._fork_reserve = guard, give_up, fork
+        self._guard, self._give_up, self._fork_reserve, self._end = guard, give_up, fork, end
         self.in_reserve: Callable[[], bool] = lambda: False
         """Function that is called in the child on standby every `RESERVE_INTERVAL` s while it waits; True: it is not
         to wait any longer."""
@@ -142,7 +144,7 @@ class Resetter:
         """The machine ended safely: no reset is needed."""
         child, self._reserve, self._next_fork = self._reserve, None, inf
         if child is not None:
-            child.end(DEATH_TIMEOUT)
+            self._end(child, DEATH_TIMEOUT)
 
     def reset(
         self,

@@ -13,12 +13,14 @@ import errno
 import mmap
 import os
 import select
+import signal
 import time
+from collections.abc import Callable
 from enum import IntEnum
 
 from umo.cycle.stage import Stage
 from umo.errors import UmoError
-from umo.system.processes import STOPPED, Child, ProcessHandle, state
+from umo.system.processes import STOPPED, Child, ProcessHandle, state, wait_until
 from umo.system.shared_cells import HEAD, SharedText
 
 MUTEX_BYTES = 64
@@ -129,7 +131,7 @@ class RunState:
             why = self._not_holding(pid, held)
             os.close(held)
             if why:
-                Child(pid).end(END_TIMEOUT)
+                self.end_process(Child(pid), END_TIMEOUT)
                 raise NotBegun(f"a process that was forked {why}")
             return pid
         os.close(held)
@@ -191,7 +193,17 @@ class RunState:
     def end(self, who: int, within: float) -> bool:
         """Kill the holder of a lock, if there is one, and wait up to `within` s for its end; whether it has ended."""
         process = self.process(who)
-        return process.end(within) if process is not None else self.gone(within, who)
+        return self.wait(lambda: self.gone(0.0, who), within) if process is None else self.end_process(process, within)
+
+    def end_process(self, process: ProcessHandle, within: float) -> bool:
+        """Kill a process, and wait up to `within` s for its end; whether it has ended."""
+        process.send(signal.SIGKILL)
+        return self.wait(lambda: process.ended, within)
+
+    def wait(self, is_so: Callable[[], bool], within: float) -> bool:
+        """Wait up to `within` s until this is so; whether it is. The only way in which a guardian waits for another
+        process, or whoever takes its place: it gives its signs of life meanwhile."""
+        return wait_until(is_so, within, self.watch)
 
     def gone(self, within: float, who: int = Who.CONTROL) -> bool:
         """Wait up to `within` s for the holder of a lock to die; whether it did. True too if nobody ever held it."""
