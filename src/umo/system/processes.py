@@ -228,6 +228,11 @@ def _start_time(pid: int) -> str:
     return fields[START] if len(fields) > START else ""
 
 
+def start_of(pid: int) -> int:
+    """Clock ticks since the start of the computer at the start of a process; 0 where that cannot be told."""
+    return int(_start_time(pid) or 0)
+
+
 def identity(pid: int) -> str:
     """A text that no other process has, not even one that gets its number later, or after a restart of the computer;
     empty where there is no such process, or it cannot be told."""
