@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import sys
 from collections.abc import Callable
 from types import CellType, MappingProxyType
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from umo.cycle.conversion import extension
+from umo.generate import bound_fields
 from umo.generate.known_values import ABSENT, KnownName, KnownValues
 from umo.generate.known_watch import Attribute, KnownWatch, Space, _Watch, behind
 from umo.generate.python_memory import place_of, place_of_version
@@ -193,3 +197,45 @@ def test_a_proxy_of_a_dict_is_as_it_was_without_being_compared_anew(monkeypatch:
     assert look() and look()
     behind["a"] = 2.0
     assert not look() and [each.name for each in told] == ["proxy"]
+
+
+@pytest.mark.skipif(extension is None, reason="the watch in C")
+def test_a_watch_that_is_looked_at_while_it_is_collected_says_no() -> None:
+    """What it has held is gone: somebody whose end comes with it may still ask."""
+    answers: list[bool] = []
+    address = 0
+
+    @ctypes.CFUNCTYPE(None, ctypes.c_void_p)
+    def ending(capsule: int) -> None:
+        answers.append(ctypes.cast(address, ctypes.py_object).value.look())
+
+    new = ctypes.pythonapi.PyCapsule_New
+    new.restype, new.argtypes = ctypes.py_object, [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p]
+    thing = Thing()
+    found = watch(
+        extension.Watch,
+        lambda: True,
+        spaces=((vars(thing), ("name",), (thing.name,), 0),),
+        always=1,
+        attributes=((half, "end", new(1, None, ctypes.cast(ending, ctypes.c_void_p)), 0),),
+    )
+    address, holder = id(found), [found]
+    holder.append(holder)  # type: ignore[arg-type]  # it is collected, after the watch
+    del holder, found
+    gc.collect()
+    assert answers == [False]
+
+
+@pytest.mark.parametrize("more", [-1, 0, 1])
+def test_a_list_of_one_name_is_not_shared_however_this_python_counts_references(
+    monkeypatch: pytest.MonkeyPatch, more: int
+) -> None:
+    """Python 3.14 counts one less of what a function has on its stack."""
+    count = sys.getrefcount
+    monkeypatch.setattr(sys, "getrefcount", lambda value: count(value) - 1 + more)  # this call has one of its own
+    monkeypatch.setattr(bound_fields, "ALONE", bound_fields._references())
+    other: list[float] = []
+    names: dict[str, Any] = {"alone": [1.0], "shared": other, "array": np.zeros(2), "part": np.zeros(4)[1:]}
+    assert [name for name in list(names) if bound_fields.is_shared(names, name)] == ["shared"]
+    whole = np.zeros(4)
+    assert bound_fields.is_shared({"part": whole[1:]}, "part")
