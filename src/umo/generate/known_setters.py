@@ -57,6 +57,8 @@ class Setting(NamedTuple):
     """The first line of the function; 0: none."""
     method: str = ""
     """The name of the method in which `self` is set."""
+    is_before: bool = False
+    """Whether that runs before a machine is translated, and counts only where it is called again."""
 
 
 class Read(NamedTuple):
@@ -70,6 +72,8 @@ class Read(NamedTuple):
     """What is asked for a method, by its last name, and the method, but for `Base.method(self)`."""
     values: frozenset[str] = frozenset()
     """Names that stand as values: what is done with a class among them is not followed."""
+    again: frozenset[str] = frozenset()
+    """Functions of BEFORE that something else asks for."""
 
 
 def settings_of(known: KnownValues, machine: Compound) -> Iterator[Untranslatable]:
@@ -87,10 +91,11 @@ def settings_of(known: KnownValues, machine: Compound) -> Iterator[Untranslatabl
     told = set[tuple[str, int]]()
     files = [(path, module, _read(path)) for path, module in _files(machine, known)]
     given = _given_others([each for *_, each in files])
+    again = {name for *_, each in files for name in each.again}
     for path, module, read in files:
         for each in read.settings:
             each = each._replace(kind="") if given(each) else each
-            if (each.file, each.function) in places:
+            if (each.file, each.function) in places or (each.is_before and each.method not in again):
                 continue
             for name in names if each.name == ANY else (n for n in names if n.name == each.name):
                 if (path, each.line) not in told and _is_meant(each, name):
@@ -154,9 +159,8 @@ def _parsed(path: str, changed: float) -> Read:
     classes = frozenset(each.name for each in ast.walk(tree) if isinstance(each, ast.ClassDef))
     renamed = (each for each in ast.walk(tree) if isinstance(each, ast.alias) and each.asname is not None)
     imported = frozenset((str(each.asname), each.name) for each in renamed)
-    return Read(
-        tuple(_Search(path).of(tree)), classes, imported, frozenset(_methods(tree)), frozenset(_values(tree, tree))
-    )
+    methods, values, again = frozenset(_methods(tree)), frozenset(_values(tree, tree)), frozenset(_again(tree))
+    return Read(tuple(_Search(path).of(tree)), classes, imported, methods, values, again)
 
 
 def _read(path: str) -> Read:
@@ -204,8 +208,9 @@ class _Search:
         for each in self._in(node, kind, own, line, outer):
             if each.function != line:
                 yield each
-            elif not (node.name in BEFORE and each.kind):
-                yield each._replace(method=node.name if each.kind else "")
+            else:
+                is_own = each.kind != ""
+                yield each._replace(method=node.name if is_own else "", is_before=is_own and node.name in BEFORE)
 
     def _of_node(self, node: ast.AST, kind: str, me: str, function: int, outer: frozenset[str]) -> Iterator[Setting]:
         line = getattr(node, "lineno", 0)
@@ -254,6 +259,16 @@ def _values(node: ast.AST, around: ast.AST) -> Iterator[str]:
         for one in each if isinstance(each, list) else [each]:
             if isinstance(one, ast.AST):
                 yield from _values(one, node)
+
+
+def _again(node: ast.AST) -> Iterator[str]:
+    """The functions of BEFORE that are asked for elsewhere than in one of them."""
+    for each in ast.iter_child_nodes(node):
+        if isinstance(each, ast.FunctionDef) and each.name in BEFORE:
+            continue
+        if isinstance(each, ast.Attribute) and isinstance(each.ctx, ast.Load) and each.attr in BEFORE:
+            yield each.attr
+        yield from _again(each)
 
 
 def _of_bases(kind: ast.ClassDef) -> Iterator[ast.AST]:
