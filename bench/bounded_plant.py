@@ -7,8 +7,9 @@ import os
 from collections import deque
 from collections.abc import Iterator
 from contextlib import ExitStack
+from pathlib import Path
 from time import thread_time
-from typing import Any
+from typing import Annotated, Any
 
 import umo
 from umo import Compound, DigitalActuator, DigitalSensor, Interlock, Number, action
@@ -21,6 +22,8 @@ from umo.frames import published
 from umo.frames.memory import RunDescriptors
 from umo.objects import atoms
 from umo.operation import PackML
+from umo.operation.recipe_book import RecipeBook
+from umo.operation.recipes import Recipe
 from umo.testing import VirtualTimer
 
 PERIOD = 0.001
@@ -56,13 +59,20 @@ class HallStates(PackML):
     """The states of a hall."""
 
 
+class Filling(Recipe):
+    """A recipe with as many values as a client can send."""
+
+    levels: Annotated[list[float], Number("V", 0.0, 10.0)]
+
+
 class Hall(Compound, equipment=True):
-    """Many actuators in one equipment, with the states of PackML."""
+    """Many actuators in one equipment, with the states of PackML and a book of recipes."""
 
     fans: list[DigitalActuator]
 
     def setup(self) -> None:
         self.unit = HallStates(self)
+        self.book = RecipeBook(Filling, Path(__file__).with_name("bounded_recipes.toml"))
 
 
 class Plant(Compound):

@@ -11,6 +11,7 @@ of the same actuators in the same run; what else it costs has the bound of the o
 from __future__ import annotations
 
 import gc
+import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -346,6 +347,9 @@ def _stopped_hall(rig: Rig) -> None:
 MISSPELT = "zones.{}.heaters.5x"
 BACK = _asks("give back")
 RELAY = {"kind": "relay", "amplitude": 1.0}
+FILLING = {"name": "first", "content": json.dumps({"levels": [1] * 440}, separators=(",", ":"))}
+"""The largest recipe that a client can send: a command has `MAX_COMMAND_BYTES` bytes."""
+MISTAKES = {"name": "first", "content": json.dumps({f"k{number}": "1 lb" for number in range(60)})}
 CAUSES = [
     # Leases
     Cause("a lease is taken", _asks("lease"), ["lease"], after=BACK, expected="done"),
@@ -375,6 +379,10 @@ CAUSES = [
           after=_automatic, expected="begun"),
     Cause("four experiments on what has no law", _four("call", "probes.{}.experiment", arguments=RELAY), before=_manual,
           after=_automatic, expected="refused"),
+    Cause("four recipes with hundreds of values are chosen", _four("call", "hall.book.choose", arguments=FILLING),
+          before=_lease, after=BACK, expected="done"),
+    Cause("four recipes with dozens of mistakes are refused", _four("call", "hall.book.choose", arguments=MISTAKES),
+          before=_lease, after=BACK, expected="refused"),
     Cause("all actions are cancelled", _asks("cancel"), ["cancel"], before=_lease, after=BACK, expected="done"),
     Cause("four unknown commands", _four("wirte", "valves.{}", 5.0), before=_lease, after=BACK, expected="refused"),
     Cause("a stop is asked for", lambda rig: rig.ask_to_stop(), after=lambda rig: rig.go_on()),
