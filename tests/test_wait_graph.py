@@ -89,20 +89,21 @@ class Plant(Compound):
     zones: list[Zone]
 
 
+async def carry(zone: Zone, own: Lock, others: Lock, *, speed: float, note: str = "slow") -> None:
+    async with own:
+        await next_period()
+        async with others:
+            pass
+
+
 def test_sequences_of_one_function_are_told_apart_by_what_they_were_called_with():
     """Each claim of the message is true of one of them alone: `uses has, uses has` names nobody."""
     plant, a, b = Plant(zones=[Zone(), Zone()]), Lock(), Lock()
 
-    async def carry(zone: Zone, own: Lock, others: Lock, *, speed: float, note: str = "slow") -> None:
-        async with own:
-            await next_period()
-            async with others:
-                pass
-
     first_one, other = plant.zones
     (error,) = told(carry(first_one, a, b, speed=1.5), carry(other, b, a, speed=1.5))
     details = "zone=zones.{}, speed=1.5, note='slow', started as no. {}"
-    one, two = (f"sequence {carry.__qualname__} ({details.format(n, n + 1)})" for n in (0, 1))
+    one, two = (f"sequence carry ({details.format(n, n + 1)})" for n in (0, 1))
     has = "waits for a Lock that"
     assert error in (f"{x} {has} {y} has: {ITSELF} ({y} {has} {x} has)" for x, y in ((one, two), (two, one)))
 
