@@ -3,39 +3,37 @@
 from __future__ import annotations
 
 import signal
-from contextlib import closing
+from collections.abc import Iterator
 
 import pytest
 import uvicorn
 from starlette.applications import Starlette
 
 from umo.errors import Interrupted
-from umo.page.server import Server, listen
+from umo.page.server import Server
 
 
-def hang() -> None:
-    """Three signals come while a call does not end."""
-    for _ in range(3):
-        signal.raise_signal(signal.SIGTERM)
-    pytest.fail("it goes on")
+@pytest.fixture
+def serving() -> Iterator[Server]:
+    """One that has the signals, as uvicorn lets it have them while it serves."""
+    serving = Server(uvicorn.Config(Starlette(), log_level="error"), lambda: None)
+    before = signal.signal(signal.SIGTERM, serving.handle_exit)
+    yield serving
+    signal.signal(signal.SIGTERM, before)
 
 
-def stop_twice() -> None:
+def test_the_first_signal_asks_a_page_to_end_and_the_second_is_without_grace(serving: Server) -> None:
+    found = []
     for _ in range(2):
         signal.raise_signal(signal.SIGTERM)
+        found.append((serving.should_exit, serving.force_exit))
+    assert found == [(True, False), (True, True)]
 
 
-def test_a_further_signal_ends_a_page_that_hangs_and_says_where() -> None:
-    config = uvicorn.Config(Starlette(), lifespan="off", log_level="error")
+def test_a_further_signal_ends_a_page_that_hangs_and_says_where(serving: Server) -> None:
+    for _ in range(2):
+        signal.raise_signal(signal.SIGTERM)
     said = r"^the page does not end \(.*test_server_signals.py:\d+\)$"
-    with closing(listen("127.0.0.1", 0)) as listening, pytest.raises(Interrupted, match=said) as told:
-        Server(config, hang).run(sockets=[listening])
+    with pytest.raises(Interrupted, match=said) as told:
+        signal.raise_signal(signal.SIGTERM)
     assert told.value.number == signal.SIGTERM
-
-
-def test_two_signals_end_a_page_that_does_not_hang() -> None:
-    config = uvicorn.Config(Starlette(), lifespan="off", log_level="error")
-    with closing(listen("127.0.0.1", 0)) as listening:
-        serving = Server(config, stop_twice)
-        serving.run(sockets=[listening])
-    assert (serving.should_exit, serving.force_exit, serving.failure) == (True, True, None)
