@@ -21,7 +21,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from bench.bounded_plant import Rig, failing
+from bench.bounded_plant import Rig, SlowRig, failing
 from umo.cycle.client_control import COMMANDS_PER_PERIOD
 
 TITLE = "What one cause costs the period that it meets"
@@ -57,6 +57,8 @@ class Cause:
     """The actuators that are reset; None: none is."""
     reacts: bool = False
     """Whether the resets are the reaction to an interlock: nothing else may precede them."""
+    rig: type[Rig] = Rig
+    """The machine in which it is brought about."""
     expected: str = ""
     """The beginning of the answer to the last command, or of the last event: that it did happen."""
 
@@ -344,6 +346,18 @@ def _stopped_hall(rig: Rig) -> None:
     rig.do("give back")
 
 
+def _hastened(rig: Any) -> None:
+    rig.hasten()
+
+
+def _old(name: str, ages: int) -> Callable[[Any], None]:
+    return lambda rig: rig.until_old(name, ages)
+
+
+def _renewed(name: str) -> Callable[[Any], None]:
+    return lambda rig: rig.until_back(name)
+
+
 MISSPELT = "zones.{}.heaters.5x"
 BACK = _asks("give back")
 RELAY = {"kind": "relay", "amplitude": 1.0}
@@ -416,6 +430,14 @@ CAUSES = [
     Cause("four misspelt clears", _four("clear", MISSPELT), before=_lease, after=BACK, expected="refused"),
     Cause("all probes are marked BAD", _away("probes", True), after=_probes_back),
     Cause("a driver that was away for long is back", _found, before=_long_away, after=_probes_back, resets=_probes),
+    # Off the cycle
+    Cause("the values of slow devices arrive", _hastened, rig=SlowRig),
+    Cause("the values of a slow device are old: marked STALE", _old("probes", 1), after=_renewed("probes"),
+          rig=SlowRig),
+    Cause("the values of a slow device have failed: marked BAD", _old("probes", 2), after=_renewed("probes"),
+          rig=SlowRig),
+    Cause("the values of a slow device have failed: each zone in fault", _old("temperatures", 2), before=_driven,
+          after=_in_turn(_renewed("temperatures"), _cleared), resets=_heaters, rig=SlowRig, expected="in fault"),
     # Units
     Cause("a unit with many actuators is held", _asks("call", "hall.unit.hold"), before=_started_hall,
           after=_in_turn(_stopped_hall, _rest), expected="done"),
@@ -485,17 +507,18 @@ def run(
     found: dict[str, list[Cost]] = {cause.name: [] for cause in causes}
     with console.status(TITLE) as status:
         for size in sizes:
-            status.update(f"{size:,} objects: connecting")
-            rig = Rig(size)
-            try:
-                with _without_collector():
-                    rig.steps(20)
-                    for cause in causes:
-                        status.update(f"{size:,} objects: {cause.name}")
-                        few = repetitions if size == sizes[0] else max(repetitions // 3, 1)
-                        found[cause.name].append(measure(cause, rig, few))
-            finally:
-                rig.close()
+            few = repetitions if size == sizes[0] else max(repetitions // 3, 1)
+            for kind in dict.fromkeys(cause.rig for cause in causes):
+                status.update(f"{size:,} objects: connecting")
+                rig = kind(size)
+                try:
+                    with _without_collector():
+                        rig.steps(20)
+                        for cause in (each for each in causes if each.rig is kind):
+                            status.update(f"{size:,} objects: {cause.name}")
+                            found[cause.name].append(measure(cause, rig, few))
+                finally:
+                    rig.close()
     rows = [Row(cause, found[cause.name]) for cause in causes]
     if markdown:
         print(*(row.markdown for row in rows), sep="\n")

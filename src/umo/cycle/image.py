@@ -145,7 +145,7 @@ class Image(Slots):
 
     def _accept_each(self, block: Block, causes: Mapping[int, str], failures: list[Failure]) -> None:
         """The readings of a block one by one; `causes` are those of the slots that failed: the others stand."""
-        self._fail_inputs(block, causes, failures)
+        self._fail_inputs(causes, failures)
         if len(causes) < block.stop - block.start:
             for slot, raw in zip(range(block.start, block.stop), block.view.tolist(), strict=True):
                 if slot not in causes:
