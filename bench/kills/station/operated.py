@@ -170,8 +170,8 @@ class Operated(
         alarms: Any = self._machine.alarms  # type: ignore[attr-defined]
         row = self.chance.randrange(len(alarms.paths))
         wanted = self.chance.choice(OPERATIONS)
-        operation = Operation.RETURN if alarms.accepts(row, Operation.RETURN) else wanted
-        if alarms.accepts(row, operation):
+        operation = Operation.RETURN if alarms.able([row], Operation.RETURN) else wanted
+        if alarms.able([row], operation):
             alarms.request(row, AlarmRequest(operation, "operator", SHELF, "at random"))
 
 
