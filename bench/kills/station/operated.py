@@ -172,7 +172,7 @@ class Operated(
         wanted = self.chance.choice(OPERATIONS)
         operation = Operation.RETURN if alarms.able([row], Operation.RETURN) else wanted
         if alarms.able([row], operation):
-            alarms.request(row, AlarmRequest(operation, "operator", SHELF, "at random"))
+            alarms.request([row], AlarmRequest(operation, "operator", SHELF, "at random"))
 
 
 def operated(parts: dict[str, Any]) -> Operated:
