@@ -1,4 +1,5 @@
 """A thousand alarms while nothing happens: a period of a machine with them against the same machine without, in turns.
+Ten thousand that all come and go in every period: a look at them against one while nothing happens, in turns.
 
 python -m bench --alarms ROUNDS
 """
@@ -6,7 +7,7 @@ python -m bench --alarms ROUNDS
 from __future__ import annotations
 
 from collections.abc import Iterator
-from time import perf_counter_ns
+from time import perf_counter_ns, process_time_ns
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,10 @@ COUNT = 1_000
 BATCH = 200
 """Periods that are timed together."""
 LIMIT = 60.0
+"""us a period."""
+CHATTER_ROUNDS = 10
+MANY = 10_000
+CHATTER_LIMIT = 1_000.0
 """us a period."""
 
 
@@ -51,6 +56,10 @@ class Functions(Plain, alarms={f"f{number}": Alarm(lambda m: m.dt > 1.0, "slow")
     pass
 
 
+class Many(Plain, alarms=lambda m: {f"a{n}": Alarm(High(f"sensors.{n}", 80.0), "high") for n in range(MANY)}):
+    pass
+
+
 KINDS: dict[str, type[Plain]] = {"without": Plain, "data": Data, "functions": Functions}
 
 
@@ -70,10 +79,32 @@ def measure(rounds: int, doing: Doing) -> Iterator[Target]:
         shown, decides = f"{more:.1f} us, of medians {usual:.1f} us", kind == "data"
         verdict = "missed" if decides and more > LIMIT else ""
         yield Target(f"more for 1,000 alarms, {kind}", f"{LIMIT:g} us" if decides else "", shown, verdict)
+    yield _chattering(min(rounds, CHATTER_ROUNDS), doing)
 
 
-def _connected(cls: type[Plain]) -> tuple[Any, Any]:
-    sensors = [DigitalSensor("mm", minimum=-100.0, maximum=100.0, resolution=0.5) for _ in range(COUNT // 4)]
+def _chattering(rounds: int, doing: Doing) -> Target:
+    connection, _ = _connected(Many, MANY)
+    alarms, image = connection.machine.alarms, connection.machine.image
+    still: list[float] = []
+    swinging: list[float] = []
+    for number in range(rounds):
+        doing(f"{MANY:,} alarms that chatter, round {number + 1} of {rounds}")
+        for times, values in (still, (0.0, 0.0)), (swinging, (90.0, 0.0)):
+            began = process_time_ns()
+            for period in range(BATCH):
+                image.clock.now += 1e-3
+                image.columns.values[:] = values[period % 2]
+                alarms.look()
+            times.append((process_time_ns() - began) / BATCH / 1e3)
+    connection.__exit__(None, None, None)
+    more = float(np.median(swinging) - np.median(still))
+    shown = f"{more:.0f} us, beside {np.median(still):.0f} us"
+    name = f"more for {MANY:,} alarms that come and go in every period"
+    return Target(name, f"{CHATTER_LIMIT:g} us", shown, "missed" if more > CHATTER_LIMIT else "")
+
+
+def _connected(cls: type[Plain], count: int = COUNT // 4) -> tuple[Any, Any]:
+    sensors = [DigitalSensor("mm", minimum=-100.0, maximum=100.0, resolution=0.5) for _ in range(count)]
     timer = DigitalSensor("sampling_period", minimum=0.0, maximum=99_999.0, resolution=1.0, synchronous=False)
     machine = cls(timer=timer, sensors=sensors)
     wire: dict[str, Any] = {item.path: {"driver": "simulated"} for item in atoms(machine)}

@@ -52,7 +52,8 @@ class Rig:
         machine = self.connection.machine
         assert machine.alarms is not None
         described = [each.describe() for each in machine.alarms.declared]
-        return alarm_rows(described, machine.image.columns.alarms.tolist(), machine.events)
+        occurrences = zip(*machine.alarms.occurrences.tolist(), strict=True)
+        return alarm_rows(described, machine.image.columns.alarms.tolist(), machine.events, occurrences)
 
     def states(self) -> dict[str, str]:
         return {row.path: str(row.state) for row in self.rows}

@@ -12,8 +12,8 @@ from helpers.machines import actuator, relay, sensor, switch, timer, wired
 from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor, Interlock, connect
 from umo.alarms import Alarm, AlarmState, Bad, High, In, Low, Operation, Priority, alarms_of
 from umo.alarms.conditions import FREE_PER_PERIOD
-from umo.alarms.engine import CHANGES_PER_PERIOD, AlarmRequest
-from umo.alarms.telling import LEFT_OUT, MOST_OF_ALL, MOST_OF_ONE
+from umo.alarms.engine import AlarmRequest
+from umo.alarms.telling import LEFT_OUT, MOST_IN_A_PERIOD, MOST_OF_ALL, MOST_OF_ONE
 from umo.control import value_of
 from umo.cycle.events import ALARM
 from umo.errors import DeclarationError
@@ -223,10 +223,11 @@ def test_free_conditions_take_turns(with_alarms: Any) -> None:
     assert rig.engine.turns == 3
 
 
-def test_an_avalanche_is_spread_over_periods_and_loses_nothing(with_alarms: Any) -> None:
+def test_an_avalanche_is_noticed_in_its_period_and_told_in_several(with_alarms: Any) -> None:
     rig = with_alarms({f"n{i}": Alarm(High("level", 60.0), "n") for i in range(70)})
     rig.periods(level=65)
-    assert len(rig.told) == CHANGES_PER_PERIOD
+    assert {rig.state(f"n{i}") for i in range(70)} == {S.UNACKNOWLEDGED}
+    assert len(rig.told) == MOST_IN_A_PERIOD
     rig.periods(3)
     assert len(rig.told) == 70
 

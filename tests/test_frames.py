@@ -76,7 +76,7 @@ def test_the_header_alone_is_enough_to_read_a_frame() -> None:
         content = ring._map[:]
     header = struct.unpack_from("<8sIIQQQQQQ", content)
     magic, version, _, first, size, slots, journal, capacity, described = header
-    assert (magic, version) == (b"umoframe", 9)
+    assert (magic, version) == (b"umoframe", 10)
     text = json.loads(content[256 : 256 + described])
     fields = {field["name"]: field for field in text["fields"]}
     paths = [entry["path"] for entry in text["objects"]]
@@ -506,8 +506,8 @@ def test_a_ring_that_cannot_be_made_leaves_nothing_behind(calls: list[str], monk
 
 def test_a_ring_of_another_version_is_refused_with_a_sentence() -> None:
     with running() as (_, ring, _connection):
-        ring._map[8] = 10
-        with pytest.raises(FramesError, match="frames of version 10, this umo reads version 9"):
+        ring._map[8] = 11
+        with pytest.raises(FramesError, match="frames of version 11, this umo reads version 10"):
             Reader(ring.path)
 
 

@@ -5,18 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache, partial
 from itertools import islice, repeat
+from math import nan
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from umo.alarms.alarm_states import PUT_AWAY, PUTTING_AWAY, AlarmState, Operation, transitions
 from umo.alarms.collecting import DeclaredAlarm
 from umo.alarms.conditions import BAD, FALSE, NEVER, TRUE, AlarmImage, Conditions
-from umo.alarms.telling import Telling
+from umo.alarms.telling import LEFT_OUT, Telling
+from umo.objects.scaling import ByteArray
 
-CHANGES_PER_PERIOD = 20
-"""Number of the changes of conditions, of delays that end, and of operations of clients, each, that are carried out in
-a period at most: an avalanche of alarms does not delay the loop. The others follow in the next periods."""
+REQUESTS_PER_PERIOD = 20
+"""Number of operations of clients, and of shelves whose time is over, that are carried out in a period at most: the
+others follow in the next periods. What conditions do is noticed in its period, however many they are."""
 LONGEST_SHELF = 7 * 86_400.0
 """Longest time in s for which an alarm can be shelved."""
 A_TICK = 1e-9
@@ -29,6 +32,12 @@ RESULTS = {
     AlarmState.BAD_ACKNOWLEDGED: BAD,
 }
 """The results of conditions that belong to active states."""
+OCCURRENCES = ("raised", "first", "last")
+"""Number of times that an alarm has become active; the first and the last time in s on the cycle's clock, NaN if there
+was none."""
+UNEVALUATED = frozenset((AlarmState.BAD_UNACKNOWLEDGED, AlarmState.BAD_ACKNOWLEDGED))
+Rows = NDArray[np.intp]
+"""The numbers of some alarms."""
 TellChange = Callable[[str, str, str], object]
 """Function that is told a change: path of the alarm, words, client ("": the machine itself)."""
 
@@ -58,15 +67,26 @@ class AlarmEngine:
         """The number of the `AlarmState` of each alarm."""
         self._conditions = Conditions(declared, image)
         self._now = now
-        self._telling = Telling(len(self.declared), lambda row, text, who: tell(self.paths[row], text, who))
-        self._words = [""] * len(self.declared)
-        """The words of the last change of each."""
-        self._tables = [transitions(each.alarm.latch, each.alarm.acknowledge) for each in declared]
+        priorities = [each.alarm.priority for each in declared]
+        self._telling = Telling(priorities, self._tell)
+        self._tell_change = tell
+        self._words: dict[int, str] = {}
+        """The words of the last change of an alarm, where a client or the end of a shelf made it."""
         options = [(latch, acknowledge) for latch in (False, True) for acknowledge in (False, True)]
         self._by_kind = [transitions(*each) for each in options]
         """The tables by the kind of an alarm, which is the number of its options."""
+        self._next_states = np.array([_next_states(table) for table in self._by_kind], np.uint8)
         self._kinds = np.array([2 * each.alarm.latch + each.alarm.acknowledge for each in declared], np.intp)
+        self._delays = np.array([each.alarm.delays for each in declared], float).reshape(len(declared), 2).T.copy()
+        """The delays on and off, s."""
         count = len(self.declared)
+        self.occurrences = np.full((len(OCCURRENCES), count), nan)
+        """Of each how often it has become active since the machine was connected, shelved or not, and when: the rows
+        are those of `OCCURRENCES`."""
+        self.raised, self.first_raised, self.last_raised = self.occurrences
+        self.raised.fill(0)
+        self.revision = 0
+        """It grows with each change of `occurrences`."""
         self._seen = np.zeros(count, np.uint8)
         """The results of the conditions that were taken note of."""
         self._counting = np.zeros(count, np.uint8)
@@ -76,8 +96,6 @@ class AlarmEngine:
         """The times in s when a delay ends, and a shelf."""
         self._next = NEVER
         """The first of these times."""
-        self._last = -1
-        """The alarm whose change was taken note of last."""
         self._requests: dict[int, tuple[AlarmRequest, ...]] = {}
         """What clients have asked for and was not carried out yet, by alarm; those of one command share it."""
 
@@ -92,7 +110,7 @@ class AlarmEngine:
         so until its condition has ended."""
         for row, path in enumerate(self.paths):
             number = states.get(path, AlarmState.NORMAL)
-            reachable = {*self._tables[row].values()} - {AlarmState.SHELVED}
+            reachable = {*self._table(row).values()} - {AlarmState.SHELVED}
             if number not in reachable:
                 continue
             self.states[row] = number
@@ -107,55 +125,64 @@ class AlarmEngine:
         np.not_equal(conditions.results, self._seen, out=self._differs)
         changed = bool(self._differs.any())
         if changed:
-            self._notice()
+            self._notice(np.flatnonzero(self._differs))
         if self._next <= self._now() + A_TICK:
             self._end_times()
             changed = True
+        if changed:
+            self._telling.tell(self._now())  # before what clients do with them
         if self._requests:
             self._obey()
+            self._telling.tell(self._now())
             changed = True
         if changed:
             self._next = float(min(self._due.min(), self._until.min(), self._telling.due.min()))
 
     # By conditions -------------------------------------------------------------------------------------
 
-    def _notice(self) -> None:
-        """Take note of some of the conditions that have changed, each in its turn."""
-        rows = np.flatnonzero(self._differs)
-        start = int(np.searchsorted(rows, self._last, side="right"))
-        for row in np.concatenate((rows[start:], rows[:start]))[:CHANGES_PER_PERIOD].tolist():
-            self._last = row
-            self._note(row, int(self._conditions.results[row]))
+    def _notice(self, rows: Rows) -> None:
+        """Take note of the conditions that have changed: they count at once, or after a delay."""
+        results = self._conditions.results[rows]
+        self._seen[rows] = results
+        counting = self._counting[rows]
+        active = results != FALSE
+        turned = active != (counting != FALSE)
+        delays = np.where(active, self._delays[0, rows], self._delays[1, rows])
+        waits = turned & (delays > 0.0)
+        begins = waits & (self._due[rows] == NEVER)
+        self._due[rows[~turned]] = NEVER
+        self._due[rows[begins]] = self._now() + delays[begins]
+        counts = ~waits & (results != counting)
+        self._count(rows[counts], results[counts])
 
-    def _note(self, row: int, result: int) -> None:
-        self._seen[row] = result
-        active = result != FALSE
-        if active == (self._counting[row] != FALSE):
-            self._due[row] = NEVER
-            if result != self._counting[row]:
-                self._count(row, result)
-            return
-        on_delay, off_delay = self.declared[row].alarm.delays
-        delay = on_delay if active else off_delay
-        if not delay:
-            self._count(row, result)
-        elif self._due[row] == NEVER:
-            self._due[row] = self._now() + delay
+    def _count(self, rows: Rows, results: ByteArray) -> None:
+        """These conditions count from now on."""
+        came = rows[(self._counting[rows] == FALSE) & (results != FALSE)]
+        self._counting[rows], self._due[rows] = results, NEVER
+        if len(came):
+            self.revision += 1
+            self.raised[came] += 1
+            self.last_raised[came] = self._now()
+            self.first_raised[came] = np.fmin(self.first_raised[came], self._now())
+        self._step(rows, results)
 
-    def _count(self, row: int, result: int) -> None:
-        """The condition counts from now on."""
-        self._counting[row], self._due[row] = result, NEVER
-        self._step(row, Operation(result))
+    def _step(self, rows: Rows, operations: ByteArray) -> None:
+        """The next states by conditions, whose results are the numbers of operations."""
+        before = self.states[rows]
+        after = self._next_states[self._kinds[rows], before, operations]
+        moved = rows[after != before]
+        self.states[rows] = after
+        for row in self._words.keys() & set(moved.tolist()) if self._words else ():
+            del self._words[row]
+        self._telling.changed(moved, self._now())
 
     def _end_times(self) -> None:
         """End the delays and shelves that are due."""
         now = self._now() + A_TICK
-        for row in np.flatnonzero(self._due <= now)[:CHANGES_PER_PERIOD].tolist():
-            self._count(row, int(self._seen[row]))
-        for row in np.flatnonzero(self._until <= now)[:CHANGES_PER_PERIOD].tolist():
+        rows = np.flatnonzero(self._due <= now)
+        self._count(rows, self._seen[rows])
+        for row in np.flatnonzero(self._until <= now)[:REQUESTS_PER_PERIOD].tolist():
             self._carry_out(row, AlarmRequest(Operation.UNSHELVE, "", words="its time is over"))
-        for row in np.flatnonzero(self._telling.due <= now)[:CHANGES_PER_PERIOD].tolist():
-            self._telling.tell_state(row, self._text(row), now)
 
     # By clients ----------------------------------------------------------------------------------------
 
@@ -190,36 +217,39 @@ class AlarmEngine:
         self._requests.update(zip(rows, map(joined, waiting), strict=False))
 
     def _obey(self) -> None:
-        for row in list(islice(self._requests, CHANGES_PER_PERIOD)):
+        for row in list(islice(self._requests, REQUESTS_PER_PERIOD)):
             for each in self._requests.pop(row):
                 self._carry_out(row, each)
 
     def _carry_out(self, row: int, request: AlarmRequest) -> None:
-        operation = request.operation
-        if (self.state_of(row), operation) not in self._tables[row]:
+        before, operation = self.state_of(row), request.operation
+        state = self._table(row).get((before, operation))
+        if state is None:
             return  # it has changed since
         self._until[row] = self._now() + request.seconds if operation is Operation.SHELVE else NEVER
-        put_away = self.state_of(row) in PUT_AWAY
-        self._step(row, operation, request.who, request.words)
-        if put_away and self.state_of(row) not in PUT_AWAY:
-            self._step(row, Operation(int(self._counting[row])))
+        if state is not before or operation is Operation.SHELVE:
+            self.states[row] = state
+            self._words[row] = request.words
+            self._telling.changed_by(row, request.who, self._now())
+        if before in PUT_AWAY and state not in PUT_AWAY:
+            self._step(np.array([row]), self._counting[[row]])
 
-    # States --------------------------------------------------------------------------------------------
+    def _table(self, row: int) -> Mapping[tuple[AlarmState, Operation], AlarmState]:
+        return self._by_kind[int(self._kinds[row])]
 
-    def _step(self, row: int, operation: Operation, who: str = "", words: str = "") -> None:
-        """The next state, which is told."""
-        before = self.state_of(row)
-        state = self._tables[row].get((before, operation))
-        if state is None or (state is before and operation is not Operation.SHELVE):
-            return
-        self.states[row] = state
-        if operation is Operation.CANNOT_EVALUATE:
+    def _tell(self, row: int, who: str, left_out: int) -> None:
+        """Tell the state of an alarm, and how many of its changes before were not told."""
+        state, words = self.state_of(row), self._words.get(row, "")
+        if state in UNEVALUATED and not words:
             words = f"cannot be evaluated: {self._conditions.causes.get(row, '')}"
-        self._words[row] = words
-        self._telling.change(row, self._text(row), who, self._now())
+        more = f"{left_out} {LEFT_OUT}" if left_out > 0 else ""
+        text = told_text(state, self.declared[row], "; ".join(filter(None, (words, more))))
+        self._tell_change(self.paths[row], text, who)
 
-    def _text(self, row: int) -> str:
-        return told_text(self.state_of(row), self.declared[row], self._words[row])
+
+def _next_states(table: Mapping[tuple[AlarmState, Operation], AlarmState]) -> list[list[int]]:
+    """The next state by the numbers of state and operation; the same one where nothing changes."""
+    return [[table.get((state, operation), state) for operation in Operation] for state in AlarmState]
 
 
 def _rows_below(paths: Sequence[str]) -> Mapping[str, list[int]]:

@@ -1,65 +1,87 @@
-"""Which changes of alarms are told: not those of an alarm that comes and goes all the time, and no avalanche at once.
+"""Which changes of alarms are told one by one: not those of an alarm that comes and goes all the time, and no avalanche
+at once.
 
 Events are few, and clients find their answers among them. So of one alarm a few changes are told in a second, and of
-all alarms together not many more. What was left out is told with the next change, or when the second is over: the last
-state of every alarm is told in any case.
+all alarms together not many more, the most important first. What was left out is counted, and told with the next change
+or when there is room: the last state of every alarm is told in any case.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 WINDOW = 1.0
 """Time in s for which changes are counted."""
 MOST_OF_ONE, MOST_OF_ALL = 6, 200
 """Number of changes of one alarm, and of all, that are told in this time at most. Those by clients are always told."""
+MOST_IN_A_PERIOD = 20
+"""Number of changes by conditions that are told in a period at most."""
 NEVER = float("inf")
 LEFT_OUT = "changes before this one are left out"
 
 
 class Telling:
-    """Tells the changes of so many alarms. `tell` is given the number of the alarm, its state in words, the client."""
+    """Tells the changes of some alarms with these priorities. `tell` is given the number of an alarm whose present
+    state is to be told, the client who has changed it ("": the machine itself), and how many of its changes before were
+    not told."""
 
-    def __init__(self, count: int, tell: Callable[[int, str, str], object]) -> None:
+    def __init__(self, priorities: Sequence[int], tell: Callable[[int, str, int], object]) -> None:
+        count = len(priorities)
         self._tell = tell
+        self._urgency = np.array(priorities, float)
         self._told = np.zeros(count, np.int64)
         """Number of changes of each that were told in this window."""
         self._told_in_all = 0
         self._window = -NEVER
         """The end of the window, s."""
-        self._left_out = np.zeros(count, np.int64)
+        self._told_now, self._now = 0, -NEVER
+        """Number of changes by conditions that were told in the present period, and its time in s."""
+        self._untold = np.zeros(count, np.int64)
+        """Number of changes of each since it was told last."""
         self.due = np.full(count, NEVER)
-        """The time in s when the state of an alarm is to be told (`tell_state`)."""
+        """The time in s from which on the state of an alarm is to be told."""
 
-    def change(self, row: int, text: str, who: str, now: float) -> None:
-        """An alarm has changed."""
+    def changed(self, rows: NDArray[np.intp], now: float) -> None:
+        """Conditions have changed these alarms: they are told by the next `tell`, as far as there is room."""
         self._begin_window(now)
-        if not who and self._is_spent(row):
-            self._left_out[row] += 1
-            self.due[row] = self._window
+        self._untold[rows] += 1
+        due = np.where(self._told[rows] < MOST_OF_ONE, now, self._window)
+        self.due[rows] = np.minimum(self.due[rows], due)
+
+    def changed_by(self, row: int, who: str, now: float) -> None:
+        """A client has changed an alarm, or its shelf has ended: told at once."""
+        self._begin_window(now)
+        self._untold[row] += 1
+        self._tell_one(row, who)
+
+    def tell(self, now: float) -> None:
+        """Tell the states that are due: the most important first, of equal ones those that have waited longest."""
+        self._begin_window(now)
+        if now > self._now:
+            self._told_now, self._now = 0, now
+        rows = np.flatnonzero(self.due <= now)
+        if self._told_in_all >= MOST_OF_ALL:
+            self.due[rows] = self._window
             return
-        self._tell_with(row, text, who, int(self._left_out[row]))
-
-    def tell_state(self, row: int, text: str, now: float) -> None:
-        """Tell the state of an alarm whose last change was left out."""
-        self._begin_window(now)
-        if self._is_spent(row):
-            self.due[row] = self._window
-        else:
-            self._tell_with(row, text, "", int(self._left_out[row]) - 1)
+        room = min(MOST_IN_A_PERIOD - self._told_now, MOST_OF_ALL - self._told_in_all)
+        if len(rows) > room:
+            order = np.lexsort((rows, self.due[rows], -self._urgency[rows]))
+            rows = rows[order[:room]]
+        self._told_now += len(rows)
+        for row in rows.tolist():
+            self._tell_one(row, "")
 
     def _begin_window(self, now: float) -> None:
         if now >= self._window:
             self._window, self._told_in_all = now + WINDOW, 0
             self._told.fill(0)
 
-    def _is_spent(self, row: int) -> bool:
-        return bool(self._told[row] >= MOST_OF_ONE or self._told_in_all >= MOST_OF_ALL)
-
-    def _tell_with(self, row: int, text: str, who: str, left_out: int) -> None:
+    def _tell_one(self, row: int, who: str) -> None:
+        left_out = int(self._untold[row]) - 1
         self._told[row] += 1
         self._told_in_all += 1
-        self._left_out[row], self.due[row] = 0, NEVER
-        self._tell(row, f"{text}; {left_out} {LEFT_OUT}" if left_out > 0 else text, who)
+        self._untold[row], self.due[row] = 0, NEVER
+        self._tell(row, who, left_out)

@@ -87,14 +87,22 @@ def _list(station: RemoteStation, as_json: bool) -> None:
         out.print("no alarm")
         return
     table = plain_table()
-    for heading in ("alarm", "state", "priority", "since", "text"):
+    for heading in ("alarm", "state", "priority", "since", "raised", "text"):
         table.add_column(heading, overflow="fold")
     for row in rows:
         since = "" if row.since is None else clock_text(row.since)
         text = row.text + (f"; {row.note}" if row.note else "") + (f" ({row.who})" if row.who else "")
         style = "red" if row.annunciated and row.priority > 2 else ""
-        table.add_row(printable(row.path), str(row.state), str(row.priority), since, printable(text), style=style)
+        table.add_row(
+            printable(row.path), str(row.state), str(row.priority), since, _raised(row), printable(text), style=style
+        )
     out.print(table)
+
+
+def _raised(row: AlarmRow) -> str:
+    """How often, and since when, if it was more than once."""
+    first = "" if row.raised < 2 or row.first is None else f" since {clock_text(row.first)}"
+    return f"{row.raised}{first}" if row.raised else ""
 
 
 def show_history(name: str) -> None:

@@ -26,6 +26,11 @@ class AlarmRow(NamedTuple):
     """The client that brought it there; "": the machine itself."""
     note: str
     """More words, such as why its condition cannot be evaluated."""
+    raised: int = 0
+    """How often it has become active in this run; 0: that is not known here."""
+    first: float | None = None
+    last: float | None = None
+    """The first and the last of these times, in s on the cycle's clock."""
 
     @property
     def annunciated(self) -> bool:
@@ -46,11 +51,20 @@ class AlarmRow(NamedTuple):
         return f"{self.path}: {self.text} ({self.priority}, {self.state})"
 
 
-def alarm_rows(entries: Sequence[Mapping[str, Any]], states: Iterable[int], events: Iterable[Event]) -> list[AlarmRow]:
+def alarm_rows(
+    entries: Sequence[Mapping[str, Any]],
+    states: Iterable[int],
+    events: Iterable[Event],
+    occurrences: Iterable[tuple[float, float, float]],
+) -> list[AlarmRow]:
     """The alarms that are not normal: what is to be acknowledged first, then by priority, the newest first."""
     last = {event.path: event for event in events if event.asked == ALARM}
-    numbered = zip(entries, states, strict=True)
-    rows = [_row(entry, AlarmState(n), last.get(entry["path"])) for entry, n in numbered if n in _NOT_NORMAL]
+    numbered = zip(entries, states, occurrences, strict=True)
+    rows = [
+        _row(entry, AlarmState(n), last.get(entry["path"]))._replace(**_occurred(*when))
+        for entry, n, when in numbered
+        if n in _NOT_NORMAL
+    ]
     return sorted(rows, key=_order)
 
 
@@ -73,6 +87,10 @@ def _row(entry: Mapping[str, Any], state: AlarmState, event: Event | None) -> Al
         return AlarmRow(entry["path"], state, priority, text, None, "", "")
     note = event.text.removeprefix(head).removeprefix("; ") if event.text.startswith(head) else ""
     return AlarmRow(entry["path"], state, priority, text, event.time, event.who, note)
+
+
+def _occurred(raised: float, first: float, last: float) -> dict[str, Any]:
+    return {"raised": int(raised), "first": first, "last": last} if raised > 0 else {}
 
 
 def _order(row: AlarmRow) -> tuple[Any, ...]:

@@ -33,7 +33,7 @@ from umo.objects import Atomic, Quality
 from umo.objects.description import described
 
 MAGIC = b"umoframe"
-VERSION = 9
+VERSION = 10
 HEADER = struct.Struct("<8sIIQQQQQQ")
 """Magic, version, flags, offset of the first slot, bytes of a slot, slots, offset of the journal, its entries, bytes of
 the description."""
@@ -253,6 +253,8 @@ class Places(NamedTuple):
     first: int
     journal: int
     events: int
+    alarms: int
+    """Of each alarm how often it was raised, when first, and when last: three rows of `<f8`."""
     tunables: int
     size: int
 
@@ -261,8 +263,9 @@ class Places(NamedTuple):
         """Places in a ring with so many frames from `first` on, and so many entries in the journal."""
         journal = first + slots * layout.dtype.itemsize
         events = journal + entries * ENTRY.itemsize
-        tunables = events + EVENTS * EVENT_ROW.itemsize
-        return cls(first, journal, events, tunables, tunables + 8 * len(layout.tunables))
+        alarms = events + EVENTS * EVENT_ROW.itemsize
+        tunables = alarms + 3 * 8 * len(layout.alarms)
+        return cls(first, journal, events, alarms, tunables, tunables + 8 * len(layout.tunables))
 
 
 def arrange(layout: Layout, slots: int, entries: int, flags: int = 0) -> tuple[bytes, Places]:

@@ -355,7 +355,14 @@ class Reader:
         if frame is None or not frame["alarms"].any():
             return []
         events = (each.event for each in self.events())
-        return alarm_rows(self.layout.alarms, frame["alarms"].tolist(), events)
+        return alarm_rows(self.layout.alarms, frame["alarms"].tolist(), events, self.occurrences())
+
+    def occurrences(self) -> list[tuple[float, float, float]]:
+        """Of each alarm how often it was raised in this run, when first and when last, in s on the cycle's clock. All
+        0 where that is not known: in recordings, and of stations of other computers."""
+        count = len(self.layout.alarms)
+        numbers = np.frombuffer(self._memory, "<f8", 3 * count, self._places.alarms)
+        return list(zip(*numbers.reshape(3, count).tolist(), strict=True))
 
     def unit_states(self, frame: Any) -> dict[str, str]:
         """The states of parts at a frame (`umo.operation`), by the paths of their state machines."""

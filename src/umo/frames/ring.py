@@ -139,6 +139,7 @@ class Ring:
         head, places = arrange(layout, self.slots, self.journal_entries, CHECKSUM if checksum else 0)
         self._first, self._journal_at, self._content = places.first, places.journal, layout.content
         self._events_at, self._tunables_at = places.events, places.tunables
+        self._alarms_at, self._alarms_shown = places.alarms, -1
         self._seldom_packed, self._seldom_is_plain, self._progress, self._taken = b"", False, Progress(), 0
         self._late = round(machine.clock.period * LATE_SHARE * 1e9)
         self._map = fill(ends.frames, head, places.size, private=True)
@@ -178,6 +179,9 @@ class Ring:
         if frame.missed:
             self.missed += frame.missed
             live[Live.MISSED] = self.missed
+        if (alarms := self._machine.alarms) is not None and alarms.revision != self._alarms_shown:
+            self._alarms_shown = alarms.revision
+            self._map[self._alarms_at : self._tunables_at] = alarms.occurrences.tobytes()
         if self._tunables:  # one in each period
             self._refresh(index % len(self._tunables))
         if self._machine.clients is not None:
