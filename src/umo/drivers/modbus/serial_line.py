@@ -4,7 +4,7 @@ A frame has no number, so nothing in it tells a late answer from the answer to t
 Therefore a unit whose answer did not come in time is not asked for the same function again for its `recovery` time.
 What comes in meanwhile is discarded; the late answer itself ends the time early, and so does an answer that came
 damaged, if it is known for the answer (`has_come`): nothing else is to come then. Other functions and
-other units go on: an answer names both, so a late one is known from theirs. Functions 5 and 6 go on too, as their
+other units go on: an answer names both, so a late one is known from theirs. Functions 5, 6 and 22 go on too, as their
 answer repeats address and value. When the line is opened, the time runs for every unit: another process, which has
 ended, may have asked it.
 """
@@ -25,7 +25,7 @@ _MAX_STRAY = 256
 """Stray bytes that are kept."""
 _MAX_DISCARDS = 16
 """Reads of up to 4 KiB after which a line that does not fall silent is left."""
-_UNMISTAKABLE = (5, 6)
+_UNMISTAKABLE = (5, 6, 22)
 """Functions whose answer repeats what was written: a late one of an earlier request has another address or value, or
 confirms that the same value was written."""
 

@@ -118,6 +118,12 @@ class Unit:
         send = partial(ask, read_address=address, read_count=count, write_address=address, values=cells)
         return self._answer("writing", request, partial(send, device_id=self._unit)).registers
 
+    def mask_write(self, request: Request, cells: list[int]) -> None:
+        """Write the bits that the request has of its one register, by function 22."""
+        send = partial(self._client.mask_write_register, address=request.address, device_id=self._unit)
+        others = ~request.masks[0] & 0xFFFF
+        self._answer("writing bits of", request, lambda: send(and_mask=others, or_mask=cells[0]))
+
     def _answer(self, doing: str, request: Request, send: Callable[[], ModbusPDU]) -> ModbusPDU:
         """The answer to a request, if the device carried it out."""
         try:
