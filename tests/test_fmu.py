@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import shutil
@@ -19,6 +20,7 @@ from helpers.fmus import PYTHON_TANK, python_fmu, tank_fmu
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, check, connect
 from umo.drivers import ChannelError, ChannelsFailed, Direction, DriverError, WiringError
 from umo.drivers.fmu import Fmu
+from umo.drivers.fmu.variables import variables_of
 from umo.errors import StopError
 from umo.states import OnOff
 from umo.testing import periods
@@ -388,15 +390,40 @@ def test_an_error_while_reading_loses_the_model(tank):
         tick(tank)
 
 
-def test_a_model_that_ends_its_simulation_says_when(folder, unpacked):
-    driver = Fmu(model=tank_fmu(folder, 3))
-    driver.period = 0.1
-    driver.open()
-    tick(driver, 2)
-    write(driver, fault=9)
-    with pytest.raises(DriverError, match=r"the model has ended its simulation at 0\.3 s"):
-        tick(driver)
-    driver.close()
+def test_a_model_that_ends_its_simulation_says_when_and_still_has_its_last_values(tank, version):
+    """FMI 2.0 (4.2.3): a discarded step, and fmi2Terminated; FMI 3.0: terminateSimulation."""
+    write(tank, inflow=1000, enable=1)
+    tick(tank, 2)
+    write(tank, fault=9)
+    at, why = ("0.25", ": the tank is full, .*") if version == 2 else ("0.3", "")
+    for _ in range(2):
+        with pytest.raises(DriverError, match=rf"^the model has ended its simulation at {at} s{why}$"):
+            tick(tank)
+    report = tank.report()
+    assert report["time_s"] == float(at)
+    assert report["tank.level"] > 0
+    with pytest.raises(DriverError, match="has ended its simulation"):
+        write(tank, inflow=5)
+    tank.reset(tank.channel("inflow:0.001"), 0)
+
+
+def test_the_report_has_outputs_of_every_type(tank, version):
+    report = tank.report()
+    assert report["text_out"] == "höhe \N{REPLACEMENT CHARACTER}"
+    if version == 3:
+        assert report["data_out"] == "de ad be ef"
+        assert report["rows_out"] == [[0.5, 1.5, 2.5], [3.5, 4.5, 5.5]]
+        assert (report["byte_out"], report["dword_out"], report["single_out"]) == (0, 0, 0.0)
+    assert set(report) == {"time_s"} | {
+        name for name, each in variables_of(tank._description).items() if each.causality == "output"
+    }
+
+
+def test_an_output_that_the_model_does_not_give_says_so_in_the_report_and_the_others_are_there(tank):
+    write(tank, count=16)  # "odd" is discarded
+    report = tank.report()
+    assert "discard" in report["odd"]
+    assert report["steps"] == 0
 
 
 def test_directions_are_kept(tank):
@@ -599,6 +626,36 @@ start_values = {{ "tank.level" = 1.0, count = 3, enable = true, label = "of the 
 
 def wiring(model: Path | str, level: str = "tank.level:0.001") -> str:
     return WIRING.format(model=model, level=level)
+
+
+@pytest.mark.parametrize("ends", [False, True])
+def test_a_run_on_a_model_with_outputs_of_every_type_ends_well_and_has_its_report(
+    folder, version, unpacked, umo, tmp_path, ends
+):
+    """A run that the model ends has failed, and its report has the last values."""
+    model = tank_fmu(folder, version)
+    (tmp_path / "wiring").mkdir()
+    (tmp_path / "objects.py").write_text(
+        "from umo import Compound, DigitalActuator, DigitalSensor\n\n\nclass Tank(Compound):\n"
+        "    fault: DigitalActuator\n    timer: DigitalSensor\n\n\ndef machine():\n"
+        "    return Tank(fault=DigitalActuator('count', default=0.0, minimum=0.0, maximum=9.0, resolution=1.0),\n"
+        "        timer=DigitalSensor('sampling_period', minimum=0, maximum=9, resolution=1, synchronous=False))\n"
+    )
+    (tmp_path / "application.py").write_text(
+        f"from umo.control import wait\n\n\nasync def main(m):\n    await wait(0.5)\n    m.fault.write({9 * ends})\n"
+        "    await wait(0.5)\n"
+    )
+    (tmp_path / "wiring" / "simulated.toml").write_text(
+        f'[drivers.tank]\ntype = "fmu"\nmodel = "{model}"\n[wire]\n"fault" = {{ driver = "tank" }}\n'
+        '"timer" = { driver = "tank", channel = "tick", period = "100 ms" }\n'
+    )
+    result = umo("run", ".", "--summary", "sum.json", "--no-plot")
+    text = " ".join(result.output.split())
+    assert result.exit_code == ends, text
+    assert ("the model has ended its simulation at" in text) is ends
+    report = json.loads((tmp_path / "sum.json").read_text())["reports"]["tank"]
+    assert report["text_out"] == "höhe \N{REPLACEMENT CHARACTER}"
+    assert report["steps"] > 4
 
 
 def test_a_machine_runs_in_virtual_time_on_the_model(folder, version, unpacked):

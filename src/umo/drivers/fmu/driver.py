@@ -140,13 +140,17 @@ class Fmu(BlockDriver[FmuChannel]):
         in_turn(groups, transfer, lambda group: group.texts, lambda error: bool(instance.lost))
 
     def report(self) -> Mapping[str, Any]:
-        """The model's time in s and its outputs, at most 40, in its units; a value that is not finite is None."""
+        """The model's time in s and its outputs, at most 40, in its units; a value that is not finite is None. Of one
+        that the model does not give: why."""
         instance = self._opened()
         found: dict[str, Any] = {"time_s": round(instance.time, 9)}
-        if not instance.lost:
-            outputs = [each for each in variables_of(self._description).values() if each.causality == "output"]
-            for variable in outputs[:_MAX_REPORTED]:
-                found[variable.name] = instance.value(variable)
+        outputs = [each for each in variables_of(self._description).values() if each.causality == "output"]
+        for variable in outputs[:_MAX_REPORTED]:
+            if instance.readable:
+                try:
+                    found[variable.name] = instance.value(variable)
+                except DriverError as error:
+                    found[variable.name] = str(error)
         return found
 
     def _opened(self) -> FmuInstance:

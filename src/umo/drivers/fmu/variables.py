@@ -201,6 +201,22 @@ def kind_of(description: Any, variable: Any) -> str:
     return kind if kind != "Enumeration" else "Int64" if description.fmiVersion.startswith("3.") else "Integer"
 
 
+def shape_of(description: Any, variable: Any) -> tuple[int, ...]:
+    """The sizes of an array, () for a single value. Where a size is a structural parameter, it is its start value."""
+    if not variable.dimensions:
+        return ()
+    starts = {each.valueReference: each.start for each in description.modelVariables}
+    sizes = (starts.get(each.valueReference) if each.start is None else each.start for each in variable.dimensions)
+    return tuple(int(size or 0) for size in sizes)
+
+
+def arranged(values: list[Any], shape: tuple[int, ...]) -> Any:
+    """Values in the order of FMI, row by row, as nested lists of this shape."""
+    for size in reversed(shape[1:]):
+        values = [values[i : i + size] for i in range(0, len(values), size or 1)]
+    return values if shape else values[0]
+
+
 def _raw(description: Any, variable: Any, text: str) -> tuple[str, int, bool]:
     """Kind, width and sign of the variable's raw integer."""
     kind = kind_of(description, variable)
