@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from time import monotonic
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from umo.drivers._block_driver import BlockDriver, Plans, in_turn
 from umo.drivers._library import library
@@ -15,7 +15,7 @@ from umo.drivers.modbus.answer import Refused
 from umo.drivers.modbus.channel import HIGHEST_ADDRESS, HOLDING, ModbusChannel, parse
 from umo.drivers.modbus.plan import RegisterContents, Request, Requests, WriteCache, plan_reads, plan_writes
 from umo.drivers.option_checks import duration, one_of, within
-from umo.drivers.streams import Host, Serial, place_of
+from umo.drivers.streams import Host, Place, Serial, place_of
 from umo.drivers.streams.line import Parity
 from umo.errors import ChannelsFailed, DriverError, WiringError
 from umo.presentation.durations import duration as duration_text
@@ -47,6 +47,8 @@ class Modbus(BlockDriver[ModbusChannel]):
         baudrate: of the serial line, in bit/s. Default: 19200.
         parity: of the serial line: "even", "odd", "none", "mark" or "space". Default: "even".
         stop_bits: of a character on the serial line, 1 or 2. Default: 1.
+        echo: the adapter of the serial line repeats what is sent. Without this option, writes (functions 5, 6, 22) of a
+            driver that reads nothing are confirmed by their own echo.
         rs485: the kernel switches the direction of the line, for a UART whose circuit does not.
         unit: 1 to 247. TCP takes 0 to 255: a device that is not a gateway often has 0 or 255.
         answers_as: the unit in the answers of a gateway on TCP that does not repeat the one that was asked, 0 or 255.
@@ -64,6 +66,10 @@ class Modbus(BlockDriver[ModbusChannel]):
             such as "200 ms". Default: every period sends everything.
         recovery: serial lines: after a request failed, the unit is not asked for the same function again for this
             time. It should be longer than the unit's longest time to answer. Default: "250 ms".
+        pause: time between an answer and the next request that the unit needs. Default: none.
+        boot_time: TCP: time that the device needs from the connection to the first request. Default: none.
+        max_registers: registers of one request at most, where the device takes fewer than the protocol: 1 to 125.
+        write_multiple: also a single coil or register is written by function 15 or 16, for a device without 5 and 6.
 
     All channels of a period move in as few requests as their addresses allow: the cells of one table that
     follow each other in one request, up to the protocol's maxima. Only addressed cells are written.
@@ -90,6 +96,7 @@ class Modbus(BlockDriver[ModbusChannel]):
         parity: Parity | None = None,
         stop_bits: Literal[1, 2] | None = None,
         rs485: bool = False,
+        echo: bool = False,
         unit: int = 1,
         answers_as: int | None = None,
         word_order: Literal["big", "little"] = "big",
@@ -100,37 +107,46 @@ class Modbus(BlockDriver[ModbusChannel]):
         read_write: bool = False,
         skip_unchanged: str | float | None = None,
         recovery: str | float = 0.25,
+        pause: str | float | None = None,
+        boot_time: str | float | None = None,
+        max_registers: int = 125,
+        write_multiple: bool = False,
     ) -> None:
         line = {"baudrate": baudrate, "parity": parity, "stop_bits": stop_bits, "rs485": rs485 or None}
+        line["echo"] = echo or None
         self.place = place_of(_DEFAULT, host, port, serial, **line)
-        if isinstance(self.place, Host):
-            within("unit", unit, 0, 255)
-        else:
-            within("unit", unit, 1, 247, " on a serial line (0 is a broadcast, which no unit confirms)")
-        if answers_as is not None:
-            within("answers_as", answers_as, 0, 255)
-            if not isinstance(self.place, Host):
-                raise WiringError("answers_as is for a gateway on TCP: on a serial line the unit tells answers apart")
+        _check_unit(self.place, unit, answers_as, boot_time)
         one_of("word_order", word_order, ("big", "little"))
         one_of("byte_order", byte_order, ("big", "little"))
         if watchdog_register is not None:
             within("watchdog_register", watchdog_register, 0, HIGHEST_ADDRESS)
-        self._unit, self._answers_as = unit, answers_as
+        self._unit = unit
+        self._rules: dict[str, Any] = {
+            "recovery": duration("recovery", recovery),
+            "answers_as": answers_as,
+            "pause": 0.0 if pause is None else duration("pause", pause),
+            "boot_time": 0.0 if boot_time is None else duration("boot_time", boot_time),
+            "write_multiple": write_multiple,
+        }
         self._little, self._swapped = word_order == "little", byte_order == "little"
         self.watchdog_register = watchdog_register
         self._read_write, self._mask_write = read_write, mask_write
         self._skip = 0.0 if skip_unchanged is None else duration("skip_unchanged", skip_unchanged)
-        self._recovery = duration("recovery", recovery)
         self._unchanged = WriteCache(self._skip)
         self._contents = RegisterContents()
         self._protocol = library("umo.drivers.modbus.unit", "pymodbus") if self.place.prepared() else None
         self._connection: Unit | None = None
-        most = _MAX_READ_BACK if read_write else _MAX_REGISTERS
-        self._reads = Plans[ModbusChannel, Requests](partial(plan_reads, bridge_gaps=bridge_gaps))
+        self._max_registers = within("max_registers", max_registers, 1, 125)
+        most = min(_MAX_READ_BACK if read_write else _MAX_REGISTERS, max_registers)
+        self._reads = Plans[ModbusChannel, Requests](
+            partial(plan_reads, bridge_gaps=bridge_gaps, most_registers=max_registers)
+        )
         self._writes = Plans[ModbusChannel, Requests](partial(plan_writes, most_registers=most, masking=mask_write))
 
     def channel(self, text: str) -> ModbusChannel:
         channel = parse(text, little=self._little, swapped=self._swapped, unit=self._unit)
+        if channel.table.full != 1 and channel.cells > self._max_registers:
+            raise WiringError(f"{text} takes {channel.cells} registers; max_registers is {self._max_registers}")
         if self._mask_write and channel.low is not None and channel.cells > 1:
             return replace(channel, direction=Direction.INPUT)  # function 22 writes one register
         return channel
@@ -144,7 +160,7 @@ class Modbus(BlockDriver[ModbusChannel]):
         if self._protocol is None:
             needs = "pymodbus" if isinstance(self.place, Host) else "pymodbus and pyserial"
             raise DriverError(f'the modbus driver needs {needs}: pip install "umo[modbus]"')
-        self._connection = self._protocol.Unit(self.place, self._unit, self._recovery, self._answers_as)
+        self._connection = self._protocol.Unit(self.place, self._unit, self._protocol.UnitRules(**self._rules))
         self._begin()
 
     def close(self) -> None:
@@ -283,3 +299,17 @@ class Modbus(BlockDriver[ModbusChannel]):
         except BaseException:
             self._unchanged.forget()
             raise
+
+
+def _check_unit(place: Place, unit: int, answers_as: int | None, boot_time: str | float | None) -> None:
+    """WiringError for an option of the unit that is beyond its range, or for another place."""
+    if isinstance(place, Host):
+        within("unit", unit, 0, 255)
+    else:
+        within("unit", unit, 1, 247, " on a serial line (0 is a broadcast, which no unit confirms)")
+        if answers_as is not None:
+            raise WiringError("answers_as is for a gateway on TCP: on a serial line the unit tells answers apart")
+        if boot_time is not None:
+            raise WiringError("boot_time is for TCP: a serial line is not connected")
+    if answers_as is not None:
+        within("answers_as", answers_as, 0, 255)

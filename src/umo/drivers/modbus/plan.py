@@ -123,13 +123,16 @@ _Placed = tuple[int, ModbusChannel]
 _Key = tuple[str, int, int, tuple[int, ...]]
 
 
-def plan_reads(channels: Sequence[ModbusChannel], *, bridge_gaps: bool = False) -> Requests:
+def plan_reads(channels: Sequence[ModbusChannel], *, bridge_gaps: bool = False, most_registers: int = 125) -> Requests:
     """The reads that serve all the channels: runs of one table, over small gaps too if `bridge_gaps`."""
 
     def joins(end: int, channel: ModbusChannel) -> bool:
         return channel.address <= end + (channel.table.bridge if bridge_gaps else 0)
 
-    return _plan(channels, joins, lambda table: table.most_read)
+    def most(table: Table) -> int:
+        return table.most_read if table.full == 1 else most_registers
+
+    return _plan(channels, joins, most)
 
 
 def plan_writes(channels: Sequence[ModbusChannel], *, most_registers: int = 123, masking: bool = False) -> Requests:
@@ -154,7 +157,7 @@ def plan_writes(channels: Sequence[ModbusChannel], *, most_registers: int = 123,
         return not masking or neighbours == (channel.table.full, channel.table.full)
 
     def most(table: Table) -> int:
-        return table.most_written if table.cells == "coil" else most_registers
+        return table.most_written if table.full == 1 else most_registers
 
     return _plan(channels, joins, most)
 

@@ -12,6 +12,7 @@ ended, may have asked it.
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from dataclasses import dataclass
 from time import monotonic, sleep
 from typing import ClassVar
@@ -61,6 +62,8 @@ class SerialLine:
         """Bytes that came in since the last request was sent."""
         self._last_asked: UnitFunction | None = None
         """Unit and function of that request."""
+        self._echo = b""
+        """Bytes of that request which are still to be repeated by the line."""
 
     @classmethod
     def join(cls, place: Serial) -> SerialLine:
@@ -100,7 +103,7 @@ class SerialLine:
             self._port = self._dial(deadline)
             self.opened_at = self._last_byte_at = monotonic()
             self._owed.clear()
-            self._last_asked = None
+            self._last_asked, self._echo = None, b""
 
     def close(self) -> None:
         if self._port is not None:
@@ -140,6 +143,16 @@ class SerialLine:
         self._last_byte_at = monotonic() + len(frame) * self.place.character  # it is on its way for so long
         self._last_asked, self._stray = (frame[0], frame[1]), b""
         self.port.send(frame, deadline)
+        self._echo = frame if self.place.echo else b""
+
+    def _without_echo(self, data: bytes) -> bytes:
+        """The data without what repeats the request. Lost if it does not: no echo, or somebody else has sent, too."""
+        size = min(len(data), len(self._echo))
+        repeated, self._echo = self._echo[:size], self._echo[size:]
+        if data[:size] != repeated:
+            self._echo = b""
+            raise Lost("the line does not repeat the request; echo = false, if no adapter does")
+        return data[size:]
 
     def discard(self) -> None:
         """Discard what has come in unasked. A late answer is owed no more."""
@@ -148,6 +161,8 @@ class SerialLine:
             if not data:
                 return
             self._last_byte_at = monotonic()
+            with suppress(Lost):
+                data = self._without_echo(data)
             self._consider(data)
 
     def _consider(self, data: bytes) -> None:
@@ -196,6 +211,7 @@ class SerialLine:
             size = answer_size(request) + CHECKSUM_SIZE
             raise TimedOut(f"{len(data)} of {size} bytes of an answer came" if data else "") from None
         self._last_byte_at = monotonic()
+        more = self._without_echo(more)
         self._stray += more
         return more
 
