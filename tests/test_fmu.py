@@ -753,3 +753,37 @@ def test_a_failed_step_ends_the_run_with_the_message_of_the_model_alone(folder, 
         periods(m)
     assert not isinstance(error.value, StopError)
     assert list(unpacked.iterdir()) == []
+
+
+# What users of other projects have reported -----------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["a b", "höhe µ", "50%20"])
+def test_a_path_with_blanks_or_letters_beyond_ascii_is_a_path(folder, version, tmp_path, monkeypatch, name):
+    """CATIA-Systems/FMPy#230, viproma/coral#42: of the model, and of the folder in which it is unpacked."""
+    for each in ("models", "unpacked"):
+        (tmp_path / name / each).mkdir(parents=True)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / name / "unpacked"))
+    model = tmp_path / name / "models" / f"{name}.fmu"
+    shutil.copy(tank_fmu(folder, version), model)
+    driver = Fmu(model=model)
+    driver.period = 0.1
+    driver.open()
+    write(driver, inflow=1000, enable=1)
+    tick(driver, 20)
+    assert read(driver, "tank.level:0.001") == [round(1000 * (1 - math.exp(-1)))]
+    driver.close()
+
+
+def test_a_model_for_one_instance_in_a_process_has_a_library_of_its_own_in_each_driver(folder, version, unpacked):
+    """NTNU-IHB/FMI4cpp#42: two drivers load two copies of it, so their variables are not shared."""
+    model = tank_fmu(folder, version, attributes='canBeInstantiatedOnlyOncePerProcess="true"')
+    one, other = Fmu(model=model), Fmu(model=model)
+    for driver in (one, other):
+        driver.period = 0.1
+        driver.open()
+    assert one._instance._fmu.dll._handle != other._instance._fmu.dll._handle
+    write(one, count=7)
+    assert read(other, "doubled") == [0]
+    one.close()
+    other.close()

@@ -735,3 +735,43 @@ def test_only_queries_that_end_alike_are_joined_in_one_line() -> None:
 def test_a_wrong_terminator_of_a_command_is_a_fault_of_the_wiring(table: dict[str, Any], message: str) -> None:
     with pytest.raises(WiringError, match=re.escape(message)):
         Text(host="127.0.0.1", channels={"a": table})
+
+
+# Instruments that users of other projects have reported ------------------------------------------------
+
+
+def test_an_instrument_that_ends_its_answers_with_nul_each_in_its_way() -> None:
+    """pyvisa/pyvisa#202, #120 and #772: "\\n", "\\n\\0" and "\\0" from one instrument."""
+    answers = {"READ?": b"-4.2E-1\n", "ERR?": b"0\n\0", "V?": b"3.805\0"}
+    channels: dict[str, Any] = {
+        "reading": {"ask": "READ?", "scale": 0.01},
+        "error": {"ask": "ERR?", "answer_terminator": "\n\0"},
+        "voltage": {"ask": "V?", "answer_terminator": "\0", "scale": 0.001},
+    }
+    with device(answers.__getitem__, channels=channels) as (driver, server):
+        for _ in range(3):
+            assert read(driver, "reading", "error", "voltage") == [-42, 0, 3805]
+        assert server.connections == 1
+
+
+def test_an_answer_of_several_lines_is_one_by_its_last_terminator() -> None:
+    """pyvisa/pyvisa#808: lines that end with LF, and the answer with CR LF."""
+    channels: dict[str, Any] = {"b": {"ask": "ALL?", "answer": "/(?s)A=.*B=(\\d+).*/"}}
+    with device(lambda _: b"A=1\nB=22\nC=3\r\n", channels=channels, answer_terminator="\r\n") as (driver, _):
+        assert read(driver, "b") == [22]
+
+
+@pytest.mark.parametrize("answer", ["9.9E+37", "-9.9E37", "9.91E37", "199.999E+99", "9.99999999e+37"])
+def test_an_overflow_is_no_measurement(answer: str) -> None:
+    """microsoft/Qcodes#1929 and #2074, N0ury/dmm_util#26."""
+    with (
+        device(lambda _: f"{answer}\n".encode(), channels={"a": {"ask": "A?", "scale": 0.001}}) as (driver, _server),
+        pytest.raises(DriverError, match="overflow, or no valid measurement"),
+    ):
+        read(driver, "a")
+
+
+def test_a_whole_number_may_be_written_with_an_exponent() -> None:
+    """sigrokproject/libsigrok#94."""
+    with device(lambda _: b"4.0000E+03\n") as (driver, _):
+        assert read(driver, "a") == [4000]
