@@ -134,14 +134,35 @@ def test_a_variable_that_cannot_be_a_channel_says_why(tank, text, message):
         tank.channel(text)
 
 
-def test_an_array_is_refused(folder):
-    array = (
-        '<Float64 name="row" valueReference="40" causality="output" variability="continuous"><Dimension start="3"/>'
-        "</Float64>"
-    )
-    driver = Fmu(model=tank_fmu(folder, 3, extra=array))
-    with pytest.raises(WiringError, match="row:1 is an array; umo takes single variables"):
-        driver.channel("row:1")
+@pytest.mark.parametrize("text", ["rows_out:1", "rows_out[3,1]:1", "rows_out[2]:1", "rows_out[1,1,1]:1"])
+def test_an_array_is_named_by_its_elements(folder, text):
+    driver = Fmu(model=tank_fmu(folder, 3))
+    with pytest.raises(WiringError, match=r"rows_out is an array: its elements are rows_out\[1,1\] to rows_out\[2,3\]"):
+        driver.channel(text)
+    for wrong in ("rows_out[0,1]:1", "rows_out[1,1]", "count[1]", "rows_out[]:1"):
+        with pytest.raises((ChannelError, WiringError)):
+            driver.channel(wrong)
+    with pytest.raises(WiringError, match="rows is an array"):
+        Fmu(model=tank_fmu(folder, 3), start_values={"rows": 1.0})
+
+
+def test_elements_of_arrays_are_read_and_written_and_the_others_stay(folder, unpacked):
+    driver = Fmu(model=tank_fmu(folder, 3))
+    driver.open()
+    texts = ["rows_out[2,3]:0.5", "tank.level:1", "rows_out[1,2]:0.5", "rows_out[1,1]:0.5", "steps"]
+    assert read(driver, *texts) == [11, 0, 3, 1, 0]
+
+    def put(raws):
+        driver.write_many([driver.channel(text) for text in raws], np.array(list(raws.values())))
+
+    put({"rows[2,3]:1": 10, "inflow:0.001": 5, "rows[1,2]:1": 20})
+    put({"rows[1,1]:1": 30})
+    driver.write(driver.channel("rows[2,1]:1"), 40)
+    assert driver.report()["rows_out"] == [[30.5, 21.5, 2.5], [43.5, 4.5, 15.5]]
+    assert read(driver, *texts)[0] == 31
+    assert driver.channel("rows[1,1]:1").places != driver.channel("rows[1,2]:1").places
+    assert driver.channel("rows[1,1]:1").direction is Direction.OUTPUT
+    driver.close()
 
 
 def test_one_variable_is_one_place_whatever_its_scale(tank):

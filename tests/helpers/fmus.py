@@ -51,6 +51,7 @@ ONLY_3 = [
     ("word_out", 24, "UInt16", "output", None),
     ("data_out", 27, "Binary", "output", None),
     ("rows_out", 28, "Float64", "output", None),
+    ("rows", 33, "Float64", "input", "0 0 0 0 0 0"),
     ("byte", 29, "UInt8", "input", "0"),
     ("byte_out", 30, "UInt8", "output", None),
     ("dword", 31, "UInt32", "input", "0"),
@@ -175,8 +176,9 @@ def _xml3(extra: str, attributes: str) -> str:
             lines.append(f'{head}><Start value="{start}"/></String>')
             continue
         outputs += [reference] if causality == "output" else []
-        if name == "rows_out":
-            lines.append(f'{head}><Dimension start="2"/><Dimension start="3"/></Float64>')
+        if name in ("rows", "rows_out"):
+            given = f' start="{start}"' if start is not None else ""
+            lines.append(f'{head}{given}><Dimension start="2"/><Dimension start="3"/></Float64>')
             continue
         head += ' initial="exact"' if name == "tank.level" else ""
         lines.append(f"{head}{f' start={quoteattr(start)}' if start is not None else ''}/>")

@@ -9,14 +9,14 @@
 
 enum { TIME, INFLOW, TIME_CONSTANT, GAIN, LEVEL, COUNT, DOUBLED, ENABLE, ENABLED, MODE, MODE_USED, FAULT, ODD, STEPS,
        LABEL, SMALL, SMALL_OUT, BIG, BIG_OUT, SINGLE, SINGLE_OUT, WIDE, WIDE_OUT, WORD, WORD_OUT, BROKEN, TEXT_OUT,
-       DATA_OUT, ROWS_OUT, BYTE, BYTE_OUT, DWORD, DWORD_OUT };
+       DATA_OUT, ROWS_OUT, BYTE, BYTE_OUT, DWORD, DWORD_OUT, ROWS };
 
 typedef struct {
     void *environment, *log;
     char name[64], label[64];
     double time, inflow, time_constant, gain, level;
     int64_t count, enable, mode, fault, steps, small, big, wide, word, byte, dword, ended;
-    double single;
+    double single, rows[6];
 } Tank;
 
 static int say(Tank *m, int status, const char *text, double number);
@@ -116,21 +116,29 @@ static Tank *make(const char *name, void *environment, void *log) {
     }
 #define DOUBLES(prefix, suffix, type, N)                                                                              \
     int prefix##Get##suffix(void *c, const unsigned vr[], size_t n, type value[] N) {                                 \
+        size_t at = 0;                                                                                                \
         for (size_t i = 0; i < n; i++) {                                                                              \
-            double v = 0;                                                                                              \
-            if (vr[i] == ROWS_OUT) { /* an array of two rows of three */                                              \
-                for (int k = 0; k < 6; k++) value[k] = (type)(k + 0.5);                                                \
-                return 0;                                                                                             \
+            Tank *m = c;                                                                                              \
+            double v = 0;                                                                                             \
+            int status = 0;                                                                                           \
+            if (vr[i] == ROWS || vr[i] == ROWS_OUT) { /* arrays of two rows of three */                               \
+                for (int k = 0; k < 6; k++) value[at++] = (type)(m->rows[k] + (vr[i] == ROWS ? 0 : k + 0.5));         \
+                continue;                                                                                             \
             }                                                                                                         \
-            int status = finite_double(vr[i], c, &v);                                                                 \
-            value[i] = (type)v;                                                                                       \
+            status = finite_double(vr[i], c, &v);                                                                     \
+            value[at++] = (type)v;                                                                                    \
             if (status) return status;                                                                                \
         }                                                                                                             \
         return 0;                                                                                                     \
     }                                                                                                                 \
     int prefix##Set##suffix(void *c, const unsigned vr[], size_t n, const type value[] N) {                           \
+        size_t at = 0;                                                                                                \
         for (size_t i = 0; i < n; i++) {                                                                              \
-            int status = set_double(vr[i], c, value[i]);                                                              \
+            if (vr[i] == ROWS) {                                                                                      \
+                for (int k = 0; k < 6; k++) ((Tank *)c)->rows[k] = value[at++];                                       \
+                continue;                                                                                             \
+            }                                                                                                         \
+            int status = set_double(vr[i], c, value[at++]);                                                           \
             if (status) return status;                                                                                \
         }                                                                                                             \
         return 0;                                                                                                     \
