@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from helpers.fmus import PYTHON_TANK, python_fmu, tank_fmu
+from helpers.tiers import first
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, check, connect
 from umo.drivers import ChannelError, ChannelsFailed, Direction, DriverError, WiringError
 from umo.drivers.fmu import Fmu
@@ -649,7 +650,7 @@ def wiring(model: Path | str, level: str = "tank.level:0.001") -> str:
     return WIRING.format(model=model, level=level)
 
 
-@pytest.mark.parametrize("ends", [False, True])
+@pytest.mark.parametrize("ends", first(1, [False, True]))
 def test_a_run_on_a_model_with_outputs_of_every_type_ends_well_and_has_its_report(
     folder, version, unpacked, umo, tmp_path, ends
 ):
@@ -779,7 +780,7 @@ def test_a_failed_step_ends_the_run_with_the_message_of_the_model_alone(folder, 
 # What users of other projects have reported -----------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["a b", "höhe µ", "50%20"])
+@pytest.mark.parametrize("name", first(1, ["a höhe %20", "a b", "µ"]))
 def test_a_path_with_blanks_or_letters_beyond_ascii_is_a_path(folder, version, tmp_path, monkeypatch, name):
     """CATIA-Systems/FMPy#230, viproma/coral#42: of the model, and of the folder in which it is unpacked."""
     for each in ("models", "unpacked"):

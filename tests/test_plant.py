@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import Result
 
@@ -332,6 +332,7 @@ def test_fields_of_one_register_are_read_and_written_together_and_inputs_among_t
         assert inputs.request(b"\x04" + words(10, 2)) == b"\x04\x04" + words(0xFEFF, 0x90EE)
 
 
+@settings(max_examples=25, deadline=None)
 @given(st.data())
 def test_the_box_has_the_words_of_the_driver_for_every_type_order_and_field(data: st.DataObject) -> None:
     kind = data.draw(st.sampled_from(["uint16", "int16", "uint32", "int32", "int64", "uint64", "float32:0.5"]))

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from helpers.tiers import first
 from umo import BinaryActuator, Compound, DigitalSensor, connect
 from umo.cli.run_folder import RunSummary
 from umo.cycle.trace import Statistics
@@ -56,7 +57,7 @@ REPORTS: dict[str, Callable[[], Any]] = {
 }
 
 
-@pytest.mark.parametrize("name", REPORTS)
+@pytest.mark.parametrize("name", first(5, sorted(REPORTS)))
 def test_a_report_of_any_kind_fails_neither_the_run_nor_its_summary_and_table(name: str, tmp_path: Path) -> None:
     class Reporting(Scripted):
         def report(self) -> Any:

@@ -7,6 +7,7 @@ import json
 import os
 import re
 import time
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -22,7 +23,7 @@ from umo.system.processes import Child, carry_out
 DAY = 86_400.0
 
 
-@pytest.fixture(params=[-DAY, DAY], ids=["back", "on"])
+@pytest.fixture(params=[pytest.param(-DAY, id="back"), pytest.param(DAY, id="on", marks=pytest.mark.full)])
 def set_clock(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Any:
     """A function that sets the wall clock of this process."""
     real = time.time
@@ -44,8 +45,9 @@ def test_a_run_of_which_the_time_is_not_known_has_the_time_of_day_alone() -> Non
     assert since(0.0, 180.0).endswith(" (3 min)")
 
 
-def test_values_that_were_kept_later_than_the_clock_shows_are_told_so(umo: Any) -> None:
-    assert umo("new", "press").exit_code == 0
+def test_values_that_were_kept_later_than_the_clock_shows_are_told_so(umo: Any, tmp_path: Path) -> None:
+    (tmp_path / "press" / "wiring").mkdir(parents=True)
+    (tmp_path / "press" / "objects.py").write_text("")
     path = kept_file.path_of("press", "simulated")
     entries = {"a": {"value": 1, "unit": "", "type": "int"}}
     for later, told in ((DAY, "later than the clock shows now"), (-DAY, "kept 24 h 00 min ago")):
