@@ -135,15 +135,8 @@ class Text(BlockDriver[TextChannel]):
         within("longest_answer", longest_answer, 1, 1 << 20)
         if quiet is None:
             quiet = _DEFAULT_QUIET if serial else 0.0
-        for name, seconds in (("pause", pause), ("boot_time", boot_time), ("quiet", quiet)):
-            if not 0 <= seconds <= 60:
-                raise WiringError(f"{name} must be from 0 to 60 s, not {seconds!r}")
-        if greeting is not None and not boot_time:
-            raise WiringError("greeting needs boot_time: how long it is waited for, in s")
-        if together == "" or terminator == "" or answer_terminator == "":
-            raise WiringError("together, terminator and answer_terminator must not be empty")
-        if watchdog_set is not None and ("{s}" in watchdog_set) == ("{ms}" in watchdog_set):
-            raise WiringError(f"watchdog_set: {watchdog_set!r} needs {{s}} or {{ms}} for the time")
+        _check_times(pause=pause, boot_time=boot_time, quiet=quiet)
+        _check_texts(greeting, boot_time, (together, terminator, answer_terminator), watchdog_set)
         _check_sendable([channels, confirm, identify, startup, watchdog_set], terminator, encoding)
         self._dialogue = LinkSettings(
             terminator=terminator,
@@ -244,6 +237,24 @@ def _in_turn(steps: Sequence[Step], channels: Sequence[TextChannel], carry_out: 
         return [channels[place].text for place in step.places]
 
     in_turn(steps, carry_out, texts_of, lambda error: not isinstance(error, NoValue))
+
+
+def _check_times(**times: float) -> None:
+    for name, seconds in times.items():
+        if not 0 <= seconds <= 60:
+            raise WiringError(f"{name} must be from 0 to 60 s, not {seconds!r}")
+
+
+def _check_texts(
+    greeting: str | None, boot_time: float, ends: tuple[str | None, ...], watchdog_set: str | None
+) -> None:
+    """WiringError for texts that lack something."""
+    if greeting is not None and not boot_time:
+        raise WiringError("greeting needs boot_time: how long it is waited for, in s")
+    if "" in ends:
+        raise WiringError("together, terminator and answer_terminator must not be empty")
+    if watchdog_set is not None and ("{s}" in watchdog_set) == ("{ms}" in watchdog_set):
+        raise WiringError(f"watchdog_set: {watchdog_set!r} needs {{s}} or {{ms}} for the time")
 
 
 def _check_sendable(thing: object, terminator: str, encoding: str) -> None:
