@@ -42,7 +42,7 @@ def test_the_contract_is_the_five_segments_and_what_is_derived_from_them():
     public = [name for name, item in vars(Driver).items() if inspect.isfunction(item) and not name.startswith("_")]
     assert public == ["channel", "initialize", "finalize", "reset", "read", "write", "devices",
                       "physical_scale", "read_many", "write_many", "open", "close", "ages", "look", "stop_waiting",
-                      "watchdog", "check_watchdog", "report"]  # fmt: skip
+                      "watchdog", "check_watchdog", "inspect", "report"]  # fmt: skip
 
 
 def test_an_output_is_initialised_and_reset_by_writing_its_default_alone():

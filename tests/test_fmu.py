@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import shutil
@@ -16,9 +17,11 @@ import numpy as np
 import pytest
 
 from helpers.fmus import PYTHON_TANK, python_fmu, tank_fmu
+from helpers.tiers import first
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, check, connect
 from umo.drivers import ChannelError, ChannelsFailed, Direction, DriverError, WiringError
 from umo.drivers.fmu import Fmu
+from umo.drivers.fmu.variables import variables_of
 from umo.errors import StopError
 from umo.states import OnOff
 from umo.testing import periods
@@ -132,14 +135,35 @@ def test_a_variable_that_cannot_be_a_channel_says_why(tank, text, message):
         tank.channel(text)
 
 
-def test_an_array_is_refused(folder):
-    array = (
-        '<Float64 name="row" valueReference="40" causality="output" variability="continuous"><Dimension start="3"/>'
-        "</Float64>"
-    )
-    driver = Fmu(model=tank_fmu(folder, 3, extra=array))
-    with pytest.raises(WiringError, match="row:1 is an array; umo takes single variables"):
-        driver.channel("row:1")
+@pytest.mark.parametrize("text", ["rows_out:1", "rows_out[3,1]:1", "rows_out[2]:1", "rows_out[1,1,1]:1"])
+def test_an_array_is_named_by_its_elements(folder, text):
+    driver = Fmu(model=tank_fmu(folder, 3))
+    with pytest.raises(WiringError, match=r"rows_out is an array: its elements are rows_out\[1,1\] to rows_out\[2,3\]"):
+        driver.channel(text)
+    for wrong in ("rows_out[0,1]:1", "rows_out[1,1]", "count[1]", "rows_out[]:1"):
+        with pytest.raises((ChannelError, WiringError)):
+            driver.channel(wrong)
+    with pytest.raises(WiringError, match="rows is an array"):
+        Fmu(model=tank_fmu(folder, 3), start_values={"rows": 1.0})
+
+
+def test_elements_of_arrays_are_read_and_written_and_the_others_stay(folder, unpacked):
+    driver = Fmu(model=tank_fmu(folder, 3))
+    driver.open()
+    texts = ["rows_out[2,3]:0.5", "tank.level:1", "rows_out[1,2]:0.5", "rows_out[1,1]:0.5", "steps"]
+    assert read(driver, *texts) == [11, 0, 3, 1, 0]
+
+    def put(raws):
+        driver.write_many([driver.channel(text) for text in raws], np.array(list(raws.values())))
+
+    put({"rows[2,3]:1": 10, "inflow:0.001": 5, "rows[1,2]:1": 20})
+    put({"rows[1,1]:1": 30})
+    driver.write(driver.channel("rows[2,1]:1"), 40)
+    assert driver.report()["rows_out"] == [[30.5, 21.5, 2.5], [43.5, 4.5, 15.5]]
+    assert read(driver, *texts)[0] == 31
+    assert driver.channel("rows[1,1]:1").places != driver.channel("rows[1,2]:1").places
+    assert driver.channel("rows[1,1]:1").direction is Direction.OUTPUT
+    driver.close()
 
 
 def test_one_variable_is_one_place_whatever_its_scale(tank):
@@ -388,15 +412,40 @@ def test_an_error_while_reading_loses_the_model(tank):
         tick(tank)
 
 
-def test_a_model_that_ends_its_simulation_says_when(folder, unpacked):
-    driver = Fmu(model=tank_fmu(folder, 3))
-    driver.period = 0.1
-    driver.open()
-    tick(driver, 2)
-    write(driver, fault=9)
-    with pytest.raises(DriverError, match=r"the model has ended its simulation at 0\.3 s"):
-        tick(driver)
-    driver.close()
+def test_a_model_that_ends_its_simulation_says_when_and_still_has_its_last_values(tank, version):
+    """FMI 2.0 (4.2.3): a discarded step, and fmi2Terminated; FMI 3.0: terminateSimulation."""
+    write(tank, inflow=1000, enable=1)
+    tick(tank, 2)
+    write(tank, fault=9)
+    at, why = ("0.25", ": the tank is full, .*") if version == 2 else ("0.3", "")
+    for _ in range(2):
+        with pytest.raises(DriverError, match=rf"^the model has ended its simulation at {at} s{why}$"):
+            tick(tank)
+    report = tank.report()
+    assert report["time_s"] == float(at)
+    assert report["tank.level"] > 0
+    with pytest.raises(DriverError, match="has ended its simulation"):
+        write(tank, inflow=5)
+    tank.reset(tank.channel("inflow:0.001"), 0)
+
+
+def test_the_report_has_outputs_of_every_type(tank, version):
+    report = tank.report()
+    assert report["text_out"] == "höhe \N{REPLACEMENT CHARACTER}"
+    if version == 3:
+        assert report["data_out"] == "de ad be ef"
+        assert report["rows_out"] == [[0.5, 1.5, 2.5], [3.5, 4.5, 5.5]]
+        assert (report["byte_out"], report["dword_out"], report["single_out"]) == (0, 0, 0.0)
+    assert set(report) == {"time_s"} | {
+        name for name, each in variables_of(tank._description).items() if each.causality == "output"
+    }
+
+
+def test_an_output_that_the_model_does_not_give_says_so_in_the_report_and_the_others_are_there(tank):
+    write(tank, count=16)  # "odd" is discarded
+    report = tank.report()
+    assert "discard" in report["odd"]
+    assert report["steps"] == 0
 
 
 def test_directions_are_kept(tank):
@@ -601,6 +650,36 @@ def wiring(model: Path | str, level: str = "tank.level:0.001") -> str:
     return WIRING.format(model=model, level=level)
 
 
+@pytest.mark.parametrize("ends", first(1, [False, True]))
+def test_a_run_on_a_model_with_outputs_of_every_type_ends_well_and_has_its_report(
+    folder, version, unpacked, umo, tmp_path, ends
+):
+    """A run that the model ends has failed, and its report has the last values."""
+    model = tank_fmu(folder, version)
+    (tmp_path / "wiring").mkdir()
+    (tmp_path / "objects.py").write_text(
+        "from umo import Compound, DigitalActuator, DigitalSensor\n\n\nclass Tank(Compound):\n"
+        "    fault: DigitalActuator\n    timer: DigitalSensor\n\n\ndef machine():\n"
+        "    return Tank(fault=DigitalActuator('count', default=0.0, minimum=0.0, maximum=9.0, resolution=1.0),\n"
+        "        timer=DigitalSensor('sampling_period', minimum=0, maximum=9, resolution=1, synchronous=False))\n"
+    )
+    (tmp_path / "application.py").write_text(
+        f"from umo.control import wait\n\n\nasync def main(m):\n    await wait(0.5)\n    m.fault.write({9 * ends})\n"
+        "    await wait(0.5)\n"
+    )
+    (tmp_path / "wiring" / "simulated.toml").write_text(
+        f'[drivers.tank]\ntype = "fmu"\nmodel = "{model}"\n[wire]\n"fault" = {{ driver = "tank" }}\n'
+        '"timer" = { driver = "tank", channel = "tick", period = "100 ms" }\n'
+    )
+    result = umo("run", ".", "--summary", "sum.json", "--no-plot")
+    text = " ".join(result.output.split())
+    assert result.exit_code == ends, text
+    assert ("the model has ended its simulation at" in text) is ends
+    report = json.loads((tmp_path / "sum.json").read_text())["reports"]["tank"]
+    assert report["text_out"] == "höhe \N{REPLACEMENT CHARACTER}"
+    assert report["steps"] > 4
+
+
 def test_a_machine_runs_in_virtual_time_on_the_model(folder, version, unpacked):
     with connect(machine(), tomllib.loads(wiring(tank_fmu(folder, version)))) as m:
         assert m.level.read() == pytest.approx(1.0)
@@ -696,3 +775,37 @@ def test_a_failed_step_ends_the_run_with_the_message_of_the_model_alone(folder, 
         periods(m)
     assert not isinstance(error.value, StopError)
     assert list(unpacked.iterdir()) == []
+
+
+# What users of other projects have reported -----------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", first(1, ["a höhe %20", "a b", "µ"]))
+def test_a_path_with_blanks_or_letters_beyond_ascii_is_a_path(folder, version, tmp_path, monkeypatch, name):
+    """CATIA-Systems/FMPy#230, viproma/coral#42: of the model, and of the folder in which it is unpacked."""
+    for each in ("models", "unpacked"):
+        (tmp_path / name / each).mkdir(parents=True)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / name / "unpacked"))
+    model = tmp_path / name / "models" / f"{name}.fmu"
+    shutil.copy(tank_fmu(folder, version), model)
+    driver = Fmu(model=model)
+    driver.period = 0.1
+    driver.open()
+    write(driver, inflow=1000, enable=1)
+    tick(driver, 20)
+    assert read(driver, "tank.level:0.001") == [round(1000 * (1 - math.exp(-1)))]
+    driver.close()
+
+
+def test_a_model_for_one_instance_in_a_process_has_a_library_of_its_own_in_each_driver(folder, version, unpacked):
+    """NTNU-IHB/FMI4cpp#42: two drivers load two copies of it, so their variables are not shared."""
+    model = tank_fmu(folder, version, attributes='canBeInstantiatedOnlyOncePerProcess="true"')
+    one, other = Fmu(model=model), Fmu(model=model)
+    for driver in (one, other):
+        driver.period = 0.1
+        driver.open()
+    assert one._instance._fmu.dll._handle != other._instance._fmu.dll._handle
+    write(one, count=7)
+    assert read(other, "doubled") == [0]
+    one.close()
+    other.close()

@@ -27,6 +27,7 @@ FILES = {
     "in_temp_raw": "200\n",
     "in_temp_scale": "125",
     "in_steps_input": "47",
+    "in_pressure_input": "101.325004500",
     "out_voltage0_raw": "0\n",
     "out_voltage_scale": "1",
     "buffer/enable": "0",
@@ -365,3 +366,45 @@ def test_a_scale_that_differs_by_more_than_half_a_step_is_a_fault(sysfs, wrong):
 def test_a_scale_is_not_compared_with_other_dimensions_nor_behind_a_divider(sysfs):
     assert faults("bar", 0.1, 0.0) == []
     assert faults(resolution=0.0055, zero_offset=0.0, conditioned=["in_voltage0"]) == []
+
+
+# Processed values -----------------------------------------------------------------------------------
+
+
+def test_processed_values_are_read_by_their_scale(sysfs):
+    driver = opened()
+    names = ("in_steps_input", "in_pressure_input:0.001", "in_temp")
+    assert many(driver, *names) == [47, 101325, 200]
+    (sysfs / "in_pressure_input").write_text("-0.0015\n")  # half to even
+    assert many(driver, "in_pressure_input:0.001", "in_pressure_input:1e-4") == [-2, -15]
+    assert driver.channel("in_pressure_input:0.001").places == driver.channel("in_pressure_input").places
+    driver.close()
+
+
+def test_a_processed_value_has_the_kernel_s_unit(sysfs):
+    driver = Iio(device="adc")
+    assert driver.physical_scale(driver.channel("in_pressure_input:0.001")) == PhysicalScale(0.001, 0.0, "kPa")
+    assert driver.physical_scale(driver.channel("in_steps_input")) is None
+
+
+@pytest.mark.parametrize(
+    "text", ["in_pressure_input:", "in_pressure_input:0", "in_pressure_input:-1", "in_pressure_input:x", "in_temp:0.1"]
+)
+def test_another_scale_of_a_processed_value_is_refused(sysfs, text):
+    with pytest.raises(ChannelError, match="in_pressure_input"):
+        Iio(device="adc").channel(text)
+
+
+@pytest.mark.parametrize(("text", "message"), [("nan", "not a number"), ("", "not a number"), ("1e12", "does not fit")])
+def test_a_processed_value_without_a_raw_integer_fails_for_its_channel(sysfs, text, message):
+    driver = opened()
+    (sysfs / "in_pressure_input").write_text(text)
+    with pytest.raises(ChannelsFailed, match=message) as caught:
+        many(driver, "in_pressure_input:0.001", "in_temp")
+    assert list(caught.value.causes) == ["in_pressure_input:0.001"]
+    driver.close()
+
+
+def test_a_processed_value_is_no_part_of_a_scan(sysfs):
+    with pytest.raises(WiringError, match="in_steps_input cannot be scanned by a trigger"):
+        Iio(device="adc", trigger="tick").channel("in_steps_input")

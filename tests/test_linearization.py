@@ -111,7 +111,7 @@ def test_a_polynomial_is_what_its_coefficients_say() -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Thermocouple("X"), "no thermocouple of type 'X'; known: K"),
+        (lambda: Thermocouple("X"), "no thermocouple of type 'X'; known: B, E, J, K"),
         (lambda: Thermocouple(["K"]), "no thermocouple of type"),  # type: ignore[arg-type]
         (lambda: LookupTable([0, 1], [0, 1, 2]), "a table of 2 inputs and 3 values"),
         (lambda: LookupTable([0, 1, 1], [0, 1, 2]), "the inputs of a table must be strictly monotonic"),
@@ -125,7 +125,7 @@ def test_a_polynomial_is_what_its_coefficients_say() -> None:
         (lambda: Polynomial([0, 0, 1]).over(-1, 4), "does not cover -1 to 4, or is not strictly monotonic there"),
         (lambda: Polynomial([5, 0]).over(-1, 4), "does not cover -1 to 4, or is not strictly monotonic there"),
         (lambda: LookupTable([0, 1], [0, 10]).over(0, 11), "the table of 2 points covers 0 to 10, not 0 to 11"),
-        (lambda: K.over(-270, 100), "the thermocouple K covers -200 to 1372, not -270 to 100"),
+        (lambda: K.over(-271, 100), "the thermocouple K covers -270 to 1372, not -271 to 100"),
     ],
 )
 def test_a_faulty_function_is_refused_when_it_is_declared(make: Any, message: str) -> None:
@@ -154,7 +154,7 @@ def valve(**changes: Any) -> DigitalActuator:
             lambda: thermocouple(linearization="K"),
             "linearization='K' is not a Polynomial, a LookupTable or a Thermocouple",
         ),
-        (lambda: thermocouple(maximum=1400.0), "covers -200 to 1372"),
+        (lambda: thermocouple(maximum=1400.0), "covers -270 to 1372"),
         (lambda: sensor(linearization=K), "the thermocouple K gives degC, the object has mm"),
         (lambda: thermocouple(invalid_raws=[1.5]), "invalid_raws must be a list of integers"),
         (lambda: thermocouple(invalid_raws=5), "invalid_raws must be a list of integers"),
@@ -322,7 +322,7 @@ def test_a_linearization_of_a_wiring_is_for_the_range_that_the_entry_narrows() -
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        ({"thermocouple": "Q"}, "no thermocouple of type 'Q'; known: K"),
+        ({"thermocouple": "Q"}, "no thermocouple of type 'Q'; known: B, E, J, K"),
         ({"thermocoupel": "K"}, "unknown key 'thermocoupel' (did you mean 'thermocouple'?); known: thermocouple,"),
         ({"thermocouple": "K", "table": [[0, 1], [0, 1]]}, "has more than one of thermocouple, polynomial, table"),
         ({"thermocouple": "K", "domain": [0, 1]}, "unknown key 'domain'"),

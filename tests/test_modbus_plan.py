@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Sequence
 
@@ -35,6 +36,10 @@ from umo.errors import ChannelError, ChannelsFailed, DriverError
         ("input:4:int64", Direction.INPUT, 64, True),
         ("holding:0:float32:0.001", Direction.BOTH, 24, True),
         ("input:8:float64:1e-6", Direction.INPUT, 52, True),
+        ("holding:0:float32:0.001:BADC", Direction.BOTH, 24, True),
+        ("holding:7.9", Direction.BOTH, 1, False),
+        ("input:7:BA.11:8", Direction.INPUT, 4, False),
+        ("holding:7:int32:DCBA.19:12", Direction.BOTH, 8, True),
     ],
 )
 def test_a_channel_knows_its_direction_and_its_range(text: str, direction: Direction, bits: int, signed: bool) -> None:
@@ -64,6 +69,17 @@ def test_a_channel_knows_its_direction_and_its_range(text: str, direction: Direc
         "holding:1:uint16:0.1",
         "holding:65533:uint64",
         "holding:65535:float32:1",
+        "coil:1.0",
+        "holding:1.16",
+        "holding:1.3:4",
+        "holding:1.03",
+        "holding:1:uint32.32",
+        "holding:1:int16.3",
+        "holding:1:float32:0.1.3",
+        "holding:1:ABCD",
+        "holding:1:uint32:AB",
+        "holding:1:uint32:ACBD",
+        "holding:1:CDAB:uint32",
         "input:0x10",
         "input:٣",
     ],
@@ -76,6 +92,7 @@ def test_any_other_text_is_refused_with_the_forms_that_there_are(text: str) -> N
 
 NEAR_MISSES = st.from_regex(
     r"(coil|discrete|holding|input|dio)?:?[0-9-]{0,6}(:u?int(8|16|32|64)|:float(16|32|64)(:[0-9.e-]{0,4})?)?"
+    r"(:(ABCD|CDAB|BADC|DCBA|AB|BA|ABDC))?(\.[0-9]{1,2}(:[0-9]{1,2})?)?"
 )
 
 
@@ -86,7 +103,10 @@ def test_every_text_is_a_channel_or_a_channel_error(text: str) -> None:
     except ChannelError:
         return
     assert channel.text == text
-    assert text.startswith(f"{channel.table.name}:{channel.address}")
+    first = int(re.split("[:.]", text)[1])
+    assert text.startswith(f"{channel.table.name}:{first}")
+    assert first <= channel.address < first + 4
+    assert 1 <= channel.bits <= 64
     assert channel.end <= 65536
 
 

@@ -331,7 +331,7 @@ def test_a_line_that_was_opened_again_begins_with_a_recovery(start: Start, conne
     with pytest.raises(DeviceTimeout):
         one(driver, "holding:1")
     driver.close()
-    driver._recovery = 0.3
+    driver._rules["recovery"] = 0.3
     driver.timeout = PATIENT
     driver.open()
     assert one(driver, "holding:2") == holding(2)

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import Result
 
@@ -303,6 +303,64 @@ def test_half_of_a_32_bit_output_is_not_written() -> None:
         assert drive.request(b"\x10" + words(20, 2) + b"\x04" + words(1, 2)) == b"\x10" + words(20, 2)
         assert plant.levels["wide"] == 0x10002
     assert plant.levels["wide"] == 100
+
+
+FIELDS = {
+    "force": {"driver": "drive", "channel": "holding:31:BA.15:4"},
+    "clutch": {"driver": "drive", "channel": "holding:30.4"},
+    "door": {"driver": "drive", "channel": "holding:30.9"},
+    "angle": {"driver": "inputs", "channel": "input:10:int32:BADC"},
+}
+
+
+def test_fields_of_one_register_are_read_and_written_together_and_inputs_among_them_stay() -> None:
+    plant = Plant()
+    given_ = simulated(plant)
+    resolved = resolve(press(), given_)
+    simulation = Simulation(resolved, lambda: 0.0)
+    drive, inputs = (Box(simulation, each) for each in register_maps(resolved, resolve(press(), modbus(wire=FIELDS))))
+    with simulation:
+        assert drive.request(b"\x03" + words(30, 1)) == b"\x03\x02" + words(0x0200)
+        assert drive.request(b"\x06" + words(30, 0xFDFF)) == b"\x06" + words(30, 0xFDFF)
+        assert (plant.levels["dio:clutch"], plant.levels["dio:door"]) == (0, 1)
+        assert drive.request(b"\x03" + words(30, 1)) == b"\x03\x02" + words(0x0210)
+        assert drive.request(b"\x16" + words(30, 0xFFEF, 0)) == b"\x16" + words(30, 0xFFEF, 0)
+        assert plant.levels["dio:clutch"] == 1
+        assert drive.request(b"\x16" + words(30, 0)) == b"\x96\x03"
+        assert drive.request(b"\x06" + words(31, 0x3412)) == b"\x06" + words(31, 0x3412)  # the field is 0x123
+        assert plant.levels["dac:force"] == 0x123
+        assert inputs.request(b"\x04" + words(10, 2)) == b"\x04\x04" + words(0xFEFF, 0x90EE)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.data())
+def test_the_box_has_the_words_of_the_driver_for_every_type_order_and_field(data: st.DataObject) -> None:
+    kind = data.draw(st.sampled_from(["uint16", "int16", "uint32", "int32", "int64", "uint64", "float32:0.5"]))
+    order = data.draw(st.sampled_from(["AB", "BA"] if kind.endswith("16") else ["ABCD", "CDAB", "BADC", "DCBA"]))
+    low = data.draw(st.integers(0, 10))
+    field = "" if "float" in kind else data.draw(st.sampled_from(["", f".{low + data.draw(st.integers(1, 5))}:{low}"]))
+    text = f"holding:20:{kind}:{order}{field}"
+    channel = Modbus().channel(text)
+    machine = Lever(
+        lever=DigitalActuator("count", default=0, minimum=0, maximum=1, resolution=1),
+        timer=DigitalSensor("sampling_period", minimum=0, maximum=99_999, resolution=1, synchronous=False),
+    )
+    bus = {
+        "drivers": {"box": {"type": "modbus"}},
+        "wire": {"lever": {"driver": "box", "channel": text}, "timer": TIMER},
+    }
+    ((point,),) = (each.points for each in register_maps(resolve(machine, None), resolve(machine, bus)))
+    raw = data.draw(st.integers(channel.lowest, channel.highest))
+    assert point.words(raw) == channel.words(raw)
+    assert point.raw(channel.words(raw)) == raw
+
+
+class Lever(Compound):
+    lever: DigitalActuator
+    timer: DigitalSensor
+
+
+TIMER = {"driver": "timerfd", "period": "20 ms"}
 
 
 def test_each_box_has_a_watchdog_of_its_own() -> None:

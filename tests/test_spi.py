@@ -164,3 +164,14 @@ def test_longer_words_have_the_same_bits_on_the_wire(device):
     assert device.sent == [bytes.fromhex("0281 0000")]
     with pytest.raises(DriverError, match="3 bytes is not one of whole words of 16 bits"):
         driver.read(driver.channel("0x0102:8"))
+
+
+def test_a_chip_with_the_lowest_bit_first_is_sent_its_bytes_turned_round(device):
+    """doceme/py-spidev#49, dotnet/iot#592: the controller of a Raspberry Pi refuses the mode."""
+    driver = opened(lsb_first=True)
+    device.answer = [0xFF, 0x01, 0x80]
+    assert driver.read(driver.channel("0x05:16")) == 0x8001
+    assert device.sent[-1] == bytes([0xA1, 0, 0])  # 0x85
+    device.answer = [0xFF, 0xFF, 0xFF]
+    driver.write(driver.channel("0x05:16"), 0x0102)
+    assert device.sent[-1] == bytes([0xA0, 0x80, 0x40])

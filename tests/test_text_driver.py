@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 from helpers.peers.line_server import LineServer, line_server
+from helpers.waiting import until
 from umo import BinaryActuator, Compound, DigitalSensor, check
 from umo.drivers.contract import Driver
 from umo.drivers.modbus import Modbus
@@ -457,7 +458,7 @@ def test_a_wiring_is_checked_with_the_key_of_each_fault() -> None:
         "drivers.supply.channels.voltage.aks: unknown key (did you mean 'ask'?); known: ask, answer, states, set"
     )
     assert faults(channels=good, confirm={"query": "E?"}) == [
-        "drivers.supply.confirm.query: unknown key; known: ask, answer"
+        "drivers.supply.confirm.query: unknown key; known: ask, answer, terminator, answer_terminator"
     ]
     assert "voltage.ask: must be a text, not 3" in faults(channels=good | {"voltage": {"ask": 3}})[0]
     assert "the forms are: voltage" in faults(channels={"voltage": {"ask": "V?"}})[0]
@@ -624,3 +625,153 @@ def test_a_late_answer_on_a_serial_line_is_not_taken_for_another(identify: Any) 
         driver.close()
         os.close(master)
         os.close(slave)
+
+
+# Empty lines, and terminators of single commands ------------------------------------------------------
+
+
+@pytest.mark.parametrize("end", ["\n", "\r", "\r\n"])
+@pytest.mark.parametrize(
+    "form",
+    ["{end}{answer}{end}", "{answer}{end}{end}", "\n{answer}{end}", "\r\n{answer}{end}", "{end} {end}{answer}{end}"],
+)
+def test_an_answer_among_empty_lines_is_the_answer_where_they_are_skipped(end: str, form: str) -> None:
+    def answer(line: str) -> bytes:
+        return form.format(answer=plain(line).decode().rstrip("\n"), end=end).encode()
+
+    options: dict[str, Any] = {"answer_terminator": end, "skip_empty_lines": True, "together": None}
+    identify = {"ask": "ID?", "answer": "ACME*"}
+    with device(answer, timeout=PATIENT, identify=identify, **options) as (driver, server):
+        for _ in range(3):
+            assert read(driver, "a", "b", "x") == [1, 2, 4]
+        assert server.connections == 1
+
+
+def test_a_device_is_not_found_by_an_empty_line_alone() -> None:
+    with device(lambda line: b"\r\n" + plain(line), skip_empty_lines=True) as (driver, server):
+        assert read(driver, "a") == [1]
+        assert driver._link is not None
+        driver._link.close()
+        until(lambda: driver.look())
+        assert read(driver, "a") == [1]
+        assert server.connections == 2
+
+
+def test_an_empty_line_before_an_answer_is_an_error_that_names_the_option() -> None:
+    with (
+        device(lambda line: b"\r\n" + plain(line)) as (driver, _),
+        pytest.raises(DriverError, match=r"empty answer is not a number or state; skip_empty_lines = true|unasked"),
+    ):
+        read(driver, "a")
+
+
+def test_a_device_that_sends_empty_lines_for_ever_is_an_error() -> None:
+    with (
+        device(lambda line: b"\n" * 500, skip_empty_lines=True) as (driver, _),
+        pytest.raises(DriverError, match=r"more than 100 empty lines in place of an answer to 'A\?'"),
+    ):
+        read(driver, "a")
+
+
+def test_a_command_may_have_terminators_of_its_own() -> None:
+    """Such as a gauge that sends its value at a single ENQ, without a line's end."""
+    got: list[bytes] = []
+
+    def serve(server: socket.socket) -> None:
+        client, _ = server.accept()
+        with client:
+            while data := client.recv(100):
+                got.append(data)
+                answers = {b"\x05": b"7;", b"B?\n": b"2\n", b"C?!": b"C=3\n", b"S?\r": b"ok\r"}
+                if data in answers:
+                    client.sendall(answers[data])
+
+    channels: dict[str, Any] = {
+        "gauge": {"ask": "\x05", "terminator": "", "answer_terminator": ";"},
+        "b": {"ask": "B?"},
+        "c": {"ask": "C?", "answer": "C={}", "terminator": "!"},
+        "set": {
+            "set": "A {}",
+            "terminator": "\r",
+            "confirm": {"ask": "S?", "answer": "ok", "terminator": "\r", "answer_terminator": "\r"},
+        },
+    }
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        thread = threading.Thread(target=serve, args=(server,))
+        thread.start()
+        driver = Text(host="127.0.0.1", port=server.getsockname()[1], channels=channels, together="+")
+        driver.timeout = PATIENT
+        driver.open()
+        assert read(driver, "b", "gauge", "c") == [2, 7, 3]
+        write(driver, set=4)
+        assert driver.look() is True
+        driver.close()
+        thread.join(PATIENT)
+    assert b"".join(got) == b"B?\n\x05C?!A 4\rS?\r"
+
+
+def test_only_queries_that_end_alike_are_joined_in_one_line() -> None:
+    channels = {
+        "a": {"ask": "A?", "answer_terminator": "\n"},
+        "b": {"ask": "B?", "answer_terminator": "\n"},
+        "c": {"ask": "C?", "answer": "C={}"},
+    }
+    with device(lambda line: {"A?;B?": b"1;2\n", "C?": b"C=3\n"}[line], channels=channels, together=";") as (
+        driver,
+        server,
+    ):
+        assert read(driver, "a", "c", "b") == [1, 3, 2]
+        assert server.received == ["A?;B?", "C?"]
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({"ask": "A?", "answer_terminator": ""}, "answer_terminator must not be empty"),
+        ({"ask": "A?!", "terminator": "!"}, "contains the terminator '!'"),
+        ({"ask": "A?", "terminator": "ü"}, "is not ascii"),
+    ],
+)
+def test_a_wrong_terminator_of_a_command_is_a_fault_of_the_wiring(table: dict[str, Any], message: str) -> None:
+    with pytest.raises(WiringError, match=re.escape(message)):
+        Text(host="127.0.0.1", channels={"a": table})
+
+
+# Instruments that users of other projects have reported ------------------------------------------------
+
+
+def test_an_instrument_that_ends_its_answers_with_nul_each_in_its_way() -> None:
+    """pyvisa/pyvisa#202, #120 and #772: "\\n", "\\n\\0" and "\\0" from one instrument."""
+    answers = {"READ?": b"-4.2E-1\n", "ERR?": b"0\n\0", "V?": b"3.805\0"}
+    channels: dict[str, Any] = {
+        "reading": {"ask": "READ?", "scale": 0.01},
+        "error": {"ask": "ERR?", "answer_terminator": "\n\0"},
+        "voltage": {"ask": "V?", "answer_terminator": "\0", "scale": 0.001},
+    }
+    with device(answers.__getitem__, channels=channels) as (driver, server):
+        for _ in range(3):
+            assert read(driver, "reading", "error", "voltage") == [-42, 0, 3805]
+        assert server.connections == 1
+
+
+def test_an_answer_of_several_lines_is_one_by_its_last_terminator() -> None:
+    """pyvisa/pyvisa#808: lines that end with LF, and the answer with CR LF."""
+    channels: dict[str, Any] = {"b": {"ask": "ALL?", "answer": "/(?s)A=.*B=(\\d+).*/"}}
+    with device(lambda _: b"A=1\nB=22\nC=3\r\n", channels=channels, answer_terminator="\r\n") as (driver, _):
+        assert read(driver, "b") == [22]
+
+
+@pytest.mark.parametrize("answer", ["9.9E+37", "-9.9E37", "9.91E37", "199.999E+99", "9.99999999e+37"])
+def test_an_overflow_is_no_measurement(answer: str) -> None:
+    """microsoft/Qcodes#1929 and #2074, N0ury/dmm_util#26."""
+    with (
+        device(lambda _: f"{answer}\n".encode(), channels={"a": {"ask": "A?", "scale": 0.001}}) as (driver, _server),
+        pytest.raises(DriverError, match="overflow, or no valid measurement"),
+    ):
+        read(driver, "a")
+
+
+def test_a_whole_number_may_be_written_with_an_exponent() -> None:
+    """sigrokproject/libsigrok#94."""
+    with device(lambda _: b"4.0000E+03\n") as (driver, _):
+        assert read(driver, "a") == [4000]

@@ -2,7 +2,7 @@
 
 One name stands for one module and for one class or type; nothing in the package imports the package itself (a circle);
 test modules import what they share from tests/helpers, never each other; every link, file, test and command that README
-and docs/ name exists.
+and docs/ name exists; the wall clock is read where a date is meant, and nowhere else.
 """
 
 from __future__ import annotations
@@ -30,6 +30,35 @@ ROLES = {"__init__", "application", "control", "objects", "plant", "run", "error
 """Modules with one part in many places: a station's files, a driver's, a command of the command line, its errors."""
 ROLES_OF_CLASSES = {"Plant", "Block"}
 """Classes that each station has; what is moved in one transfer, and frames in one piece of a recording."""
+WALL_CLOCK = {
+    "cli/fleet_authority.py": "when a certificate expires",
+    "cli/kept.py": "when values were kept, perhaps before the computer was started",
+    "cli/run_folder.py": "the name of a folder, the start of a run",
+    "cli/serve_fleet.py": "when a certificate expires",
+    "cli/why.py": "the name of a file",
+    "faces/epics/process_variable.py": "the time of a value",
+    "faces/mqtt/home_assistant.py": "the time of an answer",
+    "faces/mqtt/sparkplug.py": "a number that another process has not begun with",
+    "faces/mqtt/sparkplug_node.py": "the time of a message",
+    "faces/opcua/opcua_face.py": "the time of a value",
+    "faces/opcua/ua_events.py": "the time of an event",
+    "faces/opcua/ua_security.py": "when a certificate expires",
+    "fleet/fleet_certificates.py": "when a certificate expires",
+    "fleet/fleet_identity.py": "when a certificate expires",
+    "fleet/fleet_query.py": "hours of UTC in a history",
+    "fleet/mirror_commands.py": "until when a command is valid on another computer",
+    "frames/publish.py": "when a run was started",
+    "latency/blackbox.py": "when a black box was kept; the age of a file, perhaps from before the computer was started",
+    "process/frame_watcher.py": "the name of a file",
+    "process/kept_values.py": "the name of a file",
+    "system/device_lock.py": "since when a device is held",
+    "system/device_record.py": "when a run began and ended",
+    "system/utc.py": "UTC of a period, beside the run's own clock",
+    "testing/conformance/certificate.py": "the date of a certificate",
+    "testing/faces/face_rules.py": "whether the time of a value is right",
+}
+"""The modules that read the wall clock, and the date that each means by it. Durations and limits are of the monotonic
+clock or of a run's own: the wall clock is set, by hours, while a machine runs."""
 COMMAND = get_command(app)
 CODE = re.compile(r"^```.*?^```|`[^`\n]+`", re.M | re.S)
 LINK = re.compile(r"\]\((?!https?:)([^)#]+)")
@@ -48,6 +77,7 @@ def main() -> int:
     parsed = {file: ast.parse(file.read_text("utf-8")) for file in files}
     tests = {file: ast.parse(file.read_text("utf-8")) for file in sorted(TESTS.rglob("*.py"))}
     problems = [*same_modules(files), *same_classes(parsed), *circles(parsed), *tests_importing_tests(tests)]
+    problems += wall_clocks({str(file.relative_to(TREE)): module for file, module in parsed.items()})
     known = {file.stem for file in tests} | {name for module in tests.values() for name in _tests(module)}
     for page in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
         problems += [f"{_places([page])} names {what}, which does not exist" for what in missing(page, known)]
@@ -72,6 +102,38 @@ def same_classes(parsed: dict[Path, ast.Module]) -> Iterator[str]:
     for name, each in found.items():
         if len(each) > 1:
             yield f"classes or types of one name, {name}: {_places(each)}"
+
+
+def wall_clocks(parsed: dict[str, ast.Module]) -> Iterator[str]:
+    """Readings of the wall clock where no date is meant, and entries of `WALL_CLOCK` that are none."""
+    found: dict[str, int] = {}
+    for file, module in parsed.items():
+        plain = {
+            each.asname or each.name
+            for node in ast.walk(module)
+            if isinstance(node, ast.ImportFrom) and node.module == "time"
+            for each in node.names
+            if each.name in ("time", "time_ns")
+        }
+        for node in ast.walk(module):
+            if isinstance(node, ast.Call) and _reads_wall_clock(node.func, plain):
+                found.setdefault(file, node.lineno)
+    for file, line in found.items():
+        if file not in WALL_CLOCK:
+            yield f"src/umo/{file}:{line} reads the wall clock: take time.monotonic, or name the date in WALL_CLOCK"
+    yield from (f"WALL_CLOCK names {file}, which does not read it" for file in sorted({*WALL_CLOCK} - {*found}))
+
+
+def _reads_wall_clock(function: ast.expr, plain: set[str]) -> bool:
+    """`plain`: names of time's own functions in the module."""
+    if isinstance(function, ast.Name):
+        return function.id in plain
+    if not isinstance(function, ast.Attribute) or not isinstance(function.value, ast.Name):
+        return False
+    of, name = function.value.id, function.attr
+    return (of, name) in {("time", "time"), ("time", "time_ns")} or (
+        of in ("datetime", "date") and name in ("now", "utcnow", "today")
+    )
 
 
 def _types(module: ast.Module) -> Iterator[str]:

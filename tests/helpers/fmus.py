@@ -35,6 +35,7 @@ VARIABLES = [
     ("steps", 13, "Integer", "Int32", "output", "discrete", None),
     ("broken", 25, "Real", "Float64", "input", "continuous", "0"),
     ("label", 14, "String", "String", "parameter", "fixed", "tank"),
+    ("text_out", 26, "String", "String", "output", "discrete", None),
 ]
 """Of both versions; "tank.level" starts exactly where it is told to, the model refuses any value of "broken"."""
 ONLY_3 = [
@@ -48,6 +49,13 @@ ONLY_3 = [
     ("wide_out", 22, "Int64", "output", None),
     ("word", 23, "UInt16", "input", "0"),
     ("word_out", 24, "UInt16", "output", None),
+    ("data_out", 27, "Binary", "output", None),
+    ("rows_out", 28, "Float64", "output", None),
+    ("rows", 33, "Float64", "input", "0 0 0 0 0 0"),
+    ("byte", 29, "UInt8", "input", "0"),
+    ("byte_out", 30, "UInt8", "output", None),
+    ("dword", 31, "UInt32", "input", "0"),
+    ("dword_out", 32, "UInt32", "output", None),
 ]
 
 
@@ -164,12 +172,16 @@ def _xml3(extra: str, attributes: str) -> str:
     for name, reference, kind, causality, variability, start in rows:
         head = f'<{kind} name="{name}" valueReference="{reference}" causality="{causality}" variability="{variability}"'
         head += ' declaredType="Mode"' if kind == "Enumeration" else ""
-        if kind == "String":
+        if kind == "String" and start is not None:
             lines.append(f'{head}><Start value="{start}"/></String>')
+            continue
+        outputs += [reference] if causality == "output" else []
+        if name in ("rows", "rows_out"):
+            given = f' start="{start}"' if start is not None else ""
+            lines.append(f'{head}{given}><Dimension start="2"/><Dimension start="3"/></Float64>')
             continue
         head += ' initial="exact"' if name == "tank.level" else ""
         lines.append(f"{head}{f' start={quoteattr(start)}' if start is not None else ''}/>")
-        outputs += [reference] if causality == "output" else []
     return f"""<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="3.0" modelName="Tank" instantiationToken="{{tank}}">
 <CoSimulation modelIdentifier="tank" canHandleVariableCommunicationStepSize="true" {attributes}/>

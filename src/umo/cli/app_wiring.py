@@ -142,7 +142,8 @@ def get(
     """Read objects by path: from the frames if the station is running, wherever its folder is (its pid, where several
     runs go on), and there signals and tunable numbers too.
 
-    Otherwise its devices are opened for this reading: every actuator goes to its default before and after it. Options
+    Otherwise its devices are opened for this reading: every actuator goes to its default before and after it. Below a
+    sensor stands what its circuit holds, if its driver says so, such as registers in each order of their bytes. Options
     of the machine follow the station's name.
     """
     from .get_set import get_values

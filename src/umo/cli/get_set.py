@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from umo.cycle import connect
-from umo.errors import BadInput, DeclarationError, FramesError, OptionError, PathError, RangeError
+from umo.errors import BadInput, DeclarationError, FramesError, OptionError, PathError, RangeError, text_of
 from umo.frames import Reader
 from umo.objects import Actuator, Atomic, Binary, Compound, DigitalActuator, DigitalSensor
 from umo.objects.description import converted, described, row_of
@@ -28,6 +28,7 @@ from umo.system.packages import MARK
 from umo.system.streams import limit_waits
 from umo.text import printable, some
 from umo.wiring import Wired, resolve
+from umo.wiring.wired import Wire
 
 from .commanding import get_running, set_running
 from .console import err, out, say
@@ -51,7 +52,9 @@ def get_values(name: str, wiring: str | None, paths: list[str], unit: str | None
         converted(TableRow(described(item), 1.0), unit)  # before a device is opened
     file = station.wiring(wiring)
     limit_waits()
-    connection = connect(machine, resolve(machine, file), acknowledge=acknowledge)
+    wired = resolve(machine, file)
+    wires = {wire.item: wire for wire in wired.wires}
+    connection = connect(machine, wired, acknowledge=acknowledge)
     _announce(connection, station, file, "reading")
     width = max(map(len, paths))
     with connection:
@@ -59,6 +62,18 @@ def get_values(name: str, wiring: str | None, paths: list[str], unit: str | None
             with suppress(BadInput):  # it was never read: it has no state
                 item.read()
             out.print(sentence_of(converted(row_of(item), unit), width), soft_wrap=True)
+            if line := _inspected(wires[item]):
+                out.print(f"  {line}", soft_wrap=True)
+
+
+def _inspected(wire: Wire) -> str:
+    """What the circuit of a sensor holds for it, as the driver says; empty if it says nothing."""
+    if isinstance(wire.item, Actuator):
+        return ""
+    try:
+        return wire.driver.inspect(wire.channel)
+    except OSError as error:
+        return text_of(error)
 
 
 def set_value(

@@ -16,7 +16,7 @@ from umo.presentation.value_text import shown_unit
 from umo.process import kept_file
 from umo.process.kept_file import KeptFileError, KeptValues
 from umo.remote.search import station_name
-from umo.text import did_you_mean, printable
+from umo.text import did_you_mean, printable, time_of_day
 
 from .console import err, out
 
@@ -50,8 +50,9 @@ def _is_of(values: KeptValues | KeptFileError, wiring: str | None) -> bool:
 
 def _list(path: Path, values: KeptValues) -> None:
     name = ", ".join(filter(None, (values.station, values.wiring)))
-    age = lasting(max(0.0, time.time() - values.utc))
-    out.print(f"{printable(name)}: kept {age} ago, in period {values.period}", soft_wrap=True)
+    age = time.time() - values.utc  # perhaps kept before the computer was started: no other clock tells it
+    when = f"{lasting(age)} ago" if age >= 0 else f"at {time_of_day(values.utc)}, later than the clock shows now"
+    out.print(f"{printable(name)}: kept {when}, in period {values.period}", soft_wrap=True)
     table = Table("number", "value", "unit", header_style="bold")
     for number, entry in values.numbers.items():
         table.add_row(printable(number), _text(entry["value"]), shown_unit(entry["unit"]))

@@ -303,7 +303,8 @@ class connect(Generic[C]):
             self.reached = not unreached
             self.image.transfer.end_writing()
             showing = _error_of(self._show_last)  # what is shown comes after what is safe
-            failures = late + self._ask_reports() + self._finalize() + self._close()
+            self._ask_reports()
+            failures = late + self._finalize() + self._close()
         finally:
             if unreached is None:
                 failure = self.image.transfer.failure
@@ -411,11 +412,13 @@ class connect(Generic[C]):
         found = map(self.image.transfer.finalize, reversed(self._initialized))
         return [failure._replace(cause=f"not finalised: {failure.cause}") for failure in found if failure is not None]
 
-    def _ask_reports(self) -> list[Failure]:
-        def ask(name: str) -> None:
-            self.reports[name] = self.image.transfer.report(name)
-
-        return self._of_each(self._opened if self.started else (), ask, "no report")
+    def _ask_reports(self) -> None:
+        """The report of each driver. One that fails says why in its place: it is no failure of the run."""
+        for name in self._opened if self.started else ():
+            try:
+                self.reports[name] = self.image.transfer.report(name)
+            except BaseException as error:  # whatever it is: the machine is left in any case
+                self.reports[name] = {"no report": text_of(error.__cause__ or error)}  # the driver is named already
 
     def _close(self) -> list[Failure]:
         return self._of_each(reversed(self._opened), self.image.transfer.close, "not closed")

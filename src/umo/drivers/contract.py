@@ -252,6 +252,11 @@ class Driver(ABC, Generic[C]):
     def check_watchdog(self, seconds: float) -> None:
         """WiringError or DriverError if `watchdog` cannot take this time. Nothing is sent; called before `open`."""
 
+    def inspect(self, channel: C) -> str:
+        """What the circuit holds for an input channel, read now, in one line, for whoever brings the circuit up: `umo
+        get` shows it. It helps to find a wrong option, such as the order of bytes. Default: empty, nothing is shown."""
+        return ""
+
     def report(self) -> Mapping[str, Any]:
         """Results of the circuit or plant so far, as plain data by name. Called at the end of a run before `close`, and
         by `umo plant --report` ten times a second."""

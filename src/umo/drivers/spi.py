@@ -15,6 +15,8 @@ from umo.drivers.registers.map import RegisterChannel
 from umo.errors import DriverError, WiringError
 
 _MAX_DUMMY_BYTES = 16
+_TURNED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+"""Each byte with its bits in the other order."""
 
 
 class Spi(RegisterDriver):
@@ -28,6 +30,7 @@ class Spi(RegisterDriver):
         mode: 0 to 3; bit 1 is the idle level of the clock, bit 0 the edge at which data are taken (1: the second).
         max_speed_hz: highest frequency of the clock.
         bits_per_word: word of the controller; the bits on the wire are the same with 8, 16 and 32.
+        lsb_first: the chip has the lowest bit of each byte first. umo turns the bytes round: most controllers cannot.
         registers: the chip's registers by name (docs/driver-spi.md).
         page_register: the register of 8 bits that selects the page, for registers with `page`.
         auto_increment: the chip counts its addresses in bytes and goes on to the next one by itself. Registers that
@@ -59,6 +62,7 @@ class Spi(RegisterDriver):
         mode: Literal[0, 1, 2, 3] = 0,
         max_speed_hz: int = 1_000_000,
         bits_per_word: Literal[8, 16, 32] = 8,
+        lsb_first: bool = False,
         registers: dict[str, dict[str, Any]] | None = None,
         page_register: int | None = None,
         auto_increment: bool = False,
@@ -77,7 +81,7 @@ class Spi(RegisterDriver):
         self.path = f"/dev/spidev{within('bus', bus, 0, 65535)}.{within('chip_select', chip_select, 0, 255)}"
         self._settings: dict[str, int] = {"mode": mode, "bits_per_word": bits_per_word}
         self._settings["max_speed_hz"] = within("max_speed_hz", max_speed_hz, 1, 1_000_000_000)
-        self._word = bits_per_word // 8
+        self._word, self._lsb_first = bits_per_word // 8, lsb_first
         self._command = address_bits // 8
         highest = (1 << address_bits) - 1
         masks = {"read_mask": read_mask, "write_mask": write_mask, "burst_mask": burst_mask}
@@ -136,8 +140,10 @@ class Spi(RegisterDriver):
         """One transfer; of whole words."""
         if len(sent) % self._word:
             raise DriverError(f"a transfer of {len(sent)} bytes is not one of whole words of {8 * self._word} bits")
-        answer = self._bus.xfer2(list(_swapped(sent, self._word)))
-        return _swapped(bytes(answer), self._word)
+        if self._lsb_first:
+            sent = sent.translate(_TURNED)
+        answer = _swapped(bytes(self._bus.xfer2(list(_swapped(sent, self._word)))), self._word)
+        return answer.translate(_TURNED) if self._lsb_first else answer
 
 
 def _swapped(data: bytes, word: int) -> bytes:

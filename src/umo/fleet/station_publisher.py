@@ -22,7 +22,7 @@ from umo.fleet.run_words import FULL, FULL_EVERY, LAST, Delta, Rest, WordFrame, 
 from umo.frames import Reader
 from umo.frames.layout import DESCRIPTION, HOLDER, NAME, without_job
 from umo.frames.reader import FRAME_HEAD, NumberedEvent
-from umo.presentation.run_facts import ALARMS
+from umo.presentation.run_facts import ALARMS, run_time
 from umo.twin import declares_twin, twin_of
 
 KEPT = 60.0
@@ -180,7 +180,8 @@ class StationPublisher:
 
     def _tell_status(self, query: zenoh.Query) -> None:
         with query:
-            query.reply(self.key.key(keys.STATUS), json.dumps(self._status))
+            told = self._status and self._status | {"run_time_s": run_time(self.reader.about)}  # by its own clock
+            query.reply(self.key.key(keys.STATUS), json.dumps(told))
 
     def _describe_twin(self, query: zenoh.Query) -> None:
         with query:

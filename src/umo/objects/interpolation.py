@@ -21,6 +21,14 @@ Function = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Values and derivatives at an array of x."""
 
 
+def horner(coefficients: Sequence[float], xs: FloatArray) -> FloatArray:
+    """c0 + c1 x + c2 x^2 + ..."""
+    result = np.full_like(xs, coefficients[-1])
+    for coefficient in coefficients[-2::-1]:
+        result = result * xs + coefficient
+    return result
+
+
 class Segments:
     """Linear interpolation between points (x, y), x strictly monotonic."""
 

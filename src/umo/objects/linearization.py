@@ -20,7 +20,7 @@ from typing import Any, Self, cast
 import numpy as np
 
 from umo.errors import DeclarationError
-from umo.objects.interpolation import Cubics, Segments, groups_of
+from umo.objects.interpolation import Cubics, Segments, groups_of, horner
 from umo.objects.scaling import BoolArray, FloatArray
 from umo.objects.units import same_unit
 from umo.presentation.value_text import span
@@ -170,14 +170,6 @@ def _both_ways(polynomial: Polynomial) -> tuple[Cubics, Cubics]:
             if all(np.abs(found - exact).max() <= 1e-9 * np.ptp(exact) for found, exact in pairs):
                 return forward, inverse
     raise DeclarationError(f"the {polynomial} is too uneven over the range; use a LookupTable")
-
-
-def horner(coefficients: Sequence[float], xs: FloatArray) -> FloatArray:
-    """c0 + c1 x + c2 x^2 + ..."""
-    result = np.full_like(xs, coefficients[-1])
-    for coefficient in coefficients[-2::-1]:
-        result = result * xs + coefficient
-    return result
 
 
 def fitted(linearization: object, units: str, minimum: float, maximum: float) -> Linearization:

@@ -2,86 +2,53 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cache, cached_property
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property, partial
 from typing import NamedTuple
-
-import numpy as np
 
 from umo.errors import DeclarationError
 from umo.objects.interpolation import Cubics
-from umo.objects.linearization import Linearization, check_covers, horner
-from umo.objects.scaling import FloatArray
+from umo.objects.its90 import voltages
+from umo.objects.linearization import Linearization, check_covers
+
+CELLS, FULL_CELLS = 2048, 32768
+"""Number of cells in which a reference function is interpolated, over its usual range and over all of it."""
 
 
-class Reference(NamedTuple):
-    """The voltage in mV from `start` degC on: sum of c[i] t^i, and b[0] exp(b[1] (t - b[2])^2) if there is a `b`."""
+class Limits(NamedTuple):
+    """Ends of a type's range in degC. From `usual` on a voltage is known to a temperature well."""
 
     start: float
-    c: tuple[float, ...]
-    b: tuple[float, float, float] | None = None
-
-    def at(self, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Voltage and derivative, mV/K."""
-        voltage = horner(self.c, t)
-        slope = horner([i * c for i, c in enumerate(self.c)][1:], t)
-        if self.b is not None:
-            b0, b1, b2 = self.b
-            bump = b0 * np.exp(b1 * (t - b2) ** 2)
-            voltage += bump
-            slope += bump * (2.0 * b1 * (t - b2))
-        return voltage, slope
+    usual: float
+    end: float
 
 
-_K = (
-    Reference(
-        -200.0,
-        (
-            0.0,
-            0.394501280250e-01,
-            0.236223735980e-04,
-            -0.328589067840e-06,
-            -0.499048287770e-08,
-            -0.675090591730e-10,
-            -0.574103274280e-12,
-            -0.310888728940e-14,
-            -0.104516093650e-16,
-            -0.198892668780e-19,
-            -0.163226974860e-22,
-        ),
-    ),
-    Reference(
-        0.0,
-        (
-            -0.176004136860e-01,
-            0.389212049750e-01,
-            0.185587700320e-04,
-            -0.994575928740e-07,
-            0.318409457190e-09,
-            -0.560728448890e-12,
-            0.560750590590e-15,
-            -0.320207200030e-18,
-            0.971511471520e-22,
-            -0.121047212750e-25,
-        ),
-        (0.118597600000, -0.118343200000e-03, 0.126968600000e03),
-    ),
-)
-CELLS = 2048
-"""Number of cells in which a reference function is interpolated."""
-KINDS = {"K": (_K, 1372.0)}
-"""Reference functions by ranges, and the end of the last one in degC."""
+KINDS = {
+    "B": Limits(50.0, 250.0, 1820.0),
+    "E": Limits(-270.0, -200.0, 1000.0),
+    "J": Limits(-210.0, -210.0, 1200.0),
+    "K": Limits(-270.0, -200.0, 1372.0),
+    "N": Limits(-270.0, -200.0, 1300.0),
+    "R": Limits(-50.0, -50.0, 1768.1),
+    "S": Limits(-50.0, -50.0, 1768.1),
+    "T": Limits(-270.0, -200.0, 400.0),
+}
+"""The ranges of ITS-90. That of B begins at 0 degC, but below 42 degC two temperatures have one voltage."""
 
 
 @dataclass(frozen=True)
 class Thermocouple(Linearization):
-    """A thermocouple behind a converter that compensates the reference junction: degC from mV, by the reference
-    functions of ITS-90 (NIST Monograph 175, NIST Standard Reference Database 60, IEC 60584-1), to 1e-6 degC.
+    """A thermocouple behind a converter that compensates the reference junction: degC from mV and back, by the
+    reference functions of ITS-90 (NIST Monograph 175, NIST Standard Reference Database 60, IEC 60584-1).
 
-    Types: K, -200 to 1372 degC.
+    Types, in degC: B 50 to 1820, E -270 to 1000, J -210 to 1200, K -270 to 1372, N -270 to 1300, R and S -50 to 1768.1,
+    T -270 to 400. Accuracy of the interpolation: 1e-5 degC, N 1e-3 degC. Of an object whose range begins below -200
+    degC 1e-4 degC down to -260 degC and 0.05 degC below, where 1 degC is about 1 uV.
     """
 
     kind: str
+    full: bool = field(default=False, repr=False)
+    """Whether the whole range is interpolated, in smaller cells; set by `over`."""
     units = "degC"
 
     def __post_init__(self) -> None:
@@ -89,32 +56,24 @@ class Thermocouple(Linearization):
             raise DeclarationError(f"no thermocouple of type {self.kind!r}; known: {', '.join(KINDS)}")
 
     def over(self, minimum: float, maximum: float) -> Thermocouple:
-        pieces, end = KINDS[self.kind]
-        check_covers(self, minimum, maximum, pieces[0].start, end)
-        return self
+        limits = KINDS[self.kind]
+        check_covers(self, minimum, maximum, limits.start, limits.end)
+        return replace(self, full=minimum < limits.usual)
 
     @cached_property
     def _forward(self) -> Cubics:  # type: ignore[override]
-        return _both_ways(self.kind)[1]
+        return _both_ways(self.kind, self.full)[1]
 
     @cached_property
     def _inverse(self) -> Cubics:  # type: ignore[override]
-        return _both_ways(self.kind)[0]
+        return _both_ways(self.kind, self.full)[0]
 
     def __str__(self) -> str:
         return f"thermocouple {self.kind}"
 
 
 @cache
-def _both_ways(kind: str) -> tuple[Cubics, Cubics]:
+def _both_ways(kind: str, full: bool) -> tuple[Cubics, Cubics]:
     """mV from degC, and degC from mV."""
-    pieces, end = KINDS[kind]
-    return Cubics.both_ways(lambda t: _reference(pieces, t), pieces[0].start, end, CELLS)
-
-
-def _reference(pieces: tuple[Reference, ...], t: FloatArray) -> tuple[FloatArray, FloatArray]:
-    voltage, slope = np.empty((2, len(t)))
-    for number, piece in enumerate(pieces):
-        of = t >= piece.start if number else np.ones(len(t), np.bool_)
-        voltage[of], slope[of] = piece.at(t[of])
-    return voltage, slope
+    limits, cells = KINDS[kind], FULL_CELLS if full else CELLS
+    return Cubics.both_ways(partial(voltages, kind), limits.start if full else limits.usual, limits.end, cells)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import reduce
+from operator import or_
 
 from .modbus_server import DEVICE_FAILURE, ILLEGAL_ADDRESS, ILLEGAL_VALUE, ExceptionAnswer, answer
 from .register_map import Point, RegisterMap
 from .simulation import Simulation
 
-WRITE_FUNCTIONS = frozenset((5, 6, 15, 16, 23))
+WRITE_FUNCTIONS = frozenset((5, 6, 15, 16, 22, 23))
 
 
 class Watchdog:
@@ -42,8 +44,9 @@ class Box:
     """One register map of a plant.
 
     The plant is brought up to the moment of each request, so that the answer is the present state, however coarse the
-    timer of the event loop. Reads of outputs give what was written. Exceptions: 2 for an address that is not mapped,
-    an input that is written, half of a 32-bit value that is written; 3 for a written value that does not fit the
+    timer of the event loop. Reads of outputs give what was written; bits of a register that no object has are 0.
+    Exceptions: 2 for an address that is not mapped, a register without an output that is written, half of a 32-bit
+    value that is written; 3 for a written value that does not fit the
     plant's channel; 4 if the plant fails, or what a sensor reads does not fit its register.
     """
 
@@ -53,14 +56,13 @@ class Box:
         self.requests = 0
         self._simulation = simulation
         self._levels = {point: point.default for point in registers.points if point.output}
-        self._cells: dict[tuple[str, int], tuple[Point | None, int]] = {
-            (point.table, point.address + offset): (point, offset)
-            for point in registers.points
-            for offset in range(point.cells)
-        }
-        """Object at each address, and which of its cells; None: the watchdog's time."""
+        self._cells: dict[tuple[str, int], list[Point]] = {}
+        """The objects at each address: several where they are fields of a register; none: the watchdog's time."""
+        for point in registers.points:
+            for offset in range(point.cells):
+                self._cells.setdefault((point.table, point.address + offset), []).append(point)
         if registers.watchdog_register is not None:
-            self._cells["holding", registers.watchdog_register] = (None, 0)
+            self._cells["holding", registers.watchdog_register] = []
 
     def request(self, request: bytes) -> bytes:
         """The answer to one request, both from their function code on."""
@@ -89,31 +91,34 @@ class Box:
     def read(self, table: str, address: int, count: int) -> list[int]:
         """Every object is read once, also if it takes two registers."""
         places = [self._place(table, address + i) for i in range(count)]
-        words = {point: self._words(point) for point in dict.fromkeys(point for point, _ in places)}
-        return [words[point][offset] for point, offset in places]
+        words = {point: self._words(point) for point in dict.fromkeys(point for each in places for point in each)}
+        found = []
+        for at, points in enumerate(places, address):
+            cells = [words[point][at - point.address] for point in points]
+            found.append(reduce(or_, cells) if points else self.watchdog.milliseconds)
+        return found
 
     def write(self, table: str, address: int, values: Sequence[int]) -> None:
-        """All or nothing: every address and value is looked at before the first is set."""
-        written: list[tuple[Point | None, int, int]] = []
-        at = 0
-        while at < len(values):
-            point, offset = self._place(table, address + at)
-            size = 1 if point is None else point.cells
-            cells = values[at : at + size]
-            if offset or len(cells) < size or not (point is None or point.output):
+        """All or nothing: every address and value is looked at before the first is set. Fields that are inputs keep
+        what they are."""
+        places = [self._place(table, address + i) for i in range(len(values))]
+        written: list[tuple[Point, int, int]] = []
+        for points in places:
+            if points and not any(point.output for point in points):
                 raise ExceptionAnswer(ILLEGAL_ADDRESS)
-            written.append((point, *_raw_and_level(point, cells)))
-            at += size
+        for point in dict.fromkeys(point for each in places for point in each if point.output):
+            at = point.address - address
+            if at < 0 or at + point.cells > len(values):
+                raise ExceptionAnswer(ILLEGAL_ADDRESS)
+            written.append((point, *_raw_and_level(point, values[at : at + point.cells])))
+        for value, points in zip(values, places, strict=True):
+            if not points:
+                self.watchdog.seconds = value / 1000
         for point, raw, level in written:
-            if point is None:
-                self.watchdog.seconds = raw / 1000
-            else:
-                self._simulation.write(point.slot, level)
-                self._levels[point] = raw
+            self._simulation.write(point.slot, level)
+            self._levels[point] = raw
 
-    def _words(self, point: Point | None) -> list[int]:
-        if point is None:
-            return [self.watchdog.milliseconds]
+    def _words(self, point: Point) -> list[int]:
         if point.output:
             return point.words(self._levels[point])
         level = self._simulation.read(point.slot)
@@ -122,17 +127,15 @@ class Box:
         except OverflowError:
             raise ExceptionAnswer(DEVICE_FAILURE) from None
 
-    def _place(self, table: str, address: int) -> tuple[Point | None, int]:
+    def _place(self, table: str, address: int) -> list[Point]:
         try:
             return self._cells[table, address]
         except KeyError:
             raise ExceptionAnswer(ILLEGAL_ADDRESS) from None
 
 
-def _raw_and_level(point: Point | None, cells: Sequence[int]) -> tuple[int, int]:
+def _raw_and_level(point: Point, cells: Sequence[int]) -> tuple[int, int]:
     """Raw integers that these cells hold for the box, and for the plant."""
-    if point is None:
-        return cells[0], 0
     try:
         raw = point.raw(cells)
         return raw, point.to_plant(raw)

@@ -51,6 +51,8 @@ def _answer(function: int, body: bytes, cells: RegisterCells) -> bytes:
         return _write_one(function, body, cells)
     if function in (15, 16):
         return _write_many(function, body, cells)
+    if function == 22:
+        return _mask_write(body, cells)
     if function == 23:
         return _read_write(body, cells)
     raise ExceptionAnswer(ILLEGAL_FUNCTION)
@@ -90,6 +92,16 @@ def _write_many(function: int, body: bytes, cells: RegisterCells) -> bytes:
         values = list(struct.unpack(f">{count}H", packed))
     cells.write(table, address, values)
     return body[:4]
+
+
+def _mask_write(body: bytes, cells: RegisterCells) -> bytes:
+    """Write the bits of a register that the first mask does not keep."""
+    if len(body) != 6:
+        raise ExceptionAnswer(ILLEGAL_VALUE)
+    address, keep, bits = struct.unpack(">HHH", body)
+    (word,) = cells.read("holding", address, 1)
+    cells.write("holding", address, [word & keep | bits & ~keep & 0xFFFF])
+    return body
 
 
 def _read_write(body: bytes, cells: RegisterCells) -> bytes:

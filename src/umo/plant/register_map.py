@@ -37,7 +37,9 @@ class Point:
         self.plant_default = plant.raw(default) if self.output else 0
         self._plant, self._bus = plant, bus
         self._equal = (plant.scale, plant.linearization) == (bus.scale, bus.linearization)
-        self._little, self._scale = channel.little, channel.scale
+        self._little, self._swapped, self._scale = channel.little, channel.swapped, channel.scale
+        self._low = channel.low or 0
+        self._bits = channel.bits if channel.low is not None or channel.table.full == 1 else 16 * channel.cells
 
     def to_plant(self, raw: int) -> int:
         """The plant's raw integer for one of the box; OverflowError if it does not fit the plant's channel."""
@@ -57,31 +59,34 @@ class Point:
         return raw
 
     def words(self, raw: int) -> list[int]:
-        """The raw integer in this point's cells, in the order of their addresses."""
-        if self.cells == 1:
-            return [raw & 0xFFFF]
-        packed = struct.pack(self._packing, raw * self._scale if self._scale else raw)
-        words = list(struct.unpack(f">{self.cells}H", packed))
+        """The raw integer in this point's cells, in the order of their addresses; 0 in the bits of other points."""
+        if self._scale:
+            packed = struct.pack(self._floating, raw * self._scale)
+        else:
+            packed = ((raw & (1 << self._bits) - 1) << self._low).to_bytes(2 * self.cells, "big")
+        words = list(struct.unpack(self._layout, packed))
         return words[::-1] if self._little else words
 
     def raw(self, words: Sequence[int]) -> int:
         """The raw integer that these cells hold; OverflowError if it is none."""
-        if self.cells == 1:
-            bits = self._bus.channel.bits
-            return words[0] - (1 << bits) if self._bus.channel.signed and words[0] >> (bits - 1) else words[0]
-        packed = struct.pack(f">{self.cells}H", *(reversed(words) if self._little else words))
-        value: float = struct.unpack(self._packing, packed)[0]
+        packed = struct.pack(self._layout, *(reversed(words) if self._little else words))
+        if not self._scale:
+            whole = int.from_bytes(packed, "big") >> self._low & (1 << self._bits) - 1
+            return whole - (1 << self._bits) if self._bus.channel.signed and whole >> (self._bits - 1) else whole
+        value: float = struct.unpack(self._floating, packed)[0]
         try:
-            return round(value / self._scale) if self._scale else int(value)
+            return round(value / self._scale)
         except ValueError:
             raise OverflowError(f"{value:g} is not a number") from None
 
     @property
-    def _packing(self) -> str:
-        if self._scale:
-            return ">f" if self.cells == 2 else ">d"
-        code = "i" if self.cells == 2 else "q"
-        return ">" + (code if self._bus.channel.signed else code.upper())
+    def _layout(self) -> str:
+        """The registers, with the bytes of each in their order."""
+        return f"{'<' if self._swapped else '>'}{self.cells}H"
+
+    @property
+    def _floating(self) -> str:
+        return ">f" if self.cells == 2 else ">d"
 
 
 @dataclass(frozen=True)

@@ -126,5 +126,11 @@ class Simulation:
         self._transfer.write(slot, raw)
 
     def report(self) -> dict[str, Any]:
-        """The reports of all drivers in one."""
-        return {key: value for name in self._opened for key, value in self._transfer.report(name).items()}
+        """The reports of all drivers in one. One that fails says why in its place."""
+        found: dict[str, Any] = {}
+        for name in self._opened:
+            try:
+                found |= self._transfer.report(name)
+            except Exception as error:
+                found[f"no report of {name}"] = text_of(error.__cause__ or error)
+        return found

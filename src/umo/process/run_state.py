@@ -26,6 +26,8 @@ from umo.system.shared_cells import HEAD, SharedText
 MUTEX_BYTES = 64
 """Room for a pthread_mutex_t, bytes: it takes 40 on x86-64, 48 on AArch64."""
 CLOCK_MONOTONIC = 1
+TRY_PAUSE = 0.001
+"""Time in s until a lock is tried again, where it cannot be waited for by the monotonic clock."""
 PROCESS_SHARED = ROBUST = 1
 CLOCK = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", 0))
 """Clock of the signs of life: it goes on while the computer is suspended."""
@@ -226,13 +228,15 @@ class RunState:
         return answer != errno.ETIMEDOUT
 
     def _lock_until(self, who: int, within: float) -> int:
-        """The answer of a lock, by the monotonic clock (glibc from 2.30 on), else by the wall clock."""
+        """The answer of a lock, by the monotonic clock. glibc before 2.30 waits by the wall clock only, which may be
+        set back by a day: the lock is tried again and again there."""
         mutex, lock = ctypes.byref(self._locks[who]), getattr(self._libc, "pthread_mutex_clocklock", None)
-        until = (time.time() if lock is None else time.monotonic()) + within
-        limit = ctypes.byref(_Timespec(int(until), int(until % 1 * 1e9)))
-        if lock is None:
-            return int(self._libc.pthread_mutex_timedlock(mutex, limit))
-        return int(lock(mutex, CLOCK_MONOTONIC, limit))
+        until = time.monotonic() + within
+        if lock is not None:
+            return int(lock(mutex, CLOCK_MONOTONIC, ctypes.byref(_Timespec(int(until), int(until % 1 * 1e9)))))
+        while (answer := int(self._libc.pthread_mutex_trylock(mutex))) == errno.EBUSY and time.monotonic() < until:
+            time.sleep(TRY_PAUSE)
+        return errno.ETIMEDOUT if answer == errno.EBUSY else answer
 
     # The control process -------------------------------------------------------------------------------
 

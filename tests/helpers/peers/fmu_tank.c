@@ -8,14 +8,15 @@
 #include <string.h>
 
 enum { TIME, INFLOW, TIME_CONSTANT, GAIN, LEVEL, COUNT, DOUBLED, ENABLE, ENABLED, MODE, MODE_USED, FAULT, ODD, STEPS,
-       LABEL, SMALL, SMALL_OUT, BIG, BIG_OUT, SINGLE, SINGLE_OUT, WIDE, WIDE_OUT, WORD, WORD_OUT, BROKEN };
+       LABEL, SMALL, SMALL_OUT, BIG, BIG_OUT, SINGLE, SINGLE_OUT, WIDE, WIDE_OUT, WORD, WORD_OUT, BROKEN, TEXT_OUT,
+       DATA_OUT, ROWS_OUT, BYTE, BYTE_OUT, DWORD, DWORD_OUT, ROWS };
 
 typedef struct {
     void *environment, *log;
     char name[64], label[64];
     double time, inflow, time_constant, gain, level;
-    int64_t count, enable, mode, fault, steps, small, big, wide, word;
-    double single;
+    int64_t count, enable, mode, fault, steps, small, big, wide, word, byte, dword, ended;
+    double single, rows[6];
 } Tank;
 
 static int say(Tank *m, int status, const char *text, double number);
@@ -61,6 +62,8 @@ static int64_t *integer(int vr, Tank *m) {
     case BIG: case BIG_OUT: return &m->big;
     case WIDE: case WIDE_OUT: return &m->wide;
     case WORD: case WORD_OUT: return &m->word;
+    case BYTE: case BYTE_OUT: return &m->byte;
+    case DWORD: case DWORD_OUT: return &m->dword;
     default: return NULL;
     }
 }
@@ -68,6 +71,9 @@ static int64_t *integer(int vr, Tank *m) {
 static int step(Tank *m, double start, double size) {
     int fault = (int)m->fault;
     m->fault = 0;
+    m->ended = fault == 9; /* the model asks for the end of the simulation, after half of the step in FMI 2.0 */
+    if (m->ended && FMI == 2) return m->time = start + size / 2, say(m, 2, "the tank is full, %g", m->level);
+    if (m->ended) fault = 0;
     if (fault) return say(m, fault, "the pump ran dry at %.1f s", start);
     if (fabs(start - m->time) > 1e-9) return say(m, 3, "the step does not begin at %g s", m->time);
     double end = m->gain * (m->enable ? m->inflow : 0.0);
@@ -110,24 +116,36 @@ static Tank *make(const char *name, void *environment, void *log) {
     }
 #define DOUBLES(prefix, suffix, type, N)                                                                              \
     int prefix##Get##suffix(void *c, const unsigned vr[], size_t n, type value[] N) {                                 \
+        size_t at = 0;                                                                                                \
         for (size_t i = 0; i < n; i++) {                                                                              \
-            double v = 0;                                                                                              \
-            int status = finite_double(vr[i], c, &v);                                                                 \
-            value[i] = (type)v;                                                                                       \
+            Tank *m = c;                                                                                              \
+            double v = 0;                                                                                             \
+            int status = 0;                                                                                           \
+            if (vr[i] == ROWS || vr[i] == ROWS_OUT) { /* arrays of two rows of three */                               \
+                for (int k = 0; k < 6; k++) value[at++] = (type)(m->rows[k] + (vr[i] == ROWS ? 0 : k + 0.5));         \
+                continue;                                                                                             \
+            }                                                                                                         \
+            status = finite_double(vr[i], c, &v);                                                                     \
+            value[at++] = (type)v;                                                                                    \
             if (status) return status;                                                                                \
         }                                                                                                             \
         return 0;                                                                                                     \
     }                                                                                                                 \
     int prefix##Set##suffix(void *c, const unsigned vr[], size_t n, const type value[] N) {                           \
+        size_t at = 0;                                                                                                \
         for (size_t i = 0; i < n; i++) {                                                                              \
-            int status = set_double(vr[i], c, value[i]);                                                              \
+            if (vr[i] == ROWS) {                                                                                      \
+                for (int k = 0; k < 6; k++) ((Tank *)c)->rows[k] = value[at++];                                       \
+                continue;                                                                                             \
+            }                                                                                                         \
+            int status = set_double(vr[i], c, value[at++]);                                                           \
             if (status) return status;                                                                                \
         }                                                                                                             \
         return 0;                                                                                                     \
     }
 #define STRINGS(prefix, N)                                                                                            \
     int prefix##GetString(void *c, const unsigned vr[], size_t n, const char *value[] N) {                            \
-        for (size_t i = 0; i < n; i++) value[i] = ((Tank *)c)->label;                                                 \
+        for (size_t i = 0; i < n; i++) value[i] = vr[i] == TEXT_OUT ? "h\xc3\xb6he \xff" : ((Tank *)c)->label;     \
         return vr ? 0 : 3;                                                                                            \
     }                                                                                                                 \
     int prefix##SetString(void *c, const unsigned vr[], size_t n, const char *const value[] N) {                      \
@@ -183,7 +201,15 @@ STRINGS(fmi2, NONE)
 STUB(fmi2GetFMUstate) STUB(fmi2SetFMUstate) STUB(fmi2FreeFMUstate) STUB(fmi2SerializedFMUstateSize)
 STUB(fmi2SerializeFMUstate) STUB(fmi2DeSerializeFMUstate) STUB(fmi2GetDirectionalDerivative)
 STUB(fmi2SetRealInputDerivatives) STUB(fmi2GetRealOutputDerivatives) STUB(fmi2CancelStep) STUB(fmi2GetStatus)
-STUB(fmi2GetRealStatus) STUB(fmi2GetIntegerStatus) STUB(fmi2GetBooleanStatus) STUB(fmi2GetStringStatus)
+STUB(fmi2GetIntegerStatus) STUB(fmi2GetStringStatus)
+fmi2Status fmi2GetBooleanStatus(fmi2Component c, fmi2StatusKind kind, fmi2Boolean *value) {
+    *value = kind == fmi2Terminated && ((Tank *)c)->ended;
+    return fmi2OK;
+}
+fmi2Status fmi2GetRealStatus(fmi2Component c, fmi2StatusKind kind, fmi2Real *value) {
+    *value = ((Tank *)c)->time;
+    return kind == fmi2LastSuccessfulTime ? fmi2OK : fmi2Error;
+}
 #else
 #include <stdio.h>
 #include "fmi3FunctionTypes.h"
@@ -223,11 +249,9 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 start, fmi3Float64 size, fmi3B
                       fmi3Boolean *terminate, fmi3Boolean *early, fmi3Float64 *last) {
     (void)no_set;
     Tank *m = c;
-    int ends = m->fault == 9; /* the model ends its simulation */
-    if (ends) m->fault = 0;
     int status = step(m, start, size);
     *event = *early = 0;
-    *terminate = ends;
+    *terminate = m->ended != 0;
     *last = m->time;
     return status;
 }
@@ -243,7 +267,16 @@ INTEGERS(fmi3, Int64, int64_t, N)
 INTEGERS(fmi3, UInt64, uint64_t, N)
 INTEGERS(fmi3, Boolean, _Bool, N)
 STRINGS(fmi3, N)
-STUB(fmi3GetUInt8) STUB(fmi3SetUInt8) STUB(fmi3GetUInt32) STUB(fmi3SetUInt32) STUB(fmi3GetBinary) STUB(fmi3SetBinary)
+INTEGERS(fmi3, UInt8, uint8_t, N)
+INTEGERS(fmi3, UInt32, uint32_t, N)
+fmi3Status fmi3GetBinary(fmi3Instance c, const fmi3ValueReference vr[], size_t n, size_t sizes[], fmi3Binary values[],
+                         size_t nv) {
+    static const fmi3Byte data[] = {0xde, 0xad, 0xbe, 0xef};
+    (void)c, (void)vr, (void)nv;
+    for (size_t i = 0; i < n; i++) sizes[i] = sizeof data, values[i] = data;
+    return fmi3OK;
+}
+STUB(fmi3SetBinary)
 STUB(fmi3GetClock) STUB(fmi3SetClock) STUB(fmi3InstantiateModelExchange) STUB(fmi3InstantiateScheduledExecution)
 STUB(fmi3EnterEventMode) STUB(fmi3ActivateModelPartition) STUB(fmi3GetNumberOfVariableDependencies)
 STUB(fmi3GetVariableDependencies) STUB(fmi3GetFMUState) STUB(fmi3SetFMUState) STUB(fmi3FreeFMUState)

@@ -68,6 +68,11 @@ class Peer:
         """All requests so far: function, address, count and the values of a write."""
         return [tuple(map(int, (words[0].rpartition(":")[2], *words[1:]))) for words in self._logged()]
 
+    def floats(self) -> list[list[float]]:
+        """What libmodbus reads of each write of two registers, in the orders ABCD, CDAB, BADC, DCBA."""
+        self.requests()
+        return [[*map(float, line.split()[1:])] for line in self._text.split("\n")[:-1] if line.startswith("floats")]
+
     def units(self) -> list[int]:
         """The units that these requests were for, on a serial line."""
         return [int(words[0].partition(":")[0]) for words in self._logged()]

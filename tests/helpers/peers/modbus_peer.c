@@ -2,7 +2,8 @@
  *
  *     modbus_peer [PORT | rtu | quiet | quiet-rtu] [N:FAULT[=VALUE] ...]
  *
- * Serves a map of known values: on TCP at 127.0.0.1 (a free port without PORT, or 0), or with `rtu` on a pseudo-terminal
+ * Logs the masks of function 22, and of a write of two registers also "floats ABCD CDAB BADC DCBA", as libmodbus reads
+ * them in each order of their bytes. Serves a map of known values: on TCP at 127.0.0.1 (a free port without PORT, or 0), or with `rtu` on a pseudo-terminal
  * of its own, as the units 1 to 3 of a serial line. Says "port N", or "port /dev/pts/N", then logs each request, before
  * it is answered, as "request FUNCTION ADDRESS COUNT [VALUES...]"; on a serial line "request UNIT:FUNCTION ...". The
  * quiet ones log nothing. Units share one map. The N-th request (from 1; 0 is every one) meets its fault:
@@ -52,6 +53,8 @@
 #define REGISTERS 500
 #define UNITS 3
 #define LONGEST 300
+#define FLOATS 480 /* input registers with one float in four orders of its bytes: ABCD, CDAB, BADC, DCBA */
+#define FLOAT 238.7f
 
 static int header = 7; /* of TCP: transaction, protocol, length, unit; of a serial line: unit */
 static int trailer;    /* of a serial line: the check sum */
@@ -77,6 +80,18 @@ static void fill(void)
         map->tab_registers[i] = (uint16_t)(i * 40503);
         map->tab_input_registers[i] = (uint16_t)(i * 25717 + 32768);
     }
+    modbus_set_float_abcd(FLOAT, map->tab_input_registers + FLOATS);
+    modbus_set_float_cdab(FLOAT, map->tab_input_registers + FLOATS + 2);
+    modbus_set_float_badc(FLOAT, map->tab_input_registers + FLOATS + 4);
+    modbus_set_float_dcba(FLOAT, map->tab_input_registers + FLOATS + 6);
+}
+
+/* The two registers of a write as a float, in each order of its bytes. */
+static void log_floats(const uint8_t *bytes)
+{
+    uint16_t pair[2] = {(uint16_t)word(bytes), (uint16_t)word(bytes + 2)};
+    printf("floats %.9g %.9g %.9g %.9g\n", modbus_get_float_abcd(pair), modbus_get_float_cdab(pair),
+           modbus_get_float_badc(pair), modbus_get_float_dcba(pair));
 }
 
 /* The fault of this request: its name and value, or NULL. */
@@ -104,6 +119,8 @@ static void log_request(const uint8_t *query)
     printf("%d %d", function, word(body));
     if (function == 5 || function == 6) {
         printf(" 1 %d", function == 5 ? word(body + 2) != 0 : word(body + 2));
+    } else if (function == 22) {
+        printf(" %d %d", word(body + 2), word(body + 4));
     } else {
         count = word(body + 2);
         printf(" %d", count);
@@ -115,6 +132,8 @@ static void log_request(const uint8_t *query)
             printf(" %d", word(body + 9 + 2 * i));
     }
     printf("\n");
+    if (function == 16 && count == 2)
+        log_floats(body + 5);
     fflush(stdout);
 }
 

@@ -98,6 +98,7 @@ class FaultyDriver(Driver[Any]):
     finalize = _of_driver("finalize")
     close = _of_driver("close")
     stop_waiting = _of_driver("stop_waiting")
+    inspect = _of_driver("inspect")
     report = _of_driver("report")
 
     # Which faults are in effect ------------------------------------------------------------------------

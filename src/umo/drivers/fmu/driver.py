@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import accumulate
 from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,7 +30,8 @@ class Fmu(BlockDriver[FmuChannel]):
     """A model as a plant: a co-simulation unit of FMI 2.0 or 3.0, run by FMPy.
 
     Channels: `NAME` for a variable that is an integer, a boolean or an enumeration, `NAME:SCALE` for a float: the
-    variable is its raw integer times SCALE, in the model's unit (`tank.level:0.001`). Inputs and tunable parameters of
+    variable is its raw integer times SCALE, in the model's unit (`tank.level:0.001`). An element of an array is named
+    by its indices, from 1: `y[2]:0.001`, `A[1,3]:0.1`. Inputs and tunable parameters of
     the model are outputs of the computer; all other variables are inputs. `tick` is the timer: reading it lets one
     period pass in the model and returns 0.
 
@@ -49,7 +51,7 @@ class Fmu(BlockDriver[FmuChannel]):
     """
 
     simulates_time = True
-    forms = ("NAME", "NAME:SCALE (of a float)", "tick")
+    forms = ("NAME", "NAME:SCALE (of a float)", "NAME[I,J] and NAME[I,J]:SCALE (of an array, from 1)", "tick")
 
     def __init__(
         self, *, model: Path, start_values: Mapping[str, int | float | bool | str] | None = None, substeps: int = 1
@@ -140,13 +142,17 @@ class Fmu(BlockDriver[FmuChannel]):
         in_turn(groups, transfer, lambda group: group.texts, lambda error: bool(instance.lost))
 
     def report(self) -> Mapping[str, Any]:
-        """The model's time in s and its outputs, at most 40, in its units; a value that is not finite is None."""
+        """The model's time in s and its outputs, at most 40, in its units; a value that is not finite is None. Of one
+        that the model does not give: why."""
         instance = self._opened()
         found: dict[str, Any] = {"time_s": round(instance.time, 9)}
-        if not instance.lost:
-            outputs = [each for each in variables_of(self._description).values() if each.causality == "output"]
-            for variable in outputs[:_MAX_REPORTED]:
-                found[variable.name] = instance.value(variable)
+        outputs = [each for each in variables_of(self._description).values() if each.causality == "output"]
+        for variable in outputs[:_MAX_REPORTED]:
+            if instance.readable:
+                try:
+                    found[variable.name] = instance.value(variable)
+                except DriverError as error:
+                    found[variable.name] = str(error)
         return found
 
     def _opened(self) -> FmuInstance:
@@ -179,8 +185,16 @@ class _Group:
         self._channels = [channels[i] for i in places]
         self.texts = [channel.text for channel in self._channels]
         self._places: Any = ... if len(places) == len(channels) else np.array(places)
-        buffer, self._arguments = instance.arguments(kind, [channel.reference for channel in self._channels])
-        self._values: npt.NDArray[Any] = np.ctypeslib.as_array(buffer)
+        sizes = {channel.reference: channel.size for channel in self._channels}
+        starts = dict(zip(sizes, accumulate(sizes.values(), initial=0), strict=False))
+        buffer, self._arguments = instance.arguments(kind, list(sizes), sum(sizes.values()))
+        self._buffer: npt.NDArray[Any] = np.ctypeslib.as_array(buffer)
+        index = [starts[channel.reference] + channel.element for channel in self._channels]
+        self._index: Any = ... if index == list(range(len(self._buffer))) else np.array(index)
+        self._get_others = (
+            instance.function("Get", kind) if verb == "Set" and any(size > 1 for size in sizes.values()) else None
+        )
+        """Function that reads the elements that are not set: FMI sets arrays as a whole."""
         scales = [channel.scale for channel in self._channels]
         self._scales = None if None in scales else np.array(scales, float)
         self._few = scales if None not in scales and len(scales) <= _FEW_FLOATS else []
@@ -190,37 +204,38 @@ class _Group:
 
     def get(self, out: IntArray) -> None:
         self._call(self._function, *self._arguments)
-        if self._few and (few := self._rounded()):
+        values = self._buffer if self._index is ... else self._buffer[self._index]
+        if self._few and (few := self._rounded(values)):
             out[self._places] = few
             return
         if self._scales is not None:
             counts: Any = self._counts
-            np.divide(self._values, self._scales, counts)
+            np.divide(values, self._scales, counts)
             np.rint(counts, counts)
             fits = hypot(*counts.tolist()) <= self._highest  # in one look: false for NaN and infinity too
         else:
-            counts = self._values if self._highest > 1 else self._values != 0
-            fits = self._values.dtype != np.uint64 or bool((counts <= self._highest).all())
+            counts = values if self._highest > 1 else values != 0
+            fits = values.dtype != np.uint64 or bool((counts <= self._highest).all())
         if fits:
             out[self._places] = counts
         else:
-            self._keep_good(counts, out)
+            self._keep_good(values, counts, out)
 
-    def _rounded(self) -> list[int]:
+    def _rounded(self, values: npt.NDArray[Any]) -> list[int]:
         """The raw integers of a few floats; empty if one does not fit."""
         try:
-            found = [round(value / scale) for value, scale in zip(self._values.tolist(), self._few, strict=True)]
+            found = [round(value / scale) for value, scale in zip(values.tolist(), self._few, strict=True)]
         except (ValueError, OverflowError):  # NaN, infinity
             return []
         return found if min(found) >= self._lowest and max(found) <= self._highest else []
 
-    def _keep_good(self, counts: npt.NDArray[Any], out: IntArray) -> None:
+    def _keep_good(self, values: npt.NDArray[Any], counts: npt.NDArray[Any], out: IntArray) -> None:
         """ChannelsFailed for the readings that are not raw integers; the others stand."""
         good = (counts >= self._lowest) & (counts <= self._highest)  # a NaN is neither
         out[np.arange(len(out))[self._places][good]] = counts[good]
         bad = np.flatnonzero(~good)
         if len(bad):
-            raise ChannelsFailed({self.texts[i]: f"the model gives {self._values[i]!s}" for i in bad})
+            raise ChannelsFailed({self.texts[i]: f"the model gives {values[i]!s}" for i in bad})
 
     def check(self, raws: IntArray) -> None:
         mine = raws[self._places].tolist()
@@ -229,10 +244,14 @@ class _Group:
             self._channels[place].fit(mine[place])
 
     def set(self, raws: IntArray) -> None:
+        if self._get_others is not None:
+            self._call(self._get_others, *self._arguments)
         if self._scales is None:
-            self._values[:] = raws[self._places]
+            self._buffer[self._index] = raws[self._places]
+        elif self._index is ...:
+            np.multiply(raws[self._places], self._scales, self._buffer, casting="same_kind")
         else:
-            np.multiply(raws[self._places], self._scales, self._values, casting="same_kind")
+            self._buffer[self._index] = raws[self._places] * self._scales
         self._call(self._function, *self._arguments)
 
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from ctypes import byref
 from itertools import count
-from math import isfinite
+from math import isfinite, prod
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +19,17 @@ from fmpy import fmi2, fmi3
 from fmpy.fmi1 import FMICallException
 from fmpy.logging import addLoggerProxy
 
-from umo.drivers.fmu.variables import FLOATS, INTEGERS, kind_of, variables_of
+from umo.drivers.fmu.variables import FLOATS, INTEGERS, arranged, kind_of, shape_of, variables_of
 from umo.errors import DriverError
 from umo.presentation.digits import number_text
 
 WARNING, DISCARD, ERROR, FATAL = 1, 2, 3, 4
 STATUS = {DISCARD: "discard", ERROR: "error", FATAL: "fatal", 5: "pending"}
+LAST_SUCCESSFUL_TIME, TERMINATED = 2, 3
+"""Kinds of a status of FMI 2.0."""
 MAX_MESSAGE_LENGTH = 300
+MAX_SHOWN_SIZE, MAX_SHOWN_BYTES = 1_000, 32
+"""Numbers of an array, and bytes of a binary, that are shown."""
 _logs: dict[int, deque[str]] = {}
 _numbers = count(1)
 
@@ -50,6 +54,10 @@ class FmuInstance:
         """Time of the model in s, at the end of the last step."""
         self.lost = ""
         """Why the instance cannot be used any more; empty if it can."""
+        self.ended = False
+        """Whether it cannot since the model has asked for the end of the simulation."""
+        self._status = 0
+        """Status of the last call that failed."""
         self._is3 = description.fmiVersion.startswith("3.")
         self._fatal = False
         self._running = False
@@ -82,12 +90,34 @@ class FmuInstance:
 
     def step(self, start: float, size: float) -> None:
         """Let the model pass from `start` to `start + size`, in s."""
-        ended = self.call(self._fmu.doStep, start, size)
+        try:
+            ended = self.call(self._fmu.doStep, start, size)
+        except DriverError:
+            if (last := self._ended_by_itself()) is not None:
+                raise self._end(last) from None
+            raise
         self.time = start + size
         if ended is not None and (ended[1] or ended[2]):  # FMI 3.0: terminateSimulation, earlyReturn
-            self.time = ended[3]
-            self.lost = f"the model has ended its simulation at {number_text(self.time)} s"
-            raise DriverError(self.lost)
+            raise self._end(ended[3])
+
+    def _end(self, time: float) -> DriverError:
+        """The model has asked for the end of the simulation: it cannot be stepped or set any more, only read."""
+        self.time, self.ended = time, True
+        self.lost = f"the model has ended its simulation at {number_text(time)} s{self._said()}"
+        return DriverError(self.lost)
+
+    def _ended_by_itself(self) -> float | None:
+        """FMI 2.0 (4.2.3): whether a step was discarded since the model wants to end; the time that it has reached."""
+        if self._is3 or self._status != DISCARD:
+            return None
+        ended, last = fmi2.fmi2Boolean(), fmi2.fmi2Real()
+        try:
+            self._fmu.fmi2GetBooleanStatus(self._fmu.component, TERMINATED, byref(ended))
+            if ended.value:
+                self._fmu.fmi2GetRealStatus(self._fmu.component, LAST_SUCCESSFUL_TIME, byref(last))
+        except FMICallException:  # it is optional
+            return self.time if ended.value else None
+        return float(last.value) if ended.value else None
 
     def close(self) -> None:
         """End the instance, unload its library, remove its folder. What FMI forbids after an error is left out."""
@@ -95,7 +125,7 @@ class FmuInstance:
             self._let_go_of_python()
             if self._fmu is not None and self._fmu.component and not self._fatal:
                 with suppress(Exception):  # it ends whatever the model says
-                    if self._running and not self.lost:
+                    if self._running and self.readable:
                         self._fmu.terminate()
                 with suppress(Exception):
                     self._fmu.freeInstance()
@@ -118,30 +148,46 @@ class FmuInstance:
         """FMI's own function, such as fmi2GetReal."""
         return getattr(self._fmu, f"fmi{3 if self._is3 else 2}{verb}{kind}")
 
-    def arguments(self, kind: str, references: list[int]) -> tuple[Any, tuple[Any, ...]]:
-        """A buffer for the values of these variables, and the arguments of FMI's functions that transfer it."""
+    def arguments(self, kind: str, references: list[int], size: int | None = None) -> tuple[Any, tuple[Any, ...]]:
+        """A buffer for the values of these variables, and the arguments of FMI's functions that transfer it. `size`:
+        number of the values; None: one for each variable."""
         module, prefix = (fmi3, "fmi3") if self._is3 else (fmi2, "fmi2")
         number = len(references)
-        buffer = (getattr(module, prefix + kind) * number)()
+        size = number if size is None else size
+        buffer = (getattr(module, prefix + kind) * size)()
         listed = (getattr(module, f"{prefix}ValueReference") * number)(*references)
         arguments = (self._fmu.component, listed, number, buffer)
-        return buffer, (*arguments, number) if self._is3 else arguments
+        return buffer, (*arguments, size) if self._is3 else arguments
 
-    def value(self, variable: Any) -> float | int | bool | str | None:
-        """The present value of a single variable, in its unit; None: not finite, an array, or of another type."""
+    @property
+    def readable(self) -> bool:
+        """Whether its variables can be read: it has not failed, but it may have ended."""
+        return self.ended or not self.lost
+
+    def value(self, variable: Any) -> Any:
+        """The present value of a variable, in its unit, as plain data: a list of an array, hexadecimal digits of bytes.
+        None: not finite, a clock, or an array of more than 1,000 numbers."""
         kind = kind_of(self.description, variable)
-        if variable.dimensions or not (kind in FLOATS or kind in INTEGERS or kind == "String"):
+        shape = shape_of(self.description, variable)
+        number = prod(shape)
+        if not (kind in FLOATS or kind in INTEGERS or kind in ("String", "Binary")) or number > MAX_SHOWN_SIZE:
             return None
-        found = self.call(getattr(self._fmu, f"get{kind}"), [variable.valueReference])[0]
-        if kind == "String":
-            return (found or b"").decode(errors="replace")
-        if kind in FLOATS:
-            return float(found) if isfinite(found) else None
-        return bool(found) if kind == "Boolean" else int(found)
+        if kind == "Binary":
+            read = self._call(self._fmu.getBinary, [variable.valueReference], number)
+            return arranged([_hexadecimal(each or b"") for each in read], shape)
+        buffer, arguments = self.arguments(kind, [variable.valueReference], number)
+        self._call(self.function("Get", kind), *arguments)
+        return arranged([_plain(each, kind) for each in buffer], shape)
 
     def call(self, function: Any, *arguments: Any) -> Any:
-        """A call of FMI; DriverError if the model refuses it or has failed before."""
+        """A call of FMI; DriverError if the model refuses it, has failed before or has ended."""
         if self.lost:
+            raise DriverError(self.lost)
+        return self._call(function, *arguments)
+
+    def _call(self, function: Any, *arguments: Any) -> Any:
+        """The same of what is read: a model that has ended still has its last values."""
+        if not self.readable:
             raise DriverError(self.lost)
         self._log.clear()
         try:
@@ -152,9 +198,9 @@ class FmuInstance:
     def _failed(self, error: FMICallException) -> DriverError:
         status = STATUS.get(error.status, f"status {error.status}")
         text = f"{error.function} at {number_text(self.time)} s: {status}{self._said()}"
-        self._fatal = error.status == FATAL
+        self._fatal, self._status = error.status == FATAL, error.status
         if error.status != DISCARD or error.function.endswith("DoStep"):
-            self.lost = text
+            self.lost, self.ended = text, False
         return DriverError(text)
 
     def _said(self) -> str:
@@ -205,6 +251,20 @@ class FmuInstance:
         kind = kind_of(self.description, variable)
         convert = float if kind in FLOATS else (bool if kind == "Boolean" else int) if kind in INTEGERS else str
         self.call(getattr(self._fmu, f"set{kind}"), [variable.valueReference], [convert(value)])
+
+
+def _plain(value: Any, kind: str) -> float | int | bool | str | None:
+    """A value of this type as FMI gives it, as plain data; None: not finite."""
+    if kind == "String":
+        return (value or b"").decode(errors="replace")
+    if kind in FLOATS:
+        return float(value) if isfinite(value) else None
+    return bool(value) if kind == "Boolean" else int(value)
+
+
+def _hexadecimal(data: bytes) -> str:
+    more = f"... ({len(data)} bytes)" if len(data) > MAX_SHOWN_BYTES else ""
+    return f"{data[:MAX_SHOWN_BYTES].hex(' ')}{more}"
 
 
 def _platforms(names: list[str]) -> str:

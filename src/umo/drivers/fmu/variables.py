@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from math import isfinite
+from math import isfinite, prod
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import MappingProxyType
@@ -40,6 +40,7 @@ _FACTOR = r"(?:1|[^\W\d_]+(?:\^?-?\d)?)"
 _PRODUCT = rf"{_FACTOR}(?:[.*/]{_FACTOR})*"
 _UNIT = re.compile(rf"{_PRODUCT}(?:/\({_PRODUCT}\))?")
 """Units as models write them: "degC", "m3/s", "kg/(m.s2)"."""
+_INDEXED = re.compile(r"(.+)\[([1-9][0-9]{0,8}(?:,[1-9][0-9]{0,8})*)\]")
 _DIGIT = re.compile(r"(?<=[^\W\d])(-?\d)")
 
 
@@ -54,11 +55,15 @@ class FmuChannel(Channel):
     """Floats: the change of the variable for one count."""
     units: str | None = None
     """Floats: the unit in the model description, if pint knows it."""
+    element: int = 0
+    """Of an array: which of its values, in the order of FMI, from 0."""
+    size: int = 1
+    """Number of the variable's values."""
 
     @property
-    def places(self) -> tuple[tuple[str, int], ...]:
-        """The variable, whatever the scale."""
-        return ((self.kind, self.reference),)
+    def places(self) -> tuple[tuple[str, int, int], ...]:
+        """The variable, or its element, whatever the scale."""
+        return ((self.kind, self.reference, self.element),)
 
 
 def described(file: Path) -> Any:
@@ -110,19 +115,47 @@ def channel_of(description: Any, text: str) -> FmuChannel:
     if text == TICK:
         return FmuChannel(text, Direction.INPUT, 31)
     name, scale = (text, None) if text in variables else _parted(text)
-    variable = variables.get(name)
+    variable, indices = (variables[name], ()) if name in variables else _element(variables, name)
     if variable is None:
-        wireable = {each: known for each, known in variables.items() if _is_channel(description, known)}
+        wireable = {
+            _first_of(description, known): known for known in variables.values() if _is_channel(description, known)
+        }
         near, more = (list(wireable), []) if text == ANY_CHANNEL else (_nearest(name, wireable), _others(wireable))
         forms = [f"{each}:SCALE" if wireable[each].type in FLOATS else each for each in near]
         raise ChannelError(text, [*forms, *more, TICK])
     kind, bits, signed = _raw(description, variable, text)
+    shape = shape_of(description, variable)
+    element = _place_of(variable.name, indices, shape)
     if kind in FLOATS and scale is None:
         raise ChannelError(text, [f"{name}:SCALE"])
     if kind not in FLOATS and scale is not None:
         raise ChannelError(text, [name])
     direction, units = _direction(variable, text), _units(variable) if kind in FLOATS else None
-    return FmuChannel(text, direction, bits, signed, variable.valueReference, kind, scale, units)
+    return FmuChannel(text, direction, bits, signed, variable.valueReference, kind, scale, units, element, prod(shape))
+
+
+def _element(variables: Mapping[str, Any], name: str) -> tuple[Any, tuple[int, ...]]:
+    """The array and the indices of `NAME[2,3]`; None for any other name."""
+    if (found := _INDEXED.fullmatch(name)) is None or (variable := variables.get(found[1])) is None:
+        return None, ()
+    return (variable, tuple(map(int, found[2].split(",")))) if variable.dimensions else (None, ())
+
+
+def _first_of(description: Any, variable: Any) -> str:
+    """The name of a variable; of an array, of its first element."""
+    shape = shape_of(description, variable)
+    return f"{variable.name}[{','.join('1' * len(shape))}]" if shape else variable.name
+
+
+def _place_of(name: str, indices: tuple[int, ...], shape: tuple[int, ...]) -> int:
+    """The place of an element among the values of an array, row by row; indices are from 1."""
+    if len(indices) != len(shape) or not all(1 <= i <= size for i, size in zip(indices, shape, strict=True)):
+        first, last = ",".join("1" * len(shape)), ",".join(map(str, shape))
+        raise WiringError(f"{name} is an array: its elements are {name}[{first}] to {name}[{last}]")
+    place = 0
+    for i, size in zip(indices, shape, strict=True):
+        place = place * size + i - 1
+    return place
 
 
 def _units(variable: Any) -> str | None:
@@ -164,6 +197,8 @@ def check_start(description: Any, name: str, value: float | str) -> None:
     settable = variable.causality in SETTABLE or variable.initial in ("exact", "approx")
     if not settable or variable.causality == "structuralParameter":
         raise WiringError(f"start_values: {name} cannot be set, its causality is {variable.causality}")
+    if variable.dimensions:
+        raise WiringError(f"start_values: {name} is an array; umo sets single variables")
     needed = _unfit(description, variable, value)
     if needed:
         raise WiringError(f"start_values: {name} takes {needed}, not {value!r}")
@@ -201,11 +236,25 @@ def kind_of(description: Any, variable: Any) -> str:
     return kind if kind != "Enumeration" else "Int64" if description.fmiVersion.startswith("3.") else "Integer"
 
 
+def shape_of(description: Any, variable: Any) -> tuple[int, ...]:
+    """The sizes of an array, () for a single value. Where a size is a structural parameter, it is its start value."""
+    if not variable.dimensions:
+        return ()
+    starts = {each.valueReference: each.start for each in description.modelVariables}
+    sizes = (starts.get(each.valueReference) if each.start is None else each.start for each in variable.dimensions)
+    return tuple(int(size or 0) for size in sizes)
+
+
+def arranged(values: list[Any], shape: tuple[int, ...]) -> Any:
+    """Values in the order of FMI, row by row, as nested lists of this shape."""
+    for size in reversed(shape[1:]):
+        values = [values[i : i + size] for i in range(0, len(values), size or 1)]
+    return values if shape else values[0]
+
+
 def _raw(description: Any, variable: Any, text: str) -> tuple[str, int, bool]:
     """Kind, width and sign of the variable's raw integer."""
     kind = kind_of(description, variable)
-    if variable.dimensions:
-        raise WiringError(f"{text} is an array; umo takes single variables")
     if kind in FLOATS:
         return kind, FLOAT_BITS, True
     if kind not in INTEGERS:

@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 from time import monotonic
 
@@ -19,8 +20,17 @@ from umo.drivers.iio.scan import Scan, element, trigger_named
 from umo.errors import ChannelError, DeviceTimeout, DriverError, WiringError
 from umo.presentation.durations import duration
 
-FORMS = ("in_TYPE[N]", "in_TYPE[N]-TYPE[M]", "in_TYPE[N]_x", "out_TYPE[N] (names of the kernel, without _raw)")
+FORMS = (
+    "in_TYPE[N]",
+    "in_TYPE[N]-TYPE[M]",
+    "in_TYPE[N]_x",
+    "out_TYPE[N] (names of the kernel, without _raw)",
+    "in_TYPE[N]_input[:SCALE] (a processed value; default of SCALE: 1)",
+)
 _NAME = re.compile(r"(in|out)_[a-z][a-z0-9_]*(-[a-z][a-z0-9_]*)?")
+_PROCESSED = "_input"
+"""End of the names of values that the kernel has processed already."""
+_SCALE = re.compile(r"[0-9]{1,13}(?:\.[0-9]{1,13})?(?:e-?[0-9]{1,2})?")
 _GONE = (errno.ENODEV, errno.ENOENT, errno.EBADF)
 _MAX_FILE_SIZE = 64
 """Bytes in a file of a raw value at most."""
@@ -28,13 +38,26 @@ _MAX_FILE_SIZE = 64
 
 @dataclass(frozen=True)
 class IioChannel(Channel):
-    """A channel of the device; its place is the kernel's name, in both directions."""
+    """A channel of the device; its place is the kernel's name, in both directions. `scale`: the value of one raw
+    integer, of a processed value; None: the kernel gives raw integers."""
 
     name: str = ""
+    scale: Decimal | None = None
 
     @property
     def places(self) -> tuple[str]:
         return (self.name,)
+
+    def raw(self, text: str) -> int:
+        """The raw integer in a file of the kernel; DriverError if there is none."""
+        if self.scale is None:
+            return _integer(text)
+        try:
+            raw = round(Decimal(text.strip()) / self.scale)  # half to even
+        except (ArithmeticError, ValueError):
+            raise DriverError(f"its value is {text.strip()!r}, not a number") from None
+        self.fit(raw)
+        return raw
 
 
 class Iio(BlockDriver[IioChannel]):
@@ -43,7 +66,9 @@ class Iio(BlockDriver[IioChannel]):
     Channels have the kernel's names without `_raw`: `in_voltage0`, `in_voltage1-voltage2`, `in_accel_x` (inputs),
     `out_voltage0` (both directions). Values are the integers of the kernel's `_raw` files. The kernel's unit is
     (raw + offset) * scale: where the object has units of the same dimension, the wired resolution and zero_offset
-    must agree with it (`physical_scale`), as far as the device is there when the wiring is checked.
+    must agree with it (`physical_scale`), as far as the device is there when the wiring is checked. Of a chip whose
+    driver in the kernel gives processed values only, `in_temp_input` is the value in the kernel's unit, and
+    `in_pressure_input:0.001` the value divided by this scale, to the nearest integer.
 
     Options:
         device: name ("ads1015"), label, or number ("iio:device0").
@@ -95,20 +120,24 @@ class Iio(BlockDriver[IioChannel]):
 
     def channel(self, text: str) -> IioChannel:
         """The channel of this text; one of the device, if that is there."""
-        match = _NAME.fullmatch(text)
+        name, colon, given = text.partition(":")
+        match = _NAME.fullmatch(name)
         folder = self._there()
         known = FORMS if folder is None else sysfs.channels(folder)
-        if match is None or (folder is not None and text not in known):
+        processed = name.startswith("in_") and name.endswith(_PROCESSED)
+        scale = Decimal(given or "1") if processed and _SCALE.fullmatch(given or "1") else None
+        wrong = bool(colon) != bool(given) or not scale if processed else bool(colon)
+        if match is None or wrong or (folder is not None and name not in known):
             raise ChannelError(text, known)
         direction = Direction.INPUT if match[1] == "in" else Direction.BOTH
         bits, signed = 32, True  # the raw value of a file is an int of C
         if folder is not None and self.trigger is not None and direction is Direction.INPUT:
             try:
-                kind = element(folder, text)[2]
+                kind = element(folder, name)[2]
             except DriverError as error:
                 raise WiringError(str(error)) from None
             bits, signed = kind.bits, kind.signed
-        return IioChannel(text, direction, bits, signed, text)
+        return IioChannel(text, direction, bits, signed, name, scale)
 
     def devices(self) -> Iterable[str]:
         """Its number, or the name that was given if the device is not there."""
@@ -119,6 +148,8 @@ class Iio(BlockDriver[IioChannel]):
         folder = self._there()
         if folder is None or channel.name in self._conditioned:
             return None
+        if channel.scale is not None:
+            return sysfs.processed_scale(channel.name, float(channel.scale))
         return sysfs.scale_of(folder, channel.name)
 
     def _there(self) -> Path | None:
@@ -151,7 +182,7 @@ class Iio(BlockDriver[IioChannel]):
 
         def read(i: int) -> None:
             name = channels[i].name
-            out[i] = scanned[name] if name in scanned else _integer(self._transfer(name))
+            out[i] = scanned[name] if name in scanned else channels[i].raw(self._transfer(name))
 
         self._in_turn(channels, read, deadline)
 
@@ -208,19 +239,20 @@ class Iio(BlockDriver[IioChannel]):
 
     def _transfer(self, name: str, value: str | None = None) -> str:
         """Write a raw value, or read one."""
+        file = name if name.startswith("in_") and name.endswith(_PROCESSED) else f"{name}_raw"
         if self._folder is None:  # lost with the channel before
             raise DriverError(f"the device {self.device} is gone")
         way = os.O_RDONLY if value is None else os.O_WRONLY
         try:
             fd = self._files.get((name, way))
             if fd is None:
-                fd = self._files[name, way] = os.open(self._folder / f"{name}_raw", way | os.O_CLOEXEC)
+                fd = self._files[name, way] = os.open(self._folder / file, way | os.O_CLOEXEC)
             if value is None:
                 return os.pread(fd, _MAX_FILE_SIZE, 0).decode("ascii", "replace")
             os.pwrite(fd, value.encode(), 0)
             return ""
         except OSError as error:
-            raise self._failed(value, str(self._folder / f"{name}_raw"), error) from error
+            raise self._failed(value, str(self._folder / file), error) from error
 
     def _failed(self, value: str | None, file: str, error: OSError) -> DriverError:
         if error.errno == errno.ETIMEDOUT:

@@ -55,17 +55,29 @@ def find(device: str) -> Path:
 
 
 def channels(folder: Path) -> list[str]:
-    """The channels that have a raw value."""
-    return sorted(file.name.removesuffix("_raw") for file in folder.glob("*_raw") if _DIRECTED.match(file.name))
+    """The channels that have a raw value, and the processed values."""
+    raw = sorted(file.name.removesuffix("_raw") for file in folder.glob("*_raw") if _DIRECTED.match(file.name))
+    return raw + sorted(file.name for file in folder.glob("in_*_input"))
 
 
 _DIRECTED = re.compile("in_|out_")
 
 
+def processed_scale(channel: str, scale: float) -> PhysicalScale | None:
+    """Of a processed value with this scale, which is in the units of the kernel's ABI."""
+    factor, units = _units(channel)
+    return PhysicalScale(scale * factor, 0.0, units) if factor else None
+
+
+def _units(channel: str) -> tuple[float, str]:
+    """Factor and unit of the channel's type; 0 for a type without units."""
+    return UNITS.get(re.split(r"[^a-z]", channel.partition("_")[2])[0], (0.0, ""))
+
+
 def scale_of(folder: Path, channel: str) -> PhysicalScale | None:
     """(raw + offset) * scale in the units of the kernel's ABI; None if the kernel gives no scale, or a type of
     channel without units."""
-    factor, units = UNITS.get(re.split(r"[^a-z]", channel.partition("_")[2])[0], (0.0, ""))
+    factor, units = _units(channel)
     scale = _attribute(folder, channel, "scale")
     if not factor or not scale:
         return None

@@ -10,7 +10,7 @@ from umo.drivers.streams import Lost
 from umo.errors import DriverError
 
 EXCEPTION_SIZE = 3
-READ_WRITE = 23
+MASK_WRITE, READ_WRITE = 22, 23
 GATEWAY_EXCEPTIONS = (10, 11)
 """Exceptions with which a gateway answers for a unit that it does not reach."""
 
@@ -25,7 +25,7 @@ class Refused(DriverError):
 
 def answer_size(request: bytes) -> int:
     """Bytes of the answer to a request that is not an exception answer."""
-    return 3 + _data_size(request) if _reads(request) else 6
+    return 3 + _data_size(request) if _reads(request) else 8 if request[1] == MASK_WRITE else 6
 
 
 def check(request: bytes, answer: bytes) -> None:
@@ -66,13 +66,16 @@ def _data_size(request: bytes) -> int:
 
 
 def _check_echo(request: bytes, answer: bytes) -> None:
-    """One cell's address and value come back as they were sent, of many the address and their number."""
-    _check_length("an answer", answer, 6)
-    if answer[1:] != request[1:6]:
+    """One cell's address and value, or masks, come back as they were sent, of many the address and their number."""
+    size = answer_size(request)
+    _check_length("an answer", answer, size)
+    if answer[1:] != request[1:size]:
         raise Lost(f"the answer confirms {_confirmed(answer)} in place of {_confirmed(request)}")
 
 
 def _confirmed(frame: bytes) -> str:
+    if frame[1] == MASK_WRITE:
+        return f"address {_word(frame, 2)}, masks {_word(frame, 4):#x} and {_word(frame, 6):#x}"
     kind = "value" if frame[1] < 15 else "count"
     return f"address {_word(frame, 2)}, {kind} {_word(frame, 4):#x}"
 

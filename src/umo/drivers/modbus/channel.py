@@ -9,7 +9,7 @@ import math
 import re
 import struct
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from umo.drivers.contract import INT64, Channel, Direction
@@ -22,7 +22,8 @@ HIGHEST_ADDRESS = 65535
 class Table:
     """One of the four tables, with the most cells one request may carry (Modbus specification V1.1b3).
 
-    `bridge` is the widest gap of unused cells that costs less to read than another request does.
+    `bridge` is the widest gap of unused cells that costs less to read than another request does. `full`: the content of
+    a cell with all of its bits.
     """
 
     name: str
@@ -30,10 +31,11 @@ class Table:
     most_read: int
     most_written: int
     bridge: int
+    full: int = 0xFFFF
 
 
-COIL = Table("coil", "coil", 2000, 1968, 64)
-DISCRETE = Table("discrete", "discrete input", 2000, 0, 64)
+COIL = Table("coil", "coil", 2000, 1968, 64, 1)
+DISCRETE = Table("discrete", "discrete input", 2000, 0, 64, 1)
 HOLDING = Table("holding", "holding register", 125, 123, 16)
 INPUT = Table("input", "input register", 125, 0, 16)
 TABLES = {table.name: table for table in (COIL, DISCRETE, HOLDING, INPUT)}
@@ -54,20 +56,31 @@ TYPES = {
     "float32": Type(2, 24, True),
     "float64": Type(4, 52, True),
 }
+ORDERS = {"ABCD": (False, False), "CDAB": (True, False), "BADC": (False, True), "DCBA": (True, True)}
+"""Orders of a value's bytes on the line, A the highest: whether the low word comes first, and whether the low byte of
+each word does. Of 64 bits, all four words are in the order of the two."""
+SINGLE_ORDERS = {"AB": (False, False), "BA": (False, True)}
+"""The same of one register."""
 FORMS = (
     "coil:N (N 0 to 65535)",
     "discrete:N (N 0 to 65535)",
-    "holding:N[:TYPE]",
-    "input:N[:TYPE] (N 0 to 65535; TYPE uint16, int16, uint32, int32, uint64 or int64, float32:SCALE or float64:SCALE "
-    "with a scale of 1e-12 to 1e12; 32 bits take N and N + 1, 64 bits N to N + 3)",
+    "holding:N[:TYPE][:ORDER]",
+    "input:N[:TYPE][:ORDER] (N 0 to 65535; TYPE uint16, int16, uint32, int32, uint64 or int64, float32:SCALE or "
+    "float64:SCALE with a scale of 1e-12 to 1e12; 32 bits take N and N + 1, 64 bits N to N + 3; ORDER ABCD, CDAB, BADC "
+    "or DCBA, of 16 bits AB or BA)",
+    "holding:N[:TYPE][:ORDER].BIT",
+    "holding:N[:TYPE][:ORDER].HIGH:LOW (bits of an integer, the same for input; 0 is the lowest)",
 )
 
 _NUMBER = r"(0|[1-9][0-9]{0,4})"
 _SCALE = r"[0-9]{1,13}(?:\.[0-9]{1,13})?(?:e-?[0-9]{1,2})?"
 _SCALES = 1e-12, 1e12
 """Bounds of a float channel's scale: each of its raw integers is a normal float, with all its digits."""
+_BIT = r"(0|[1-9][0-9]?)"
 _TEXT = re.compile(
-    rf"(coil|discrete):{_NUMBER}|(holding|input):{_NUMBER}(?::(u?int(?:16|32|64))|:(float(?:32|64)):({_SCALE}))?"
+    rf"(?P<bit>coil|discrete):(?P<place>{_NUMBER})|(?P<word>holding|input):(?P<address>{_NUMBER})"
+    rf"(?::(?P<integer>u?int(?:16|32|64))|:(?P<float>float(?:32|64)):(?P<scale>{_SCALE}))?"
+    rf"(?::(?P<order>{'|'.join([*ORDERS, *SINGLE_ORDERS])}))?(?:\.(?P<high>{_BIT})(?::(?P<low>{_BIT}))?)?"
 )
 
 
@@ -76,7 +89,9 @@ class ModbusChannel(Channel):
     """A channel and its place: `cells` cells of its table from `address`.
 
     The raw integer of a float is the nearest to its value divided by `scale`, which is 0 where there is no float. The
-    channel's bits are those that a float carries exactly: 24 or 52. `little`: the low word has the lower address.
+    channel's bits are those that a float carries exactly: 24 or 52. `little`: the low word has the lower address;
+    `swapped`: the low byte of each register comes first. `low`: the lowest of the bits that a field has of its
+    registers; None: the channel has all of them.
     """
 
     table: Table = COIL
@@ -85,34 +100,78 @@ class ModbusChannel(Channel):
     little: bool = False
     scale: float = 0.0
     unit: int = 1
+    swapped: bool = False
+    low: int | None = None
 
     @property
     def end(self) -> int:
         return self.address + self.cells
 
     @property
+    def plain(self) -> bool:
+        """Whether its raw integer is the content of one cell, but for the sign."""
+        return self.cells == 1 and self.low is None and not self.swapped
+
+    @property
     def places(self) -> tuple[Hashable, ...]:
-        """Its cells: `holding:0` and `holding:0:int32` overlap, whatever their texts."""
-        return tuple((self.unit, self.table.cells, address) for address in range(self.address, self.end))
+        """Its bits: `holding:0`, `holding:0:int32` and `holding:0.7` overlap, whatever their texts, and `holding:0.6`
+        and `holding:0.7` do not."""
+        return tuple(
+            (self.unit, self.table.cells, self.address + i, bit)
+            for i, mask in enumerate(self.masks)
+            for bit in range(mask.bit_length())
+            if mask >> bit & 1
+        )
+
+    @property
+    def masks(self) -> list[int]:
+        """The bits that it has of each of its cells."""
+        if self.table.full == 1:
+            return [1]
+        return self._laid((1 << 16 * self.cells) - 1 if self.low is None else (1 << self.bits) - 1 << self.low)
 
     def raw(self, words: Sequence[int]) -> int:
         """The raw integer that its registers hold. DriverError for one that is not of 64 bits with a sign."""
+        if self.scale:
+            return self._rounded(self.number(words), words)
+        raw = int(self.number(words))
+        self.fit(raw)
+        return raw
+
+    def number(self, words: Sequence[int]) -> float:
+        """The number that its registers hold, not divided by a scale."""
         whole = 0
         for word in reversed(words) if self.little else words:
-            whole = whole << 16 | word
+            whole = whole << 16 | (_exchanged(word) if self.swapped else word)
         if self.scale:
-            return self._rounded(struct.unpack(self._packing, whole.to_bytes(2 * self.cells, "big"))[0])
-        if self.signed and whole >> (self.bits - 1):
-            return whole - (1 << self.bits)
-        self.fit(whole)
-        return whole
+            number: float = struct.unpack(self._packing, whole.to_bytes(2 * self.cells, "big"))[0]
+            return number
+        if self.low is not None:
+            whole = whole >> self.low & (1 << self.bits) - 1
+        return whole - (1 << self.bits) if self.signed and whole >> (self.bits - 1) else whole
 
     def words(self, raw: int) -> list[int]:
-        """Contents of its registers for a raw integer. DriverError for one beyond its range."""
+        """Contents of its registers for a raw integer, 0 in the bits that it does not have. DriverError for one beyond
+        its range."""
         self.fit(raw)
         if self.scale:
-            raw = int.from_bytes(struct.pack(self._packing, raw * self.scale), "big")
-        words = [raw >> shift & 0xFFFF for shift in range(0, 16 * self.cells, 16)]
+            return self._laid(int.from_bytes(struct.pack(self._packing, raw * self.scale), "big"))
+        return self._laid(raw if self.low is None else (raw & (1 << self.bits) - 1) << self.low)
+
+    def in_each_order(self, words: Sequence[int]) -> str:
+        """The number that these registers hold, in each order of their bytes: "ABCD 238.7 (wired), CDAB ..."."""
+        shown = []
+        for name, (little, swapped) in (ORDERS if self.cells > 1 else SINGLE_ORDERS).items():
+            number = replace(self, little=little, swapped=swapped).number(words)
+            wired = " (wired)" if (little, swapped) == (self.little, self.swapped) else ""
+            shown.append(f"{name} {number:.7g}{wired}" if self.scale else f"{name} {number}{wired}")
+        return ", ".join(shown)
+
+    def _laid(self, whole: int) -> list[int]:
+        """Its registers for all of their bits, the highest first."""
+        words = [whole >> shift & 0xFFFF for shift in range(0, 16 * self.cells, 16)]
+        if self.swapped:
+            words = [_exchanged(word) for word in words]
         return words if self.little else words[::-1]
 
     @property
@@ -120,24 +179,62 @@ class ModbusChannel(Channel):
         """IEEE 754 of 32 or 64 bits."""
         return ">f" if self.cells == 2 else ">d"
 
-    def _rounded(self, value: float) -> int:
+    def _rounded(self, value: float, words: Sequence[int]) -> int:
         quotient = value / self.scale
         if not math.isfinite(quotient) or not INT64.min <= (raw := round(quotient)) <= INT64.max:
-            raise DriverError(f"{self.text} reads {value:g}, for which there is no raw integer")
+            what = f"{self.text} reads {value:g}, for which there is no raw integer"
+            raise DriverError(f"{what}; by the order of bytes: {self.in_each_order(words)}")
         return raw
 
 
-def parse(text: str, *, little: bool = False, unit: int = 1) -> ModbusChannel:
-    """The channel that the text names; `little`: the low word of several comes first."""
+def _exchanged(word: int) -> int:
+    """A register with its two bytes exchanged."""
+    return word >> 8 | (word & 0xFF) << 8
+
+
+def parse(text: str, *, little: bool = False, swapped: bool = False, unit: int = 1) -> ModbusChannel:
+    """The channel that the text names; `little`: the low word of several comes first, `swapped`: the low byte of each
+    register does, where the text has no order of its own."""
     match = _TEXT.fullmatch(text)
     if match is None:
         raise ChannelError(text, FORMS)
-    bit, bit_address, word, word_address, integer, floating, scale = match.groups()
-    table, address = TABLES[bit or word], int(bit_address or word_address)
-    kind = BIT if bit else TYPES[integer or floating or "uint16"]
-    size = float(scale) if scale else 0.0
-    if address + kind.cells - 1 > HIGHEST_ADDRESS or (scale and not _SCALES[0] <= size <= _SCALES[1]):
+    if match["bit"]:
+        table = TABLES[match["bit"]]
+        place = int(match["place"])
+        if place > HIGHEST_ADDRESS:
+            raise ChannelError(text, FORMS)
+        return ModbusChannel(text, _direction(table), 1, False, table, place, unit=unit)
+    table, address = TABLES[match["word"]], int(match["address"])
+    kind = TYPES[match["integer"] or match["float"] or "uint16"]
+    scale = float(match["scale"] or 0.0)
+    orders = ORDERS if kind.cells > 1 else SINGLE_ORDERS
+    little, swapped = orders.get(match["order"], (little and kind.cells > 1, swapped))
+    if (
+        address + kind.cells - 1 > HIGHEST_ADDRESS
+        or (match["scale"] and not _SCALES[0] <= scale <= _SCALES[1])
+        or (match["order"] or next(iter(orders))) not in orders
+    ):
         raise ChannelError(text, FORMS)
-    direction = Direction.BOTH if table.most_written else Direction.INPUT
-    little = little and kind.cells > 1
-    return ModbusChannel(text, direction, kind.bits, kind.signed, table, address, kind.cells, little, size, unit)
+    channel = ModbusChannel(
+        text, _direction(table), kind.bits, kind.signed, table, address, kind.cells, little, scale, unit, swapped
+    )
+    if match["high"] is None:
+        return channel
+    high = int(match["high"])
+    return _field(channel, high, int(match["low"] or high))
+
+
+def _direction(table: Table) -> Direction:
+    return Direction.BOTH if table.most_written else Direction.INPUT
+
+
+def _field(channel: ModbusChannel, high: int, low: int) -> ModbusChannel:
+    """The field of these bits of an integer channel. One that lies in a single register is a field of that register."""
+    bits = high - low + 1
+    if channel.scale or high >= channel.bits or bits < (2 if channel.signed else 1):
+        raise ChannelError(channel.text, FORMS)
+    address, cells, first = channel.address, channel.cells, low // 16
+    if high // 16 == first:
+        address += first if channel.little else cells - 1 - first
+        cells, low = 1, low % 16
+    return replace(channel, bits=bits, address=address, cells=cells, little=channel.little and cells > 1, low=low)

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from time import monotonic
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from umo.drivers._block_driver import BlockDriver, Plans, in_turn
 from umo.drivers._library import library
-from umo.drivers.contract import IntArray, NoWatchdog
+from umo.drivers.contract import Direction, IntArray, NoWatchdog
 from umo.drivers.modbus.answer import Refused
 from umo.drivers.modbus.channel import HIGHEST_ADDRESS, HOLDING, ModbusChannel, parse
-from umo.drivers.modbus.plan import Requests, WriteCache, plan_reads, plan_writes
+from umo.drivers.modbus.plan import RegisterContents, Request, Requests, WriteCache, plan_reads, plan_writes
 from umo.drivers.option_checks import duration, one_of, within
-from umo.drivers.streams import Host, Serial, place_of
+from umo.drivers.streams import Host, Place, Serial, place_of
 from umo.drivers.streams.line import Parity
-from umo.errors import DriverError, WiringError
+from umo.errors import ChannelsFailed, DriverError, WiringError
 from umo.presentation.durations import duration as duration_text
 
 if TYPE_CHECKING:
@@ -35,7 +36,9 @@ class Modbus(BlockDriver[ModbusChannel]):
     Channels: `coil:N` and `holding:N[:TYPE]` (both directions), `discrete:N` and `input:N[:TYPE]` (inputs). TYPE is
     uint16 (default), int16, uint32, int32, uint64, int64, or float32:SCALE and float64:SCALE, whose raw integer is the
     value divided by the scale, rounded. 32 bits take the registers N and N + 1, 64 bits N to N + 3. N is the protocol's
-    address, 0 to 65535, counted from 0; many manuals count from 1 and put the table before it.
+    address, 0 to 65535, counted from 0; many manuals count from 1 and put the table before it. An order of bytes (ABCD,
+    CDAB, BADC, DCBA, of one register AB, BA) may follow, and then the bits of an integer: `holding:10.9`,
+    `holding:10.11:8`, `input:4:uint32:CDAB.17`.
 
     Options:
         host: a TCP device or gateway; a host name is looked up once, by `open`. Default: 127.0.0.1.
@@ -44,10 +47,16 @@ class Modbus(BlockDriver[ModbusChannel]):
         baudrate: of the serial line, in bit/s. Default: 19200.
         parity: of the serial line: "even", "odd", "none", "mark" or "space". Default: "even".
         stop_bits: of a character on the serial line, 1 or 2. Default: 1.
+        echo: the adapter of the serial line repeats what is sent. Without this option, writes (functions 5, 6, 22) of a
+            driver that reads nothing are confirmed by their own echo.
         rs485: the kernel switches the direction of the line, for a UART whose circuit does not.
         unit: 1 to 247. TCP takes 0 to 255: a device that is not a gateway often has 0 or 255.
         answers_as: the unit in the answers of a gateway on TCP that does not repeat the one that was asked, 0 or 255.
         word_order: which word of a wider value has the lowest address, the "big" (high) or the "little".
+        byte_order: which byte of each register comes first, the "big" (high), as the protocol has it, or the "little".
+        mask_write: bits of registers are written by function 22, which leaves the others as they are. Default: off,
+            since many devices do not have the function: the register is written, its other bits as this driver wrote
+            them last, and before that, or after the connection was lost, as the unit has them.
         watchdog_register: the holding register that takes the watchdog's time in ms, if there is one.
         bridge_gaps: read over up to 16 unused registers or 64 unused bits where that saves a request. Default:
             off, since a device may answer exception 2 to an address that it does not have.
@@ -57,11 +66,15 @@ class Modbus(BlockDriver[ModbusChannel]):
             such as "200 ms". Default: every period sends everything.
         recovery: serial lines: after a request failed, the unit is not asked for the same function again for this
             time. It should be longer than the unit's longest time to answer. Default: "250 ms".
+        pause: time between an answer and the next request that the unit needs. Default: none.
+        boot_time: TCP: time that the device needs from the connection to the first request. Default: none.
+        max_registers: registers of one request at most, where the device takes fewer than the protocol: 1 to 125.
+        write_multiple: also a single coil or register is written by function 15 or 16, for a device without 5 and 6.
 
     All channels of a period move in as few requests as their addresses allow: the cells of one table that
     follow each other in one request, up to the protocol's maxima. Only addressed cells are written.
     A single coil or register is written with function 5 or 6, several with 15 or 16: the functions that most
-    devices support.
+    devices support. The fields of one register are one transfer.
 
     Each call returns within `timeout`, including all of its requests and a reconnection if needed. There is no
     retry: after a write timed out, it is not known whether the device carried it out. On TCP, after any failure except
@@ -83,43 +96,60 @@ class Modbus(BlockDriver[ModbusChannel]):
         parity: Parity | None = None,
         stop_bits: Literal[1, 2] | None = None,
         rs485: bool = False,
+        echo: bool = False,
         unit: int = 1,
         answers_as: int | None = None,
         word_order: Literal["big", "little"] = "big",
+        byte_order: Literal["big", "little"] = "big",
+        mask_write: bool = False,
         watchdog_register: int | None = None,
         bridge_gaps: bool = False,
         read_write: bool = False,
         skip_unchanged: str | float | None = None,
         recovery: str | float = 0.25,
+        pause: str | float | None = None,
+        boot_time: str | float | None = None,
+        max_registers: int = 125,
+        write_multiple: bool = False,
     ) -> None:
         line = {"baudrate": baudrate, "parity": parity, "stop_bits": stop_bits, "rs485": rs485 or None}
+        line["echo"] = echo or None
         self.place = place_of(_DEFAULT, host, port, serial, **line)
-        if isinstance(self.place, Host):
-            within("unit", unit, 0, 255)
-        else:
-            within("unit", unit, 1, 247, " on a serial line (0 is a broadcast, which no unit confirms)")
-        if answers_as is not None:
-            within("answers_as", answers_as, 0, 255)
-            if not isinstance(self.place, Host):
-                raise WiringError("answers_as is for a gateway on TCP: on a serial line the unit tells answers apart")
+        _check_unit(self.place, unit, answers_as, boot_time)
         one_of("word_order", word_order, ("big", "little"))
+        one_of("byte_order", byte_order, ("big", "little"))
         if watchdog_register is not None:
             within("watchdog_register", watchdog_register, 0, HIGHEST_ADDRESS)
-        self._unit, self._answers_as = unit, answers_as
-        self._little = word_order == "little"
+        self._unit = unit
+        self._rules: dict[str, Any] = {
+            "recovery": duration("recovery", recovery),
+            "answers_as": answers_as,
+            "pause": 0.0 if pause is None else duration("pause", pause),
+            "boot_time": 0.0 if boot_time is None else duration("boot_time", boot_time),
+            "write_multiple": write_multiple,
+        }
+        self._little, self._swapped = word_order == "little", byte_order == "little"
         self.watchdog_register = watchdog_register
-        self._read_write = read_write
+        self._read_write, self._mask_write = read_write, mask_write
         self._skip = 0.0 if skip_unchanged is None else duration("skip_unchanged", skip_unchanged)
-        self._recovery = duration("recovery", recovery)
         self._unchanged = WriteCache(self._skip)
+        self._contents = RegisterContents()
         self._protocol = library("umo.drivers.modbus.unit", "pymodbus") if self.place.prepared() else None
         self._connection: Unit | None = None
-        most = _MAX_READ_BACK if read_write else _MAX_REGISTERS
-        self._reads = Plans[ModbusChannel, Requests](partial(plan_reads, bridge_gaps=bridge_gaps))
-        self._writes = Plans[ModbusChannel, Requests](partial(plan_writes, most_registers=most))
+        self._max_registers = within("max_registers", max_registers, 1, 125)
+        most = min(_MAX_READ_BACK if read_write else _MAX_REGISTERS, max_registers)
+        self._reads = Plans[ModbusChannel, Requests](
+            partial(plan_reads, bridge_gaps=bridge_gaps, most_registers=max_registers)
+        )
+        self._writes = Plans[ModbusChannel, Requests](partial(plan_writes, most_registers=most, masking=mask_write))
 
     def channel(self, text: str) -> ModbusChannel:
-        return parse(text, little=self._little, unit=self._unit)
+        channel = parse(text, little=self._little, swapped=self._swapped, unit=self._unit)
+        if channel.table.full != 1 and channel.cells > self._max_registers:
+            raise WiringError(f"{text} takes {channel.cells} registers; max_registers is {self._max_registers}")
+        if self._mask_write and channel.low is not None and channel.cells > 1:
+            return replace(channel, direction=Direction.INPUT)  # function 22 writes one register
+        return channel
 
     def devices(self) -> Sequence[str]:
         """The host's addresses and port, or the device file; without the unit, as units share it."""
@@ -130,11 +160,11 @@ class Modbus(BlockDriver[ModbusChannel]):
         if self._protocol is None:
             needs = "pymodbus" if isinstance(self.place, Host) else "pymodbus and pyserial"
             raise DriverError(f'the modbus driver needs {needs}: pip install "umo[modbus]"')
-        self._connection = self._protocol.Unit(self.place, self._unit, self._recovery, self._answers_as)
+        self._connection = self._protocol.Unit(self.place, self._unit, self._protocol.UnitRules(**self._rules))
         self._begin()
 
     def close(self) -> None:
-        self._unchanged.forget()
+        self._forget()
         if self._connection is not None:
             self._connection.close()
             self._connection = None
@@ -154,6 +184,15 @@ class Modbus(BlockDriver[ModbusChannel]):
 
     def write_many(self, channels: Sequence[ModbusChannel], raws: IntArray) -> None:
         self._write(channels, raws.tolist(), skip=self._skip > 0)
+
+    def inspect(self, channel: ModbusChannel) -> str:
+        """The registers of the channel, and their number in each order of bytes; of a bit of the unit, nothing."""
+        if channel.table.full == 1:
+            return ""
+        request = Request(channel.table, channel.address, channel.cells, ())
+        words = self._begin().read(request)
+        digits = " ".join(f"{word:04X}" for word in words)
+        return f"{request.what}: {digits}; by the order of bytes: {channel.in_each_order(words)}"
 
     def watchdog(self, seconds: float) -> None:
         """Write the time, in ms, into the watchdog's register; 0 turns most watchdogs off."""
@@ -175,7 +214,7 @@ class Modbus(BlockDriver[ModbusChannel]):
         several units share, it cannot be looked for without waiting."""
         if self._connection is None:
             return False
-        self._unchanged.forget()
+        self._forget()
         plan = self._reads.last or self._writes.last
         table, address, count = (plan[0].table, plan[0].address, plan[0].count) if plan else (HOLDING, 0, 1)
         return self._connection.look(table, address, count, self.timeout)
@@ -195,23 +234,48 @@ class Modbus(BlockDriver[ModbusChannel]):
             request = plan[i]
             if self._skip:
                 self._unchanged.begins(request)
-            if self._read_write and read_back and request.table is HOLDING:
-                request.check_taken(cells[i], unit.write_and_read(request, cells[i]))
-            else:
-                unit.write(request, cells[i])
+            self._send(unit, request, cells[i], read_back)
             if self._skip:
                 self._unchanged.confirmed(request, cells[i], now)
 
         self._in_turn(plan, carry_out)
+
+    def _send(self, unit: Unit, request: Request, cells: list[int], read_back: bool) -> None:
+        """Write the bits that the channels have of these cells; the others stay as they are."""
+        if request.partial and self._mask_write:
+            unit.mask_write(request, cells)
+            return
+        if request.partial:
+            cells = request.completed(cells, self._before(unit, request))
+        if request.table is HOLDING:
+            self._contents.begins(request)
+        if self._read_write and read_back and request.table is HOLDING:
+            request.check_taken(cells, unit.write_and_read(request, cells))
+        else:
+            unit.write(request, cells)
+        self._contents.confirmed(request, cells)
+
+    def _before(self, unit: Unit, request: Request) -> Mapping[int, int]:
+        """Contents of the registers that the request writes in part: as written last, or else as the unit has them."""
+        missing = self._contents.missing(request)
+        if not missing:
+            return self._contents.words
+        span = request.span(missing)
+        return dict(enumerate(unit.read(span), span.address)) | self._contents.words
+
+    def _forget(self) -> None:
+        """Nothing is known of what the unit holds."""
+        self._unchanged.forget()
+        self._contents.forget()
 
     def _begin(self) -> Unit:
         if self._connection is None:
             raise DriverError("it is not open")
         try:
             if self._connection.begin(self.timeout):
-                self._unchanged.forget()
+                self._forget()
         except BaseException:
-            self._unchanged.forget()
+            self._forget()
             raise
         return self._connection
 
@@ -221,8 +285,31 @@ class Modbus(BlockDriver[ModbusChannel]):
         def texts_of(i: int) -> Iterable[str]:
             return [item.channel.text for item in plan[i].items]
 
+        def carried_out(i: int) -> None:
+            try:
+                carry_out(i)
+            except (Refused, ChannelsFailed):
+                raise
+            except BaseException:
+                self._contents.forget()  # the unit may have been off since
+                raise
+
         try:
-            in_turn(range(len(plan)), carry_out, texts_of, lambda error: not isinstance(error, Refused))
+            in_turn(range(len(plan)), carried_out, texts_of, lambda error: not isinstance(error, Refused))
         except BaseException:
             self._unchanged.forget()
             raise
+
+
+def _check_unit(place: Place, unit: int, answers_as: int | None, boot_time: str | float | None) -> None:
+    """WiringError for an option of the unit that is beyond its range, or for another place."""
+    if isinstance(place, Host):
+        within("unit", unit, 0, 255)
+    else:
+        within("unit", unit, 1, 247, " on a serial line (0 is a broadcast, which no unit confirms)")
+        if answers_as is not None:
+            raise WiringError("answers_as is for a gateway on TCP: on a serial line the unit tells answers apart")
+        if boot_time is not None:
+            raise WiringError("boot_time is for TCP: a serial line is not connected")
+    if answers_as is not None:
+        within("answers_as", answers_as, 0, 255)

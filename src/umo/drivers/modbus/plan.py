@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import NamedTuple
 
-from umo.drivers.contract import IntArray
+from umo.drivers.contract import Direction, IntArray
 from umo.drivers.modbus.channel import ModbusChannel, Table
 from umo.errors import ChannelsFailed, DriverError
 
@@ -29,7 +28,7 @@ class Item:
 
 
 class Single(NamedTuple):
-    """A channel with one cell, in what is needed in every period: `sign` is its bit of the sign, or 0."""
+    """A channel with one whole cell, in what is needed in every period: `sign` is its bit of the sign, or 0."""
 
     place: int
     offset: int
@@ -47,11 +46,15 @@ class Request:
     count: int
     items: tuple[Item, ...]
     singles: tuple[Single, ...] = field(default=(), compare=False)
-    """The channels with one cell."""
+    """The channels with one whole cell."""
     places: slice | list[int] = field(default_factory=list, compare=False)
     """Their places among the values."""
-    wides: tuple[Item, ...] = field(default=(), compare=False)
-    """The channels with more cells."""
+    others: tuple[Item, ...] = field(default=(), compare=False)
+    """The channels with more cells, with a field of one, or with another order of bytes."""
+    masks: tuple[int, ...] = field(default=(), compare=False)
+    """The bits that the channels have of each cell."""
+    partial: tuple[int, ...] = field(default=(), compare=False)
+    """Offsets of the registers of which they have some bits only."""
 
     @property
     def what(self) -> str:
@@ -64,12 +67,12 @@ class Request:
         hold what is not a raw integer."""
         # two's complement; sign 0 leaves the value alone
         out[self.places] = [(cells[offset] ^ sign) - sign for _, offset, sign, _, _ in self.singles]
-        if self.wides:
-            self._decode_wides(cells, out)
+        if self.others:
+            self._decode_others(cells, out)
 
-    def _decode_wides(self, cells: Sequence[int], out: IntArray) -> None:
+    def _decode_others(self, cells: Sequence[int], out: IntArray) -> None:
         failed: dict[str, str] = {}
-        for item in self.wides:
+        for item in self.others:
             try:
                 out[item.place] = item.channel.raw(cells[item.within])
             except DriverError as error:
@@ -78,57 +81,85 @@ class Request:
             raise ChannelsFailed(failed)
 
     def encode(self, raws: Sequence[int]) -> list[int]:
-        """The cells that carry these values; a value that does not fit is an error, never cut off."""
+        """The cells that carry these values, 0 in all other bits; a value that does not fit is an error, never cut
+        off."""
         cells = [0] * self.count
         for place, offset, _, lowest, highest in self.singles:
             raw = raws[place]
             if not lowest <= raw <= highest:
                 next(item for item in self.items if item.place == place).channel.fit(raw)  # says why
             cells[offset] = raw & 0xFFFF
-        for item in self.wides:
-            cells[item.within] = item.channel.words(raws[item.place])
+        for item in self.others:
+            for offset, word in enumerate(item.channel.words(raws[item.place]), item.offset):
+                cells[offset] |= word
         return cells
+
+    def completed(self, cells: Sequence[int], contents: Mapping[int, int]) -> list[int]:
+        """The cells with the other bits of partial ones, from the contents of registers by their addresses."""
+        whole = list(cells)
+        for offset in self.partial:
+            whole[offset] |= contents[self.address + offset] & ~self.masks[offset]
+        return whole
+
+    def span(self, offsets: Sequence[int]) -> Request:
+        """The reading of the cells between these offsets, the first and the last included."""
+        return Request(self.table, self.address + offsets[0], offsets[-1] - offsets[0] + 1, ())
 
     def check_taken(self, cells: Sequence[int], read_back: Sequence[int]) -> None:
         """ChannelsFailed names the channels whose cells were read back other than written."""
-        failed = {
-            item.channel.text: f"the unit reads back {read_back[item.within]} in place of {cells[item.within]}"
-            for item in self.items
-            if read_back[item.within] != cells[item.within]
-        }
+        failed: dict[str, str] = {}
+        for item in self.items:
+            masks = item.channel.masks
+            found, wanted = ([word & mask for word, mask in zip(words[item.within], masks, strict=True)]
+                             for words in (read_back, cells))  # fmt: skip
+            if found != wanted:
+                failed[item.channel.text] = f"the unit reads back {found} in place of {wanted}"
         if failed:
             raise ChannelsFailed(failed)
 
 
 Requests = tuple[Request, ...]
 _Placed = tuple[int, ModbusChannel]
+_Key = tuple[str, int, int, tuple[int, ...]]
 
 
-def plan_reads(channels: Sequence[ModbusChannel], *, bridge_gaps: bool = False) -> Requests:
+def plan_reads(channels: Sequence[ModbusChannel], *, bridge_gaps: bool = False, most_registers: int = 125) -> Requests:
     """The reads that serve all the channels: runs of one table, over small gaps too if `bridge_gaps`."""
 
     def joins(end: int, channel: ModbusChannel) -> bool:
         return channel.address <= end + (channel.table.bridge if bridge_gaps else 0)
 
-    return _plan(channels, joins, lambda table: table.most_read)
+    def most(table: Table) -> int:
+        return table.most_read if table.full == 1 else most_registers
+
+    return _plan(channels, joins, most)
 
 
-def plan_writes(channels: Sequence[ModbusChannel], *, most_registers: int = 123) -> Requests:
+def plan_writes(channels: Sequence[ModbusChannel], *, most_registers: int = 123, masking: bool = False) -> Requests:
     """The writes that serve all the channels: runs without gaps, as nobody commanded the cells between.
 
-    Channels that share a cell are written one by one in the order given, so that the last one stands.
+    The fields of a register are written together. `masking`: a register with some of its bits is a request of its own.
+    Channels that share a bit are written one by one in the order given, so that the last one stands.
     """
+    written: dict[tuple[Table, int], int] = {}
     for channel in channels:
-        if not channel.table.most_written:
+        if Direction.OUTPUT not in channel.direction:
             raise DriverError(f"{channel.text} is an input")
-    ordered = [channel for _, channel in _by_place(enumerate(channels))]
-    if any(one.table is other.table and other.address < one.end for one, other in pairwise(ordered)):
-        return tuple(_request([placed]) for placed in enumerate(channels))
+        for address, mask in enumerate(channel.masks, channel.address):
+            if written.get((channel.table, address), 0) & mask:
+                return tuple(_request([placed]) for placed in enumerate(channels))
+            written[channel.table, address] = written.get((channel.table, address), 0) | mask
+
+    def joins(end: int, channel: ModbusChannel) -> bool:
+        if channel.address != end:
+            return channel.address < end  # of one register
+        neighbours = (written[channel.table, end - 1], written[channel.table, end])
+        return not masking or neighbours == (channel.table.full, channel.table.full)
 
     def most(table: Table) -> int:
-        return table.most_written if table.cells == "coil" else most_registers
+        return table.most_written if table.full == 1 else most_registers
 
-    return _plan(channels, lambda end, channel: channel.address == end, most)
+    return _plan(channels, joins, most)
 
 
 def _plan(
@@ -150,16 +181,21 @@ def _plan(
 
 
 def _request(run: Sequence[_Placed]) -> Request:
-    start = run[0][1].address
+    table, start = run[0][1].table, run[0][1].address
     end = max(channel.end for _, channel in run)
     items = tuple(Item(index, channel.address - start, channel) for index, channel in run)
-    narrow = [item for item in items if item.channel.cells == 1]
+    plain = [item for item in items if item.channel.plain]
     singles = tuple(
         Single(item.place, item.offset, 1 << 15 if channel.signed else 0, channel.lowest, channel.highest)
-        for item, channel in ((each, each.channel) for each in narrow)
+        for item, channel in ((each, each.channel) for each in plain)
     )
-    wides = tuple(item for item in items if item.channel.cells > 1)
-    return Request(run[0][1].table, start, end - start, items, singles, _places(narrow), wides)
+    others = tuple(item for item in items if not item.channel.plain)
+    masks = [0] * (end - start)
+    for item in items:
+        for offset, mask in enumerate(item.channel.masks, item.offset):
+            masks[offset] |= mask
+    partial = tuple(offset for offset, mask in enumerate(masks) if mask != table.full)
+    return Request(table, start, end - start, items, singles, _places(plain), others, tuple(masks), partial)
 
 
 def _places(items: Sequence[Item]) -> slice | list[int]:
@@ -179,7 +215,7 @@ class WriteCache:
 
     def __init__(self, keep: float) -> None:
         self._keep = keep
-        self._confirmed: dict[tuple[str, int, int], tuple[list[int], float]] = {}
+        self._confirmed: dict[_Key, tuple[list[int], float]] = {}
 
     def covers(self, request: Request, cells: list[int], now: float) -> bool:
         """Whether these very cells were confirmed less than `keep` s ago, and nothing was written on them since."""
@@ -204,5 +240,30 @@ class WriteCache:
         self._confirmed.clear()
 
 
-def _key(request: Request) -> tuple[str, int, int]:
-    return request.table.name, request.address, request.count
+class RegisterContents:
+    """Contents of the registers that were written in part, as the unit has confirmed them, by address."""
+
+    def __init__(self) -> None:
+        self.words: dict[int, int] = {}
+
+    def missing(self, request: Request) -> list[int]:
+        """Offsets of the registers that the request writes in part and whose contents are not known."""
+        return [offset for offset in request.partial if request.address + offset not in self.words]
+
+    def begins(self, request: Request) -> None:
+        """The request is about to be written: until it is confirmed, nothing is known of its registers."""
+        if self.words:
+            for address in range(request.address, request.address + request.count):
+                self.words.pop(address, None)
+
+    def confirmed(self, request: Request, cells: Sequence[int]) -> None:
+        for offset in request.partial:
+            self.words[request.address + offset] = cells[offset]
+
+    def forget(self) -> None:
+        """Nothing is known."""
+        self.words.clear()
+
+
+def _key(request: Request) -> _Key:
+    return request.table.name, request.address, request.count, request.masks

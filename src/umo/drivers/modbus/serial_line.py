@@ -4,7 +4,7 @@ A frame has no number, so nothing in it tells a late answer from the answer to t
 Therefore a unit whose answer did not come in time is not asked for the same function again for its `recovery` time.
 What comes in meanwhile is discarded; the late answer itself ends the time early, and so does an answer that came
 damaged, if it is known for the answer (`has_come`): nothing else is to come then. Other functions and
-other units go on: an answer names both, so a late one is known from theirs. Functions 5 and 6 go on too, as their
+other units go on: an answer names both, so a late one is known from theirs. Functions 5, 6 and 22 go on too, as their
 answer repeats address and value. When the line is opened, the time runs for every unit: another process, which has
 ended, may have asked it.
 """
@@ -12,6 +12,7 @@ ended, may have asked it.
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from dataclasses import dataclass
 from time import monotonic, sleep
 from typing import ClassVar
@@ -25,7 +26,7 @@ _MAX_STRAY = 256
 """Stray bytes that are kept."""
 _MAX_DISCARDS = 16
 """Reads of up to 4 KiB after which a line that does not fall silent is left."""
-_UNMISTAKABLE = (5, 6)
+_UNMISTAKABLE = (5, 6, 22)
 """Functions whose answer repeats what was written: a late one of an earlier request has another address or value, or
 confirms that the same value was written."""
 
@@ -61,6 +62,8 @@ class SerialLine:
         """Bytes that came in since the last request was sent."""
         self._last_asked: UnitFunction | None = None
         """Unit and function of that request."""
+        self._echo = b""
+        """Bytes of that request which are still to be repeated by the line."""
 
     @classmethod
     def join(cls, place: Serial) -> SerialLine:
@@ -100,7 +103,7 @@ class SerialLine:
             self._port = self._dial(deadline)
             self.opened_at = self._last_byte_at = monotonic()
             self._owed.clear()
-            self._last_asked = None
+            self._last_asked, self._echo = None, b""
 
     def close(self) -> None:
         if self._port is not None:
@@ -140,6 +143,16 @@ class SerialLine:
         self._last_byte_at = monotonic() + len(frame) * self.place.character  # it is on its way for so long
         self._last_asked, self._stray = (frame[0], frame[1]), b""
         self.port.send(frame, deadline)
+        self._echo = frame if self.place.echo else b""
+
+    def _without_echo(self, data: bytes) -> bytes:
+        """The data without what repeats the request. Lost if it does not: no echo, or somebody else has sent, too."""
+        size = min(len(data), len(self._echo))
+        repeated, self._echo = self._echo[:size], self._echo[size:]
+        if data[:size] != repeated:
+            self._echo = b""
+            raise Lost("the line does not repeat the request; echo = false, if no adapter does")
+        return data[size:]
 
     def discard(self) -> None:
         """Discard what has come in unasked. A late answer is owed no more."""
@@ -148,6 +161,8 @@ class SerialLine:
             if not data:
                 return
             self._last_byte_at = monotonic()
+            with suppress(Lost):
+                data = self._without_echo(data)
             self._consider(data)
 
     def _consider(self, data: bytes) -> None:
@@ -196,6 +211,7 @@ class SerialLine:
             size = answer_size(request) + CHECKSUM_SIZE
             raise TimedOut(f"{len(data)} of {size} bytes of an answer came" if data else "") from None
         self._last_byte_at = monotonic()
+        more = self._without_echo(more)
         self._stray += more
         return more
 

@@ -5,13 +5,16 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from functools import partial
+from time import monotonic, sleep
 
 from pymodbus.framer import FramerSocket
 from pymodbus.pdu import DecodePDU, ModbusPDU
 
-from umo.drivers.modbus.answer import GATEWAY_EXCEPTIONS, check
+from umo.drivers.modbus.answer import GATEWAY_EXCEPTIONS, Recovering, check
 from umo.drivers.streams import Gone, Host, Look, Lost, Stream, TimedOut
+from umo.presentation.durations import duration
 
 _HEADER = struct.Struct(">HHH")
 _MIN_LENGTH, _MAX_LENGTH = 2, 254  # what may follow the header: unit, function and up to 252 bytes of data
@@ -20,8 +23,10 @@ _MIN_LENGTH, _MAX_LENGTH = 2, 254  # what may follow the header: unit, function 
 class Tcp:
     """A connection of one driver. After Lost it is closed, by `failed`."""
 
-    def __init__(self, place: Host, answers_as: int | None) -> None:
-        self._answers_as = answers_as
+    def __init__(self, place: Host, answers_as: int | None, boot_time: float) -> None:
+        self._answers_as, self._boot_time = answers_as, boot_time
+        self._starts_until = 0.0
+        """Time at which the device takes requests on this connection."""
         self.framer = FramerSocket(DecodePDU(False))
         self._dial = place.dial()
         self._look = Look(self._dial)
@@ -39,11 +44,13 @@ class Tcp:
             return False
         self.close()
         self._stream = self._dial(deadline)
-        self._data = b""
+        self._data, self._starts_until = b"", monotonic() + self._boot_time
         return True
 
     def recover(self, deadline: float) -> None:
-        """A new connection has nothing to recover from."""
+        """A new connection has nothing to recover from, but the device may not take requests yet."""
+        if (wait := min(self._starts_until, deadline) - monotonic()) > 0:
+            sleep(wait)
 
     def look(self, request: ModbusPDU, seconds: float) -> bool | None:
         """Whether the device answers this request, on a new connection, found out without waiting; None: not known yet.
@@ -53,9 +60,19 @@ class Tcp:
         if not self._look.under_way:
             self.close()
             frame = self._frame(request)
-            self._look.begin(frame, partial(self._is_answer, frame), seconds)
+            self._look.begin(frame, partial(self._is_answer, frame), seconds + self._boot_time, self._starter())
         self._stream, self._data = self._look.found(), b""
         return None if self._stream is None else True
+
+    def _starter(self) -> Callable[[Stream], bool]:
+        """Whether the device takes requests on a connection that has just been made."""
+        connected_at: list[float] = []
+
+        def is_ready(stream: Stream) -> bool:
+            connected_at[:] = connected_at or [monotonic()]
+            return monotonic() >= connected_at[0] + self._boot_time
+
+        return is_ready
 
     def _is_answer(self, frame: bytes, data: bytes) -> bool:
         """Whether the data is the whole answer to this frame, if it is an exception answer too; not of a gateway."""
@@ -76,13 +93,18 @@ class Tcp:
         self._stream = None
 
     def failed(self, error: Lost) -> None:
-        """An answer that comes late is lost with the connection."""
-        self.close()
+        """An answer that comes late is lost with the connection. A device that has not been asked owes none."""
+        if not isinstance(error, Recovering):
+            self.close()
 
     def exchange(self, request: ModbusPDU) -> bytes:
         """Send the request; unit, function and data of its answer, which may be an exception answer."""
         if self._stream is None:
             raise Gone("the connection is closed")
+        if self._boot_time and self._starts_until > monotonic():
+            if self._starts_until > self._deadline:
+                raise Recovering(f"the device takes requests in {duration(round(self._starts_until - monotonic(), 3))}")
+            self.recover(self._deadline)
         frame = self._frame(request)
         self._stream.send(frame, self._deadline)
         answer = self._answer(self._stream)

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
-from time import monotonic
+from time import monotonic, sleep
 from typing import TypeVar
 
 from pymodbus.client.mixin import ModbusClientMixin
@@ -42,14 +43,20 @@ EXCEPTIONS = {
 class _Client(ModbusClientMixin[ModbusPDU]):
     """pymodbus's requests over a transport of umo's; every method raises Lost."""
 
-    def __init__(self, transport: Tcp | Rtu) -> None:
+    def __init__(self, transport: Tcp | Rtu, pause: float) -> None:
         super().__init__()  # type: ignore[no-untyped-call]
-        self._transport = transport
+        self._transport, self._pause, self._free_at = transport, pause, 0.0
         self._decode = transport.framer.decoder.decode
 
     def execute(self, no_response_expected: bool, request: ModbusPDU) -> ModbusPDU:
         """Send the request; its answer, which may be an exception answer."""
-        answer = self._decode(self._transport.exchange(request)[1:])
+        if (wait := self._free_at - monotonic()) > 0:
+            sleep(wait)
+        try:
+            answer = self._decode(self._transport.exchange(request)[1:])
+        finally:
+            if self._pause:
+                self._free_at = monotonic() + self._pause
         if answer is None:
             raise Lost("a malformed answer")
         return answer
@@ -62,17 +69,33 @@ class _Requests(ModbusClientMixin[ModbusPDU]):
         return request
 
 
+@dataclass(frozen=True)
+class UnitRules:
+    """How a unit is to be asked: options of the driver, times in s."""
+
+    recovery: float
+    answers_as: int | None
+    pause: float
+    boot_time: float
+    write_multiple: bool
+
+
 class Unit:
     """One unit. After any failure but an exception answer the transport makes sure that an answer that comes late is
     never taken for a later one."""
 
-    def __init__(self, place: Place, unit: int, recovery: float, answers_as: int | None) -> None:
+    def __init__(self, place: Place, unit: int, rules: UnitRules) -> None:
         _be_quiet()
         self._unit = unit
         self._name = f"unit {unit}"
         self._timeout = 0.0
-        self._transport = Tcp(place, answers_as) if isinstance(place, Host) else Rtu(place, unit, recovery)
-        self._client = _Client(self._transport)
+        self._write_multiple = rules.write_multiple
+        self._transport = (
+            Tcp(place, rules.answers_as, rules.boot_time)
+            if isinstance(place, Host)
+            else Rtu(place, unit, rules.recovery)
+        )
+        self._client = _Client(self._transport, rules.pause)
         self._readers = _readers_of(self._client)
         self._requests = _readers_of(_Requests())  # type: ignore[no-untyped-call]
 
@@ -118,6 +141,12 @@ class Unit:
         send = partial(ask, read_address=address, read_count=count, write_address=address, values=cells)
         return self._answer("writing", request, partial(send, device_id=self._unit)).registers
 
+    def mask_write(self, request: Request, cells: list[int]) -> None:
+        """Write the bits that the request has of its one register, by function 22."""
+        send = partial(self._client.mask_write_register, address=request.address, device_id=self._unit)
+        others = ~request.masks[0] & 0xFFFF
+        self._answer("writing bits of", request, lambda: send(and_mask=others, or_mask=cells[0]))
+
     def _answer(self, doing: str, request: Request, send: Callable[[], ModbusPDU]) -> ModbusPDU:
         """The answer to a request, if the device carried it out."""
         try:
@@ -131,14 +160,15 @@ class Unit:
         return answer
 
     def _write(self, request: Request, cells: list[int]) -> ModbusPDU:
-        """Write by function 5 or 6, or by 15 or 16 where there is more than one cell."""
+        """Write by function 5 or 6, or by 15 or 16 where there is more than one cell, or where the unit wants it."""
         client, unit, address = self._client, self._unit, request.address
+        single = request.count == 1 and not self._write_multiple
         if request.table is COIL:
             bits = [bool(cell) for cell in cells]
-            if request.count == 1:
+            if single:
                 return client.write_coil(address, bits[0], device_id=unit)
             return client.write_coils(address, bits, device_id=unit)
-        if request.count == 1:
+        if single:
             return client.write_register(address, cells[0], device_id=unit)
         return client.write_registers(address, cells, device_id=unit)
 

@@ -98,6 +98,10 @@ class DeviceServer:
         self.on_call()
         return dict(self.driver.report())
 
+    def _do_inspect(self, request: Mapping[str, Any]) -> str:
+        self.on_call()
+        return self.driver.inspect(self._channel(request["channel"]))
+
     def _do_initialize(self, request: Mapping[str, Any]) -> None:
         channel, default = self._channel(request["channel"]), request["raw"]
         self._initialized[channel.text] = channel, default

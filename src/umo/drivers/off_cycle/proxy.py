@@ -148,6 +148,10 @@ class OffCycle(Driver[Any]):
         report: Mapping[str, Any] = self.request("report")
         return report
 
+    def inspect(self, channel: Channel) -> str:
+        line: str = self.request("inspect", channel=channel.text)
+        return line
+
     def finalize(self, channel: Channel) -> None:
         self.request("finalize", channel=channel.text)
 

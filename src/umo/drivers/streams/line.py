@@ -37,6 +37,8 @@ class Serial:
     flow: Flow = "none"
     dtr: bool = True
     rs485: bool = False
+    echo: bool = False
+    """The line repeats what is sent, as an adapter for RS-485 that listens to itself: for `modbus`."""
 
     def __post_init__(self) -> None:
         within("baudrate", self.baudrate, 50, 4_000_000)
@@ -63,7 +65,7 @@ class Serial:
 
     def __str__(self) -> str:
         shape = f"{self.data_bits}{self.parity[0].upper()}{self.stop_bits}"
-        return f"{self.baudrate} baud {shape}{', RS-485' * self.rs485}"
+        return f"{self.baudrate} baud {shape}{', RS-485' * self.rs485}{', echo' * self.echo}"
 
 
 class SerialDial:

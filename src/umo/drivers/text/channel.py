@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from typing_extensions import TypedDict
 
@@ -21,11 +21,31 @@ _MAX_BITS = 64
 T = TypeVar("T")
 
 
+class Ends(NamedTuple):
+    """The terminators of a request and of its answer; None: those of the driver."""
+
+    request: str | None = None
+    answer: str | None = None
+
+    @classmethod
+    def of(cls, table: ChannelOptions | QueryOptions, where: str) -> Ends:
+        """Those of a table."""
+        if table.get("answer_terminator") == "":
+            raise WiringError(f"{where}.answer_terminator must not be empty")
+        found = cls(table.get("terminator"), table.get("answer_terminator"))
+        return DRIVERS_ENDS if found == DRIVERS_ENDS else found
+
+
+DRIVERS_ENDS = Ends()
+
+
 class QueryOptions(TypedDict, total=False):
     """A request and the pattern of its answer; an empty table for none."""
 
     ask: str
     answer: str
+    terminator: str
+    answer_terminator: str
 
 
 class ChannelOptions(TypedDict, total=False):
@@ -37,6 +57,8 @@ class ChannelOptions(TypedDict, total=False):
     set: Any
     acknowledge: str
     confirm: QueryOptions
+    terminator: str
+    answer_terminator: str
     sets_level: bool
     scale: float
     units: str
@@ -50,6 +72,7 @@ class Query:
 
     ask: str
     answer: Pattern
+    ends: Ends = DRIVERS_ENDS
 
     @classmethod
     def parse(cls, table: QueryOptions | None, where: str) -> Query | None:
@@ -57,9 +80,11 @@ class Query:
         if table is None:
             return None
         checked_table(where, table, QueryOptions.__annotations__, '{ ask = "POS?", answer = "POS={}" }')
-        if table and set(table) != {"ask", "answer"}:
+        if table and not {"ask", "answer"} <= set(table):
             raise WiringError(f'{where} needs both ask and answer: {{ ask = "*IDN?", answer = "ACME*" }}')
-        return cls(table["ask"], Pattern(table["answer"], f"{where}.answer")) if table else None
+        if not table:
+            return None
+        return cls(table["ask"], Pattern(table["answer"], f"{where}.answer"), Ends.of(table, where))
 
 
 @dataclass(frozen=True)
@@ -70,11 +95,16 @@ class ReadCommand:
     answer: Pattern
     states: Mapping[str, int]
     number: Callable[[str], int]
+    ends: Ends = DRIVERS_ENDS
 
     def raw(self, line: str) -> int:
         value = self.answer.match(line)
         if value is None:
             raise UnexpectedAnswer(f"the answer {shown(line)} does not match {self.answer.text!r}")
+        if not value.strip() and not line.strip():
+            raise UnexpectedAnswer(
+                "an empty answer is not a number or state; skip_empty_lines = true if others follow it"
+            )
         if not self.states:
             return self.number(value)
         level = self.states.get(value.strip())
@@ -93,6 +123,7 @@ class WriteCommand:
     confirm: Query | None
     sets_level: bool = field(default=False, compare=False)
     """Whether it may be sent twice: it sets a level, and does not command an event."""
+    ends: Ends = DRIVERS_ENDS
 
     def request(self, raw: int) -> str:
         if self.template is not None:
@@ -128,9 +159,10 @@ class TextChannel(Channel):
         return self.setting is not None and not self.setting.sets_level
 
     @property
-    def done(self) -> tuple[Pattern | None, Query | None]:
-        """Patterns that confirm a request which sets it."""
-        return (self.setting.acknowledge, self.setting.confirm) if self.setting else (None, None)
+    def done(self) -> tuple[Pattern | None, Query | None, Ends]:
+        """Patterns that confirm a request which sets it, and how it ends."""
+        setting = self.setting
+        return (setting.acknowledge, setting.confirm, setting.ends) if setting else (None, None, DRIVERS_ENDS)
 
     def raw(self, line: str) -> int:
         """The raw integer in an answer."""
@@ -226,7 +258,7 @@ class Channels:
         if "confirm" in table:
             confirm = Query.parse(table["confirm"], f"{where}.confirm")
         sets_level = _truth(table.get("sets_level", False), f"{where}.sets_level")
-        return WriteCommand(template, levels, acknowledge, confirm, sets_level)
+        return WriteCommand(template, levels, acknowledge, confirm, sets_level, Ends.of(table, where))
 
 
 def _reading(table: ChannelOptions, where: str, scale: Decimal | None) -> ReadCommand | None:
@@ -244,7 +276,7 @@ def _reading(table: ChannelOptions, where: str, scale: Decimal | None) -> ReadCo
             _text(text, f"{where}.states.{level}")
             if states.setdefault(text, level) != level:
                 raise WiringError(f"{where}.states: {text!r} stands for {states[text]} and for {level}")
-    return ReadCommand(ask, answer, states, RawOf(scale))
+    return ReadCommand(ask, answer, states, RawOf(scale), Ends.of(table, where))
 
 
 def _levels(table: Any, where: str, of: Callable[[Any, str], T]) -> dict[int, T]:

@@ -10,7 +10,14 @@ from umo.drivers.contract import IntArray, NoWatchdog, PhysicalScale
 from umo.drivers.option_checks import one_of, within
 from umo.drivers.streams import Host, Serial, place_of
 from umo.drivers.streams.line import Flow, Parity
-from umo.drivers.text.channel import ChannelOptions, Channels, Query, QueryOptions, TextChannel
+from umo.drivers.text.channel import (
+    DRIVERS_ENDS,
+    ChannelOptions,
+    Channels,
+    Query,
+    QueryOptions,
+    TextChannel,
+)
 from umo.drivers.text.exchange import QueryLine, RequestLine, plan_reads, plan_writes
 from umo.drivers.text.link_settings import LinkSettings
 from umo.drivers.text.pattern import NoValue, Pattern
@@ -38,6 +45,7 @@ class Text(BlockDriver[TextChannel]):
         states: answers that stand for levels, { 0 = "OFF", 1 = ["ON", "1"] }, instead of a number.
         set: the request that writes, "VOLT {:.3f}", or a request for each level, { 0 = "OUTP OFF", 1 = "OUTP ON" }.
         acknowledge, confirm: as the options below, for this channel; "" and {} for none.
+        terminator, answer_terminator: the same; a terminator may be empty, as of a single control character.
         sets_level: true if `set` sets a level, so that sending it twice does no more than once. Default: false, the
             request may be an event, such as a step: an actuator with on_error="retry" is refused.
         scale: the step of one raw integer: raw = number / scale, to the nearest. Without it numbers are whole.
@@ -64,6 +72,7 @@ class Text(BlockDriver[TextChannel]):
         confirm: a query after each request that sets, { ask = "SYST:ERR?", answer = '*0,"No error"' }.
         identify: a query after connecting, { ask = "*IDN?", answer = "ACME,PSU*" }: any other device is refused.
         startup: requests that are sent after each connection is made.
+        skip_empty_lines: empty lines of the device count for nothing, as before an answer that begins with a newline.
         echo: the device repeats each request before it answers.
         together: what joins several queries in one line, and their answers, such as ";"; requests that set, too.
         longest_request: characters of such a line at most.
@@ -106,6 +115,7 @@ class Text(BlockDriver[TextChannel]):
         confirm: QueryOptions | None = None,
         identify: QueryOptions | None = None,
         startup: tuple[str, ...] = (),
+        skip_empty_lines: bool = False,
         echo: bool = False,
         together: str | None = None,
         longest_request: int = 255,
@@ -125,15 +135,8 @@ class Text(BlockDriver[TextChannel]):
         within("longest_answer", longest_answer, 1, 1 << 20)
         if quiet is None:
             quiet = _DEFAULT_QUIET if serial else 0.0
-        for name, seconds in (("pause", pause), ("boot_time", boot_time), ("quiet", quiet)):
-            if not 0 <= seconds <= 60:
-                raise WiringError(f"{name} must be from 0 to 60 s, not {seconds!r}")
-        if greeting is not None and not boot_time:
-            raise WiringError("greeting needs boot_time: how long it is waited for, in s")
-        if together == "" or terminator == "" or answer_terminator == "":
-            raise WiringError("together, terminator and answer_terminator must not be empty")
-        if watchdog_set is not None and ("{s}" in watchdog_set) == ("{ms}" in watchdog_set):
-            raise WiringError(f"watchdog_set: {watchdog_set!r} needs {{s}} or {{ms}} for the time")
+        _check_times(pause=pause, boot_time=boot_time, quiet=quiet)
+        _check_texts(greeting, boot_time, (together, terminator, answer_terminator), watchdog_set)
         _check_sendable([channels, confirm, identify, startup, watchdog_set], terminator, encoding)
         self._dialogue = LinkSettings(
             terminator=terminator,
@@ -151,6 +154,7 @@ class Text(BlockDriver[TextChannel]):
             boot_time=boot_time,
             starts_always=host is not None,
             longest_answer=longest_answer,
+            skip_empty_lines=skip_empty_lines,
         )
         self._channels = Channels(channels, self._dialogue.acknowledge, self._dialogue.confirm)
         self._joins, self._longest = together is not None, longest_request
@@ -194,7 +198,7 @@ class Text(BlockDriver[TextChannel]):
         if self._link is None:
             return False
         plan = self._reads.last
-        return self._link.look(plan[0].request if plan else "", self.timeout)
+        return self._link.look(*((plan[0].request, plan[0].ends) if plan else ("", DRIVERS_ENDS)), self.timeout)
 
     def watchdog(self, seconds: float) -> None:
         """Send `watchdog_set` with this time."""
@@ -235,6 +239,24 @@ def _in_turn(steps: Sequence[Step], channels: Sequence[TextChannel], carry_out: 
     in_turn(steps, carry_out, texts_of, lambda error: not isinstance(error, NoValue))
 
 
+def _check_times(**times: float) -> None:
+    for name, seconds in times.items():
+        if not 0 <= seconds <= 60:
+            raise WiringError(f"{name} must be from 0 to 60 s, not {seconds!r}")
+
+
+def _check_texts(
+    greeting: str | None, boot_time: float, ends: tuple[str | None, ...], watchdog_set: str | None
+) -> None:
+    """WiringError for texts that lack something."""
+    if greeting is not None and not boot_time:
+        raise WiringError("greeting needs boot_time: how long it is waited for, in s")
+    if "" in ends:
+        raise WiringError("together, terminator and answer_terminator must not be empty")
+    if watchdog_set is not None and ("{s}" in watchdog_set) == ("{ms}" in watchdog_set):
+        raise WiringError(f"watchdog_set: {watchdog_set!r} needs {{s}} or {{ms}} for the time")
+
+
 def _check_sendable(thing: object, terminator: str, encoding: str) -> None:
     """Every text, those of answers too, can be encoded, and none contains the end of a line."""
     if isinstance(thing, str):
@@ -242,8 +264,15 @@ def _check_sendable(thing: object, terminator: str, encoding: str) -> None:
             thing.encode(encoding)
         except UnicodeEncodeError:
             raise WiringError(f"{thing!r} is not {encoding}; encodings: ascii, latin-1, utf-8") from None
-        if terminator in thing:
+        if terminator and terminator in thing:
             raise WiringError(f"{thing!r} contains the terminator {terminator!r}")
-    elif isinstance(thing, Mapping | list | tuple):
-        for each in thing.values() if isinstance(thing, Mapping) else thing:
+    elif isinstance(thing, Mapping):
+        own = thing.get("terminator", terminator)
+        for key, each in thing.items():
+            if key in ("terminator", "answer_terminator"):
+                _check_sendable(each, "", encoding)
+            else:
+                _check_sendable(each, terminator if key == "confirm" else own, encoding)
+    elif isinstance(thing, list | tuple):
+        for each in thing:
             _check_sendable(each, terminator, encoding)

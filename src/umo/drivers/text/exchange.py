@@ -7,7 +7,7 @@ from itertools import groupby
 from typing import NamedTuple
 
 from umo.drivers.contract import IntArray
-from umo.drivers.text.channel import Query, TextChannel
+from umo.drivers.text.channel import Ends, Query, TextChannel
 from umo.drivers.text.pattern import NoValue, Pattern, UnexpectedAnswer, shown
 from umo.drivers.text.text_link import TextLink
 from umo.errors import ChannelsFailed, DriverError
@@ -18,6 +18,7 @@ class QueryLine(NamedTuple):
     with their places in the block."""
 
     request: str
+    ends: Ends
     by: str | None
     parts: tuple[tuple[tuple[int, TextChannel], ...], ...]
 
@@ -27,7 +28,7 @@ class QueryLine(NamedTuple):
 
     def read(self, link: TextLink, out: IntArray) -> None:
         """Put the values into their places. ChannelsFailed for those for which the device has no value."""
-        answer, parts = link.ask(self.request), self.parts
+        answer, parts = link.ask(self.request, self.ends), self.parts
         answers = [answer] if len(parts) == 1 else answer.split(self.by)
         if len(answers) != len(parts):
             text = f"{len(parts)} queries, {len(answers)} answers: {shown(answer)}"
@@ -57,6 +58,7 @@ class RequestLine(NamedTuple):
     places: tuple[int, ...]
     acknowledge: Pattern | None
     confirm: Query | None
+    ends: Ends
     by: str | None
 
     def lines(self, requests: Sequence[str], longest: int) -> list[RequestLine]:
@@ -69,32 +71,34 @@ class RequestLine(NamedTuple):
     def write(self, link: TextLink, requests: Sequence[str]) -> None:
         places = self.places
         request = requests[places[0]] if len(places) == 1 else (self.by or "").join(requests[i] for i in places)
-        link.tell(request, self.acknowledge, self.confirm)
+        link.tell(request, self.acknowledge, self.confirm, self.ends)
 
 
 def plan_reads(channels: Sequence[TextChannel], by: str | None, longest: int) -> tuple[QueryLine, ...]:
     """Each request once, whatever number of channels takes a part of its answer."""
-    readers: dict[str, list[tuple[int, TextChannel]]] = {}
+    readers: dict[Ends, dict[str, list[tuple[int, TextChannel]]]] = {}
     for i, channel in enumerate(channels):
-        if channel.reading is None:
+        if (reading := channel.reading) is None:
             raise DriverError(f"channel {channel.text} cannot be read: it has no ask")
-        readers.setdefault(channel.reading.ask, []).append((i, channel))
-    asks = list(readers)
-    return tuple(
-        QueryLine((by or "").join(asks[i] for i in group), by, tuple(tuple(readers[asks[i]]) for i in group))
+        readers.setdefault(reading.ends, {}).setdefault(reading.ask, []).append((i, channel))
+    lines = [
+        QueryLine((by or "").join(asks[i] for i in group), ends, by, tuple(tuple(of[asks[i]]) for i in group))
+        for ends, of in readers.items()
+        for asks in [list(of)]
         for group in joined(asks, by, longest)
-    )
+    ]
+    return tuple(sorted(lines, key=lambda line: line.places[0]))
 
 
 def plan_writes(channels: Sequence[TextChannel], by: str | None) -> tuple[RequestLine, ...]:
     """Each channel by itself; those that follow each other and are not acknowledged together, if `by` joins them."""
     lines: list[RequestLine] = []
-    for (acknowledge, confirm), run in groupby(range(len(channels)), lambda i: channels[i].done):
+    for (acknowledge, confirm, ends), run in groupby(range(len(channels)), lambda i: channels[i].done):
         places = tuple(run)
         if by is not None and acknowledge is None:
-            lines.append(RequestLine(places, acknowledge, confirm, by))
+            lines.append(RequestLine(places, acknowledge, confirm, ends, by))
         else:
-            lines.extend(RequestLine((i,), acknowledge, confirm, None) for i in places)
+            lines.extend(RequestLine((i,), acknowledge, confirm, ends, None) for i in places)
     return tuple(lines)
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from umo.drivers.text.channel import Query
-from umo.drivers.text.pattern import Pattern
+from umo.drivers.text.channel import Ends, Query
+from umo.drivers.text.pattern import LINE_BLANKS, Pattern
 
 
 @dataclass(frozen=True)
@@ -28,3 +28,18 @@ class LinkSettings:
     starts_always: bool
     """Whether each new connection starts the device; else only the first one does."""
     longest_answer: int
+    skip_empty_lines: bool
+
+    def encoded(self, request: str, ends: Ends) -> bytes:
+        """The bytes of a request with its terminator."""
+        terminator = self.terminator if ends.request is None else ends.request
+        return (request + terminator).encode(self.encoding)
+
+    def end(self, ends: Ends) -> bytes:
+        """The bytes that end its answer."""
+        return (ends.answer or self.answer_terminator).encode(self.encoding)
+
+
+def is_blank(line: bytes) -> bool:
+    """Whether a line has blanks only."""
+    return not line.strip(LINE_BLANKS.encode())

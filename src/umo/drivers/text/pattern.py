@@ -9,6 +9,8 @@ from decimal import MAX_EMAX, MIN_EMIN, Context, Decimal, InvalidOperation
 from umo.errors import DriverError, WiringError
 
 BLANKS = " \t\r"
+LINE_BLANKS = f"{BLANKS}\n"
+"""Blanks at the ends of a line: another terminator than a newline may have one beside it."""
 _SHOWN_CHARACTERS = 60
 _WILD = re.compile(r"(\{\}|\*)")
 NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")

@@ -6,13 +6,15 @@ from time import monotonic, sleep
 
 from umo.drivers.streams import Gone, Lost, Stream, TimedOut
 from umo.drivers.streams.stream import Dial
-from umo.drivers.text.channel import Query
-from umo.drivers.text.link_settings import LinkSettings
-from umo.drivers.text.pattern import BLANKS, NoValue, Pattern, UnexpectedAnswer, shown
+from umo.drivers.text.channel import DRIVERS_ENDS, Ends, Query
+from umo.drivers.text.link_settings import LinkSettings, is_blank
+from umo.drivers.text.pattern import BLANKS, LINE_BLANKS, NoValue, Pattern, UnexpectedAnswer, shown
 from umo.drivers.text.text_look import TextLook
 from umo.errors import DeviceTimeout, DriverError
 from umo.presentation.durations import duration
 
+_MAX_EMPTY_LINES = 100
+"""Empty lines before an answer at most, where they are skipped."""
 _MAX_DOUBLINGS = 4
 """Doublings of the quiet time at most: a device that answered late once is given longer."""
 
@@ -26,7 +28,8 @@ class TextLink:
         self._dial, self._dialogue = dial, dialogue
         self._search = TextLook(dial, dialogue)
         self.errors, self._longest = dialogue.errors, dialogue.longest_answer
-        self._end = dialogue.answer_terminator.encode(dialogue.encoding)
+        self._end = self._drivers_end = dialogue.end(DRIVERS_ENDS)
+        """The bytes that end the answer to the last request, and those of the driver."""
         self._stream: Stream | None = None
         self._ready = False
         self._was_found = False
@@ -62,7 +65,7 @@ class TextLink:
         self._data.clear()
         self._search.stop()
 
-    def look(self, query: str, seconds: float) -> bool | None:
+    def look(self, query: str, ends: Ends, seconds: float) -> bool | None:
         """Whether the device answers this query, whatever it answers, on a new connection, found out without waiting;
         without a query, whether it can be connected. None: not known yet. DriverError: not now."""
         if (self._ready or self._was_found) and self._stream is not None and self._stream.idle():
@@ -70,7 +73,7 @@ class TextLink:
         try:
             if not self._search.under_way:
                 self.close()
-                self._search.ask(query, seconds, self._boots)
+                self._search.ask(query, ends, seconds, self._boots)
             stream = self._search.found()
         except (Lost, DriverError) as error:
             self._boots = True
@@ -82,11 +85,11 @@ class TextLink:
         self._free = monotonic()
         return True
 
-    def ask(self, request: str) -> str:
+    def ask(self, request: str, ends: Ends = DRIVERS_ENDS) -> str:
         """The device's answer; NoValue if it is one of the error answers."""
-        self._send(request)
+        self._send(request, ends)
         line = self._line(request)
-        if self._data:
+        if self._data and not self._skips(self._data):
             raise self._unasked()
         if self.errors:
             self.refuse(line, request)
@@ -98,17 +101,17 @@ class TextLink:
             if pattern.match(line) is not None:
                 raise NoValue(f"the device answers {shown(line)} to {shown(request)}")
 
-    def tell(self, request: str, acknowledge: Pattern | None, confirm: Query | None) -> None:
+    def tell(self, request: str, acknowledge: Pattern | None, confirm: Query | None, ends: Ends = DRIVERS_ENDS) -> None:
         """A request that sets something, confirmed as the device does it."""
         if acknowledge is not None:
-            line = self.ask(request)
+            line = self.ask(request, ends)
             if acknowledge.match(line) is None:
                 self._must_be(acknowledge, request, line)
         else:
-            self._send(request)
+            self._send(request, ends)
         if confirm is not None:
             try:
-                self._must_be(confirm.answer, confirm.ask, self.ask(confirm.ask))
+                self._must_be(confirm.answer, confirm.ask, self.ask(confirm.ask, confirm.ends))
             except NoValue as error:
                 raise NoValue(f"{error} after {shown(request)}") from None
 
@@ -145,8 +148,8 @@ class TextLink:
             self._settle(stream)
             self._data.clear()
             dialogue = self._dialogue
-            if dialogue.identify is not None:
-                self._must_be(dialogue.identify.answer, dialogue.identify.ask, self.ask(dialogue.identify.ask))
+            if (query := dialogue.identify) is not None:
+                self._must_be(query.answer, query.ask, self.ask(query.ask, query.ends))
             for request in dialogue.startup:
                 self.tell(request, dialogue.acknowledge, dialogue.confirm)
         except _StillStarting as error:
@@ -175,16 +178,24 @@ class TextLink:
 
     def _greets(self, greeting: Pattern, data: bytes) -> bool:
         self._data += data
-        *lines, rest = bytes(self._data).split(self._end)
+        *lines, rest = bytes(self._data).split(self._drivers_end)
         self._data[:] = rest[-self._longest :]
         encoding = self._dialogue.encoding
         return any(greeting.match(line.decode(encoding, "replace").strip(BLANKS)) is not None for line in lines)
 
     def _look(self, stream: Stream) -> None:
         """Nothing may have come in unasked: it would be taken for the answer to the next request."""
-        if data := stream.waiting():
+        data = bytearray(stream.waiting())
+        if data and not self._skips(data):
             self._data += data
             raise self._unasked()
+
+    def _skips(self, data: bytearray) -> bool:
+        """Whether the data is of empty lines only, which count for nothing; it is thrown away."""
+        skips = self._dialogue.skip_empty_lines and is_blank(bytes(data).replace(self._end, b""))
+        if skips:
+            data.clear()
+        return skips
 
     def _unasked(self) -> DriverError:
         sent = shown(bytes(self._data).decode(self._dialogue.encoding, "replace"))
@@ -192,7 +203,7 @@ class TextLink:
 
     # Lines ---------------------------------------------------------------------------------------------
 
-    def _send(self, request: str) -> None:
+    def _send(self, request: str, ends: Ends) -> None:
         dialogue, stream = self._dialogue, self._stream
         assert stream is not None
         if dialogue.pause:
@@ -201,7 +212,8 @@ class TextLink:
             if not self._is_known_idle and not stream.idle():
                 self._look(stream)
             self._is_known_idle = False
-            stream.send((request + dialogue.terminator).encode(dialogue.encoding), self._deadline)
+            self._end = self._drivers_end if ends is DRIVERS_ENDS else dialogue.end(ends)
+            stream.send(dialogue.encoded(request, ends), self._deadline)
         except TimedOut:
             raise self._late(request) from None
         except Gone as error:
@@ -221,7 +233,18 @@ class TextLink:
             self._is_known_idle = False
 
     def _line(self, request: str) -> str:
-        """The next line, without its terminator and the blanks around it."""
+        """The next line, without its terminator and the blanks around it; the next that is not empty, where empty ones
+        are skipped."""
+        line = self._next_line(request)
+        if not line and self._dialogue.skip_empty_lines:
+            for _ in range(_MAX_EMPTY_LINES):
+                if line := self._next_line(request):
+                    return line
+            text = f"more than {_MAX_EMPTY_LINES} empty lines in place of an answer to {shown(request)}"
+            raise self.dropped(UnexpectedAnswer(text))
+        return line
+
+    def _next_line(self, request: str) -> str:
         end = self._end
         received = b"" if self._data else self._received(request)
         at = received.find(end)
@@ -230,7 +253,7 @@ class TextLink:
         if self._dialogue.pause:
             self._free = monotonic()
         try:
-            return line.decode(self._dialogue.encoding).strip(BLANKS)
+            return line.decode(self._dialogue.encoding).strip(LINE_BLANKS)
         except UnicodeDecodeError:
             text = f"the answer to {shown(request)} is not {self._dialogue.encoding}: {shown(line)}"
             raise self.dropped(UnexpectedAnswer(text)) from None
@@ -264,7 +287,7 @@ class TextLink:
     def _late(self, request: str) -> DriverError:
         limit = duration(self._timeout)
         if self._data:
-            sent, end = bytes(self._data).decode(self._dialogue.encoding, "replace"), self._dialogue.answer_terminator
+            sent, end = (each.decode(self._dialogue.encoding, "replace") for each in (bytes(self._data), self._end))
             text = f"the device sent {shown(sent)} without the terminator {end!r}: timed out ({limit})"
             return self.dropped(DeviceTimeout(f"{text}; set answer_terminator"))
         return self.dropped(DeviceTimeout(f"no answer to {shown(request)}: timed out ({limit})"))

@@ -6,7 +6,8 @@ from time import monotonic
 
 from umo.drivers.streams import Look, Lost, Stream
 from umo.drivers.streams.stream import Dial
-from umo.drivers.text.link_settings import LinkSettings
+from umo.drivers.text.channel import Ends
+from umo.drivers.text.link_settings import LinkSettings, is_blank
 from umo.drivers.text.pattern import shown
 
 
@@ -16,14 +17,14 @@ class TextLook(Look):
     def __init__(self, dial: Dial, dialogue: LinkSettings) -> None:
         super().__init__(dial)
         self._dialogue = dialogue
-        self._end = dialogue.answer_terminator.encode(dialogue.encoding)
 
-    def ask(self, query: str, seconds: float, boots: bool) -> None:
+    def ask(self, query: str, ends: Ends, seconds: float, boots: bool) -> None:
         """Begin a look with this query, or with `identify`. `boots`: whether the connection starts the device."""
         dialogue = self._dialogue
-        query = query or (dialogue.identify.ask if dialogue.identify else "")
+        if not query and dialogue.identify:
+            query, ends = dialogue.identify.ask, dialogue.identify.ends
         boot_time = dialogue.boot_time if boots else 0.0
-        request = (query + dialogue.terminator).encode(dialogue.encoding) if query else b""
+        request, end = dialogue.encoded(query, ends) if query else b"", dialogue.end(ends)
         started = heard = 0.0
 
         def is_ready(stream: Stream) -> bool:
@@ -36,8 +37,9 @@ class TextLook(Look):
             return now >= max(started, heard + dialogue.quiet)
 
         def has_answered(data: bytes) -> bool:
-            if len(data) > (1 + dialogue.echo) * (dialogue.longest_answer + len(self._end)):
+            if len(data) > (1 + dialogue.echo) * (dialogue.longest_answer + len(end)):
                 raise Lost(f"the answer to {shown(query)} is longer than {dialogue.longest_answer} bytes")
-            return data.count(self._end) > dialogue.echo
+            lines = data.split(end)[:-1]
+            return sum(not (dialogue.skip_empty_lines and is_blank(line)) for line in lines) > dialogue.echo
 
         self.begin(request, has_answered, seconds + boot_time + dialogue.quiet, is_ready)
