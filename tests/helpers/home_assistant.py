@@ -39,7 +39,7 @@ class HomeAssistantClient(SparkplugHost):
         topic, text = message["topic"], message["text"]
         self.heard.append(message)
         self.topics[topic] = text
-        if topic.startswith("homeassistant/"):
+        if topic.startswith("homeassistant/") and text:
             about = json.loads(text)
             self.entities[about["unique_id"]] = about
         elif topic.endswith(("/done", "/refusal")):
@@ -51,7 +51,7 @@ class HomeAssistantClient(SparkplugHost):
             waiting.set_result(None) if is_done else waiting.set_exception(RefusedByFace(answer["text"]))
 
     def entity(self, name: str) -> dict[str, Any] | None:
-        return self.entities.get(f"umo_{self.station}_{re.sub('[^A-Za-z0-9_-]', '_', name)}")
+        return next((each for each in self.entities.values() if each["name"] == name), None)
 
     def is_available(self, about: Mapping[str, Any]) -> bool:
         """Whether each of its topics says so."""

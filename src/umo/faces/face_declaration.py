@@ -10,6 +10,7 @@ from typing import Any
 from umo.cycle.client_commands import Mode
 from umo.frames import Reader
 from umo.frames.layout import Layout
+from umo.presentation.identity import Identities, escaped, is_encodable
 from umo.presentation.value_text import shown_unit
 
 
@@ -64,6 +65,10 @@ class FaceItem:
         """Unique among all items: its path, or with the kind before it where a path may have several items."""
         return self.path if self.kind.value in PLAIN else f"{self.kind.value}:{self.path}"
 
+    def identity(self, names: Identities) -> str:
+        """Its name in the alphabet of a protocol."""
+        return names.of(self.path, "" if self.kind.value in PLAIN else self.kind.value)
+
     @property
     def look(self) -> str:
         """Its unit as in print."""
@@ -112,8 +117,8 @@ def declaration_of(reader: Reader) -> Declaration:
     """The declaration of a run from its frames."""
     layout, about = reader.layout, reader.about
     return Declaration(
-        str(about["station"]),
-        str(about.get("wiring", "")),
+        escaped(str(about["station"]), is_encodable),
+        escaped(str(about.get("wiring") or "-"), is_encodable).removeprefix("-"),
         f"{about['pid']}-{about.get('started_monotonic', 0)}",
         float(about["period"]),
         float(about["started"]),

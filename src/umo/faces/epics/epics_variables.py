@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable, Mapping
 from functools import partial
 from math import floor, isfinite, isnan, log10, nan
@@ -17,6 +16,7 @@ from umo.faces.face import Changes, Commands
 from umo.faces.face_declaration import Declaration, FaceItem, ItemKind
 from umo.objects import Quality
 from umo.presentation.digits import digits_of
+from umo.presentation.identity import NO_NAME, coded, escaped, is_word
 
 SUFFIXES = {ItemKind.EQUIPMENT: "equipment", ItemKind.AXIS: "axis", ItemKind.ALARM: "alarm"}
 """Last part of the names of states: an object may have the path before it."""
@@ -33,50 +33,65 @@ RESERVED = frozenset((
     "subscribe", "trigger", "unstage",
 ))  # fmt: skip
 """Names that bluesky's devices have for themselves: an entry of the tree gets a `_`."""
-NO_NAME = re.compile(r"[^A-Za-z0-9_.]")
-"""What neither a field of pvData nor a name of EPICS may have: alarms may, as "no parts"."""
+RUN = "run"
+"""First part of the names of the run."""
+AXIS_ENTRIES = ("target", "stop")
+"""Entries of an axis in the tree that are none of its parts."""
 PRECISION = 3
 """Digits after the point where neither a resolution nor a range tells them."""
+JOINED = coded(".")
+"""Joins the entry of an alarm and that of its object, which is no device. No part of a name has it."""
+IN_LIST = "__"
+"""Stands before the number of an entry in a list."""
+TREE = "PVI"
+"""Last part of the name of a device's tree."""
+OWN_PARTS = frozenset((*SUFFIXES.values(), "clear", "acknowledge", TREE))
+"""Last parts of names that no object or action has: one of this name is escaped."""
+NameParts = tuple[str, ...]
+"""A name without its prefix: its parts, in letters, digits and `_` of ASCII."""
 Ask = Callable[..., Any]
 Show = Callable[[float, Mapping[str, Any]], None]
 """Shows a value, with the fields of its alarm and time."""
 
 
 class EpicsVariables:
-    """`prefix` stands before each path; a point becomes a colon: `ztheta:z:encoder`. `commands`: of the run."""
+    """`prefix` stands before each path; a point becomes a colon: `ztheta:z:encoder`. Letters beyond ASCII and signs are
+    escaped (`umo.presentation.identity`). `commands`: of the run."""
 
     def __init__(self, machine: Declaration, prefix: str, commands: Commands) -> None:
         self.by_name: dict[str, ProcessVariable] = {}
         self.machine, self.prefix, self.ask = machine, prefix, commands.ask
         self._shows: dict[int, list[Show]] = {item.number: [] for item in machine.items}
-        self._tree: dict[str, dict[str, dict[str, str]]] = {"": {}}
-        """Entries of each device, by its path."""
-        self._leaves: set[str] = set()
-        """Paths of entries that are no devices."""
+        self._tree: dict[NameParts, dict[str, dict[str, str]]] = {(): {}}
+        """Entries of each device, by the parts of its name."""
+        self._leaves: set[NameParts] = set()
+        """Entries that are no devices."""
+        self._axes = {parts_of(str(each["path"])) for each in machine.axes}
 
     # Building ------------------------------------------------------------------------------------------
 
-    def add(self, path: str, access: str, variable: ProcessVariable) -> None:
-        """A variable that stands in the tree. What no name may have becomes a `_`; a name that another has gets one."""
-        path = NO_NAME.sub("_", path)
-        while self.prefix + path.replace(".", ":") in self.by_name:
-            path += "_"
-        name = self.prefix + path.replace(".", ":")
+    def add(self, parts: NameParts, access: str, variable: ProcessVariable) -> None:
+        """A variable that stands in the tree."""
+        name = self.name_of(parts)
         self.by_name[name] = variable
-        self.enter(path, {access: name})
+        *device, last = parts
+        is_taken = tuple(device) in self._axes and last in AXIS_ENTRIES
+        self.enter((*device, escaped(last, is_word, AXIS_ENTRIES) if is_taken else last), {access: name})
 
-    def enter(self, path: str, entry: dict[str, str]) -> None:
-        """An entry of the tree, and the devices above it. What stands there stays."""
-        device, _, last = path.rpartition(".")
+    def name_of(self, parts: NameParts) -> str:
+        return self.prefix + ":".join(parts)
+
+    def enter(self, parts: NameParts, entry: dict[str, str]) -> None:
+        """An entry of the tree, and the devices above it."""
+        device, name = parts[:-1], entry_of(parts[-1])
         if device in self._leaves:  # an alarm of an object
-            device, last = device.rpartition(".")[0], f"{device.rpartition('.')[2]}_{last}"
+            device, name = device[:-1], f"{entry_of(device[-1])}{JOINED}{name}"
         elif "d" not in entry:
-            self._leaves.add(path)
+            self._leaves.add(parts)
         if device not in self._tree:
             self._tree[device] = {}
-            self.enter(device, {"d": f"{self.prefix}{device.replace('.', ':')}:PVI"})
-        named = f"{last}_" if last in RESERVED else last
-        self._tree[device].setdefault(f"__{last}" if last.isdigit() else named, entry)
+            self.enter(device, {"d": self.name_of((*device, TREE))})
+        self._tree[device][name] = entry
 
     def follow(self, item: FaceItem, show: Show) -> None:
         """Call it with each new value of an item."""
@@ -85,20 +100,18 @@ class EpicsVariables:
     def add_item(self, item: FaceItem) -> None:
         if item.kind is ItemKind.SIGNAL and f"tunable:{item.path}" in self.machine.by_name:
             return  # the same number
-        path = ".".join(filter(None, (item.path, SUFFIXES.get(item.kind))))
-        path = f"run.{path}" if item.kind is ItemKind.RUN else path
+        parts = (RUN, item.path) if item.kind is ItemKind.RUN else parts_of(item.path, SUFFIXES.get(item.kind, ""))
         write = self._write_of(item)
         value = undefined(choice(0, list(item.states.values()), _about(item)) if item.states else _number(item))
         variable = ProcessVariable(value, write, kept_up=item.kind is ItemKind.ACTUATOR)
         self.follow(item, _state_shown(variable, item) if item.states else number_shown(variable))
-        self.add(path, "r" if write is None else "rw", variable)
+        self.add(parts, "r" if write is None else "rw", variable)
         if item.kind is ItemKind.EQUIPMENT:
-            self.add_button(
-                f"{item.path}.clear".lstrip("."), "clear its fault", partial(self.ask, do="clear", path=item.path)
-            )
+            clear = partial(self.ask, do="clear", path=item.path)
+            self.add_button(parts_of(item.path, "clear"), "clear its fault", clear)
         elif item.kind is ItemKind.ALARM:
             acknowledge = partial(self.ask, do="acknowledge alarm", path=item.path)
-            self.add_button(f"{item.path}.acknowledge", "acknowledge it", acknowledge)
+            self.add_button(parts_of(item.path, "acknowledge"), "acknowledge it", acknowledge)
 
     def _write_of(self, item: FaceItem) -> CarryOut | None:
         if item.kind is ItemKind.TUNABLE:
@@ -127,21 +140,19 @@ class EpicsVariables:
             return self.ask(user, "call", path, arguments={})
 
         value = scalar(0, "i", description=str(about["help"]))
-        self.add(path, "x", ProcessVariable(value, write, call, kept_up=bool(about["dead_man"])))
+        self.add(parts_of(path), "x", ProcessVariable(value, write, call, kept_up=bool(about["dead_man"])))
 
-    def add_button(self, path: str, about: str, command: Callable[[Any], Any]) -> None:
+    def add_button(self, parts: NameParts, about: str, command: Callable[[Any], Any]) -> None:
         """A put of anything gives the command."""
 
         def press(user: Any, given: Value) -> Any:
             return command(user)
 
-        self.add(path, "x", ProcessVariable(scalar(0, "i", description=about), press, press))
+        self.add(parts, "x", ProcessVariable(scalar(0, "i", description=about), press, press))
 
     def add_tree(self) -> None:
         for device, entries in self._tree.items():
-            self.by_name[f"{self.prefix}{device.replace('.', ':') + ':' if device else ''}PVI"] = ProcessVariable(
-                pvi(entries)
-            )
+            self.by_name[self.name_of((*device, TREE))] = ProcessVariable(pvi(entries))
 
     # Showing -------------------------------------------------------------------------------------------
 
@@ -166,9 +177,31 @@ def variables_of(machine: Declaration, prefix: str, commands: Commands) -> Epics
     for action in machine.actions:
         variables.add_action(action)
     variables.add_button(
-        "run.stop", "end the run: every actuator goes to its default", partial(variables.ask, do="stop")
+        (RUN, "stop"), "end the run: every actuator goes to its default", partial(variables.ask, do="stop")
     )
     return variables
+
+
+def parts_of(path: str, own: str = "") -> NameParts:
+    """The parts of the name of what has this path. `own`: the last part, of `OWN_PARTS`, if it is no object or action.
+    An object's or action's that looks like one of `OWN_PARTS`, or of the run, is escaped."""
+    if not path:
+        return (own,) if own else ()
+    first, *others = (escaped(each or NO_NAME, is_word) for each in path.split("."))
+    if own:
+        return (first, *others, own)
+    *above, last = first, *others
+    parts = (*above, escaped(last, is_word, OWN_PARTS))
+    return (escaped(RUN, is_word, (RUN,)), *parts[1:]) if first == RUN else parts
+
+
+def entry_of(part: str) -> str:
+    """A part of a name as an entry of the tree, a field of pvData: not a number alone, nor one of `RESERVED`."""
+    if part.isdigit():
+        return f"{IN_LIST}{part}"
+    if part[0].isdigit() or part.removeprefix(IN_LIST).isdigit():
+        return f"{coded(part[0])}{part[1:]}"
+    return f"{part}_" if part.rstrip("_") in RESERVED else part
 
 
 def _marks(changes: Changes, place: int) -> dict[str, Any]:
