@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from functools import partial
-from math import floor, isfinite, isnan, log10, nan
+from math import isnan, nan
 from typing import Any
 
 from p4p import Value
@@ -13,17 +13,14 @@ from p4p import Value
 from umo.errors import CommandRefused
 from umo.faces.epics.process_variable import CarryOut, ProcessVariable, choice, pvi, scalar, undefined
 from umo.faces.face import Changes, Commands
-from umo.faces.face_declaration import Declaration, FaceItem, ItemKind
+from umo.faces.face_declaration import QUIET, Declaration, FaceItem, ItemKind
 from umo.objects import Quality
-from umo.presentation.digits import digits_of
 from umo.presentation.identity import NO_NAME, coded, escaped, is_word
 
 SUFFIXES = {ItemKind.EQUIPMENT: "equipment", ItemKind.AXIS: "axis", ItemKind.ALARM: "alarm"}
 """Last part of the names of states: an object may have the path before it."""
 SEVERITIES = {Quality.GOOD: 0, Quality.OUT_OF_RANGE: 2, Quality.UNREFERENCED: 1, Quality.STALE: 1, Quality.BAD: 3}
 MINOR, MAJOR = 1, 2
-QUIET = ("normal", "shelved", "out of service")
-"""States of an alarm that raise no severity."""
 DEVICE, RECORD = 1, 3
 """Status: what the device gave; what a state means."""
 RESERVED = frozenset((
@@ -46,7 +43,7 @@ IN_LIST = "__"
 TREE = "PVI"
 """Last part of the name of a device's tree."""
 OWN_PARTS = frozenset((*SUFFIXES.values(), "clear", "acknowledge", TREE))
-"""Last parts of names that no object or action has: one of this name is escaped."""
+"""Last parts of names that no part of a path has: one of this name is escaped."""
 NameParts = tuple[str, ...]
 """A name without its prefix: its parts, in letters, digits and `_` of ASCII."""
 Ask = Callable[..., Any]
@@ -64,8 +61,9 @@ class EpicsVariables:
         self._shows: dict[int, list[Show]] = {item.number: [] for item in machine.items}
         self._tree: dict[NameParts, dict[str, dict[str, str]]] = {(): {}}
         """Entries of each device, by the parts of its name."""
-        self._leaves: set[NameParts] = set()
-        """Entries that are no devices."""
+        within = [item.path for item in machine.items if item.kind not in (*SUFFIXES, ItemKind.RUN)]
+        self._leaves = {parts_of(path) for path in (*within, *(str(each["path"]) for each in machine.actions))}
+        """What is no device of the tree, though alarms may be below it."""
         self._axes = {parts_of(str(each["path"])) for each in machine.axes}
 
     # Building ------------------------------------------------------------------------------------------
@@ -86,8 +84,6 @@ class EpicsVariables:
         device, name = parts[:-1], entry_of(parts[-1])
         if device in self._leaves:  # an alarm of an object
             device, name = device[:-1], f"{entry_of(device[-1])}{JOINED}{name}"
-        elif "d" not in entry:
-            self._leaves.add(parts)
         if device not in self._tree:
             self._tree[device] = {}
             self.enter(device, {"d": self.name_of((*device, TREE))})
@@ -183,16 +179,11 @@ def variables_of(machine: Declaration, prefix: str, commands: Commands) -> Epics
 
 
 def parts_of(path: str, own: str = "") -> NameParts:
-    """The parts of the name of what has this path. `own`: the last part, of `OWN_PARTS`, if it is no object or action.
-    An object's or action's that looks like one of `OWN_PARTS`, or of the run, is escaped."""
-    if not path:
-        return (own,) if own else ()
-    first, *others = (escaped(each or NO_NAME, is_word) for each in path.split("."))
-    if own:
-        return (first, *others, own)
-    *above, last = first, *others
-    parts = (*above, escaped(last, is_word, OWN_PARTS))
-    return (escaped(RUN, is_word, (RUN,)), *parts[1:]) if first == RUN else parts
+    """The parts of the name of what has this path. `own`: one of `OWN_PARTS`, which follows. A part of the path that is
+    one of these, or is first and that of the run, is escaped."""
+    first, *others = (escaped(each or NO_NAME, is_word, OWN_PARTS) for each in path.split("."))
+    parts = (escaped(first, is_word, (RUN,)), *others) if path else ()
+    return (*parts, own) if own else parts
 
 
 def entry_of(part: str) -> str:
@@ -226,12 +217,12 @@ def _state_shown(variable: ProcessVariable, item: FaceItem) -> Show:
 
     def show(value: float, marks: Mapping[str, Any]) -> None:
         fields = dict(marks)
-        if not isnan(value) and int(value) in places:
+        if (state := item.state_of(value)) is not None:
             fields["value.index"] = places[int(value)]
-            severity = _severity(item, item.states[int(value)])
+            severity = _severity(item, state)
             if severity > fields["alarm.severity"]:
                 fields |= {"alarm.severity": severity, "alarm.status": RECORD}
-                fields["alarm.message"] = str(item.about.get("text", item.states[int(value)]))
+                fields["alarm.message"] = str(item.about.get("text", state))
         variable.show(fields)
 
     return show
@@ -259,12 +250,8 @@ def _number(item: FaceItem) -> Value:
 
 
 def precision_of(item: FaceItem) -> int:
-    """Digits after the point: of the resolution, else six of the greatest value."""
-    if resolution := item.about.get("resolution"):
-        return digits_of(float(resolution), float(item.about.get("zero_offset", 0.0)))
-    ends = [abs(end) for end in (item.minimum, item.maximum) if end is not None and isfinite(end)]
-    greatest = max(ends, default=0.0)
-    return min(max(5 - floor(log10(greatest)), 0), 15) if greatest else PRECISION
+    """Digits after the point."""
+    return PRECISION if item.digits is None else item.digits
 
 
 def number_in(given: Value, *, whole: bool = False) -> float:
