@@ -123,7 +123,7 @@ class Sparkplug(Face):
             await link.stop(Message(self._topic("NDEATH"), self._node.death(), 1))
 
     def _will(self) -> Message:
-        """Asked before each connecting: each has a number of its own."""
+        """Asked before each CONNECT: each has a number of its own (`tck-id-topics-nbirth-bdseq-increment`)."""
         self._bd_seq = self._node.bd_seq = (self._bd_seq + 1) % 256
         return Message(self._topic("NDEATH"), self._node.death(), 1)
 
