@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import re
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from math import isfinite, isnan
 from typing import Any
 
 from umo.faces.face import Changes
-from umo.faces.face_declaration import Declaration, FaceItem, ItemKind
+from umo.faces.face_declaration import QUIET, Declaration, FaceItem, ItemKind
 from umo.objects import Quality
 from umo.presentation.identity import Identities, escaped, is_topic, is_word
 
@@ -19,7 +19,23 @@ PRESS = b"PRESS"
 STEP = 0.001
 """Smallest step of a number that Home Assistant can set."""
 DEFAULT_LIMITS = -1e9, 1e9
-FRESH = "{{ 'online' if value_json.quality in ['good', 'out of range', 'unreferenced'] else 'offline' }}"
+DISPLAYED = (Quality.GOOD, Quality.OUT_OF_RANGE, Quality.UNREFERENCED)
+"""The qualities with which an entity has its value; with the others it is unavailable."""
+PROBLEMS = (ItemKind.ALARM, ItemKind.EQUIPMENT)
+"""What is a binary sensor of class `problem`."""
+UNITS = {"l": "L", "ml": "mL", "l/min": "L/min"}
+"""Home Assistant's spelling of units."""
+DEVICE_CLASSES = {
+    unit: name
+    for name, units in {
+        "temperature": "°C °F", "pressure": "Pa hPa kPa mbar bar psi mmHg", "voltage": "V mV", "current": "A mA",
+        "power": "W kW", "frequency": "Hz kHz MHz GHz", "distance": "mm cm m km", "speed": "m/s km/h",
+        "weight": "mg g kg", "volume_storage": "mL L m³", "volume_flow_rate": "L/min m³/h", "duration": "ms s min h d",
+        "irradiance": "W/m²", "illuminance": "lx",
+    }.items()
+    for unit in units.split()
+}  # fmt: skip
+"""The class that a sensor's unit tells. K tells none: Home Assistant would convert differences as temperatures."""
 
 
 ENTITIES = Identities("-", "--", is_word)
@@ -46,9 +62,22 @@ def told(item: FaceItem, changes: Changes) -> bytes:
     value, quality = float(changes.values[item.number]), changes.quality_of(item.number)
     shown: Any = None
     if not isnan(value) and quality is not Quality.BAD:
-        shown = item.states.get(int(value), f"{value:g}") if item.states else value if abs(value) < 1e300 else None
+        shown = item.state_of(value) or f"{value:g}" if item.states else value if abs(value) < 1e300 else None
     time = text_of_time(float(changes.times[item.number]))
-    return json.dumps({"value": shown, "quality": str(quality).lower(), "time": time}).encode()
+    return json.dumps({"value": shown, "quality": _word(quality), "time": time}).encode()
+
+
+def _word(quality: Quality) -> str:
+    """A quality as it is told."""
+    return str(quality).lower()
+
+
+def _listed(names: Iterable[str]) -> str:
+    """Texts as a list of Jinja."""
+    return json.dumps(list(names), ensure_ascii=False)
+
+
+FRESH = f"{{{{ 'online' if value_json.quality in {_listed(map(_word, DISPLAYED))} else 'offline' }}}}"
 
 
 def discovery(machine: Declaration, base: str, prefix: str) -> Mapping[str, Mapping[str, Any]]:
@@ -120,13 +149,26 @@ def _common(machine: Declaration, base: str) -> dict[str, Any]:
 
 
 def _value(base: str, item: FaceItem) -> dict[str, Any]:
-    topic = value_topic(base, item)
-    return {"state_topic": topic, "value_template": "{{ value_json.value }}", "json_attributes_topic": topic}
+    """Where the value is, and what makes the state of it. What is none of the states is not known (`None`); Home
+    Assistant would go on with the last one."""
+    topic, template = value_topic(base, item), "{{ value_json.value }}"
+    if item.states:
+        known = _listed(dict.fromkeys(item.states.values()))
+        shown = (
+            f"('OFF' if value_json.value in {_listed(QUIET)} else 'ON')" if _is_problem(item) else "value_json.value"
+        )
+        template = f"{{{{ {shown} if value_json.value in {known} else None }}}}"
+    return {"state_topic": topic, "value_template": template, "json_attributes_topic": topic}
+
+
+def _is_problem(item: FaceItem) -> bool:
+    return item.kind in PROBLEMS and bool(item.states)
 
 
 def _component(item: FaceItem, base: str) -> tuple[str, dict[str, Any]]:
     """Which entity an item is, and what only that has."""
-    unit = {"unit_of_measurement": item.look} if item.look else {}
+    look = UNITS.get(item.look, item.look)
+    unit = {"unit_of_measurement": look} if look else {}
     if item.kind is ItemKind.TUNABLE and not item.states:
         limits = zip((item.minimum, item.maximum), DEFAULT_LIMITS, strict=True)
         low, high = (other if limit is None or not isfinite(limit) else limit for limit, other in limits)
@@ -134,6 +176,11 @@ def _component(item: FaceItem, base: str) -> tuple[str, dict[str, Any]]:
         return "number", unit | {"command_topic": order, "min": low, "max": high, "step": STEP, "mode": "box"}
     if item.kind is ItemKind.SENSOR and set(item.states) == {0, 1}:
         return "binary_sensor", {"payload_off": item.states[0], "payload_on": item.states[1]}
+    if _is_problem(item):
+        return "binary_sensor", {"device_class": "problem"}
     if item.states:
         return "sensor", {"device_class": "enum", "options": list(dict.fromkeys(item.states.values()))}
-    return "sensor", unit | {"state_class": "measurement"}
+    more: dict[str, Any] = {"device_class": DEVICE_CLASSES[look]} if look in DEVICE_CLASSES else {}
+    if item.digits is not None:
+        more["suggested_display_precision"] = item.digits
+    return "sensor", unit | more | {"state_class": "measurement"}

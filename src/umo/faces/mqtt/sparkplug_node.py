@@ -127,7 +127,7 @@ class SparkplugNode:
             if isnan(value) or quality == Quality.BAD:
                 metric.is_null, metric.datatype = True, STRING if states else DOUBLE
             elif states:
-                metric.datatype, metric.string_value = STRING, states.get(int(value), f"{value:g}")
+                metric.datatype, metric.string_value = STRING, items[place].state_of(value) or f"{value:g}"
             else:
                 metric.datatype, metric.double_value = DOUBLE, value
             if quality or quality != told[place]:
