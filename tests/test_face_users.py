@@ -88,3 +88,14 @@ def test_an_empty_password_or_one_that_is_typed_wrong_makes_no_line(
     assert face_users.main() == 2
     told = capsys.readouterr()
     assert told.out == "" and "password" in told.err
+
+
+@pytest.mark.parametrize(("given", "status"), [(["--help"], 0), (["-h"], 0), (["--user"], 2), (["ann", "--help"], 2)])
+def test_help_asks_for_no_password(
+    given: list[str], status: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("getpass.getpass", lambda *_: pytest.fail("it asks for a password"))
+    monkeypatch.setattr("sys.argv", ["face_users", *given])
+    assert face_users.main() == status
+    told = capsys.readouterr()
+    assert "python -m umo.faces.face_users NAME" in (told.out if status == 0 else told.err)

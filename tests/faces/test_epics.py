@@ -102,7 +102,7 @@ def test_the_tree_has_every_variable_once() -> None:
         assert tree["cell"]["full"] == {
             "alarm": {"r": "plant:cell:full:alarm"}, "acknowledge": {"x": "plant:cell:full:acknowledge"}
         }  # fmt: skip
-        assert tree["cell"]["position_bad"]["alarm"] == {"r": "plant:cell:position:bad:alarm"}
+        assert tree["cell"]["position_x002E_bad"]["alarm"] == {"r": "plant:cell:position:bad:alarm"}
         assert tree["run"]["stop_"] == {"x": "plant:run:stop"}
 
     asyncio.run(work())

@@ -8,6 +8,8 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +18,15 @@ import pytest
 
 from helpers.faced import hosted
 from helpers.foreign_python import foreign_python
-from helpers.home_assistant import HomeAssistantClient
+from helpers.home_assistant import HomeAssistantClient, rendered
 from helpers.mqtt import MOSQUITTO, Mosquitto
 from umo import connect, published
+from umo.alarms.alarm_states import AlarmState
 from umo.errors import OptionError
 from umo.faces.face import Changes, Face
 from umo.faces.face_declaration import Declaration, FaceItem, ItemKind, declaration_of
 from umo.faces.mqtt.home_assistant import HomeAssistant
-from umo.faces.mqtt.home_assistant_discovery import discovery
+from umo.faces.mqtt.home_assistant_discovery import discovery, told
 from umo.frames import Reader
 from umo.objects import Quality
 from umo.process.station import Station, shipped
@@ -83,18 +86,18 @@ def level(host: HomeAssistantClient) -> Any:
 
 def test_every_item_is_discovered_with_what_its_entity_requires(broker: Mosquitto) -> None:
     async def work(machine: TriedMachine, host: HomeAssistantClient) -> None:
-        found = {t: json.loads(x) for t, x in host.topics.items() if t.startswith("homeassistant/")}
+        found = {t: json.loads(x) for t, x in host.topics.items() if t.startswith("homeassistant/") and x}
         kinds = {topic.split("/")[1] for topic in found}
         assert kinds == set(NEEDED)
         for topic, about in found.items():
             assert NEEDED[topic.split("/")[1]] in about, topic
         names = [about["unique_id"] for about in found.values()]
         assert len(names) == len(set(names))
-        about = found["homeassistant/sensor/umo_plant/cell_level/config"]
+        about = found["homeassistant/sensor/umo-plant/cell-level/config"]
         assert about["unit_of_measurement"] == "mm"
-        number = found["homeassistant/number/umo_plant/tunable_cell_gain/config"]
+        number = found["homeassistant/number/umo-plant/tunable--cell-gain/config"]
         assert (number["min"], number["max"]) == (0.0, 10.0)
-        binary = found["homeassistant/binary_sensor/umo_plant/cell_limit/config"]
+        binary = found["homeassistant/binary_sensor/umo-plant/cell-limit/config"]
         assert (binary["payload_off"], binary["payload_on"]) == ("PASS", "FAIL")
 
     tried(broker, work)
@@ -239,8 +242,8 @@ def test_what_the_network_does_not_take_is_told_later(monkeypatch: pytest.Monkey
         assert len(network.told) == 2
         network.room = 1000
         await until(lambda: "umo/plant/status" in network.told)
-        assert all(each.startswith("homeassistant/") for each in network.told[:3])
-        assert network.told[3:] == ["umo/plant/declaration", "level", "limit", "umo/plant/status"]
+        assert all(each.startswith("homeassistant/") for each in network.told[:6])
+        assert network.told[6:] == ["umo/plant/declaration", "level", "limit", "umo/plant/status"]
         await face.end("")
 
     asyncio.run(work())
@@ -273,7 +276,7 @@ def test_home_assistants_own_schemas_and_templates_accept_the_kits_machine(broke
         }
         await until(lambda: values <= set(host.topics) and len(values) > 10)
         for topic, text in list(host.topics.items()):
-            if topic.startswith("homeassistant/"):
+            if topic.startswith("homeassistant/") and text:
                 about = json.loads(text)
                 lines.append([topic.split("/")[1], about, host.topics.get(about.get("state_topic", ""))])
 
@@ -299,3 +302,76 @@ def test_home_assistants_own_schemas_can_say_no() -> None:
     said = judged([["number", config, None], wrong]).splitlines()
     assert len(said) == 3
     assert "none of its options" in said[1]
+
+
+# Templates, rendered by Jinja ----------------------------------------------------------------------------
+
+STATES = {0: "is 'off'", 1: 'über "2" {{ x }} \\'}
+ITEMS = (
+    FaceItem(0, ItemKind.SENSOR, "hot", {"resolution": 0.25}, "degC", 0.0, 100.0),
+    FaceItem(1, ItemKind.ACTUATOR, "valve", {}, states=STATES),
+    FaceItem(2, ItemKind.SENSOR, "limit", {}, states=STATES),
+    FaceItem(3, ItemKind.ALARM, "full", {}, states={n: str(each) for n, each in enumerate(AlarmState)}),
+    FaceItem(4, ItemKind.EQUIPMENT, "mixer", {}, states={0: "normal", 1: "fault"}),
+    FaceItem(5, ItemKind.TUNABLE, "gain", {}, "l", 0.0, 1.0),
+    FaceItem(6, ItemKind.SIGNAL, "phase", {}, states={0: "idle", 7: "filling"}),
+    FaceItem(7, ItemKind.RUN, "wake", {}, "s"),
+)
+
+
+def entity_of(item: FaceItem) -> tuple[str, dict[str, Any]]:
+    """Component and configuration."""
+    machine = Declaration("plant", "", "1-1", 0.01, 0.0, (replace(item, number=0),), (), (), (), False)
+    (found,) = ((topic, each) for topic, each in discovery(machine, "b", "p").items() if each["name"] == item.name)
+    return found[0].split("/")[1], dict(found[1])
+
+
+@pytest.mark.parametrize("item", ITEMS, ids=lambda item: item.name)
+def test_every_quality_of_every_type_is_rendered(item: FaceItem) -> None:
+    component, about = entity_of(item)
+    for quality in Quality:
+        for value in (0.0, 1.0, 7.0, 99.0, 1e-7, float("inf"), float("nan")):
+            judge(item, component, about, quality, value)
+
+
+def judge(item: FaceItem, component: str, about: dict[str, Any], quality: Quality, value: float) -> None:
+    text = told(replace(item, number=0), changes_of(value, quality)).decode()
+    online = all(rendered(each["value_template"], text) == "online" for each in about["availability"][2:])
+    assert online == (quality in (Quality.GOOD, Quality.OUT_OF_RANGE, Quality.UNREFERENCED))
+    state, name = rendered(about["value_template"], text), item.states.get(int(value)) if value % 1.0 == 0.0 else None
+    if quality is Quality.BAD or not isfinite(value) or (item.states and name is None):
+        assert state == "None"
+    elif about.get("device_class") == "problem":
+        assert state == ("OFF" if name in ("normal", "shelved", "out of service") else "ON")
+    elif item.states:
+        assert state == name
+        assert state in (about.get("options") or (about["payload_off"], about["payload_on"]))
+    else:
+        assert float(state) == value
+        assert component in ("sensor", "number")
+
+
+def changes_of(value: float, quality: Quality) -> Changes:
+    return Changes(1, 1e9, None, np.arange(1), np.array([value]), np.array([quality], np.uint8), np.array([1e9]))
+
+
+def test_a_unit_tells_the_class_and_the_resolution_the_digits() -> None:
+    about = entity_of(ITEMS[0])[1]
+    assert (about["device_class"], about["unit_of_measurement"]) == ("temperature", "°C")
+    assert (about["suggested_display_precision"], about["state_class"]) == (2, "measurement")
+    assert entity_of(ITEMS[3])[0] == entity_of(ITEMS[4])[0] == "binary_sensor"
+    kelvin = entity_of(replace(ITEMS[0], unit="K"))[1]
+    assert "device_class" not in kelvin
+    liters = entity_of(replace(ITEMS[0], unit="l/min"))[1]
+    assert (liters["device_class"], liters["unit_of_measurement"]) == ("volume_flow_rate", "L/min")
+
+
+@pytest.mark.timeout(600)
+def test_home_assistants_own_rules_accept_every_class_and_unit() -> None:
+    units = ("degC", "degF", "kPa", "V", "mA", "W", "Hz", "mm", "m/s", "kg", "l", "m**3", "l/min", "s", "lux", "um", "")
+    items = [replace(ITEMS[0], unit=unit) for unit in units]
+    lines = [
+        [*entity_of(each), told(replace(each, number=0), changes_of(1.0, Quality.GOOD)).decode()]
+        for each in (*items, *ITEMS)
+    ]
+    assert judged(lines) == "judged\n"

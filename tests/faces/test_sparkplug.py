@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 import sys
 import time
 from collections.abc import Iterator
@@ -15,6 +16,8 @@ from helpers.faced import hosted
 from helpers.mqtt import MOSQUITTO, Mosquitto, SparkplugHost
 from umo.errors import OptionError, UmoError
 from umo.faces.face import Face
+from umo.faces.face_declaration import Declaration
+from umo.faces.mqtt.broker import Broker
 from umo.faces.mqtt.sparkplug import Sparkplug
 from umo.testing.faces import RULES, ForeignClient, TriedFace, TriedMachine, try_rule
 from umo.testing.faces.tried_machine import until
@@ -203,6 +206,8 @@ import asyncio, os, signal, sys
 import numpy as np
 from umo.faces.face import Changes
 from umo.faces.face_declaration import Declaration, FaceItem, ItemKind
+from umo.faces.face_declaration import Declaration
+from umo.faces.mqtt.broker import Broker
 from umo.faces.mqtt.sparkplug import Sparkplug
 
 async def work():
@@ -264,5 +269,42 @@ def test_what_no_client_may_set_is_born_as_read_only(broker: Mosquitto) -> None:
             named = [each for each in birth["metrics"] if "Quality" in each.get("properties", {})]
             free = {each["name"] for each in named if "readOnly" not in each["properties"]}
             assert free == {"tunable:cell/gain", "run:mode"}
+
+    asyncio.run(work())
+
+
+class Refused(Broker):
+    """Counts the attempts that no broker heard."""
+
+    attempts = 0
+
+    def _failed(self, client: Any, data: Any) -> None:
+        super()._failed(client, data)
+        Refused.attempts += 1
+
+
+def test_bd_seq_counts_connect_packets_not_attempts_that_nobody_heard(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("umo.faces.mqtt.broker.FIRST_PAUSE", 0)
+    monkeypatch.setattr("umo.faces.mqtt.broker.MAX_PAUSE", 0)
+    monkeypatch.setattr("umo.faces.mqtt.sparkplug.Broker", Refused)
+    heard: list[bytes] = []
+
+    async def take(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        heard.append(await reader.read(1000))  # and closes, without an answer
+        writer.close()
+
+    async def work() -> None:
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            port = free.getsockname()[1]
+        face = Sparkplug(port=port)
+        before = face._bd_seq
+        await face.begin(Declaration("plant", "", "1-1", 0.01, 0.0, (), (), (), (), False), None)  # type: ignore[arg-type]
+        await until(lambda: Refused.attempts >= 3)
+        assert face._bd_seq == before
+        server = await asyncio.start_server(take, "127.0.0.1", port)
+        await until(lambda: len(heard) >= 3)
+        await face.end("")
+        server.close()
+        assert (face._bd_seq - before) % 256 in (len(heard), len(heard) + 1)  # one may be under way
 
     asyncio.run(work())

@@ -28,7 +28,7 @@ def test_a_file_gives_the_settings_and_the_command_line_changes_them(tmp_path: P
     file = tmp_path / "fleet.toml"
     file.write_text('site = "cell 7"\nconnect = ["tcp/plant:7447"]\nuser = "ann"\n')
     settings = load(file, {"connect": ["tcp/127.0.0.1:7000"], "site": None})
-    assert (settings.site, settings.user, settings.network.connect) == ("cell_7", "ann", ("tcp/127.0.0.1:7000",))
+    assert (settings.site, settings.user, settings.network.connect) == ("cell_x0020_7", "ann", ("tcp/127.0.0.1:7000",))
 
 
 @pytest.mark.parametrize(

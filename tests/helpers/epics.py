@@ -52,7 +52,7 @@ def name_of(item: str, prefix: str = "plant:") -> str:
     """The variable of an item of the kit."""
     kind, _, path = item.rpartition(":")
     path = f"run.{path}" if kind == "run" else path if kind in ("", "tunable") else f"{path}.{kind}"
-    return prefix + re.sub("[^A-Za-z0-9_.]", "_", path).replace(".", ":")
+    return prefix + re.sub("[^A-Za-z0-9_.]", lambda each: f"_x{ord(each[0]):04X}_", path).replace(".", ":")
 
 
 class Pvapy(ForeignClient):

@@ -7,20 +7,27 @@ from __future__ import annotations
 
 import asyncio
 import json
-import re
 from collections import defaultdict, deque
 from collections.abc import Mapping
 from datetime import datetime
 from typing import Any
 
+from jinja2.sandbox import ImmutableSandboxedEnvironment
+
 from helpers.mqtt import SparkplugHost
+from umo.faces.face_declaration import QUIET
 from umo.testing.faces import RefusedByFace, Seen
 from umo.testing.faces.client import Grade
 
 NOTHING = Seen(None, Grade.NONE)
-FIELD = re.compile(r"\{\{ value_json\.(\w+) \}\}")
-DECLARED = re.compile(r"\{\{ 'online' if value == '(\w+)' else 'offline' \}\}")
-ONE_OF = re.compile(r"\{\{ 'online' if value_json\.quality in (\[.*\]) else 'offline' \}\}")
+TEMPLATES = ImmutableSandboxedEnvironment()
+"""As Home Assistant has it. Its own filters are not used; `judge_discovery.py` has all of it."""
+
+
+def rendered(template: str, text: str) -> str:
+    """What a template makes of a message."""
+    value_json = json.loads(text) if text.startswith("{") else None
+    return str(TEMPLATES.from_string(template).render(value=text, value_json=value_json))
 
 
 class HomeAssistantClient(SparkplugHost):
@@ -39,7 +46,7 @@ class HomeAssistantClient(SparkplugHost):
         topic, text = message["topic"], message["text"]
         self.heard.append(message)
         self.topics[topic] = text
-        if topic.startswith("homeassistant/"):
+        if topic.startswith("homeassistant/") and text:
             about = json.loads(text)
             self.entities[about["unique_id"]] = about
         elif topic.endswith(("/done", "/refusal")):
@@ -51,7 +58,7 @@ class HomeAssistantClient(SparkplugHost):
             waiting.set_result(None) if is_done else waiting.set_exception(RefusedByFace(answer["text"]))
 
     def entity(self, name: str) -> dict[str, Any] | None:
-        return self.entities.get(f"umo_{self.station}_{re.sub('[^A-Za-z0-9_-]', '_', name)}")
+        return next((each for each in self.entities.values() if each["name"] == name), None)
 
     def is_available(self, about: Mapping[str, Any]) -> bool:
         """Whether each of its topics says so."""
@@ -61,24 +68,22 @@ class HomeAssistantClient(SparkplugHost):
         text = self.topics.get(each["topic"], "offline")
         if "value_template" not in each:
             return text
-        if (mark := DECLARED.fullmatch(each["value_template"])) is not None:
-            return "online" if text == mark[1] else "offline"
-        rule = ONE_OF.fullmatch(each["value_template"])
-        assert rule, each["value_template"]
-        return "online" if json.loads(text)["quality"] in json.loads(rule[1].replace("'", '"')) else "offline"
+        return rendered(each["value_template"], text)
 
     async def read(self, name: str) -> Seen:
         about = self.entity(name)
         if about is None or about["state_topic"] not in self.topics:
             return NOTHING
         told = json.loads(self.topics[about["state_topic"]])
-        field = FIELD.fullmatch(about["value_template"])
-        assert field, about["value_template"]
+        state, value = rendered(about["value_template"], self.topics[about["state_topic"]]), told["value"]
+        assert state == (
+            {True: "OFF", False: "ON"}[value in QUIET] if about.get("device_class") == "problem" else str(value)
+        )
         good = self.is_available(about) and told["quality"] == "good"
-        grade = Grade.NONE if told[field[1]] is None else Grade.GOOD if good else Grade.DOUBTFUL
+        grade = Grade.NONE if value is None else Grade.GOOD if good else Grade.DOUBTFUL
         time = datetime.fromisoformat(told["time"]).timestamp() if told["time"] else None
         unit, states = about.get("unit_of_measurement"), dict(enumerate(about.get("options", ())))
-        return Seen(told[field[1]], grade, time, unit, about.get("min"), about.get("max"), states)
+        return Seen(value, grade, time, unit, about.get("min"), about.get("max"), states)
 
     async def order(self, topic: str, path: str, text: str) -> None:
         """Publish, and wait for the answer; RefusedByFace."""

@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from math import floor, isfinite, log10
 from typing import Any
 
+from umo.alarms.alarm_states import PUT_AWAY, AlarmState
 from umo.cycle.client_commands import Mode
 from umo.frames import Reader
 from umo.frames.layout import Layout
+from umo.presentation.digits import digits_of
+from umo.presentation.identity import Identities, escaped, is_encodable
 from umo.presentation.value_text import shown_unit
 
 
@@ -42,6 +46,12 @@ RUN_ITEMS: Mapping[str, Mapping[str, Any]] = {
 up, and from there to the end of the period."""
 
 
+QUIET = tuple(str(each) for each in AlarmState if each is AlarmState.NORMAL or each in PUT_AWAY)
+"""Names of the states of an alarm, or of equipment, in which nothing is wrong, or an operator has put it away."""
+DIGITS, MAX_DIGITS = 6, 15
+"""Significant digits of the greatest value, where no resolution tells digits; digits after the point at most."""
+
+
 @dataclass(frozen=True)
 class FaceItem:
     """One value of a machine."""
@@ -64,10 +74,27 @@ class FaceItem:
         """Unique among all items: its path, or with the kind before it where a path may have several items."""
         return self.path if self.kind.value in PLAIN else f"{self.kind.value}:{self.path}"
 
+    def identity(self, names: Identities) -> str:
+        """Its name in the alphabet of a protocol."""
+        return names.of(self.path, "" if self.kind.value in PLAIN else self.kind.value)
+
     @property
     def look(self) -> str:
         """Its unit as in print."""
         return shown_unit(self.unit)
+
+    def state_of(self, value: float) -> str | None:
+        """The name of a state; None: the value is none of the states."""
+        return self.states.get(int(value)) if float(value).is_integer() else None
+
+    @property
+    def digits(self) -> int | None:
+        """Digits after the point: of the resolution, else six of the greatest value; None: nothing tells them."""
+        if resolution := self.about.get("resolution"):
+            return min(digits_of(float(resolution), float(self.about.get("zero_offset", 0.0))), MAX_DIGITS)
+        ends = [abs(end) for end in (self.minimum, self.maximum) if end is not None and isfinite(end)]
+        greatest = max(ends, default=0.0)
+        return min(max(DIGITS - 1 - floor(log10(greatest)), 0), MAX_DIGITS) if greatest else None
 
     @property
     def writable(self) -> bool:
@@ -112,8 +139,8 @@ def declaration_of(reader: Reader) -> Declaration:
     """The declaration of a run from its frames."""
     layout, about = reader.layout, reader.about
     return Declaration(
-        str(about["station"]),
-        str(about.get("wiring", "")),
+        escaped(str(about["station"]), is_encodable),
+        escaped(str(about.get("wiring") or "-"), is_encodable).removeprefix("-"),
         f"{about['pid']}-{about.get('started_monotonic', 0)}",
         float(about["period"]),
         float(about["started"]),

@@ -34,6 +34,7 @@ COST, BLOCK, PARALLEL = 1 << 14, 8, 1
 MAX_COST = 1 << 17
 MAX_BYTES = 1 << 20
 """Bytes of the file at most."""
+USAGE = "python -m umo.faces.face_users NAME"
 MAX_PASSWORD = 1024
 """Characters of a password at most."""
 
@@ -104,8 +105,11 @@ def _table(name: str, file: Path | None) -> Mapping[str, Any]:
 
 def main() -> int:
     """Ask for a password, and print the line for the file."""
-    if len(sys.argv) != 2:
-        print("which user? python -m umo.faces.face_users NAME", file=sys.stderr)
+    if sys.argv[1:] in (["--help"], ["-h"]):
+        print(f"{USAGE}\nAsks for a password twice, and prints the line for {place()}.")
+        return 0
+    if len(sys.argv) != 2 or sys.argv[1].startswith("-"):
+        print(f"which user? {USAGE}", file=sys.stderr)
         return 2
     password = getpass.getpass()
     if not password or getpass.getpass("Again: ") != password:

@@ -6,6 +6,7 @@ import re
 from typing import NamedTuple
 
 from umo.errors import OptionError
+from umo.presentation.identity import escaped, is_word, shortened
 
 ROOT = "umo"
 DECLARATION, DELTA, EVENT, STATUS, ALIVE, COMMAND, SIGN, TWIN, PAST = (
@@ -20,7 +21,9 @@ DECLARATION, DELTA, EVENT, STATUS, ALIVE, COMMAND, SIGN, TWIN, PAST = (
     "past",
 )
 ANY = "*"
-_SEGMENT = re.compile(r"[\w.-]{1,64}", re.ASCII)
+MAX_SEGMENT = 64
+"""Characters of one word of a key at most."""
+_SEGMENT = re.compile(rf"[\w.-]{{1,{MAX_SEGMENT}}}", re.ASCII)
 
 
 class StationKey(NamedTuple):
@@ -54,8 +57,10 @@ def is_station_key(text: str) -> bool:
 
 
 def segment(text: str) -> str:
-    """A name as one word of a key: other characters than letters, digits, `_`, `.`, `-` become `_`."""
-    return re.sub(r"[^\w.-]", "_", text, flags=re.ASCII)[:64] or "_"
+    """A name as one word of a key (`umo.presentation.identity`): other characters than ASCII letters, digits, `_`, `.`,
+    `-` are escaped; one that is longer than a key may have ends with a digest."""
+    dots = {text} if text and not text.strip(".") else ()
+    return shortened(escaped(text, lambda each: is_word(each) or each in ".-", dots), MAX_SEGMENT)
 
 
 def station_of(key: str) -> StationKey:

@@ -42,11 +42,11 @@ class MirrorCommands:
         self._inbox = Receiver(ring.cells)
         self._lock = threading.Lock()
         self._numbers: dict[int, int] = {}
-        """The number here of each number of the station."""
+        """The number here of each number of the station, until its last answer has been told."""
         self._answers: list[tuple[float, ClientCommand, dict[str, Any]]] = []
         """Last answers, each with the time from which on it is told, if no event of the machine has told it before."""
         self._ended: set[int] = set()
-        """Commands whose end an event of the machine has told."""
+        """Those of these commands whose end an event of the machine has told."""
         self._lease, self._lease_key = 0, ""
         self._held: set[str] = set()
         self._signed = 0.0
@@ -101,7 +101,8 @@ class MirrorCommands:
             answer = json.loads(bytes(reply.ok.payload))
             with self._lock:
                 if "number" in answer:
-                    self._numbers[answer["number"]] = command.number
+                    if command.number:
+                        self._numbers[answer["number"]] = command.number
                     wait[0] = EVENT_WAIT
                 else:
                     wait[1] = 1
@@ -131,11 +132,19 @@ class MirrorCommands:
             self._lease, self._lease_key = 0, ""
         if command.do == "write" or command.do == "call":
             (self._held.discard if failed or command.do == "call" else self._held.add)(command.path)
-        if not command.number or command.number in self._ended:
+        if not command.number or self._forget(command.number):
             return
         text = f"{answer['kind']}: {answer['error']}" if failed else _json(answer.get("result"))
         state = CommandState.REFUSED if failed else CommandState.DONE
         self._tell(Event(0.0, command.path, text, command.who, command.number, state, str(command)))
+
+    def _forget(self, number: int) -> bool:
+        """Nothing more is told of a command. Whether an event of the machine has told its end."""
+        told = number in self._ended
+        self._ended.discard(number)
+        with self._lock:
+            self._numbers = {there: here for there, here in self._numbers.items() if here != number}
+        return told
 
     def has_ended(self, number: int) -> None:
         """An event of the machine has told the end of this command."""

@@ -88,9 +88,11 @@ class Feed:
         if self._recorded is not None:
             return
         known, now = {watched.path for watched in self.watched.values()}, time.monotonic()
-        paths: list[Path] = []
+        there: list[Path] = []
         with suppress(FramesError):  # no folder: nothing runs
-            paths = [path for path in rings() if path not in known and now >= self._refused.get(path.name, 0.0)]
+            there = rings()
+        self._refused = {path.name: self._refused[path.name] for path in there if path.name in self._refused}
+        paths = [path for path in there if path not in known and now >= self._refused.get(path.name, 0.0)]
         for path, watched in await asyncio.to_thread(_opened, paths):
             if isinstance(watched, Exception):
                 self._refuse(path, watched)

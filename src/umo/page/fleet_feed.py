@@ -48,7 +48,10 @@ class FleetFeed:
         if watched.viewers:
             self._unseen.pop(watched.name, None)
             return False
-        return now - self._unseen.setdefault(watched.name, now) > UNSEEN_TIME
+        is_unseen = now - self._unseen.setdefault(watched.name, now) > UNSEEN_TIME
+        if is_unseen:  # it is closed; one that is opened again begins anew
+            del self._unseen[watched.name]
+        return is_unseen
 
     def close(self) -> None:
         self._presence.close()

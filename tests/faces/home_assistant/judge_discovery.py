@@ -11,6 +11,7 @@ import json
 import sys
 import tempfile
 
+from homeassistant.components.sensor.const import DEVICE_CLASS_STATE_CLASSES, DEVICE_CLASS_UNITS
 from homeassistant.core import HomeAssistant
 from homeassistant.helpers import frame
 from homeassistant.helpers.template import TemplateEnvironment
@@ -22,6 +23,10 @@ def rendered(template, text):
 
 def judge(component, config, text):
     importlib.import_module(f"homeassistant.components.mqtt.{component}").DISCOVERY_SCHEMA(dict(config))
+    if component == "sensor" and (name := config.get("device_class", "enum")) != "enum":
+        unit, kind = config["unit_of_measurement"], config["state_class"]
+        assert unit in DEVICE_CLASS_UNITS[name], f"{unit} is no unit of the class {name}"
+        assert kind in DEVICE_CLASS_STATE_CLASSES[name], f"{kind} is not for the class {name}"
     if text is None:
         return
     for each in config["availability"]:
@@ -33,7 +38,9 @@ def judge(component, config, text):
     if "options" in config:
         assert shown in config["options"], f"{shown!r} is none of its options"
     elif component == "binary_sensor":
-        assert shown in (config["payload_on"], config["payload_off"]), f"{shown!r} is neither on nor off"
+        assert shown in (config.get("payload_on", "ON"), config.get("payload_off", "OFF")), (
+            f"{shown!r} is neither on nor off"
+        )
     elif component == "number" or "state_class" in config:
         float(shown)
 

@@ -9,6 +9,7 @@ from umo.faces.epics.motor_record import MotorRecord
 from umo.faces.epics.pva_server import PvaServer
 from umo.faces.face import Changes, Commands, Face
 from umo.faces.face_declaration import Declaration
+from umo.presentation.identity import escaped, is_word
 
 PORT, SEARCH_PORT = 5075, 5076
 """Those that EPICS's clients look for."""
@@ -44,7 +45,7 @@ class Epics(Face):
         self.address = self._server.open()
 
     async def begin(self, machine: Declaration, commands: Commands) -> None:
-        variables = variables_of(machine, self._prefix or f"{machine.station}:", commands)
+        variables = variables_of(machine, self._prefix or f"{escaped(machine.station, _is_station)}:", commands)
         for axis in machine.axes:
             MotorRecord(variables, axis).add()
         variables.add_tree()
@@ -62,3 +63,8 @@ class Epics(Face):
 
     async def close(self) -> None:
         await self._server.close()
+
+
+def _is_station(character: str) -> bool:
+    """What stands in a prefix of the name of a station: no colon, which ends it."""
+    return is_word(character) or character in ".-"

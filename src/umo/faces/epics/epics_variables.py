@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable, Mapping
 from functools import partial
-from math import floor, isfinite, isnan, log10, nan
+from math import isnan, nan
 from typing import Any
 
 from p4p import Value
@@ -14,16 +13,14 @@ from p4p import Value
 from umo.errors import CommandRefused
 from umo.faces.epics.process_variable import CarryOut, ProcessVariable, choice, pvi, scalar, undefined
 from umo.faces.face import Changes, Commands
-from umo.faces.face_declaration import Declaration, FaceItem, ItemKind
+from umo.faces.face_declaration import QUIET, Declaration, FaceItem, ItemKind
 from umo.objects import Quality
-from umo.presentation.digits import digits_of
+from umo.presentation.identity import NO_NAME, coded, escaped, is_word
 
 SUFFIXES = {ItemKind.EQUIPMENT: "equipment", ItemKind.AXIS: "axis", ItemKind.ALARM: "alarm"}
 """Last part of the names of states: an object may have the path before it."""
 SEVERITIES = {Quality.GOOD: 0, Quality.OUT_OF_RANGE: 2, Quality.UNREFERENCED: 1, Quality.STALE: 1, Quality.BAD: 3}
 MINOR, MAJOR = 1, 2
-QUIET = ("normal", "shelved", "out of service")
-"""States of an alarm that raise no severity."""
 DEVICE, RECORD = 1, 3
 """Status: what the device gave; what a state means."""
 RESERVED = frozenset((
@@ -33,50 +30,64 @@ RESERVED = frozenset((
     "subscribe", "trigger", "unstage",
 ))  # fmt: skip
 """Names that bluesky's devices have for themselves: an entry of the tree gets a `_`."""
-NO_NAME = re.compile(r"[^A-Za-z0-9_.]")
-"""What neither a field of pvData nor a name of EPICS may have: alarms may, as "no parts"."""
+RUN = "run"
+"""First part of the names of the run."""
+AXIS_ENTRIES = ("target", "stop")
+"""Entries of an axis in the tree that are none of its parts."""
 PRECISION = 3
 """Digits after the point where neither a resolution nor a range tells them."""
+JOINED = coded(".")
+"""Joins the entry of an alarm and that of its object, which is no device. No part of a name has it."""
+IN_LIST = "__"
+"""Stands before the number of an entry in a list."""
+TREE = "PVI"
+"""Last part of the name of a device's tree."""
+OWN_PARTS = frozenset((*SUFFIXES.values(), "clear", "acknowledge", TREE))
+"""Last parts of names that no part of a path has: one of this name is escaped."""
+NameParts = tuple[str, ...]
+"""A name without its prefix: its parts, in letters, digits and `_` of ASCII."""
 Ask = Callable[..., Any]
 Show = Callable[[float, Mapping[str, Any]], None]
 """Shows a value, with the fields of its alarm and time."""
 
 
 class EpicsVariables:
-    """`prefix` stands before each path; a point becomes a colon: `ztheta:z:encoder`. `commands`: of the run."""
+    """`prefix` stands before each path; a point becomes a colon: `ztheta:z:encoder`. Letters beyond ASCII and signs are
+    escaped (`umo.presentation.identity`). `commands`: of the run."""
 
     def __init__(self, machine: Declaration, prefix: str, commands: Commands) -> None:
         self.by_name: dict[str, ProcessVariable] = {}
         self.machine, self.prefix, self.ask = machine, prefix, commands.ask
         self._shows: dict[int, list[Show]] = {item.number: [] for item in machine.items}
-        self._tree: dict[str, dict[str, dict[str, str]]] = {"": {}}
-        """Entries of each device, by its path."""
-        self._leaves: set[str] = set()
-        """Paths of entries that are no devices."""
+        self._tree: dict[NameParts, dict[str, dict[str, str]]] = {(): {}}
+        """Entries of each device, by the parts of its name."""
+        within = [item.path for item in machine.items if item.kind not in (*SUFFIXES, ItemKind.RUN)]
+        self._leaves = {parts_of(path) for path in (*within, *(str(each["path"]) for each in machine.actions))}
+        """What is no device of the tree, though alarms may be below it."""
+        self._axes = {parts_of(str(each["path"])) for each in machine.axes}
 
     # Building ------------------------------------------------------------------------------------------
 
-    def add(self, path: str, access: str, variable: ProcessVariable) -> None:
-        """A variable that stands in the tree. What no name may have becomes a `_`; a name that another has gets one."""
-        path = NO_NAME.sub("_", path)
-        while self.prefix + path.replace(".", ":") in self.by_name:
-            path += "_"
-        name = self.prefix + path.replace(".", ":")
+    def add(self, parts: NameParts, access: str, variable: ProcessVariable) -> None:
+        """A variable that stands in the tree."""
+        name = self.name_of(parts)
         self.by_name[name] = variable
-        self.enter(path, {access: name})
+        *device, last = parts
+        is_taken = tuple(device) in self._axes and last in AXIS_ENTRIES
+        self.enter((*device, escaped(last, is_word, AXIS_ENTRIES) if is_taken else last), {access: name})
 
-    def enter(self, path: str, entry: dict[str, str]) -> None:
-        """An entry of the tree, and the devices above it. What stands there stays."""
-        device, _, last = path.rpartition(".")
+    def name_of(self, parts: NameParts) -> str:
+        return self.prefix + ":".join(parts)
+
+    def enter(self, parts: NameParts, entry: dict[str, str]) -> None:
+        """An entry of the tree, and the devices above it."""
+        device, name = parts[:-1], entry_of(parts[-1])
         if device in self._leaves:  # an alarm of an object
-            device, last = device.rpartition(".")[0], f"{device.rpartition('.')[2]}_{last}"
-        elif "d" not in entry:
-            self._leaves.add(path)
+            device, name = device[:-1], f"{entry_of(device[-1])}{JOINED}{name}"
         if device not in self._tree:
             self._tree[device] = {}
-            self.enter(device, {"d": f"{self.prefix}{device.replace('.', ':')}:PVI"})
-        named = f"{last}_" if last in RESERVED else last
-        self._tree[device].setdefault(f"__{last}" if last.isdigit() else named, entry)
+            self.enter(device, {"d": self.name_of((*device, TREE))})
+        self._tree[device][name] = entry
 
     def follow(self, item: FaceItem, show: Show) -> None:
         """Call it with each new value of an item."""
@@ -85,20 +96,18 @@ class EpicsVariables:
     def add_item(self, item: FaceItem) -> None:
         if item.kind is ItemKind.SIGNAL and f"tunable:{item.path}" in self.machine.by_name:
             return  # the same number
-        path = ".".join(filter(None, (item.path, SUFFIXES.get(item.kind))))
-        path = f"run.{path}" if item.kind is ItemKind.RUN else path
+        parts = (RUN, item.path) if item.kind is ItemKind.RUN else parts_of(item.path, SUFFIXES.get(item.kind, ""))
         write = self._write_of(item)
         value = undefined(choice(0, list(item.states.values()), _about(item)) if item.states else _number(item))
         variable = ProcessVariable(value, write, kept_up=item.kind is ItemKind.ACTUATOR)
         self.follow(item, _state_shown(variable, item) if item.states else number_shown(variable))
-        self.add(path, "r" if write is None else "rw", variable)
+        self.add(parts, "r" if write is None else "rw", variable)
         if item.kind is ItemKind.EQUIPMENT:
-            self.add_button(
-                f"{item.path}.clear".lstrip("."), "clear its fault", partial(self.ask, do="clear", path=item.path)
-            )
+            clear = partial(self.ask, do="clear", path=item.path)
+            self.add_button(parts_of(item.path, "clear"), "clear its fault", clear)
         elif item.kind is ItemKind.ALARM:
             acknowledge = partial(self.ask, do="acknowledge alarm", path=item.path)
-            self.add_button(f"{item.path}.acknowledge", "acknowledge it", acknowledge)
+            self.add_button(parts_of(item.path, "acknowledge"), "acknowledge it", acknowledge)
 
     def _write_of(self, item: FaceItem) -> CarryOut | None:
         if item.kind is ItemKind.TUNABLE:
@@ -127,21 +136,19 @@ class EpicsVariables:
             return self.ask(user, "call", path, arguments={})
 
         value = scalar(0, "i", description=str(about["help"]))
-        self.add(path, "x", ProcessVariable(value, write, call, kept_up=bool(about["dead_man"])))
+        self.add(parts_of(path), "x", ProcessVariable(value, write, call, kept_up=bool(about["dead_man"])))
 
-    def add_button(self, path: str, about: str, command: Callable[[Any], Any]) -> None:
+    def add_button(self, parts: NameParts, about: str, command: Callable[[Any], Any]) -> None:
         """A put of anything gives the command."""
 
         def press(user: Any, given: Value) -> Any:
             return command(user)
 
-        self.add(path, "x", ProcessVariable(scalar(0, "i", description=about), press, press))
+        self.add(parts, "x", ProcessVariable(scalar(0, "i", description=about), press, press))
 
     def add_tree(self) -> None:
         for device, entries in self._tree.items():
-            self.by_name[f"{self.prefix}{device.replace('.', ':') + ':' if device else ''}PVI"] = ProcessVariable(
-                pvi(entries)
-            )
+            self.by_name[self.name_of((*device, TREE))] = ProcessVariable(pvi(entries))
 
     # Showing -------------------------------------------------------------------------------------------
 
@@ -166,9 +173,26 @@ def variables_of(machine: Declaration, prefix: str, commands: Commands) -> Epics
     for action in machine.actions:
         variables.add_action(action)
     variables.add_button(
-        "run.stop", "end the run: every actuator goes to its default", partial(variables.ask, do="stop")
+        (RUN, "stop"), "end the run: every actuator goes to its default", partial(variables.ask, do="stop")
     )
     return variables
+
+
+def parts_of(path: str, own: str = "") -> NameParts:
+    """The parts of the name of what has this path. `own`: one of `OWN_PARTS`, which follows. A part of the path that is
+    one of these, or is first and that of the run, is escaped."""
+    first, *others = (escaped(each or NO_NAME, is_word, OWN_PARTS) for each in path.split("."))
+    parts = (escaped(first, is_word, (RUN,)), *others) if path else ()
+    return (*parts, own) if own else parts
+
+
+def entry_of(part: str) -> str:
+    """A part of a name as an entry of the tree, a field of pvData: not a number alone, nor one of `RESERVED`."""
+    if part.isdigit():
+        return f"{IN_LIST}{part}"
+    if part[0].isdigit() or part.removeprefix(IN_LIST).isdigit():
+        return f"{coded(part[0])}{part[1:]}"
+    return f"{part}_" if part.rstrip("_") in RESERVED else part
 
 
 def _marks(changes: Changes, place: int) -> dict[str, Any]:
@@ -193,12 +217,12 @@ def _state_shown(variable: ProcessVariable, item: FaceItem) -> Show:
 
     def show(value: float, marks: Mapping[str, Any]) -> None:
         fields = dict(marks)
-        if not isnan(value) and int(value) in places:
+        if (state := item.state_of(value)) is not None:
             fields["value.index"] = places[int(value)]
-            severity = _severity(item, item.states[int(value)])
+            severity = _severity(item, state)
             if severity > fields["alarm.severity"]:
                 fields |= {"alarm.severity": severity, "alarm.status": RECORD}
-                fields["alarm.message"] = str(item.about.get("text", item.states[int(value)]))
+                fields["alarm.message"] = str(item.about.get("text", state))
         variable.show(fields)
 
     return show
@@ -226,12 +250,8 @@ def _number(item: FaceItem) -> Value:
 
 
 def precision_of(item: FaceItem) -> int:
-    """Digits after the point: of the resolution, else six of the greatest value."""
-    if resolution := item.about.get("resolution"):
-        return digits_of(float(resolution), float(item.about.get("zero_offset", 0.0)))
-    ends = [abs(end) for end in (item.minimum, item.maximum) if end is not None and isfinite(end)]
-    greatest = max(ends, default=0.0)
-    return min(max(5 - floor(log10(greatest)), 0), 15) if greatest else PRECISION
+    """Digits after the point."""
+    return PRECISION if item.digits is None else item.digits
 
 
 def number_in(given: Value, *, whole: bool = False) -> float:

@@ -9,7 +9,7 @@ from typing import Any
 from p4p import Value
 
 from umo.errors import CommandRefused, PathError
-from umo.faces.epics.epics_variables import EpicsVariables, number_in, number_shown, precision_of
+from umo.faces.epics.epics_variables import EpicsVariables, number_in, number_shown, parts_of, precision_of
 from umo.faces.epics.process_variable import CarryOut, ProcessVariable, choice, scalar, undefined
 from umo.faces.face import User
 from umo.faces.face_declaration import FaceItem
@@ -25,7 +25,8 @@ class MotorRecord:
     def __init__(self, variables: EpicsVariables, axis: Mapping[str, Any]) -> None:
         self._variables, self._axis = variables, axis
         self._path = str(axis["path"])
-        self._name = f"{variables.prefix}{self._path.replace('.', ':')}" if self._path else variables.prefix[:-1]
+        self._parts = parts_of(self._path)
+        self._name = variables.name_of(self._parts) if self._path else variables.prefix[:-1]
         self._state, self._jog_velocity = "", JOG_SHARE * float(axis["largest"]["velocity"])
         self._acceleration = float(axis["largest"]["acceleration"])
         self._velocity = float(axis["largest"]["velocity"])
@@ -68,8 +69,8 @@ class MotorRecord:
         for shown, item in ((readbacks, encoder), (targets, items.get(self._axis["setpoint"], encoder))):
             for variable in shown:
                 follow(item, number_shown(variable))
-        self._variables.enter(f"{self._path}.target".lstrip("."), {"rw": f"{self._name}.VAL"})
-        self._variables.enter(f"{self._path}.stop".lstrip("."), {"x": f"{self._name}.STOP"})
+        self._variables.enter((*self._parts, "target"), {"rw": f"{self._name}.VAL"})
+        self._variables.enter((*self._parts, "stop"), {"x": f"{self._name}.STOP"})
 
     def _add_motion(self, state: FaceItem) -> None:
         done, moving = (self._field(name, undefined(scalar(0, "i"))) for name in ("DMOV", "MOVN"))

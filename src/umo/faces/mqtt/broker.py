@@ -45,8 +45,9 @@ class Message:
 class Broker:
     """One connection, which is tried again until `stop`.
 
-    `will` is asked before each connecting. `on_up` and `on_message` (topic, payload) are called in the loop;
-    retained messages are not heard, unless their topic is in `kept`: a command of yesterday is none.
+    `will` is asked before each CONNECT, not for an attempt that does not get that far. `on_up` and `on_message` (topic,
+    payload) are called in the loop; retained messages are not heard, unless their topic is in `kept`: a command of
+    yesterday is none.
     """
 
     def __init__(
@@ -75,7 +76,7 @@ class Broker:
         client = paho.Client(CallbackAPIVersion.VERSION2, client_id=name, protocol=paho.MQTTv311)
         client.connect_timeout = CONNECT_TIMEOUT
         client.reconnect_delay_set(FIRST_PAUSE, MAX_PAUSE)
-        client.on_pre_connect, client.on_connect_fail = self._before, self._failed
+        client.on_socket_open, client.on_connect_fail = self._before, self._failed
         client.on_connect, client.on_disconnect, client.on_message = self._connected, self._lost, self._came
         if self._address.user:
             client.username_pw_set(self._address.user, self._address.password())
@@ -120,12 +121,13 @@ class Broker:
         self._client.loop_stop()
         self.is_up = False
         client = self._client  # no cycle: its sockets are closed with it
-        client.on_pre_connect = client.on_connect_fail = client.on_connect = None
+        client.on_socket_open = client.on_connect_fail = client.on_connect = None
         client.on_disconnect = client.on_message = None
 
     # In the thread of the connection -------------------------------------------------------------------
 
-    def _before(self, client: paho.Client, data: Any) -> None:
+    def _before(self, client: paho.Client, data: Any, connection: Any) -> None:
+        """The broker listens: CONNECT is sent next."""
         will, self._is_refused = self._will(), False
         client.will_set(will.topic, will.payload, will.qos, will.retain)
 

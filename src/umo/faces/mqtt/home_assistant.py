@@ -17,7 +17,17 @@ from umo.faces.face_declaration import Declaration, FaceItem
 from umo.faces.face_image import NEVER_TAKEN
 from umo.faces.mqtt.broker import Broker, Message, arguments_of
 from umo.faces.mqtt.broker_address import BrokerAddress
-from umo.faces.mqtt.home_assistant_discovery import PRESS, discovery, mark_of, plain, text_of_time, told, value_topic
+from umo.faces.mqtt.home_assistant_discovery import (
+    PRESS,
+    TOPICS,
+    device_of,
+    discovery,
+    former_topics,
+    mark_of,
+    text_of_time,
+    told,
+    value_topic,
+)
 
 USER = "homeassistant"
 """The name of the user of every command: the protocol tells none."""
@@ -70,14 +80,15 @@ class HomeAssistant(Face):
 
     async def begin(self, machine: Declaration, commands: Commands) -> None:
         self._machine, self._commands, self._changes = machine, commands, None
-        self._base = f"{self._topic}/{plain(machine.station)}"
-        self._topics = [value_topic(self._base, item.name) for item in machine.items]
+        self._base = f"{self._topic}/{TOPICS.part(machine.station)}"
+        self._topics = [value_topic(self._base, item) for item in machine.items]
         self._missed, self._is_behind = {}, False
         self._has_states = np.array([bool(item.states) for item in machine.items])
         self._qualities = np.full(len(machine.items), NEVER_TAKEN, np.uint8)
         orders = [f"{self._base}/set/#", f"{self._base}/press/#"]
-        name = f"umo-ha-{plain(machine.station)}"
-        self._link = Broker(self._broker, name, self._last, orders, self._came_up, self._hear)
+        self._link = Broker(
+            self._broker, f"{device_of(machine.station)}-ha", self._last, orders, self._came_up, self._hear
+        )
         self._link.start()
         self._keep(self._tell_numbers())
 
@@ -107,7 +118,8 @@ class HomeAssistant(Face):
         """Everything is told again, as the broker may have lost it: discovery, values, then that they count."""
         assert self._machine is not None
         found = discovery(self._machine, self._base, self._prefix)
-        self._missed = {topic: json.dumps(config).encode() for topic, config in found.items()}
+        self._missed = dict.fromkeys(former_topics(self._machine, self._prefix), b"")
+        self._missed |= {topic: json.dumps(config).encode() for topic, config in found.items()}
         self._missed[f"{self._base}/declaration"] = mark_of(self._machine).encode()
         self._miss(range(len(self._topics)))
         self._missed[f"{self._base}/status"] = ONLINE
@@ -144,7 +156,7 @@ class HomeAssistant(Face):
     async def _carry_out(self, order: str, payload: bytes) -> None:
         assert self._commands is not None
         do, _, path = order.partition("/")
-        path, user = path.replace("/", "."), User(USER, proved=False, is_remote=self._broker.is_remote)
+        path, user = TOPICS.path(path), User(USER, proved=False, is_remote=self._broker.is_remote)
         try:
             if do == "press":
                 arguments = {} if payload == PRESS else arguments_of(payload)

@@ -5,29 +5,52 @@ from __future__ import annotations
 import json
 import re
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from math import isfinite, isnan
 from typing import Any
 
 from umo.faces.face import Changes
-from umo.faces.face_declaration import Declaration, FaceItem, ItemKind
+from umo.faces.face_declaration import QUIET, Declaration, FaceItem, ItemKind
 from umo.objects import Quality
+from umo.presentation.identity import Identities, escaped, is_topic, is_word
 
 PRESS = b"PRESS"
 STEP = 0.001
 """Smallest step of a number that Home Assistant can set."""
 DEFAULT_LIMITS = -1e9, 1e9
-FRESH = "{{ 'online' if value_json.quality in ['good', 'out of range', 'unreferenced'] else 'offline' }}"
+DISPLAYED = (Quality.GOOD, Quality.OUT_OF_RANGE, Quality.UNREFERENCED)
+"""The qualities with which an entity has its value; with the others it is unavailable."""
+PROBLEMS = (ItemKind.ALARM, ItemKind.EQUIPMENT)
+"""What is a binary sensor of class `problem`."""
+UNITS = {"l": "L", "ml": "mL", "l/min": "L/min"}
+"""Home Assistant's spelling of units."""
+DEVICE_CLASSES = {
+    unit: name
+    for name, units in {
+        "temperature": "°C °F", "pressure": "Pa hPa kPa mbar bar psi mmHg", "voltage": "V mV", "current": "A mA",
+        "power": "W kW", "frequency": "Hz kHz MHz GHz", "distance": "mm cm m km", "speed": "m/s km/h",
+        "weight": "mg g kg", "volume_storage": "mL L m³", "volume_flow_rate": "L/min m³/h", "duration": "ms s min h d",
+        "irradiance": "W/m²", "illuminance": "lx",
+    }.items()
+    for unit in units.split()
+}  # fmt: skip
+"""The class that a sensor's unit tells. K tells none: Home Assistant would convert differences as temperatures."""
 
 
-def plain(name: str) -> str:
-    """A name as Home Assistant takes it in topics and identifiers."""
-    return re.sub(r"[^A-Za-z0-9_-]", "_", name)
+ENTITIES = Identities("-", "--", is_word)
+"""Identifiers of entities: `tunable:cell.gain` is `tunable--cell-gain`. Home Assistant has letters, digits, _ and -."""
+TOPICS = Identities("/", ":", is_topic)
+"""Below `value`, `set` and `press`: `tunable:cell.gain` is `tunable:cell/gain`."""
 
 
-def value_topic(base: str, name: str) -> str:
-    return f"{base}/value/{re.sub('[+#]', '_', name).replace('.', '/')}"
+def device_of(station: str) -> str:
+    """The identifier of a station's device."""
+    return f"umo-{escaped(station, is_word)}"
+
+
+def value_topic(base: str, item: FaceItem) -> str:
+    return f"{base}/value/{item.identity(TOPICS)}"
 
 
 def text_of_time(utc: float) -> str | None:
@@ -39,33 +62,71 @@ def told(item: FaceItem, changes: Changes) -> bytes:
     value, quality = float(changes.values[item.number]), changes.quality_of(item.number)
     shown: Any = None
     if not isnan(value) and quality is not Quality.BAD:
-        shown = item.states.get(int(value), f"{value:g}") if item.states else value if abs(value) < 1e300 else None
+        shown = item.state_of(value) or f"{value:g}" if item.states else value if abs(value) < 1e300 else None
     time = text_of_time(float(changes.times[item.number]))
-    return json.dumps({"value": shown, "quality": str(quality).lower(), "time": time}).encode()
+    return json.dumps({"value": shown, "quality": _word(quality), "time": time}).encode()
+
+
+def _word(quality: Quality) -> str:
+    """A quality as it is told."""
+    return str(quality).lower()
+
+
+def _listed(names: Iterable[str]) -> str:
+    """Texts as a list of Jinja."""
+    return json.dumps(list(names), ensure_ascii=False)
+
+
+FRESH = f"{{{{ 'online' if value_json.quality in {_listed(map(_word, DISPLAYED))} else 'offline' }}}}"
 
 
 def discovery(machine: Declaration, base: str, prefix: str) -> Mapping[str, Mapping[str, Any]]:
     """The configuration of each entity by its topic."""
-    station = plain(machine.station)
-    found: dict[str, dict[str, Any]] = {}
-    mark = mark_of(machine)
+    device, found = device_of(machine.station), {}
+    common = _common(machine, base)
 
-    def add(component: str, name: str, about: dict[str, Any]) -> None:
-        while (topic := f"{prefix}/{component}/umo_{station}/{plain(name)}/config") in found:  # a.b_c and a_b.c
-            name += "_"
-        found[topic] = _common(station, base, name, mark) | about
+    def add(component: str, name: str, identity: str, about: dict[str, Any]) -> None:
+        topic = f"{prefix}/{component}/{device}/{identity}/config"
+        availability = [*common["availability"]]
         if "json_attributes_topic" in about:
-            found[topic]["availability"].append({"topic": about["state_topic"], "value_template": FRESH})
+            availability.append({"topic": about["state_topic"], "value_template": FRESH})
+        own = {"name": name, "unique_id": f"{device}-{identity}", "availability": availability}
+        found[topic] = common | own | about
 
     for item in machine.items:
         component, more = _component(item, base)
-        add(component, item.name, _value(base, item) | more)
-    for each in machine.actions:
-        if not each.get("arguments") and not each.get("dead_man"):
-            path = str(each["path"])
-            press = {"command_topic": f"{base}/press/{path.replace('.', '/')}", "payload_press": PRESS.decode()}
-            add("button", f"action:{path}", press)
-    add("sensor", "refusal", {"state_topic": f"{base}/refusal", "value_template": "{{ value_json.text }}"})
+        add(component, item.name, item.identity(ENTITIES), _value(base, item) | more)
+    for path in pressed(machine):
+        press = {"command_topic": f"{base}/press/{TOPICS.of(path)}", "payload_press": PRESS.decode()}
+        add("button", f"action:{path}", ENTITIES.of(path, "action"), press)
+    refusal = {"state_topic": f"{base}/refusal", "value_template": "{{ value_json.text }}"}
+    add("sensor", "refusal", ENTITIES.of("refusal", "run"), refusal)
+    return found
+
+
+def pressed(machine: Declaration) -> list[str]:
+    """Paths of the actions that have a button."""
+    return [str(each["path"]) for each in machine.actions if not each.get("arguments") and not each.get("dead_man")]
+
+
+def former_topics(machine: Declaration, prefix: str) -> list[str]:
+    """Topics of discovery as umo 0.2 had them: two names could have one identity. What the broker keeps there is
+    deleted, so that Home Assistant has each entity once."""
+    found: list[str] = []
+
+    def add(component: str, name: str) -> None:
+        station, plain = (re.sub(r"[^A-Za-z0-9_-]", "_", each) for each in (machine.station, name))
+        while (topic := f"{prefix}/{component}/umo_{station}/{plain}/config") in found:
+            plain += "_"
+        found.append(topic)
+
+    for item in machine.items:
+        is_binary = item.kind is ItemKind.SENSOR and set(item.states) == {0, 1}
+        is_number = item.kind is ItemKind.TUNABLE and not item.states
+        add("binary_sensor" if is_binary else "number" if is_number else "sensor", item.name)
+    for path in pressed(machine):
+        add("button", f"action:{path}")
+    add("sensor", "refusal")
     return found
 
 
@@ -74,12 +135,11 @@ def mark_of(machine: Declaration) -> str:
     return f"{zlib.crc32(repr((machine.items, machine.actions)).encode()):08x}"
 
 
-def _common(station: str, base: str, name: str, mark: str) -> dict[str, Any]:
-    is_declared = f"{{{{ 'online' if value == '{mark}' else 'offline' }}}}"
+def _common(machine: Declaration, base: str) -> dict[str, Any]:
+    """What all entities have."""
+    is_declared = f"{{{{ 'online' if value == '{mark_of(machine)}' else 'offline' }}}}"
     return {
-        "name": name,
-        "unique_id": f"umo_{station}_{plain(name)}",
-        "device": {"identifiers": [f"umo_{station}"], "name": station, "manufacturer": "umo"},
+        "device": {"identifiers": [device_of(machine.station)], "name": machine.station, "manufacturer": "umo"},
         "availability": [
             {"topic": f"{base}/status"},
             {"topic": f"{base}/declaration", "value_template": is_declared},
@@ -89,20 +149,38 @@ def _common(station: str, base: str, name: str, mark: str) -> dict[str, Any]:
 
 
 def _value(base: str, item: FaceItem) -> dict[str, Any]:
-    topic = value_topic(base, item.name)
-    return {"state_topic": topic, "value_template": "{{ value_json.value }}", "json_attributes_topic": topic}
+    """Where the value is, and what makes the state of it. What is none of the states is not known (`None`); Home
+    Assistant would go on with the last one."""
+    topic, template = value_topic(base, item), "{{ value_json.value }}"
+    if item.states:
+        known = _listed(dict.fromkeys(item.states.values()))
+        shown = (
+            f"('OFF' if value_json.value in {_listed(QUIET)} else 'ON')" if _is_problem(item) else "value_json.value"
+        )
+        template = f"{{{{ {shown} if value_json.value in {known} else None }}}}"
+    return {"state_topic": topic, "value_template": template, "json_attributes_topic": topic}
+
+
+def _is_problem(item: FaceItem) -> bool:
+    return item.kind in PROBLEMS and bool(item.states)
 
 
 def _component(item: FaceItem, base: str) -> tuple[str, dict[str, Any]]:
     """Which entity an item is, and what only that has."""
-    unit = {"unit_of_measurement": item.look} if item.look else {}
+    look = UNITS.get(item.look, item.look)
+    unit = {"unit_of_measurement": look} if look else {}
     if item.kind is ItemKind.TUNABLE and not item.states:
         limits = zip((item.minimum, item.maximum), DEFAULT_LIMITS, strict=True)
         low, high = (other if limit is None or not isfinite(limit) else limit for limit, other in limits)
-        order = f"{base}/set/{item.path.replace('.', '/')}"
+        order = f"{base}/set/{TOPICS.of(item.path)}"
         return "number", unit | {"command_topic": order, "min": low, "max": high, "step": STEP, "mode": "box"}
     if item.kind is ItemKind.SENSOR and set(item.states) == {0, 1}:
         return "binary_sensor", {"payload_off": item.states[0], "payload_on": item.states[1]}
+    if _is_problem(item):
+        return "binary_sensor", {"device_class": "problem"}
     if item.states:
         return "sensor", {"device_class": "enum", "options": list(dict.fromkeys(item.states.values()))}
-    return "sensor", unit | {"state_class": "measurement"}
+    more: dict[str, Any] = {"device_class": DEVICE_CLASSES[look]} if look in DEVICE_CLASSES else {}
+    if item.digits is not None:
+        more["suggested_display_precision"] = item.digits
+    return "sensor", unit | more | {"state_class": "measurement"}

@@ -21,6 +21,7 @@ from umo.faces.mqtt.broker_address import BrokerAddress
 from umo.faces.mqtt.sparkplug_node import DONE, REBIRTH, REFUSAL, SparkplugNode
 from umo.faces.mqtt.sparkplug_payload import Payload, properties_of, value_of
 from umo.frames.reader import NumberedEvent
+from umo.presentation.identity import escaped, is_topic
 
 log = logging.getLogger("umo.faces")
 STORE = 50_000
@@ -83,7 +84,7 @@ class Sparkplug(Face):
         self._commands, self._changes = commands, None
         self._stored.clear()  # of another run
         self._node = SparkplugNode(machine, self._bd_seq)
-        self._edge = self._name or "".join("_" if each in "+/#" else each for each in machine.station)
+        self._edge = self._name or escaped(machine.station, is_topic)
         self._connect()
 
     async def frames(self, changes: Changes) -> None:
@@ -111,7 +112,7 @@ class Sparkplug(Face):
 
     def _connect(self) -> None:
         state = [f"spBv1.0/STATE/{self._primary}"] if self._primary else []
-        name, topics = f"umo-{self._group}-{self._edge}", [self._topic("NCMD"), *state]
+        name, topics = f"umo-sparkplug-{self._group}/{self._edge}", [self._topic("NCMD"), *state]
         self._is_born = self._host_online = False
         self._link = Broker(self._broker, name, self._will, topics, self._came_up, self._hear, kept=state)
         self._link.start()
@@ -122,7 +123,7 @@ class Sparkplug(Face):
             await link.stop(Message(self._topic("NDEATH"), self._node.death(), 1))
 
     def _will(self) -> Message:
-        """Asked before each connecting: each has a number of its own."""
+        """Asked before each CONNECT: each has a number of its own (`tck-id-topics-nbirth-bdseq-increment`)."""
         self._bd_seq = self._node.bd_seq = (self._bd_seq + 1) % 256
         return Message(self._topic("NDEATH"), self._node.death(), 1)
 

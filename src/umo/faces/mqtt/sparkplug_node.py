@@ -22,22 +22,20 @@ from umo.faces.mqtt.sparkplug_payload import (
 )
 from umo.frames.reader import NumberedEvent
 from umo.objects import Quality
+from umo.presentation.identity import Identities, is_text
 
 REBIRTH = "Node Control/Rebirth"
 REFUSAL, DONE = "Node Control/Refusal", "Node Control/Done"
 """Metrics with the answers to commands."""
 DROPPED = "Node Info/Dropped"
-EVENT = "event"
-ACTION = "action:"
-"""Before the path of an action. Its metric is its last result."""
+EVENT, BD_SEQ = "event", "bdSeq"
+METRICS = Identities("/", ":", is_text, frozenset({EVENT, BD_SEQ}))
+"""Names of metrics: `tunable:cell.gain` is `tunable:cell/gain`; hosts show a slash as a folder."""
+ACTION = "action"
+"""The kind of a metric that calls an action. Its value is the last result."""
 QUALITY = "Quality"
 QUALITIES = {Quality.GOOD: GOOD, Quality.STALE: STALE}
 """All others are BAD: Sparkplug has three. The property `quality` has umo's word."""
-
-
-def metric_name(name: str) -> str:
-    """`tunable:cell.gain` is `tunable:cell/gain`: hosts show a slash as a folder."""
-    return name.replace(".", "/")
 
 
 def milliseconds(utc: float) -> int:
@@ -50,9 +48,9 @@ class SparkplugNode:
     def __init__(self, machine: Declaration, bd_seq: int) -> None:
         self.machine = machine
         self.bd_seq = bd_seq
-        self.by_metric: Mapping[str, FaceItem] = {metric_name(item.name): item for item in machine.items}
-        self.actions = {ACTION + metric_name(str(each["path"])): each for each in machine.actions}
-        self._names = [metric_name(item.name) for item in machine.items]
+        self._names = [item.identity(METRICS) for item in machine.items]
+        self.by_metric: Mapping[str, FaceItem] = dict(zip(self._names, machine.items, strict=True))
+        self.actions = {METRICS.of(str(each["path"]), ACTION): each for each in machine.actions}
         self._told = [-1] * len(machine.items)
         """The quality of each item that was told last."""
         self._seq = 0
@@ -64,7 +62,7 @@ class SparkplugNode:
 
     def death(self) -> bytes:
         payload = _payload()
-        put_value(payload.metrics.add(name="bdSeq", timestamp=payload.timestamp), self.bd_seq)
+        put_value(payload.metrics.add(name=BD_SEQ, timestamp=payload.timestamp), self.bd_seq)
         return bytes(payload.SerializeToString())
 
     def birth(self, changes: Changes, dropped: int) -> bytes:
@@ -72,7 +70,7 @@ class SparkplugNode:
         payload, machine = _payload(), self.machine
         self._seq = 0
         own: Mapping[str, Any] = {
-            "bdSeq": self.bd_seq, REBIRTH: False, "Node Info/Station": machine.station,
+            BD_SEQ: self.bd_seq, REBIRTH: False, "Node Info/Station": machine.station,
             "Node Info/Wiring": machine.wiring, "Node Info/Run": machine.run, DROPPED: dropped,
             REFUSAL: None, DONE: None, EVENT: None, **dict.fromkeys(self.actions),
         }  # fmt: skip
@@ -129,7 +127,7 @@ class SparkplugNode:
             if isnan(value) or quality == Quality.BAD:
                 metric.is_null, metric.datatype = True, STRING if states else DOUBLE
             elif states:
-                metric.datatype, metric.string_value = STRING, states.get(int(value), f"{value:g}")
+                metric.datatype, metric.string_value = STRING, items[place].state_of(value) or f"{value:g}"
             else:
                 metric.datatype, metric.double_value = DOUBLE, value
             if quality or quality != told[place]:

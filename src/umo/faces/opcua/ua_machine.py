@@ -13,7 +13,10 @@ from asyncua.server.address_space import AttributeValue
 from umo.faces.face_declaration import Declaration, FaceItem, ItemKind
 from umo.faces.opcua.ua_tree import NodeTree, O, argument, enum_values
 from umo.faces.opcua.ua_values import is_switch, unit_of
+from umo.presentation.identity import Identities, is_text
 
+IDENTITIES = Identities(".", ":", is_text, frozenset({"machine", "refusal"}))
+"""Identifiers of nodes. What belongs to a node has its identifier, a slash and a name."""
 ARGUMENT_TYPES: Mapping[str, int] = {"number": O.Double, "integer": O.Int64, "bool": O.Boolean}
 """Data types of the arguments of actions by their kinds; the others are texts."""
 RESULT = argument("Result", O.BaseDataType, "what the action returns; a list or a mapping as text")
@@ -85,7 +88,7 @@ class MachineNodes:
         """The object of a compound; "": the machine."""
         if path not in self._parts:
             above, _, name = path.rpartition(".")
-            self._parts[path] = self._tree.object(self.part(above), f"part:{path}", name)
+            self._parts[path] = self._tree.object(self.part(above), IDENTITIES.of(path, "part"), name)
             self.by_path.setdefault(path, self._parts[path])
         return self._parts[path]
 
@@ -122,46 +125,47 @@ class MachineNodes:
             (False, True): O.AnalogItemType,
             (False, False): O.BaseDataVariableType,
         }
-        kind = kinds[bool(item.unit), has_range]
-        node = self._tree.variable(parent, item.name, name, kind, O.Double, item.writable, description=item.path)
+        kind, text = kinds[bool(item.unit), has_range], item.identity(IDENTITIES)
+        node = self._tree.variable(parent, text, name, kind, O.Double, item.writable, description=item.path)
         for wanted, title, value, data_type in (
             (has_range, "EURange", ua.Range(*bounds), O.Range),
             (bool(item.unit), "EngineeringUnits", unit_of(item), O.EUInformation),
         ):
             if wanted:
                 variant = ua.Variant(value, ua.VariantType.ExtensionObject)
-                self._tree.property(node, f"{item.name}/{title}", title, variant, data_type)
+                self._tree.property(node, f"{text}/{title}", title, variant, data_type)
         return node
 
     def _state(self, parent: ua.NodeId, name: str, item: FaceItem) -> ua.NodeId:
         """Two states, 0 and 1, are a Boolean; others are a number with a name."""
-        switch = is_switch(item)
+        switch, text = is_switch(item), item.identity(IDENTITIES)
         kind = O.TwoStateDiscreteType if switch else O.MultiStateValueDiscreteType
         data_type = O.Boolean if switch else O.Int32
-        node = self._tree.variable(parent, item.name, name, kind, data_type, item.writable, description=item.path)
+        node = self._tree.variable(parent, text, name, kind, data_type, item.writable, description=item.path)
         if switch:
             for number, title in enumerate(("FalseState", "TrueState")):
-                text = ua.Variant(ua.LocalizedText(item.states[number]), ua.VariantType.LocalizedText)
-                self._tree.property(node, f"{item.name}/{title}", title, text, O.LocalizedText)
+                state = ua.Variant(ua.LocalizedText(item.states[number]), ua.VariantType.LocalizedText)
+                self._tree.property(node, f"{text}/{title}", title, state, O.LocalizedText)
             return node
-        self._tree.property(node, f"{item.name}/EnumValues", "EnumValues", enum_values(item.states), O.EnumValueType)
-        text = ua.Variant(ua.LocalizedText(""), ua.VariantType.LocalizedText)
-        shown = self._tree.property(node, f"{item.name}/ValueAsText", "ValueAsText", text, O.LocalizedText)
+        self._tree.property(node, f"{text}/EnumValues", "EnumValues", enum_values(item.states), O.EnumValueType)
+        nothing = ua.Variant(ua.LocalizedText(""), ua.VariantType.LocalizedText)
+        shown = self._tree.property(node, f"{text}/ValueAsText", "ValueAsText", nothing, O.LocalizedText)
         self.texts[item.number] = self._tree.value_of(shown)
         return node
 
     def _alarm(self, item: FaceItem) -> ua.NodeId:
         """The object of an alarm in the folder Alarms, named by its path."""
         about = f"{item.about.get('text', '')} (priority {item.about.get('priority', '')})"
-        node = self._tree.object(self.part("Alarms"), f"condition:{item.path}", item.path, description=about)
+        own = IDENTITIES.of(item.path, "condition")
+        node = self._tree.object(self.part("Alarms"), own, item.path, description=about)
         self.alarms[item.path] = node
         given = (*EVENT, *COMMENT)
         method = self._tree.method(
-            node, f"condition:{item.path}/Acknowledge", "Acknowledge", given, own=0, description="Acknowledge it."
+            node, f"{own}/Acknowledge", "Acknowledge", given, own=0, description="Acknowledge it."
         )
         self.acknowledging[method] = item.path
         for command in ALARM_COMMANDS:
-            self._add_command(node, f"condition:{item.path}/{command[0]}", command, item.path)
+            self._add_command(node, f"{own}/{command[0]}", command, item.path)
         return node
 
     # Methods -----------------------------------------------------------------------------------------------
@@ -178,7 +182,9 @@ class MachineNodes:
         above, _, name = path.rpartition(".")
         given = [argument(each["name"], ARGUMENT_TYPES.get(each["kind"], O.String), _about(each)) for each in arguments]
         text = str(action.get("help") or "")
-        node = self._tree.method(self.part(above), f"action:{path}", name, given, (RESULT,), description=text)
+        node = self._tree.method(
+            self.part(above), IDENTITIES.of(path, "action"), name, given, (RESULT,), description=text
+        )
         kinds = {each["name"]: each["kind"] for each in arguments}
         self.methods[node] = Called("call", path, kinds, bool(action.get("dead_man")))
 

@@ -8,7 +8,7 @@ from typing import Any
 from asyncua import Node, ua
 
 from umo.faces.face_declaration import Declaration
-from umo.faces.opcua.ua_machine import Called, MachineNodes
+from umo.faces.opcua.ua_machine import IDENTITIES, Called, MachineNodes
 from umo.faces.opcua.ua_tree import NodeTree, O
 from umo.operation.packml import PACKML, PackMLState
 
@@ -66,7 +66,7 @@ class PackMLUnits:
 
     async def _add(self, unit: Mapping[str, Any], machine: Declaration, nodes: MachineNodes) -> None:
         path, tree = str(unit["path"]), self._tree
-        text = f"packml:{path}"
+        text = IDENTITIES.of(path, "packml")
         parent = Node(self._server.iserver.isession, nodes.part(str(unit["part"])))
         kind = ua.NodeId(BASE_TYPE, self._namespace)
         name = ua.QualifiedName("PackML", tree.namespace)

@@ -1,0 +1,216 @@
+"""Identities on faces: unique and constant, whatever letters a name has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from asyncua import ua
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from prometheus_client import generate_latest
+
+from umo.faces.epics.epics_variables import EpicsVariables, variables_of
+from umo.faces.face import Changes
+from umo.faces.face_declaration import Declaration, FaceItem, ItemKind
+from umo.faces.mqtt.home_assistant_discovery import TOPICS, device_of, discovery, value_topic
+from umo.faces.mqtt.sparkplug_node import SparkplugNode
+from umo.faces.opcua.ua_machine import MachineNodes
+from umo.faces.prometheus import Metrics
+from umo.fleet.fleet_keys import is_station_key, segment
+from umo.presentation.identity import escaped, is_text, is_topic, is_word, unescaped
+
+Thing = tuple[str, str]
+"""Kind ("action": an action) and path."""
+NEAR = ("a", "b", "_", "__", "-", "/", " ", ":", "+", "#", "%", "ä", "ö", "a\u0308", "ﬁ", "0", "1", "é", "_x00E4_", "x")
+WORDS = (
+    "run", "mode", "alarm", "axis", "equipment", "clear", "acknowledge", "PVI", "event", "bdSeq", "machine", "refusal",
+    "stop", "target", "log", "log_", "EURange", "", "Status", "5", "__5", "5a", "State",
+)  # fmt: skip
+"""What looks like an escape, like another name, or like a name that a face has for itself."""
+few = settings(max_examples=40)
+printable = st.characters(blacklist_categories=("C", "Z"), blacklist_characters=".") | st.just(" ")
+near = st.lists(st.sampled_from(NEAR), min_size=1, max_size=3).map("".join)
+part = (
+    st.lists(st.sampled_from(NEAR), min_size=1, max_size=3).map("".join) | st.sampled_from(WORDS) | st.text(printable)
+)
+first = part.filter(str.isidentifier)
+path = st.tuples(first, st.lists(part, max_size=2)).map(lambda each: ".".join((each[0], *each[1])))
+KINDS = [each.value for each in ItemKind if each is not ItemKind.RUN]
+thing = st.tuples(st.sampled_from([*KINDS, "action"]), path)
+
+
+def machine_of(things: Iterable[Thing], station: str = "plant") -> Declaration:
+    """A declaration with these; an axis has its state and its encoder."""
+    found = sorted((each for each in things if each[0] != "action"), key=lambda each: KINDS.index(each[0]))
+    run = ("mode", "periods", "missed", "execution", "wake")
+    items = [FaceItem(n, ItemKind(kind), path, {}) for n, (kind, path) in enumerate(found)]
+    items += [FaceItem(len(items) + n, ItemKind.RUN, path, {}) for n, path in enumerate(run)]
+    actions = tuple({"path": p, "help": "", "arguments": [], "dead_man": False} for k, p in things if k == "action")
+    return Declaration(station, "", "1-1", 0.01, 0.0, tuple(items), actions, (), (), True)
+
+
+class Nodes:
+    """In place of a NodeTree of OPC UA: notes the identifiers."""
+
+    def __init__(self) -> None:
+        self.made: list[str] = []
+
+    def object(self, parent: Any, text: str, *more: Any, **about: Any) -> ua.NodeId:
+        self.made.append(text)
+        return ua.NodeId(text, 1)
+
+    variable = property = object
+
+    def method(self, parent: Any, text: str, name: str, given: Any, returned: Any = (), **more: Any) -> ua.NodeId:
+        self.made += [
+            f"{text}/{each}" for each, there in (("InputArguments", given), ("OutputArguments", returned)) if there
+        ]
+        return self.object(parent, text)
+
+    def value_of(self, node: ua.NodeId) -> Any:
+        return None
+
+
+def opcua(machine: Declaration) -> list[str]:
+    tree: Any = Nodes()
+    MachineNodes(tree, machine, ua.NodeId("machines", 1))
+    return [each for each in tree.made if not each.startswith("part:")]
+
+
+def epics_variables(machine: Declaration) -> EpicsVariables:
+    async def ask(*given: Any, **more: Any) -> None: ...
+
+    commands: Any = SimpleNamespace(ask=ask)
+    return variables_of(machine, "plant:", commands)
+
+
+def epics(machine: Declaration) -> list[str]:
+    return list(epics_variables(machine).by_name)
+
+
+def epics_tree(machine: Declaration) -> dict[str, str]:
+    """The variable of each entry of the tree, by the names of its devices."""
+    variables = epics_variables(machine)
+    variables.add_tree()
+    found, waiting = {}, [("plant:PVI", "")]
+    while waiting:
+        name, above = waiting.pop()
+        for entry, what in variables.by_name[name].value["value"].todict().items():
+            if "d" in what:
+                waiting.append((what["d"], f"{above}.{entry}"))
+            else:
+                (found[f"{above}.{entry}"],) = what.values()
+    return found
+
+
+def home_assistant(machine: Declaration) -> list[str]:
+    found = discovery(machine, "umo/plant", "homeassistant")
+    return [*found, *(each["unique_id"] for each in found.values())]
+
+
+def topics(machine: Declaration) -> list[str]:
+    return [value_topic("umo/plant", each) for each in machine.items]
+
+
+def orders(machine: Declaration) -> list[str]:
+    return [each["command_topic"] for each in discovery(machine, "umo", "x").values() if "command_topic" in each]
+
+
+def sparkplug(machine: Declaration) -> list[str]:
+    node = SparkplugNode(machine, 0)
+    own = ["bdSeq", "event", "Node Control/Rebirth", "Node Info/Station"]
+    return [*own, *node._names, *node.actions]
+
+
+FACES: dict[str, Callable[[Declaration], list[str]]] = {
+    each.__name__: each for each in (opcua, epics, home_assistant, topics, orders, sparkplug)
+}
+
+
+def are_one(one: Thing, other: Thing) -> bool:
+    """Whether a machine cannot have both: a path has one object, signal, tunable number (which is shown), action or
+    part; nothing but alarms is below the first four."""
+    (near, above), (far, below) = sorted((one, other), key=lambda each: len(each[1]))
+    kinds, parts = {near, far}, {"equipment", "axis"}
+    if one == other or "alarm" in kinds:
+        return one == other
+    return (above == below and kinds != parts) or (near not in parts and f"{below}.".startswith(f"{above}."))
+
+
+@pytest.mark.parametrize("face", FACES)
+@few
+@given(thing, thing)
+def test_two_things_never_have_one_identity_and_none_depends_on_another(face: str, one: Thing, other: Thing) -> None:
+    if are_one(one, other):
+        return
+    told = FACES[face]
+    nothing, alone, beside = (told(machine_of(each)) for each in ((), (one,), (other,)))
+    both = told(machine_of((one, other)))
+    assert len(set(both)) == len(both) == len(alone) + len(beside) - len(nothing)
+    assert set(both) == set(alone) | set(beside)
+    assert set(alone) & set(beside) == set(nothing)
+    assert set(told(machine_of((other, one)))) == set(both)
+
+
+@few
+@given(thing, thing)
+def test_an_entry_of_the_tree_of_epics_never_becomes_that_of_another(one: Thing, other: Thing) -> None:
+    if are_one(one, other):
+        return
+    machine = machine_of((one, other))
+    both = epics_tree(machine)
+    assert sorted(both.values()) == sorted(each for each in epics(machine) if not each.endswith("PVI"))
+    for before in (epics_tree(machine_of((one,))), epics_tree(machine_of((other,)))):
+        assert {place: before[place] for place in before if place in both}.items() <= both.items()
+
+
+@few
+@given(near, st.text(max_size=8), st.sampled_from([is_word, is_text, is_topic]))
+def test_an_escape_can_be_undone(one: str, other: str, kept: Callable[[str], bool]) -> None:
+    for text in (one, other, f"{one}_x00E4_{other}", f"{one}_x004{other}"):
+        assert unescaped(escaped(text, kept)) == text.replace("\0", "")
+        assert all(kept(each) for each in escaped(text, kept))
+
+
+@few
+@given(path, path)
+def test_a_path_comes_back_from_its_topic(one: str, other: str) -> None:
+    assert (TOPICS.of(one) == TOPICS.of(other)) == (one == other)
+    assert TOPICS.path(TOPICS.of(one)) == one
+
+
+station = st.text(st.characters(blacklist_characters="/\0"), min_size=1, max_size=255) | part.filter(bool)
+
+
+@few
+@given(station, station)
+def test_two_stations_never_have_one_identity(one: str, other: str) -> None:
+    for name in (one, other):
+        assert is_station_key(f"cell7/{segment(name)}")
+    if one != other:
+        assert segment(one) != segment(other)
+        ours, theirs = (
+            set(home_assistant(machine_of([("sensor", "b_c"), ("sensor", "c")], each))) for each in (one, other)
+        )
+        assert not ours & theirs
+        assert device_of(one) != device_of(other) and escaped(one, is_topic) != escaped(other, is_topic)
+
+
+@pytest.mark.parametrize("name", ["press", "press-2", "press.2", "Press_2", "x" * 64])
+def test_what_a_key_may_have_stays(name: str) -> None:
+    assert segment(name) == name
+
+
+@few
+@given(st.lists(thing, max_size=4, unique=True))
+def test_prometheus_has_every_series_once(things: list[Thing]) -> None:
+    metrics = Metrics()
+    metrics.machine = machine_of(things)
+    count = len(metrics.machine.items)
+    metrics.changes = Changes(1, 0.0, None, np.arange(count), np.ones(count), np.zeros(count, np.uint8), np.ones(count))
+    lines = [each.rpartition(" ")[0] for each in generate_latest(metrics).decode().splitlines() if each[0] != "#"]
+    assert len(set(lines)) == len(lines)

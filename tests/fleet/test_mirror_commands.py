@@ -1,0 +1,79 @@
+"""The commands of a mirror: what it keeps of each ends with its last answer, however long a mirror lives."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+pytest.importorskip("zenoh", reason="the extra fleet is not installed")
+
+from helpers.fleets import PLANT
+from umo.cycle.client_commands import ClientCommand
+from umo.cycle.events import CommandState, Event
+from umo.fleet import mirror_commands
+from umo.fleet.mirror_commands import EVENT_WAIT, MirrorCommands
+
+
+class Station:
+    """In place of a session: answers each command with a number, then with its end. `is_lost`: with nothing."""
+
+    def __init__(self) -> None:
+        self.numbers = itertools.count(1000)
+        self.number = 0
+        self.is_lost = False
+
+    def get(self, key: str, handler: Any, payload: str, **more: Any) -> None:
+        self.number = next(self.numbers)
+        for answer in () if self.is_lost else ({"number": self.number}, {"result": 1}):
+            handler.callback(SimpleNamespace(ok=SimpleNamespace(payload=json.dumps(answer).encode())))
+        handler.drop()
+
+    def put(self, key: str, data: bytes) -> None: ...
+
+
+def rig(
+    monkeypatch: pytest.MonkeyPatch,
+) -> tuple[MirrorCommands, Station, list[ClientCommand], list[Event], list[float]]:
+    """Commands of a mirror whose time is given: also what comes in, what is told, and the time."""
+    coming: list[ClientCommand] = []
+    told: list[Event] = []
+    now, station = [0.0], Station()
+    inbox = SimpleNamespace(get=lambda: coming.pop(0) if coming else None, taken=0, dropped=0)
+    monkeypatch.setattr(mirror_commands, "Receiver", lambda cells: inbox)
+    monkeypatch.setattr(mirror_commands, "time", SimpleNamespace(monotonic=lambda: now[0], time=lambda: now[0]))
+    cells = SimpleNamespace(stop=None, signed=lambda path, lease: 0.0)
+    ring: Any = SimpleNamespace(cells=cells, live=lambda given: None, lease=lambda *given: None)
+    session: Any = station
+    return MirrorCommands(session, PLANT, "ann", ring, told.append), station, coming, told, now
+
+
+@pytest.mark.parametrize("is_lost", [False, True])
+def test_a_mirror_that_commands_for_a_year_keeps_nothing_of_it(monkeypatch: pytest.MonkeyPatch, is_lost: bool) -> None:
+    commands, station, coming, told, now = rig(monkeypatch)
+    coming.append(ClientCommand(1, "ann", "key", do="lease"))
+    commands.look()
+    now[0] += 2 * EVENT_WAIT
+    commands.look()
+    station.is_lost = is_lost
+    for number in range(2, 400):
+        coming.append(ClientCommand(number, "ann", "key", do="tune", path="a"))
+        commands.look()
+        if number % 2 and not is_lost:  # the machine's own event comes first
+            assert commands.local(station.number) == number
+            commands.has_ended(number)
+        now[0] += 80_000.0
+        commands.look()
+    assert len(told) == 399 - (0 if is_lost else 199)
+    assert {each.state for each in told[1:]} == {CommandState.REFUSED if is_lost else CommandState.DONE}
+    assert not (commands._numbers or commands._ended or commands._answers)
+
+
+def test_what_the_mirror_sends_itself_has_no_number_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    commands, station, *_ = rig(monkeypatch)
+    commands._send(ClientCommand(0, do="let go", path="a"))
+    assert commands.local(station.number) == 0
+    assert not commands._numbers
