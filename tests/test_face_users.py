@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -99,3 +100,27 @@ def test_help_asks_for_no_password(
     assert face_users.main() == status
     told = capsys.readouterr()
     assert "python -m umo.faces.face_users NAME" in (told.out if status == 0 else told.err)
+
+
+def test_every_login_computes_one_scrypt_with_the_parameters_of_a_user(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    computed: list[tuple[int, int, int]] = []
+    real = hashlib.scrypt
+
+    def counted(*given: Any, **more: Any) -> bytes:
+        computed.append((more["n"], more["r"], more["p"]))
+        return real(*given, **more)
+
+    ann, bob = hashed("a"), "scrypt:1024:4:1:MTIzNDU2Nzg5MDEyMzQ1Ng==:MTIzNDU2Nzg5MDEyMzQ1Ng=="
+    several = written(tmp_path, f'[passwords]\nann = "{ann}"\nbob = "{bob}"\ncid = "scrypt:3:x"\ndot = 7\n')
+    monkeypatch.setattr(hashlib, "scrypt", counted)
+    for name in ("ann", "bob", "cid", "dot", "", "\udc80", *(f"eve {number}" for number in range(10))):
+        before = len(computed)
+        assert not by_password(name, "wrong", several)
+        assert not by_password(name, "wrong", several)  # it does not tell by another time the second time
+        (first, second) = computed[before:]
+        assert first == second
+        assert first in {(1 << 14, 8, 1), (1024, 4, 1)}
+    assert not by_password("eve", "wrong", tmp_path / "none.toml")
+    assert computed[-1] == (1 << 14, 8, 1)

@@ -31,7 +31,7 @@ def folders(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def user(name: str = "ann", is_alive: Callable[[], bool] = lambda: True, proved: bool = True) -> User:
-    return User(name, proved, is_remote=False, is_alive=is_alive)
+    return User(name, proved, is_owner=True, is_alive=is_alive)
 
 
 def commanded(step: Any, mode: Mode = Mode.AUTOMATIC, **more: Any) -> None:
@@ -175,18 +175,18 @@ def test_a_value_that_no_command_can_have_is_refused_in_words() -> None:
 
 
 def test_a_refusal_of_the_face_is_an_event_of_the_machine_with_its_user() -> None:
-    eve = User("eve", proved=True, is_remote=True)
+    eve = User("eve", proved=True)
 
     async def step(rig: Any, face: Recorder) -> None:
         for _ in range(20):
-            with pytest.raises(CommandRefused, match="need roles"):
+            with pytest.raises(CommandRefused, match="needs the role tune"):
                 await face.commands.ask(eve, "tune", "cell.gain", value=2.0)
         await until(lambda: any(each.event.who for each in face.heard))
         told = [each.event for each in face.heard if each.event.who == "eve (recorder)"]
         assert [(each.path, each.state, each.asked) for each in told] == [
             ("cell.gain", CommandState.REFUSED, "tune cell.gain")
         ]
-        assert "need roles" in told[0].text
+        assert "needs the role tune" in told[0].text
         assert rig.m.cell.gain == 1.0
         assert not rig.holder
 

@@ -22,7 +22,7 @@ from umo.testing.faces import TriedMachine
 from umo.testing.faces.tried_machine import Phase, until
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux")
-ANN = User("ann", proved=True, is_remote=False, is_alive=lambda: True)
+ANN = User("ann", proved=True, is_owner=True, is_alive=lambda: True)
 
 
 @pytest.fixture(autouse=True)
@@ -286,7 +286,7 @@ def test_an_action_returns_its_result() -> None:
 
 def test_a_write_is_held_while_its_client_lives_and_let_go_of_when_it_has_gone() -> None:
     alive = [True]
-    user = User("bob", proved=True, is_remote=False, is_alive=lambda: alive[0])
+    user = User("bob", proved=True, is_owner=True, is_alive=lambda: alive[0])
 
     async def step(rig: Any, face: Recorder) -> None:
         await face.commands.ask(user, "write", "cell.valve", value=5.0)
@@ -300,7 +300,7 @@ def test_a_write_is_held_while_its_client_lives_and_let_go_of_when_it_has_gone()
 
 
 def test_what_is_kept_up_is_refused_where_the_protocol_does_not_tell_whether_a_client_lives() -> None:
-    user = User("bob", proved=True, is_remote=False)
+    user = User("bob", proved=True, is_owner=True)
 
     async def step(rig: Any, face: Recorder) -> None:
         for do, path, more in (
@@ -315,7 +315,7 @@ def test_what_is_kept_up_is_refused_where_the_protocol_does_not_tell_whether_a_c
 
 def test_an_action_whose_client_has_gone_is_cancelled() -> None:
     alive = [True]
-    user = User("bob", proved=True, is_remote=False, is_alive=lambda: alive[0])
+    user = User("bob", proved=True, is_owner=True, is_alive=lambda: alive[0])
 
     async def step(rig: Any, face: Recorder) -> None:
         cooking = asyncio.create_task(face.commands.ask(user, "call", "cell.cook"))
@@ -330,7 +330,7 @@ def test_an_action_whose_client_has_gone_is_cancelled() -> None:
 def test_two_users_share_the_lease_of_the_face_and_each_is_named() -> None:
     async def step(rig: Any, face: Recorder) -> None:
         for name, value in (("ann", 2.0), ("bob", 3.0)):
-            user = User(name, proved=True, is_remote=False, is_alive=lambda: True)
+            user = User(name, proved=True, is_owner=True, is_alive=lambda: True)
             await face.commands.ask(user, "tune", "cell.gain", value=value)
         await until(lambda: len({each.event.who for each in face.heard if each.event.path == "cell.gain"}) == 2)
 
@@ -340,9 +340,9 @@ def test_two_users_share_the_lease_of_the_face_and_each_is_named() -> None:
 @pytest.mark.parametrize(
     ("user", "words"),
     [
-        (User("ann", proved=False, is_remote=True), "does not prove who its users are"),
-        (User(" ", proved=True, is_remote=False), "needs the name of its user"),
-        (User("ann", proved=True, is_remote=True), "need roles, and there is no file of them"),
+        (User("ann", proved=False), "ann, unverified, may see; .* recorder in .unverified. of roles.toml"),
+        (User(" ", proved=True, is_owner=True), "needs the name of its user"),
+        (User("ann", proved=True), "ann may see; .* in .users. of roles.toml"),
     ],
 )
 def test_who_may_not_command_is_told_why(user: User, words: str) -> None:
@@ -355,11 +355,11 @@ def test_who_may_not_command_is_told_why(user: User, words: str) -> None:
     commanded(step)
 
 
-def test_roles_bind_users_of_other_computers(tmp_path: Any) -> None:
+def test_roles_bind_users_whose_names_are_proved(tmp_path: Any) -> None:
     file = tmp_path / "config" / "umo" / "roles.toml"
     file.parent.mkdir(parents=True)
     file.write_text('[users]\nann = "tune"\n')
-    ann = User("ann", proved=True, is_remote=True, is_alive=lambda: True)
+    ann = User("ann", proved=True, is_alive=lambda: True)
 
     async def step(rig: Any, face: Recorder) -> None:
         await face.commands.ask(ann, "tune", "cell.gain", value=2.0)
@@ -371,9 +371,13 @@ def test_roles_bind_users_of_other_computers(tmp_path: Any) -> None:
     commanded(step)
 
 
-def test_an_unproved_user_of_this_computer_commands_and_is_marked() -> None:
+def test_a_user_whose_name_is_not_proved_has_the_role_of_the_face_and_is_marked(tmp_path: Any) -> None:
+    file = tmp_path / "config" / "umo" / "roles.toml"
+    file.parent.mkdir(parents=True)
+    file.write_text('[unverified]\nrecorder = "tune"\n')
+
     async def step(rig: Any, face: Recorder) -> None:
-        user = User("carl", proved=False, is_remote=False)
+        user = User("carl", proved=False)
         await face.commands.ask(user, "tune", "cell.gain", value=2.0)
         await until(lambda: any(each.event.who == "carl, unverified (recorder)" for each in face.heard))
 

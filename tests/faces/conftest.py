@@ -23,3 +23,6 @@ def folders(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("UMO_FRAMES", str(tmp_path / "frames"))
     monkeypatch.setenv("UMO_STATE", str(tmp_path / "state"))
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    roles = tmp_path / "config" / "umo" / "roles.toml"
+    roles.parent.mkdir(parents=True)
+    roles.write_text('[unverified]\nhomeassistant = "maintain"\nsparkplug = "maintain"\n')

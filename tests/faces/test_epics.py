@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 import getpass
 import json
+import os
 import socket
 import subprocess
 import sys
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -25,6 +27,7 @@ from umo.faces.epics import Epics
 from umo.faces.face_declaration import declaration_of
 from umo.faces.face_image import FaceImage
 from umo.remote.search import find_running
+from umo.system.peer_account import account_of
 from umo.testing.faces import RULES, RefusedByFace, TriedFace, TriedMachine, try_rule
 from umo.testing.faces.tried_machine import until
 
@@ -166,12 +169,31 @@ def test_what_is_no_command_is_refused_in_words() -> None:
     asyncio.run(work())
 
 
-def test_the_account_is_told_as_unverified() -> None:
+def test_the_account_is_that_which_the_kernel_tells() -> None:
     async def work() -> None:
         async with served() as (machine, client):
             await client.put("plant:cell:gain", 2.0)
             who = [each.who for each in machine.events if each.path == "cell.gain"]
-            assert who == [f"{getpass.getuser()}, unverified (epics)"]
+            assert who == [f"{getpass.getuser()} (epics)"]
+
+    asyncio.run(work())
+
+
+def test_another_account_of_this_computer_needs_a_role(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("umo.faces.epics.pva_server.peer_uid", lambda peer, port: os.getuid() + 1)
+    roles = tmp_path / "config" / "umo" / "roles.toml"
+    account = account_of(os.getuid() + 1)
+
+    async def work() -> None:
+        async with served() as (machine, client):
+            with pytest.raises(RefusedByFace, match=f"{account} may see; tune needs the role tune"):
+                await client.put("plant:cell:gain", 2.0)
+            roles.write_text(f'[users]\n"{account}" = "tune"\n')
+            await client.put("plant:cell:gain", 2.0)
+            assert [each.who for each in machine.events if each.path == "cell.gain"][-1] == f"{account} (epics)"
+            monkeypatch.setattr("umo.faces.epics.pva_server.peer_uid", lambda peer, port: None)
+            with pytest.raises(RefusedByFace, match="unverified, may see"):
+                await client.put("plant:cell:gain", 3.0)
 
     asyncio.run(work())
 

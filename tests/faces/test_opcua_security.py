@@ -119,7 +119,10 @@ async def tunes(client: OpcUaClient) -> None:
 
 
 @pytest.mark.parametrize("policy", ["Basic256Sha256", "Aes256_Sha256_RsaPss"])
-def test_another_computer_needs_a_certificate_that_is_known_and_a_user_with_a_role(tmp_path: Path, policy: str) -> None:
+def test_another_computer_needs_a_certificate_that_is_known_and_a_user_with_a_role(
+    tmp_path: Path, policy: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("umo.faces.opcua.ua_session.is_own", lambda connection: False)
     server, known, other = (certified(tmp_path, name) for name in ("server", "known", "other"))
     old = certified(tmp_path, "old", days=-1)
     clients = tmp_path / "clients.pem"
@@ -141,7 +144,7 @@ def test_another_computer_needs_a_certificate_that_is_known_and_a_user_with_a_ro
 
         async def refused(client: OpcUaClient) -> None:
             assert (await client.read("cell.level")).value == 10.0
-            with pytest.raises(RefusedByFace, match="need roles"):
+            with pytest.raises(RefusedByFace, match="needs the role tune"):
                 await client.tune("cell.gain", 2.0)
             roles.write_text('[users]\nann = "tune"\n')
             await client.tune("cell.gain", 2.0)

@@ -39,7 +39,7 @@ TUNE = {"do": "tune", "path": "cell.gain", "value": 3.0}
 @pytest.fixture(autouse=True)
 def roles(folders: None, tmp_path: Path) -> None:
     roles = tmp_path / "xdg_config_home" / "umo" / "roles.toml"
-    roles.parent.mkdir(parents=True)
+    roles.parent.mkdir(parents=True, exist_ok=True)
     roles.write_text('[users]\nann = "maintain"\neve = "maintain"\n')
 
 

@@ -60,7 +60,7 @@ class Mirror(Face):
 class MirrorClient(ForeignClient):
     def __init__(self, face: Mirror, user: str) -> None:
         self._face, self._lives = face, True
-        self.user = User(user, proved=True, is_remote=False, is_alive=lambda: self._lives)
+        self.user = User(user, proved=True, is_owner=True, is_alive=lambda: self._lives)
 
     async def read(self, name: str) -> Seen:
         return self._face.shown.get(name, NOTHING)

@@ -23,6 +23,7 @@ from helpers.machines import bench, wired
 from helpers.patient import patient
 from umo import connect, published
 from umo.testing import Scripted, VirtualTimer, periods
+from umo.testing.faces.tried_machine import OWN_DEVICES, plant
 
 TOKEN = "a token for the tests"
 FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
@@ -67,6 +68,27 @@ def running(
     with connection, published(connection, name, "rig", place=place):
         periods(m, count)
         yield lambda more: periods(m, more)
+
+
+@contextmanager
+def alarming(name: str = "tank") -> Iterator[Callable[[int], None]]:
+    """A station whose level becomes too high, and whose switch gives nothing any more, in the periods that the function
+    runs: an alarm, and equipment in fault."""
+    m = plant()
+    devices = {"box": Scripted(), "gauge": Scripted({"cell.level": 20}), "ruler": Scripted()}
+    wire: dict[str, Any] = {"timer": {"driver": "clock", "period": "1 ms"}}
+    wire |= {f"cell.{each}": {"driver": "box"} for each in ("limit", "valve", "lamp")}
+    wire |= {path: {"driver": driver} for path, driver in OWN_DEVICES.items()}
+    connection = connect(m, {"drivers": {**devices, "clock": VirtualTimer()}, "wire": wire})
+
+    def go_wrong(count: int) -> None:
+        devices["gauge"].set("cell.level", 190)
+        devices["box"].set("cell.limit", OSError("unplugged"))
+        periods(m, count)
+
+    with connection, published(connection, name, "rig"):
+        periods(m, 20)
+        yield go_wrong
 
 
 @dataclass

@@ -350,3 +350,23 @@ def test_the_token_of_the_user_is_kept_in_a_file_for_the_user_only(tmp_path: Pat
     assert new_token(file) == token
     file.chmod(0o644)
     assert new_token(file) != token
+
+
+def test_a_page_that_came_with_the_given_token_becomes_this_users_by_the_printed_one(tmp_path: Path) -> None:
+    with serving(shared="given to all") as served:
+        given = ask(served, "/?token=given%20to%20all").getheader("set-cookie").partition(";")[0]
+        printed = served.url.removeprefix(served.origin)
+        own = ask(served, printed, Cookie=given).getheader("set-cookie").partition(";")[0]
+        assert own == cookie_of(served).partition(";")[0] != given
+        assert ask(served, "/?token=wrong", Cookie=given).status == 200  # a bookmark of an old token
+        assert ask(served, "/?token=given%20to%20all", Cookie=own).getheader("set-cookie") is None
+
+
+def test_behind_a_proxy_host_and_origin_are_those_of_the_proxy() -> None:
+    with serving(proxy="https://cell.example", shared="given to all") as served:
+        path = "/?token=given%20to%20all"
+        for host in ("cell.example", "127.0.0.1"):
+            assert ask(served, path, Host=host, Origin="https://cell.example").status == 200
+            assert ask(served, path, Host=host, Origin="http://127.0.0.1").status == 403
+        assert ask(served, path, Host="evil.example").status == 403
+        assert "; Secure" in ask(served, path, Host="cell.example").getheader("set-cookie")

@@ -14,7 +14,7 @@ import pytest
 
 from umo.testing import Scripted
 
-from .conftest import PATIENCE, eventually, running, serving, viewing
+from .conftest import PATIENCE, alarming, eventually, running, serving, viewing
 
 
 def cell(page: Any, path: str, column: str) -> str:
@@ -160,6 +160,16 @@ def test_several_stations_are_a_list_and_a_choice_in_each_view(page: Any) -> Non
         eventually(lambda: page.title() == "press · umo")
         choice.select_option("")
         page.get_by_role("button", name=re.compile("oven")).wait_for()
+
+
+def test_the_list_of_stations_tells_what_is_wrong_in_each(page: Any) -> None:
+    with alarming() as go_wrong, running("oven"), serving() as served:
+        page.goto(served.url)
+        page.get_by_role("button", name=re.compile("tank")).wait_for()
+        go_wrong(5)
+        page.locator("section.stations li p.failed", has_text="✕ cell: could not be read").wait_for()
+        page.locator("section.stations li p.warn", has_text="▲ cell.full: too full").wait_for()
+        assert page.locator("section.stations li").nth(1).locator("p").count() == 0
 
 
 def test_the_page_of_a_run_that_has_ended_leads_to_the_other_run_of_its_station(page: Any) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import pytest
 
@@ -102,22 +104,88 @@ def test_a_station_that_takes_no_commands_says_so() -> None:
         }  # fmt: skip
 
 
-def test_roles_bind_a_page_of_another_computer(
+@dataclass(frozen=True)
+class Door:
+    """How somebody comes to the page. `address`: how the machine names their computer."""
+
+    own_token: bool = True
+    own_process: bool = True
+    proxy: str = ""
+    headers: Mapping[str, str] = field(default_factory=dict)
+    address: str = "127.0.0.1"
+    is_owner: bool = False
+
+
+SHARED = "a token for everybody"
+PROXY = "https://cell.example"
+DOORS = {
+    "the printed token, a program of this user": Door(is_owner=True),
+    "the printed token, a program of another account or computer": Door(own_process=False),
+    "the printed token, through a proxy that is not told": Door(
+        headers={"X-Forwarded-For": "10.0.0.7"}, address="a proxy at 127.0.0.1"
+    ),
+    "the printed token, through the proxy": Door(
+        proxy=PROXY, headers={"X-Forwarded-For": "1.2.3.4, 10.0.0.7"}, address="10.0.0.7"
+    ),
+    "the given token, a program of this user": Door(own_token=False),
+    "the given token, through the proxy": Door(
+        own_token=False, proxy=PROXY, headers={"Forwarded": 'for=1.2.3.4, For="[2001:db8::7]";proto=https'},
+        address="[2001:db8::7]",
+    ),
+    "the printed token, through the proxy that tells no address": Door(proxy=PROXY, address="a proxy at 127.0.0.1"),
+}  # fmt: skip
+FILES = {"no file": None, "a role": '[unverified]\npage = "operate"\n', "a mistake": '[unverified]\npage = "boss"\n'}
+
+
+def in_roles(folder: Path, text: str) -> None:
+    (folder / "umo").mkdir(exist_ok=True)
+    (folder / "umo" / "roles.toml").write_text(text)
+
+
+@pytest.mark.parametrize("door", DOORS.values(), ids=DOORS)
+def test_who_may_command_from_a_page(
+    station: umo.RemoteStation, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, door: Door
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    if not door.own_process:
+        monkeypatch.setattr("umo.page.visitor.is_own", lambda connection: False)
+    with serving(shared=SHARED, proxy=door.proxy) as served:
+        url = served.socket if door.own_token else served.socket.partition("?")[0] + f"?token={quote(SHARED)}"
+        origin = door.proxy or served.origin
+        for text in FILES.values():
+            if text is not None:
+                in_roles(tmp_path, text)
+            with opened(url, additional_headers=door.headers, origin=origin) as client:
+                client.get("description")
+                found = command(client, 1, "lease", who="Ann")
+                may = door.is_owner or text == FILES["a role"]
+                assert found["state"] == ("done" if may else "refused"), (text, found)
+                if may:
+                    mark = "" if door.is_owner else ", unverified"
+                    assert station.reader.holder == f"Ann{mark} (page, {door.address})"
+                    assert command(client, 2, "shelve", path="sorter")["state"] != "done"
+                else:
+                    assert command(client, 2, "stop")["state"] == "refused"
+            eventually(lambda: not station.reader.holder)
+
+
+def test_roles_bind_a_page_of_others(
     station: umo.RemoteStation, served: Served, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    monkeypatch.setattr("umo.page.page_client.is_loopback", lambda address: False)
-    (tmp_path / "umo").mkdir()
-    (tmp_path / "umo" / "roles.toml").write_text('[users]\nbob = "operate"\n')
+    monkeypatch.setattr("umo.page.visitor.is_own", lambda connection: False)
+    in_roles(tmp_path, '[users]\nEve = "see"\n[unverified]\npage = "operate"\n')
     with opened(served.socket) as client:
         client.get("description")
         refused = command(client, 1, "lease", who="Eve")
-        assert (refused["state"], refused["text"]) == ("refused", "Eve may see; lease needs the role tune")
+        assert refused["state"] == "refused"
+        assert "Eve, unverified, may see; lease needs the role tune" in refused["text"]
         assert command(client, 2, "lease", who=" bob ")["state"] == "done"
         refused = command(client, 3, "shelve", path="sorter.belt", value=60.0)
-        assert (refused["state"], refused["text"]) == ("refused", "bob may operate; shelve needs the role maintain")
+        assert refused["state"] == "refused"
+        assert "bob, unverified, may operate; shelve needs the role maintain" in refused["text"]
         assert command(client, 4, "acknowledge")["state"] == "done"
-        (tmp_path / "umo" / "roles.toml").write_text('[users]\nbob = "see"\n')
+        in_roles(tmp_path, '[unverified]\npage = "see"\n')
         assert command(client, 5, "lease", who="bob")["state"] == "refused"
         assert command(client, 6, "acknowledge")["state"] == "refused"
 

@@ -34,7 +34,7 @@ from umo.page.watched_run import Watched
 from umo.scope.history import History
 from umo.testing import Scripted
 
-from .conftest import PATIENCE, TOKEN, Client, eventually, opened, running, search, serving
+from .conftest import PATIENCE, TOKEN, Client, alarming, eventually, opened, running, search, serving
 
 
 @pytest.fixture
@@ -58,6 +58,19 @@ def test_the_list_of_stations_follows_what_runs(client: Client) -> None:
         assert (line["name"], line["stage"]) == ("press", "running")
     (line,) = client.get("stations")["stations"]
     assert line["stage"] == "ended"
+
+
+def test_the_list_of_stations_tells_alarms_and_faults_of_each(client: Client) -> None:
+    with alarming() as go_wrong:
+        before = eventually(lambda: client.get("stations")["stations"])
+        assert [(line["faults"], line["alarms"]) for line in before] == [([], [])]
+        go_wrong(5)
+        (told,) = client.get("stations")["stations"]
+        assert told["faults"] == ["cell: could not be read: box: unplugged; cell.limit"]
+        assert len(told["alarms"]) == 3
+        assert "cell.full: too full (medium, unacknowledged)" in told["alarms"]
+    (line,) = client.get("stations")["stations"]
+    assert "alarms" not in line
 
 
 def test_of_two_stations_with_one_name_the_one_of_the_folder_is_shown_first() -> None:

@@ -90,11 +90,20 @@ def test_a_mistake_in_the_roles_is_told_when_other_computers_may_operate(
     monkeypatch.setattr("umo.page.server.serve", serve)
     monkeypatch.setattr("umo.cli.page.drop_realtime", lambda: None)
     words = ("view", "--host", "0.0.0.0", "--token", "long enough", "--port", "0")
-    told = "other users may only look and stop: "
+    told = "other users may only look: "
     result = umo(*words, "--operate")
     assert told in " ".join(result.stderr.split())
     assert "ann: no role 'maintian' (did you mean 'maintain'?)" in " ".join(result.stderr.split())
     assert told not in " ".join(umo(*words).stderr.split())
+
+
+@pytest.mark.parametrize("address", ["cell.example", "https://cell.example/umo", "ftp://cell.example", "https://", "x"])
+def test_a_proxy_is_named_by_its_address(umo: Umo, address: str) -> None:
+    assert "is not an address such as" in refused(umo("view", "--proxy", address, "--token", "long enough"))
+
+
+def test_a_proxy_needs_a_token_that_is_given(umo: Umo) -> None:
+    assert "lets other computers in: give a token" in refused(umo("view", "--proxy", "https://cell.example"))
 
 
 def test_an_address_of_another_computer_is_refused(umo: Umo) -> None:
@@ -119,7 +128,7 @@ def test_the_address_that_it_prints_opens_the_page_until_ctrl_c() -> None:
 def test_its_help_names_the_clients(umo: Umo) -> None:
     text = " ".join(umo("view", "--help").stdout.split())
     assert "scope, machine, twin, operate" in text
-    assert "At another address (--host) the token must be given" in text
+    assert "At another address (--host), and through a proxy (--proxy), a token must be given" in text
 
 
 def test_the_examples_show_no_token_to_those_who_list_the_processes(umo: Umo) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, field
 from enum import IntEnum
-from math import isfinite
+from sys import float_info
 from typing import Any
 
 from umo.duration import seconds
@@ -154,7 +154,7 @@ def _check_limit(condition: High | Low) -> None:
     what = f"{type(condition).__name__}({condition.of!r})"
     for name in ("limit", "deadband"):
         value = getattr(condition, name)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= float_info.max:
             raise DeclarationError(f"{what}: {name}={value!r} is not a finite number")
     if condition.deadband < 0:
         raise DeclarationError(f"{what}: deadband={condition.deadband!r} is negative")

@@ -143,6 +143,13 @@ def view(
         Path | None, typer.Option(metavar="FILE.pem", help="Certificate for TLS (https); needs --key.")
     ] = None,
     key: Annotated[Path | None, typer.Option(metavar="FILE.key", help="Private key of the certificate.")] = None,
+    proxy: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Address at which a reverse proxy serves the page, as https://cell.example: nobody is this user then.",
+        ),
+    ] = None,
     fleet: Annotated[
         bool, typer.Option("--fleet", help="With the stations of all computers (see umo fleet --help).")
     ] = False,
@@ -150,9 +157,11 @@ def view(
     """Show running stations in a browser: scope, machine, twin, operate. Prints the address, which carries a token.
 
     The page is served by a process of its own, which reads the frames: it does not disturb the station. It listens
-    on loopback, where pages may command (tab Operate), and needs the token everywhere. At another address (--host) the
-    token must be given, and the page is read-only unless --operate is given; give a certificate there, or the token can
-    be read on the network. Ctrl-C ends it; the stations go on.
+    on loopback, where pages may command (tab Operate), and needs the token everywhere. At another address (--host), and
+    through a proxy (--proxy), a token must be given, and the page is read-only unless --operate is given; give a
+    certificate there, or the token can be read on the network. Who comes with the printed token, from a program of
+    yours on this computer, may do everything; who comes with the one that was given, what roles.toml gives to the page
+    (docs/security.md). Ctrl-C ends it; the stations go on.
 
     A recording has a slider for its time, with what happened on it; nothing is commanded. Of two, the second begins
     where the first does: its objects are those of the part "second".
@@ -160,7 +169,7 @@ def view(
     from .page import ViewOptions
     from .page import view as show
 
-    show(ViewOptions(station, host, port, token, open_, operate, certificate, key, fleet, second))
+    show(ViewOptions(station, host, port, token, open_, operate, certificate, key, proxy, fleet, second))
 
 
 @command(epilog="Examples: umo mode ztheta  |  umo mode ztheta manual  |  umo mode ztheta automatic --take")

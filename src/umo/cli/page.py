@@ -12,7 +12,7 @@ from html import escape
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
-from urllib.parse import quote
+from urllib.parse import quote, urlsplit
 
 from umo.errors import FramesError
 from umo.fleet.fleet_keys import is_station_key
@@ -21,7 +21,7 @@ from umo.process.station import StationError, find, shipped
 from umo.remote.search import meant_by, several_runs, station_name
 from umo.system.folders import written
 from umo.system.realtime import drop_realtime
-from umo.system.roles import Roles
+from umo.system.roles import PAGE, Caller, Role, Roles, place
 from umo.system.streams import limit_waits
 from umo.text import did_you_mean, printable
 
@@ -57,6 +57,8 @@ class ViewOptions:
     operate: bool = False
     certificate: Path | None = None
     key: Path | None = None
+    proxy: str | None = None
+    """The address at which a proxy serves the page."""
     fleet: bool = False
     second: Path | None = None
     """A recording to be laid over another one."""
@@ -71,7 +73,7 @@ def view(choice: ViewOptions) -> int:
     from umo.page.server import Options, serve
     from umo.page.session import InitialStation
 
-    local = is_loopback(choice.host)
+    local = is_loopback(choice.host) and choice.proxy is None
     _check(choice, local)
     file = _recording(choice)
     elsewhere = None if file else _elsewhere(choice)
@@ -79,21 +81,27 @@ def view(choice: ViewOptions) -> int:
     recorded = None if file is None else _recorded(file, choice.second)
     listening = _listening(choice)
     port = listening.getsockname()[1]
-    token = choice.token or new_token(folder() / "page.token")
+    token = new_token(folder() / "page.token")
     operate = (local or choice.operate) and recorded is None
     first = None if named is None else InitialStation(*named)
     fleet = _fleet() if choice.fleet or elsewhere else None
-    options = Options(choice.host, port, token, first, operate, choice.certificate, choice.key, fleet, recorded)
+    options = Options(
+        choice.host, port, token, first, operate, choice.certificate, choice.key, fleet, recorded,
+        choice.token, choice.proxy or "",
+    )  # fmt: skip
     address = f"http{'s' if choice.certificate else ''}://{_shown_host(choice.host)}:{port}/"
     shown = f"#station={elsewhere}" if elsewhere else ""
+    own = f"{address}?token={quote(token)}{shown}"
 
     def ready() -> None:
-        given = "" if choice.token else f"?token={quote(token)}"
-        out.print(f"{address}{given}{shown}", soft_wrap=True, highlight=False)
+        public = f"{choice.proxy}/" if choice.proxy else address
+        out.print(f"{public}{shown}" if choice.token else own, soft_wrap=True, highlight=False)
         if not local:
             _warn(choice, operate)
+        if choice.token and operate:
+            _tell_roles(None if choice.proxy else own)
         if choice.open:
-            _open(f"{address}?token={quote(token)}{shown}")
+            _open(own if choice.proxy is None else f"{public}{shown}")
 
     drop_realtime()
     limit_waits()
@@ -152,9 +160,12 @@ def _fleet() -> FleetFeed:
 
 def _check(choice: ViewOptions, local: bool) -> None:
     """PageError for options that do not fit one another."""
+    if choice.proxy is not None and not _is_origin(choice.proxy):
+        raise PageError(f"--proxy {printable(choice.proxy)} is not an address such as https://cell.example")
     if not local and choice.token is None:
+        what = f"a proxy at {choice.proxy}" if choice.proxy else f"listening at {choice.host}"
         raise PageError(
-            f"listening at {choice.host} lets other computers in: give a token of at least {MIN_TOKEN_LENGTH} "
+            f"{what} lets other computers in: give a token of at least {MIN_TOKEN_LENGTH} "
             "characters (the variable UMO_TOKEN, or --token)"
         )
     if choice.token is not None and len(choice.token) < MIN_TOKEN_LENGTH:
@@ -169,6 +180,15 @@ def _check(choice: ViewOptions, local: bool) -> None:
         except ssl.SSLError as error:
             reason = error.reason or error
             raise PageError(f"{choice.certificate}, {choice.key}: no certificate and its key (PEM): {reason}") from None
+
+
+def _is_origin(text: str) -> bool:
+    """Whether a text is an address without a path, as browsers have it in the header Origin."""
+    try:
+        parts = urlsplit(text)
+        return parts.scheme in ("http", "https") and text == f"{parts.scheme}://{parts.netloc}" and bool(parts.hostname)
+    except ValueError:
+        return False
 
 
 def _station(choice: ViewOptions) -> tuple[str, str, int | None] | None:
@@ -213,12 +233,24 @@ def _shown_host(host: str) -> str:
 
 
 def _warn(choice: ViewOptions, operate: bool) -> None:
-    may = "see and operate the machine" if operate else "see the machine (read-only; --operate to operate it)"
-    say(f"warning: whoever reaches {choice.host} and has the token can {may}")
-    if choice.certificate is None:
+    may = "see, and what roles.toml allows," if operate else "see (read-only; --operate to operate it)"
+    say(f"warning: whoever reaches {choice.proxy or choice.host} and has the token can {may} the machine")
+    if choice.certificate is None and not str(choice.proxy).startswith("https:"):
         say("warning: without --certificate and --key the token can be read on the network")
-    if operate and (mistake := Roles.load().mistake):
-        say(f"warning: other users may only look and stop: {mistake}")
+
+
+def _tell_roles(own: str | None) -> None:
+    """What those may who come with the token that was given, and how this user is known (`own`; None: by nothing)."""
+    roles = Roles.load()
+    role = roles.of(Caller(PAGE, ""))
+    if roles.mistake:
+        say(f"warning: other users may only look: {roles.mistake}")
+    elif role is Role.SEE:
+        say(f"with the token that was given one may look; {PAGE} in [unverified] of {place()} gives a role")
+    else:
+        say(f"with the token that was given one may {role}")
+    if own is not None:
+        say(f"with all rights, for programs of yours on this computer: {own}")
 
 
 def _opening() -> Path:

@@ -1,10 +1,9 @@
-"""Who gives a command: the name in events, the roles on other computers, how often a refusal is told."""
+"""Who gives a command: the name in events, how often a refusal is told."""
 
 from __future__ import annotations
 
 from umo.faces.face import User
 from umo.frames.layout import NAME
-from umo.system.roles import Roles
 from umo.text import printable
 
 MAX_FACE = 20
@@ -20,13 +19,6 @@ def who_text(user: User, face: str) -> str:
     ending = f"{'' if user.proved else ', unverified'} ({printable(face)[:MAX_FACE]})"
     name = printable(" ".join(user.name.split())) or "nobody"
     return name.encode()[: NAME - len(ending.encode())].decode(errors="ignore") + ending
-
-
-def remote_refusal(roles: Roles, user: str, do: str) -> str | None:
-    """Why a user of another computer may not give a command; None: they may. Without a file of roles nobody may."""
-    if roles.is_absent:
-        return "commands of other computers need roles, and there is no file of them (docs/howto-alarms.md)"
-    return roles.allowed(user, "call" if do == "stop" else do)  # over a network a stop needs a role, too
 
 
 def lives(user: User) -> bool:

@@ -51,13 +51,14 @@ class Changes:
 
 @dataclass(frozen=True)
 class User:
-    """Who gives a command, as far as the protocol tells."""
+    """Who gives a command, as far as that is proved."""
 
     name: str
     proved: bool
-    """Whether the protocol has proved the name: by a password, or a certificate."""
-    is_remote: bool = True
-    """Whether the client is on another computer."""
+    """Whether the name is proved: by a password, a certificate, the account of a process of this computer."""
+    is_owner: bool = False
+    """Whether it is proved that this is the user who runs the machine (`umo.system.peer_account`), who may give every
+    command. Everybody else needs a role."""
     is_alive: Callable[[], bool] | None = None
     """Whether the session of this client lives; None: the protocol does not tell."""
 
@@ -74,7 +75,8 @@ class Face(ABC):
     """The translation of one machine into one protocol."""
 
     proves_users: ClassVar[bool] = False
-    """Whether the protocol proves who its users are. Without that commands work on this computer only."""
+    """Whether the protocol, or the kernel for it, proves who its users are. Without that they have the role of the face
+    in [unverified] (`umo.system.roles`)."""
     takes_commands: ClassVar[bool] = True
     """Whether the protocol has commands at all."""
 

@@ -24,14 +24,15 @@ import sys
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from umo.system import roles
 
 log = logging.getLogger("umo.faces")
 COST, BLOCK, PARALLEL = 1 << 14, 8, 1
 """Parameters of scrypt (RFC 7914) for new passwords: 16 MB, about 50 ms."""
-MAX_COST = 1 << 17
+MAX_COST = 1 << 20
+"""Of a kept password: the cost times the block size, 128 MB."""
 MAX_BYTES = 1 << 20
 """Bytes of the file at most."""
 USAGE = "python -m umo.faces.face_users NAME"
@@ -44,11 +45,57 @@ def place() -> Path:
     return roles.place().with_name("face_users.toml")
 
 
+class KeptPassword(NamedTuple):
+    """What the file has for a password. `cost`, `block`, `parallel`: n, r and p of scrypt."""
+
+    cost: int
+    block: int
+    parallel: int
+    salt: bytes
+    key: bytes
+
+    @classmethod
+    def parse(cls, text: Any) -> KeptPassword | None:
+        """None: it has another form, or its parameters cost too much."""
+        try:
+            name, cost, block, parallel, salt, key = str(text).split(":")
+            found = cls(
+                int(cost), int(block), int(parallel), *(base64.b64decode(each, validate=True) for each in (salt, key))
+            )
+        except (ValueError, binascii.Error):
+            return None
+        is_power = found.cost > 1 and found.cost & (found.cost - 1) == 0
+        fits = is_power and found.cost * found.block <= MAX_COST and 1 <= found.block <= 16 and 1 <= found.parallel <= 4
+        return found if name == "scrypt" and fits else None
+
+    def fits(self, password: str) -> bool:
+        given = hashlib.scrypt(
+            password.encode(errors="surrogatepass"),
+            salt=self.salt,
+            n=self.cost,
+            r=self.block,
+            p=self.parallel,
+            maxmem=1 << 28,
+            dklen=32,
+        )
+        return hmac.compare_digest(given, self.key)
+
+
+STRANGER = KeptPassword(COST, BLOCK, PARALLEL, b"0" * 16, b"")
+"""What is computed for an unknown name where the file has no password."""
+
+
 def by_password(name: str, password: str, file: Path | None = None) -> bool:
-    """Whether this is the password of a user. An unknown name takes as long as a wrong password."""
-    kept = _table("passwords", file).get(name)
-    right = _matches(password[:MAX_PASSWORD], kept if isinstance(kept, str) else hashed("", b"0" * 16))
-    return right and isinstance(kept, str) and len(password) <= MAX_PASSWORD
+    """Whether this is the password of a user. An unknown name, and one whose line is malformed, takes as long as a
+    wrong password: one scrypt with the parameters of a user, always of the same one for a name."""
+    read = {user: KeptPassword.parse(text) for user, text in _table("passwords", file).items()}
+    known = {user: kept for user, kept in read.items() if kept is not None}
+    others = list(known.values()) or [STRANGER]
+    kept = (
+        known.get(name) or others[int.from_bytes(hashlib.sha256(name.encode(errors="replace")).digest()) % len(others)]
+    )
+    right = kept.fits(password[:MAX_PASSWORD])
+    return right and name in known and len(password) <= MAX_PASSWORD
 
 
 def by_certificate(der: bytes, file: Path | None = None) -> str | None:
@@ -64,21 +111,6 @@ def hashed(password: str, salt: bytes | None = None) -> str:
     key = hashlib.scrypt(password.encode(), salt=salt, n=COST, r=BLOCK, p=PARALLEL, dklen=32)
     texts = (base64.b64encode(each).decode() for each in (salt, key))
     return f"scrypt:{COST}:{BLOCK}:{PARALLEL}:{':'.join(texts)}"
-
-
-def _matches(password: str, kept: str) -> bool:
-    try:
-        name, cost, block, parallel, salt, key = kept.split(":")
-        n, r, p = int(cost), int(block), int(parallel)
-        if name != "scrypt" or not (n <= MAX_COST and r <= 16 and p <= 4):
-            return False
-        wanted = base64.b64decode(key, validate=True)
-        found = hashlib.scrypt(
-            password.encode(), salt=base64.b64decode(salt, validate=True), n=n, r=r, p=p, maxmem=1 << 28, dklen=32
-        )
-    except (ValueError, binascii.Error):
-        return False
-    return hmac.compare_digest(found, wanted)
 
 
 def _plain(fingerprint: Any) -> str:

@@ -16,12 +16,12 @@ from typing import Any
 from umo.cycle.client_commands import DEAD_MAN_TIME
 from umo.cycle.events import CommandState, Event
 from umo.errors import CommandRefused, FramesError, RangeError, StateError, UmoError
-from umo.faces.command_users import RefusalLimit, lives, remote_refusal, who_text
+from umo.faces.command_users import RefusalLimit, lives, who_text
 from umo.faces.face import User
 from umo.frames import Reader
 from umo.frames.client_memory import LEASE
 from umo.remote.commander import SIGNS_OF_LIFE, Answers, Commander, error_of, has_ended
-from umo.system.roles import Roles
+from umo.system.roles import Caller, Roles
 
 LEASE_TIME = 2.0
 """Duration of the lease in s without a sign of life from the face."""
@@ -53,12 +53,20 @@ class Hold:
 
 
 class Gateway:
-    """`is_reader`: the face only reads."""
+    """`is_reader`: the face only reads. `roles`: the roles of users as they are now."""
 
-    def __init__(self, reader: Reader, face: str, looked: Looked, *, is_reader: bool = False) -> None:
+    def __init__(
+        self,
+        reader: Reader,
+        face: str,
+        looked: Looked,
+        *,
+        is_reader: bool = False,
+        roles: Callable[[], Roles] = Roles.load,
+    ) -> None:
         self._reader = reader.again()
         self._station = Commander(self._reader)
-        self._face, self._looked, self._is_reader = face, looked, is_reader
+        self._face, self._looked, self._is_reader, self._roles = face, looked, is_reader, roles
         self._dead_man = {str(each["path"]) for each in reader.layout.actions if each.get("dead_man")}
         self._key = secrets.token_hex(8)
         self._lease = 0
@@ -102,14 +110,14 @@ class Gateway:
             return "the run has ended"
         if self._is_reader:
             return f"{self._face} only reads here: it was started without --commands"
-        if user.is_remote and not user.proved:
-            return f"{self._face} does not prove who its users are: it takes commands of this computer only"
         if not user.name.strip():
             return "a command needs the name of its user"
         if do in OWN:
             return f"{do}: the lease is taken for each command"
-        if user.is_remote and (refusal := remote_refusal(Roles.load(), user.name, do)) is not None:
-            return refusal
+        if not user.is_owner:
+            refusal = self._roles().refusal(Caller(self._face, user.name, user.proved), do)
+            if refusal is not None:
+                return refusal
         if do == "stop":  # no flood of commands keeps anybody from it
             return None
         if self._is_kept_up(do, path) and user.is_alive is None:

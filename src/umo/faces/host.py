@@ -28,6 +28,7 @@ from umo.faces.gateway import Gateway
 from umo.frames import Reader
 from umo.frames.reader import SILENCE
 from umo.remote.search import find_running
+from umo.system.roles import Roles
 
 log = logging.getLogger("umo.faces")
 RATE = 10.0
@@ -68,11 +69,12 @@ class FaceHost:
         say: Callable[[str], object] = log.info,
         find: Find | None = None,
         opened: Callable[[], object] = lambda: None,
+        roles: Callable[[], Roles] = Roles.load,
     ) -> None:
-        """`opened` is called when every face can be reached."""
+        """`opened` is called when every face can be reached; `roles` gives those of users as they are now."""
         self._find: Find = (lambda: find_running(station)) if find is None else find
         self._faces, self._interval, self._read_only = faces, 1.0 / rate, read_only
-        self._dead_bands, self._say, self._opened = dead_bands, say, opened
+        self._dead_bands, self._say, self._opened, self._roles = dead_bands, say, opened, roles
         self.told = 0
         """Number of calls of `frames` so far, of all faces."""
         self._run: Run | None = None
@@ -177,7 +179,8 @@ class FaceHost:
             await asyncio.sleep(0)  # the face is told first
             return inf if run.over else run.image.time
 
-        gateway = Gateway(run.reader, name, looked, is_reader=self._read_only or not face.takes_commands)
+        is_reader = self._read_only or not face.takes_commands
+        gateway = Gateway(run.reader, name, looked, is_reader=is_reader, roles=self._roles)
         event, why = run.reader.next_event, "the face has ended"  # those while it begins are told, too
         try:
             await face.begin(run.machine, gateway)

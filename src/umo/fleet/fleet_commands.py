@@ -54,12 +54,12 @@ FIELDS = ("value", "arguments")
 @dataclass(frozen=True)
 class FleetUsers:
     """Who the users of a fleet are. `is_proved`: by the certificate with which they have connected, which the rules of
-    the fleet bind to their name in the key. Without that everybody is on this computer."""
+    the fleet bind to their name in the key. Without that their names are not proved."""
 
     is_proved: bool = False
 
     def user(self, name: str, is_alive: Callable[[], bool]) -> User:
-        return User(name, self.is_proved, is_remote=self.is_proved, is_alive=is_alive)
+        return User(name, self.is_proved, is_alive=is_alive)
 
 
 @dataclass

@@ -16,6 +16,7 @@ from umo.objects.compound import Compound
 from umo.objects.laws import laws_in
 from umo.objects.paths import walk
 from umo.objects.range import Range
+from umo.objects.truth import checked_truth
 from umo.signature import signature_of
 from umo.text import cut_repr, did_you_mean
 from umo.user_code import told_as
@@ -79,7 +80,7 @@ def action(
     driven when the lease ends in manual mode goes to its reaction (`when_suspended`). The first line of the
     docstring describes the action. Result: plain data; what others see of it are 448 bytes of JSON.
     """
-    mark = _Mark(ranges, harmless, apart, release)
+    mark = _Mark(ranges, checked_truth("harmless", harmless), checked_truth("apart", apart), release)
     if function is None:
         return lambda method: _marked(method, mark)
     if not callable(function):

@@ -16,6 +16,7 @@ from umo.objects.linearization import Linearization, fitted
 from umo.objects.link import Unconnected
 from umo.objects.node import Node
 from umo.objects.quality import Quality
+from umo.objects.truth import checked_truth
 from umo.objects.units import check_unit, convert
 from umo.presentation.digits import NO_VALUE, digits_of, number_text
 from umo.presentation.value_text import measure, quality_text, span
@@ -38,11 +39,9 @@ class Atomic(Node):
     _image: Image
 
     def __init__(self, synchronous: bool) -> None:
-        if not isinstance(synchronous, bool):
-            raise DeclarationError(f"synchronous={cut_repr(synchronous)} is neither True nor False")
         self._parent = None
         self._name = ""
-        self._synchronous = synchronous
+        self._synchronous = checked_truth("synchronous", synchronous)
         self._slot = -1
         self._disconnect()
 

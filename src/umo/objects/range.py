@@ -10,9 +10,14 @@ from typing import Any
 
 from umo.errors import DeclarationError, RangeError
 from umo.objects.atomic import Digital
+from umo.objects.truth import checked_truth
 from umo.objects.units import check_unit
 from umo.presentation.digits import number_text
 from umo.presentation.value_text import measure, span
+from umo.text import cut_repr
+
+MAX_NAMED = 2**53
+"""Largest number that may have a name: up to there a float has every whole number."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +37,8 @@ class Range:
         for bound in (self.minimum, self.maximum):
             if isinstance(bound, bool) or not isinstance(bound, int | float):
                 raise DeclarationError(f"a bound of a Range is a number, not {bound!r}")
+            if isinstance(bound, int) and not -float_info.max <= bound <= float_info.max:
+                raise DeclarationError("a bound of a Range is an integer beyond all floats; leave it out: no bound")
         if not self.minimum <= self.maximum:
             raise DeclarationError(f"no number is between {self.minimum!r} and {self.maximum!r}")
 
@@ -100,3 +107,15 @@ class Number(Range):
     names: Mapping[int, str] = field(default_factory=dict, hash=False)
     """Names of its values where it is shown, such as `{0: "none", 1: "glue"}`; an Enum brings its own. Empty: it is a
     plain number."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for use in ("tunable", "shown", "kept"):
+            checked_truth(use, getattr(self, use))
+        if not isinstance(self.names, Mapping):
+            raise DeclarationError(f"names={cut_repr(self.names)} are not names by number, such as {{0: 'none'}}")
+        for number, name in self.names.items():
+            if isinstance(number, bool) or not isinstance(number, int) or abs(number) > MAX_NAMED:
+                raise DeclarationError(f"names: {cut_repr(number)} is not a whole number that a float has exactly")
+            if not isinstance(name, str) or not name or not name.isprintable():
+                raise DeclarationError(f"names: {cut_repr(name)} is not a name, a text of one line")

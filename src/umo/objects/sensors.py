@@ -12,6 +12,7 @@ from umo.errors import BadInput, DeclarationError
 from umo.objects.atomic import Atomic, Binary, Digital, S
 from umo.objects.linearization import Linearization
 from umo.objects.quality import Quality
+from umo.objects.truth import checked_truth
 
 MIN_COUNTER, MAX_COUNTER = 2, 62
 """Least and greatest number of bits of a counter that rolls over."""
@@ -111,7 +112,7 @@ class DigitalSensor(Sensor, Digital):
         velocity: str | float | None = None,
     ) -> None:
         super().__init__(units, minimum, maximum, resolution, zero_offset, synchronous, linearization, invalid_raws)
-        self._incremental = incremental
+        self._incremental = checked_truth("incremental", incremental)
         self._rollover = checked_rollover(rollover)
         self._filter, self._velocity = _time("filter", filter), _time("velocity", velocity)
         self._max_age, self._marks = _on_error(on_error, max_age)

@@ -1,30 +1,30 @@
 """Access to the page: the token, the Host and Origin headers, and the headers that bind the browser.
 
-The token comes with the address (`/?token=...`) or from the form, then a cookie takes its place. Host must be this
-computer's or in its certificate (a name that another site lets point here is refused). Origin must be the page's own,
-and another site may open the page, but nothing in the background: it cannot try tokens.
+The token comes with the address (`/?token=...`) or from the form, then a cookie takes its place. There are two: that of
+this user, and one that was given for others (`umo.page.visitor`). Host must be this computer's, in its certificate, or
+that of the proxy (a name that another site lets point here is refused). Origin must be the page's own, and another site
+may open the page, but nothing in the background: it cannot try tokens.
 """
 
 from __future__ import annotations
 
 import asyncio
-import hashlib
-import hmac
 import ipaddress
 import secrets
 import socket
 import ssl
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs
+from urllib.parse import parse_qs, urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import cookie_parser
 from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from umo.page.unauthenticated import HttpConnection
+from umo.page.visitor import PageToken, connection_of, visitor_of
 from umo.system.folders import written
 
 REFUSAL_TIME = 0.5
@@ -64,19 +64,26 @@ class AccessControl:
     """An ASGI application around another. Requests without the token do not reach it."""
 
     def __init__(
-        self, app: ASGIApp, token: str, host: str, port: int, scripts: str, certified: frozenset[str] | None = None
+        self,
+        app: ASGIApp,
+        tokens: Sequence[PageToken],
+        host: str,
+        port: int,
+        scripts: str,
+        certified: frozenset[str] | None = None,
+        proxy: str = "",
     ) -> None:
-        """`certified`: the names in the certificate; None: there is none, and no TLS."""
+        """`certified`: the names in the certificate; None: there is none, and no TLS. `proxy`: the address (origin) at
+        which a proxy serves the page, through which every request comes; "": none does."""
         self._app = app
-        self._token = token.encode()
+        self._tokens, self._proxy = tokens, proxy.lower()
         self._cookie = f"umo-{port}"  # cookies do not know ports
-        key = hashlib.scrypt(self._token, salt=b"umo page", n=2**14, r=8, p=1)
-        self._session = hmac.new(key, b"session", "sha256").hexdigest()
-        """The cookie's value: valid as long as the token is, also after a restart of the server."""
-        self._secure = certified is not None
+        self._secure = certified is not None or self._proxy.startswith("https:")
         self._certified = certified or frozenset()
         self._everywhere = not is_loopback(host)
         self._names = {*LOCAL_NAMES, host.lower(), *((socket.gethostname().lower(),) if self._everywhere else ())}
+        if self._proxy:
+            self._names.add(urlsplit(self._proxy).hostname or "")
         self._policy = POLICY.format(scripts=scripts)
         self._line = asyncio.Semaphore(MAX_JUDGED)
 
@@ -86,7 +93,7 @@ class AccessControl:
             return
         answer = await self._refusal(scope, receive)
         if answer is None:
-            if (visit := _visit(scope)) is not None:
+            if (visit := connection_of(scope)) is not None:
                 visit.welcome()
             await self._app(scope, receive, self._with_headers(scope, send))
         elif scope["type"] == "websocket":
@@ -99,23 +106,37 @@ class AccessControl:
         headers = Headers(scope=scope)
         if not self._is_our_host(headers.get("host", "")):
             return PlainTextResponse("the Host header names another computer\n", 403)
-        own = f"http{'s' if self._secure else ''}://{headers.get('host', '')}"
+        own = self._proxy or f"http{'s' if self._secure else ''}://{headers.get('host', '')}"
         if headers.get("origin", own).lower() != own.lower():
             return PlainTextResponse("the Origin header names another site\n", 403)
         if _is_behind_another_site(headers):
             return PlainTextResponse("another site asks for this\n", 403)
         cookie = cookie_parser(headers.get("cookie", "")).get(self._cookie, "")
-        if hmac.compare_digest(cookie.encode(), self._session.encode()):
+        shown = next((each for each in self._tokens if each.is_cookie(cookie)), None)
+        given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token")
+        if shown is not None and (given is None or shown.is_own or not self._is_own_token(given[0])):
+            await self._admit(scope, shown)
             return None
         if scope["type"] == "http" and scope["path"] == "/login" and scope["method"] == "POST":
             return await self._login(scope, receive)
-        given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token")
         if given is None:
             return self._ask(headers, again=False)
-        refusal = await self._judge(scope, given[0], self._ask(headers, again=True))
-        if refusal is None and scope["type"] == "http" and scope["path"] == "/":
-            scope["state"] = {**scope.get("state", {}), "set_cookie": True}
-        return refusal
+        token = await self._judge(scope, given[0])
+        if token is None:
+            return self._ask(headers, again=True)
+        await self._admit(scope, token, is_new=scope["type"] == "http" and scope["path"] == "/")
+        return None
+
+    def _is_own_token(self, given: str) -> bool:
+        """Whether a page that has come with the other token shows that of this user now."""
+        return any(each.is_own and each.is_token(given) for each in self._tokens)
+
+    async def _admit(self, scope: Scope, token: PageToken, is_new: bool = False) -> None:
+        """Note who it is: for what a page commands, and for the cookie that it gets."""
+        noted: dict[str, Any] = {"cookie": token.session} if is_new else {}
+        if scope["type"] == "websocket":
+            noted["visitor"] = await visitor_of(scope, token, bool(self._proxy))
+        scope["state"] = {**scope.get("state", {}), **noted}
 
     def _is_our_host(self, text: str) -> bool:
         """Whether a Host header names this server, or is an address as such, which no other site can have."""
@@ -129,16 +150,17 @@ class AccessControl:
             return False
         return self._everywhere or address.is_loopback
 
-    async def _judge(self, scope: Scope, token: str, refusal: Response) -> Response | None:
-        """None for the right token. A wrong one is refused after a while, during which it keeps its place."""
-        visit = _visit(scope)
+    async def _judge(self, scope: Scope, given: str) -> PageToken | None:
+        """The token that it is. None for a wrong one, after a while, during which it keeps its place."""
+        visit = connection_of(scope)
         async with self._line:
             if visit is not None and visit.over:  # it does not wait for the answer: then there is none
-                return refusal
-            if hmac.compare_digest(token.encode(errors="replace"), self._token):
                 return None
+            found = [each for each in self._tokens if each.is_token(given)]
+            if found:
+                return found[0]
             await asyncio.sleep(REFUSAL_TIME)
-        return refusal
+        return None
 
     async def _login(self, scope: Scope, receive: Receive) -> Response:
         try:
@@ -147,11 +169,11 @@ class AccessControl:
         except TimeoutError:
             return PlainTextResponse("the form did not come in time\n", 408)
         given = parse_qs(form.decode("latin-1"), encoding="utf-8").get("token", [""])[0]
-        refusal = await self._judge(scope, given, self._form(again=True))
-        if refusal is not None:
-            return refusal
+        token = await self._judge(scope, given)
+        if token is None:
+            return self._form(again=True)
         response = RedirectResponse("/", 303)
-        response.headers["set-cookie"] = self._set_cookie()
+        response.headers["set-cookie"] = self._set_cookie(token.session)
         return response
 
     def _ask(self, headers: Headers, again: bool) -> Response:
@@ -163,9 +185,9 @@ class AccessControl:
     def _form(again: bool) -> Response:
         return HTMLResponse(FORM.replace("{again}", "This is not the token." if again else ""), 401)
 
-    def _set_cookie(self) -> str:
+    def _set_cookie(self, session: str) -> str:
         secure = "; Secure" if self._secure else ""
-        return f"{self._cookie}={self._session}; HttpOnly; SameSite=Strict; Path=/{secure}"
+        return f"{self._cookie}={session}; HttpOnly; SameSite=Strict; Path=/{secure}"
 
     def _with_headers(self, scope: Scope, send: Send) -> Send:
         async def wrapped(message: Message) -> None:
@@ -177,17 +199,11 @@ class AccessControl:
                 headers["cross-origin-resource-policy"] = "same-origin"
                 headers["cross-origin-opener-policy"] = "same-origin"
                 headers.setdefault("cache-control", "no-cache")
-                if scope.get("state", {}).get("set_cookie"):
-                    headers["set-cookie"] = self._set_cookie()
+                if (session := scope.get("state", {}).get("cookie")) is not None:
+                    headers["set-cookie"] = self._set_cookie(session)
             await send(message)
 
         return wrapped
-
-
-def _visit(scope: Scope) -> HttpConnection | None:
-    """The connection of a request; None where the server is another one than ours."""
-    visit = scope.get("state", {}).get("visit")
-    return visit if isinstance(visit, HttpConnection) else None
 
 
 def _is_behind_another_site(headers: Headers) -> bool:

@@ -21,12 +21,12 @@ from umo.cycle.client_commands import DEAD_MAN_TIME
 from umo.cycle.events import CommandState
 from umo.errors import CommandRefused, FramesError
 from umo.frames.client_memory import LEASE
-from umo.page.access_control import is_loopback
 from umo.page.feed import Feed
+from umo.page.visitor import Visitor
 from umo.page.watched_run import Watched
 from umo.remote.commander import SIGNS_OF_LIFE, Answers, Commander
 from umo.system.processes import user_name
-from umo.system.roles import Roles
+from umo.system.roles import PAGE, Caller, Roles
 from umo.text import printable
 
 LEASE_TIME = 2.0
@@ -47,17 +47,17 @@ Tell = Callable[[dict[str, Any]], Awaitable[None]]
 
 
 class PageClient:
-    """The client of one page at `address`, for one run. `tell` sends it a message. FramesError if the run has ended."""
+    """The client of one page of a visitor, for one run. `tell` sends it a message. FramesError if the run has ended."""
 
-    def __init__(self, watched: Watched, feed: Feed, address: str, tell: Tell) -> None:
+    def __init__(self, watched: Watched, feed: Feed, visitor: Visitor, tell: Tell) -> None:
         self.watched = watched
         self._feed = feed
-        self._address = address
+        self._visitor = visitor
         self._tell = tell
         self._user = ""
         """The name that the page gave last, as roles know it."""
-        self._roles = None if is_loopback(address) else Roles.load()
-        """The roles of users on other computers, read again with each lease; None: the page is this user's own."""
+        self._roles = Roles.load()
+        """Read again with each lease."""
         self._who = self._named("")
         self._key = secrets.token_hex(8)
         self._reader = watched.reader.again()
@@ -73,8 +73,9 @@ class PageClient:
 
     def _named(self, name: str) -> str:
         given = printable(" ".join(name.split()))[:MAX_NAME_LENGTH]
-        proved = "" if self._roles is None else ", unverified"
-        return f"{given or user_name()}{proved} (page, {self._address})"
+        if self._visitor.is_owner:
+            return f"{given or user_name()} (page, {self._visitor.address})"
+        return f"{given or 'nobody'}, unverified (page, {self._visitor.address})"
 
     # Commands ------------------------------------------------------------------------------------------
 
@@ -82,8 +83,9 @@ class PageClient:
         """Send a command of the page. Its answers are told when they come: `begun` for a long action, then its end."""
         if message.get("do") == "lease":
             self._user = " ".join(str(message.get("who", "")).split())
-            self._roles = None if self._roles is None else Roles.load()
-        refusal = None if self._roles is None else self._roles.allowed(self._user, str(message.get("do")))
+            self._roles = Roles.load()
+        caller = Caller(PAGE, self._user, is_owner=self._visitor.is_owner)
+        refusal = self._roles.refusal(caller, str(message.get("do")))
         if refusal is not None:
             await self._answer(message, CommandState.REFUSED, refusal)
             return

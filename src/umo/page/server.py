@@ -34,6 +34,7 @@ from umo.page.feed import Feed
 from umo.page.session import InitialStation, Session
 from umo.page.subscriptions import HistoryPart, csv_of, in_worker
 from umo.page.unauthenticated import HttpConnection, UnauthenticatedConnections
+from umo.page.visitor import PageToken
 from umo.page.watched_run import described_twin
 from umo.text import in_brackets, shown_path
 
@@ -57,7 +58,8 @@ ATTACHMENT = {"content-disposition": "attachment"}
 
 @dataclass(frozen=True)
 class Options:
-    """Options of the server. `first` is shown first; `operate`: pages may command."""
+    """Options of the server. `token`: of this user. `first` is shown first; `operate`: pages may command, as far as the
+    roles of their visitors allow."""
 
     host: str
     port: int
@@ -70,6 +72,10 @@ class Options:
     """The stations of other computers."""
     recorded: WatchedRecording | None = None
     """The only thing that is shown."""
+    shared: str | None = None
+    """A token that was given for others too."""
+    proxy: str = ""
+    """The address (origin) at which a proxy serves the page; "": none does."""
 
 
 def application(options: Options, feed: Feed, ended: Callable[[asyncio.Task[None]], None]) -> ASGIApp:
@@ -82,7 +88,7 @@ def application(options: Options, feed: Feed, ended: Callable[[asyncio.Task[None
 
     async def page(websocket: WebSocket) -> None:
         await websocket.accept()
-        await Session(websocket, feed, about, options.first).run()
+        await Session(websocket, feed, about, options.first, websocket.scope["state"]["visitor"]).run()
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
@@ -104,7 +110,10 @@ def application(options: Options, feed: Feed, ended: Callable[[asyncio.Task[None
     app.state.feed = feed
     names = None if options.certificate is None else names_in(options.certificate, options.key)
     scripts = _hashes((STATIC / "index.html").read_text())
-    return AccessControl(app, options.token, options.host, options.port, scripts, names)
+    tokens = [PageToken(options.token, is_own=True)]
+    if options.shared is not None:
+        tokens.append(PageToken(options.shared, is_own=False))
+    return AccessControl(app, tokens, options.host, options.port, scripts, names, options.proxy)
 
 
 async def _twin(request: Request) -> Response:

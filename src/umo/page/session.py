@@ -27,6 +27,7 @@ from umo.page.feed import Feed
 from umo.page.page_client import PageClient
 from umo.page.subscriptions import BadRequest, HistoryPart, Subscription, in_worker, number, pixels
 from umo.page.tuning_answer import TuningQuestion
+from umo.page.visitor import Visitor
 from umo.page.watched_run import Watched
 
 MAX_SUBSCRIPTIONS = 16
@@ -40,6 +41,7 @@ CLOSE_TIMEOUT = 1.0
 FLEET_PAUSE = 0.5
 """s from one table of the fleet to the next."""
 READ_ONLY = "this page is read-only"
+UNKNOWN = Visitor("unknown")
 
 
 @runtime_checkable
@@ -66,12 +68,18 @@ class Session:
     """`server`: what every page is told of this server. `first`: None: the only run."""
 
     def __init__(
-        self, socket: WebSocket, feed: Feed, server: dict[str, Any], first: InitialStation | None = None
+        self,
+        socket: WebSocket,
+        feed: Feed,
+        server: dict[str, Any],
+        first: InitialStation | None = None,
+        visitor: Visitor = UNKNOWN,
     ) -> None:
         self._socket = socket
         self._feed = feed
         self._server = server
         self._first = first
+        self._visitor = visitor
         self._name: str | None = None
         """Name of the run to show; empty: none; None: not chosen yet."""
         self._place: str | None = None
@@ -260,8 +268,7 @@ class Session:
         if self._client is None or self._client.watched is not watched:
             await self._drop_client()
             try:
-                address = self._socket.client.host if self._socket.client else "unknown"
-                self._client = PageClient(watched, self._feed, address, self._tell)
+                self._client = PageClient(watched, self._feed, self._visitor, self._tell)
             except FramesError as error:
                 raise BadRequest(str(error)) from None
         return self._client

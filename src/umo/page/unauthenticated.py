@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import ssl
+from asyncio.trsock import TransportSocket
 from collections import Counter
 from typing import Any
 
@@ -95,6 +96,11 @@ class HttpConnection(H11Protocol):
         """The token was shown: the connection stays as long as it likes."""
         if self._socket is not None:
             self._strangers.leave(self._socket)
+
+    @property
+    def peer_socket(self) -> TransportSocket | None:
+        """None: it has gone."""
+        return None if self.over or self._socket is None else self._socket.get_extra_info("socket")
 
     @property
     def over(self) -> bool:

@@ -15,12 +15,13 @@ from umo.cycle.columns import TAKEN_BY_CLIENT
 from umo.cycle.events import Event
 from umo.errors import UmoError
 from umo.frames import Reader, Stage
-from umo.frames.alarm_list import AlarmRow
+from umo.frames.alarm_list import AlarmRow, alarms_text
 from umo.objects import Quality
 from umo.page.ending import UNKNOWN_END, BoxInWords, Ending, ending_of, newest_box
 from umo.page.extremes import Extremes
 from umo.presentation.durations import duration
 from umo.presentation.rows import TableRow, declared_of
+from umo.presentation.run_facts import fault_texts
 from umo.presentation.value_text import SIGNS, WORDS, as_shown
 from umo.scope.history import History
 from umo.text import printable
@@ -86,6 +87,9 @@ class Watched:
         self._new_events = self._new_misses = False
         self._last_event: Event | None = None
         """Event of the end; None: it told none."""
+        self._troubled: tuple[Any, ...] = ()
+        """The states and the number of the next event with which `_troubles` was made."""
+        self._troubles: dict[str, Any] = {}
         self._misses: deque[tuple[float, int]] = deque(maxlen=MAX_EVENTS)
         """The last periods before which others were missed: when, and how many."""
 
@@ -239,7 +243,19 @@ class Watched:
     def line(self) -> dict[str, Any]:
         told = {"name": self.name, "station": self.station, "place": self.place}
         told |= {"stage": str(self.stage), "wiring": self.about["wiring"]}
-        return told | ({} if self.ending is None else {"ending": self.ending._asdict()})
+        return told | self._trouble() | ({} if self.ending is None else {"ending": self.ending._asdict()})
+
+    def _trouble(self) -> dict[str, Any]:
+        """What is wrong in a run that goes on, in words; made when the states, or the events that tell why, change."""
+        frame = self._frame
+        if frame is None or self.ended:
+            return {}
+        states = frame["equipment"].tobytes(), frame["alarms"].tobytes(), self.reader.next_event
+        if states != self._troubled:
+            faults, alarms = fault_texts(self.reader.faults(frame)), alarms_text(self.reader.alarms(frame))
+            self._troubled = states
+            self._troubles = {"faults": faults, "alarms": list(map(printable, alarms))}
+        return self._troubles
 
     @property
     def utc(self) -> float | None:

@@ -10,6 +10,7 @@ from enum import IntEnum
 from struct import Struct
 from typing import NamedTuple
 
+from umo.errors import DriverError
 from umo.split.part_plan import PartPlan, bits_of, share_of
 
 VERSION = 1
@@ -24,6 +25,7 @@ class FrameKind(IntEnum):
     EXCHANGE = 4
     STOP = 5
     STATE = 6
+    REFUSED = 7
 
 
 class FrameItem(IntEnum):
@@ -48,6 +50,20 @@ class ControllerMode(IntEnum):
 
 HELLO, WELCOME = Struct("<BI"), Struct("<BIBIBH")
 HEAD, ITEM, STATE = Struct("<BHH"), Struct("<BH"), Struct("<BHHBhhIHBB")
+
+
+REFUSALS = {1: "it has another host", 2: "this process is another user's than the controller's program"}
+"""Why a controller closes the line to a host at once."""
+
+
+class HostRefused(DriverError):
+    """The controller has another host, or this one may not be it."""
+
+
+def check_refused(body: bytes, name: str) -> None:
+    """HostRefused if this is the refusal of a controller of this name."""
+    if len(body) == 2 and body[0] == FrameKind.REFUSED:
+        raise HostRefused(f"the controller {name} refuses: {REFUSALS.get(body[1], f'reason {body[1]}')}")
 
 
 class Welcome(NamedTuple):

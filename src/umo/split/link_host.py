@@ -16,6 +16,7 @@ from umo.split.link_bodies import (
     FrameKind,
     StateReader,
     Welcome,
+    check_refused,
     hello,
     request,
     welcome_of,
@@ -172,6 +173,7 @@ class LinkHost:
 
     def _take(self, data: bytes) -> None:
         for body in self._reader.take(data):
+            check_refused(body, self._name)
             if (welcome := welcome_of(body)) is not None:
                 self._welcomed(welcome)
             elif (state := self._states.read(body)) is not None:

@@ -5,12 +5,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from os import getpid
-from time import monotonic
+from time import monotonic, sleep
 
 from umo.drivers.streams import Lost, Stream, TimedOut
 from umo.drivers.streams.stream import Dial
 from umo.errors import DeviceTimeout, DriverError
-from umo.split.link_bodies import STATE, ControllerMode, FrameKind, hello, request, welcome_of
+from umo.split.link_bodies import (
+    STATE,
+    ControllerMode,
+    FrameKind,
+    HostRefused,
+    check_refused,
+    hello,
+    request,
+    welcome_of,
+)
 from umo.split.link_frames import FrameReader, framed
 
 LONGEST = 1 << 16
@@ -19,11 +28,19 @@ LONGEST = 1 << 16
 
 def stop_controller(dial: Dial, name: str, deadline: float, retry: float) -> None:
     """Bring the outputs of a controller to their defaults, whatever part it runs and whoever has started it. Each frame
-    is sent again after `retry` s. DeviceTimeout, DriverError."""
+    is sent again after `retry` s. DeviceTimeout, DriverError; HostRefused if it has
+    another host for all that time."""
     stream: Stream | None = None
     try:
-        stream = dial(deadline)
-        _stop(stream, deadline, retry)
+        while True:
+            stream = dial(deadline)
+            try:
+                return _stop(stream, name, deadline, retry)
+            except HostRefused:  # by its host, of which it has not noticed yet that it has died: it soon does
+                if monotonic() + retry >= deadline:
+                    raise
+            stream.close()
+            sleep(retry)
     except TimedOut:
         raise DeviceTimeout(f"no answer from the controller {name}: timed out") from None
     except Lost as error:
@@ -33,13 +50,14 @@ def stop_controller(dial: Dial, name: str, deadline: float, retry: float) -> Non
             stream.close()
 
 
-def _stop(stream: Stream, deadline: float, retry: float) -> None:
+def _stop(stream: Stream, name: str, deadline: float, retry: float) -> None:
     nonce, reader = (int(monotonic() * 1e6) ^ getpid() << 16) & 0xFFFFFFFF, FrameReader(LONGEST)
     session = 0
     while True:
         said = request(FrameKind.STOP, session, 1, ()) if session else hello(nonce)
         stream.send(framed(said), deadline)
         for body in _bodies(stream, reader, deadline, retry):
+            check_refused(body, name)
             welcome = welcome_of(body)
             if welcome is not None and welcome.nonce == nonce and not session:
                 session = welcome.session

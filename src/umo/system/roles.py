@@ -1,14 +1,21 @@
-"""Roles: which commands a user may give to machines, from one file of this user who runs them.
+"""Who may give which command: the one policy of pages, faces, fleets and whatever else takes commands of others.
+
+The user who runs a machine may give every command. That a caller is this user is proved: by files and sockets that only
+this user may open, or by the account of the process at the other end of a connection (`umo.system.peer_account`); never
+by an address. Everybody else may see, and beyond that what one file of this user gives them:
 
     # ~/.config/umo/roles.toml
-    [users]
+    [users]             # whose names are proved: by a password, a certificate, their account of this computer
     ann = "maintain"
     bob = "operate"
     "*" = "see"         # everybody else
 
-A role includes those before it: see, tune, operate, maintain. Without a file everybody may give every command. The
-user who runs a machine may always: their own programs on this computer are not asked. What cannot be read, or is
-wrong, allows nobody else anything but to see.
+    [unverified]        # ways that prove no name: what everybody may who gets in there
+    page = "operate"    # whoever has the token that was given
+    homeassistant = "tune"
+
+A role includes those before it: see, tune, operate, maintain. A file that cannot be read, or is wrong, allows nobody
+else anything but to see.
 """
 
 from __future__ import annotations
@@ -16,6 +23,7 @@ from __future__ import annotations
 import os
 import tomllib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
 from typing import Any
@@ -26,7 +34,11 @@ from umo.text import did_you_mean, printable
 MAX_BYTES = 1 << 20
 """Bytes of the file at most."""
 ANYBODY = "*"
-"""The user who stands for all that are not named."""
+"""The user, or the way, that stands for all that are not named."""
+TABLES = ("users", "unverified")
+ABOUT = "(docs/security.md)"
+PAGE = "page"
+"""The way of commands that come by a page."""
 
 
 class Role(IntEnum):
@@ -42,10 +54,10 @@ class Role(IntEnum):
 
 
 NEEDED: Mapping[str, Role] = {
-    "stop": Role.SEE,
     "lease": Role.TUNE,
     "give back": Role.TUNE,
     "tune": Role.TUNE,
+    "stop": Role.OPERATE,
     "mode": Role.OPERATE,
     "write": Role.OPERATE,
     "let go": Role.OPERATE,
@@ -60,14 +72,31 @@ NEEDED: Mapping[str, Role] = {
     "remove from service": Role.MAINTAIN,
     "return to service": Role.MAINTAIN,
 }
-"""The role that each command of clients needs; one that is not listed needs the last. Anybody may stop a machine."""
+"""The role that each command of clients needs; one that is not listed needs the last."""
+
+
+@dataclass(frozen=True)
+class Caller:
+    """Who gives a command. `way`: how it comes, as events tell it: page, fleet, the name of a face."""
+
+    way: str
+    name: str
+    is_proved: bool = False
+    """Whether the name is proved."""
+    is_owner: bool = False
+    """Whether it is proved that this is the user who runs the machine."""
 
 
 class Roles:
-    """The table of one file. `mistake`: why it cannot be used."""
+    """The tables of one file. `mistake`: why it cannot be used."""
 
-    def __init__(self, users: Mapping[str, Role] | None, mistake: str = "") -> None:
-        self._users = users
+    def __init__(
+        self,
+        users: Mapping[str, Role] | None = None,
+        unverified: Mapping[str, Role] | None = None,
+        mistake: str = "",
+    ) -> None:
+        self._users, self._unverified = users or {}, unverified or {}
         self.mistake = mistake
 
     @classmethod
@@ -79,28 +108,41 @@ class Roles:
                 data = stream.read(MAX_BYTES + 1)
             if len(data) > MAX_BYTES:
                 raise OptionError(f"it has more than {MAX_BYTES} bytes")
-            return cls(_users(tomllib.loads(data.decode())))
+            users, unverified = _tables(tomllib.loads(data.decode()))
+            return cls(users, unverified)
         except (OSError, ValueError, RecursionError, OptionError) as error:
             if isinstance(error, FileNotFoundError) and not file.is_symlink():  # nor a link that leads nowhere
-                return cls(None)
-            return cls({}, printable(f"{file}: {error}"))
+                return cls()
+            return cls(mistake=printable(f"{file}: {error}"))
 
-    @property
-    def is_absent(self) -> bool:
-        """Whether there is no file: then everybody may give every command."""
-        return self._users is None
-
-    def allowed(self, user: str, command: str) -> str | None:
-        """Why a user may not give a command; None: they may."""
-        if self._users is None:
-            return None
+    def refusal(self, caller: Caller, command: str) -> str | None:
+        """Why a caller may not give a command; None: they may."""
         needed = NEEDED.get(command, Role.MAINTAIN)
-        role = self._users.get(user, self._users.get(ANYBODY, Role.SEE))
+        role = self.of(caller)
         if role >= needed:
             return None
         if self.mistake:
             return f"{command} is not allowed while the roles cannot be read: {self.mistake}"
-        return f"{printable(user) or 'a user without a name'} may {role}; {command} needs the role {needed}"
+        who = printable(caller.name) or "a user without a name"
+        if caller.is_proved:
+            return f"{who} may {role}; {command} needs the role {needed} in [users] of roles.toml {ABOUT}"
+        return (
+            f"{who}, unverified, may {role}; {command} needs the role {needed}: "
+            f"{printable(caller.way)} in [unverified] of roles.toml {ABOUT}"
+        )
+
+    def of(self, caller: Caller) -> Role:
+        """The role of a caller. A name that is not proved may take from the role of its way, and adds nothing."""
+        if caller.is_owner:
+            return Role.MAINTAIN
+        if caller.is_proved:
+            return self._users.get(caller.name, self._users.get(ANYBODY, Role.SEE))
+        most = self._unverified.get(caller.way, self._unverified.get(ANYBODY, Role.SEE))
+        return min(most, self._users.get(caller.name, most))
+
+
+EVERYBODY = Roles({ANYBODY: Role.MAINTAIN}, {ANYBODY: Role.MAINTAIN})
+"""Roles with which everybody may give every command: for tests and kits."""
 
 
 def place() -> Path:
@@ -115,18 +157,21 @@ def _without_waiting(path: str, flags: int) -> int:
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
-def _users(given: Mapping[str, Any]) -> dict[str, Role]:
+def _tables(given: Mapping[str, Any]) -> list[dict[str, Role]]:
     """OptionError for another form."""
     for key in given:
-        if key != "users":
-            raise OptionError(f"there is no {key!r}{did_you_mean(key, ['users'])}; there is [users]")
-    users = given.get("users", {})
-    if not isinstance(users, Mapping):
-        raise OptionError("[users] gives names their roles")
+        if key not in TABLES:
+            raise OptionError(f"there is no {key!r}{did_you_mean(key, TABLES)}; there are [users] and [unverified]")
+    return [_roles(name, given.get(name, {})) for name in TABLES]
+
+
+def _roles(table: str, given: Any) -> dict[str, Role]:
+    if not isinstance(given, Mapping):
+        raise OptionError(f"[{table}] gives names their roles")
     names = {str(role): role for role in Role}
-    for user, role in users.items():
+    for user, role in given.items():
         if role not in list(names):
             raise OptionError(
                 f"{user}: no role {role!r}{did_you_mean(str(role), names)}; there are: {', '.join(names)}"
             )
-    return {user: names[role] for user, role in users.items()}
+    return {user: names[role] for user, role in given.items()}

@@ -5,7 +5,7 @@ import { test } from "node:test";
 import { folded, generalised, linesOf } from "../../../src/umo/page/static/folding.js";
 import { filtered, groupsOf, partsOf } from "../../../src/umo/page/static/parts.js";
 import { inSentence, readable, shownQuality, valueText } from "../../../src/umo/page/static/presentation.js";
-import { nameOf, runAfter } from "../../../src/umo/page/static/stations.js";
+import { nameOf, runAfter, troublesOf } from "../../../src/umo/page/static/stations.js";
 import { faultsOf, forbidden, statusOf } from "../../../src/umo/page/static/status.js";
 import { nextTab } from "../../../src/umo/page/static/tabs.js";
 import { loadsAt } from "../../../src/umo/page/static/twin/loads.js";
@@ -165,4 +165,11 @@ test("of a station whose run has ended, another run that goes on is found", () =
   assert.equal(runAfter([lines[0], elsewhere], "press"), null);  // another machine
   assert.equal(nameOf(elsewhere, [lines[0], elsewhere]), "press (pid 8) in /b/press");
   assert.equal(nameOf(lines[1], [...lines, elsewhere]), "oven");
+});
+
+const LINE = { name: "press", station: "press", place: "", stage: "running", wiring: "rig" };
+
+test("the list of stations tells what is wrong in each, the faults first", () => {
+  assert.deepEqual(troublesOf({ ...LINE, faults: ["z: a fault"], alarms: ["tank.full: too full"] }), [["failed", "✕ z: a fault"], ["warn", "▲ tank.full: too full"]]);
+  assert.deepEqual(troublesOf(LINE), []);
 });

@@ -16,7 +16,7 @@ PORT, SEARCH_PORT = 5075, 5076
 
 
 class Epics(Face):
-    """Serves pvAccess on this computer. It proves no user: commands are marked as unverified.
+    """Serves pvAccess on this computer. The kernel proves whose process a client is.
 
     Options:
         prefix: stands before each name; default: the name of the station and a colon.
@@ -24,6 +24,8 @@ class Epics(Face):
         search_port: on which clients search (UDP).
         host: an address of this computer that no other reaches.
     """
+
+    proves_users = True
 
     def __init__(
         self, prefix: str = "", port: int = PORT, search_port: int = SEARCH_PORT, host: str = "127.0.0.1"

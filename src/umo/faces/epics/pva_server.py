@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import os
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from p4p import Value
@@ -11,9 +13,10 @@ from p4p.server import DynamicProvider, Server, ServerOperation, StaticProvider
 from p4p.server.raw import SharedPV
 
 from umo.errors import CommandRefused, UmoError, text_of
-from umo.faces.endpoint import Endpoint, is_local
+from umo.faces.endpoint import Endpoint
 from umo.faces.epics.process_variable import CarryOut, ProcessVariable, result
 from umo.faces.face import User
+from umo.system.peer_account import account_of, peer_uid
 
 BEGUN_AFTER = 1.0
 """Time in s after which a put that does not wait for completion is answered, if it was not refused until then."""
@@ -32,6 +35,9 @@ class PvaServer:
         self._static = StaticProvider()
         self._dynamic = DynamicProvider("kept up", self)
         self._server: Server | None = None
+        self._port = 0
+        self._asking = ThreadPoolExecutor(1, "umo epics")
+        """One thread asks who a client is: commands are carried out in the order in which they came."""
         self._loop: asyncio.AbstractEventLoop | None = None
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -52,7 +58,8 @@ class PvaServer:
                 "EPICS_PVA_CONN_TMO": str(SILENCE * 3 / 4),  # as EPICS has it
             },
         )
-        return f"pva://{endpoint.host}:{self._server.conf()['EPICS_PVAS_SERVER_PORT']}"
+        self._port = int(self._server.conf()["EPICS_PVAS_SERVER_PORT"])
+        return f"pva://{endpoint.host}:{self._port}"
 
     def serve(self, variables: Mapping[str, ProcessVariable]) -> None:
         """From now on these, and no others."""
@@ -70,6 +77,7 @@ class PvaServer:
     async def close(self) -> None:
         if self._server is not None:
             await asyncio.to_thread(self._server.stop)
+        self._asking.shutdown(wait=False)
         self.serve({})
         self.cancel()
 
@@ -108,7 +116,8 @@ class PvaServer:
         try:
             if carry_out is None:
                 raise CommandRefused("it is read only" if not operation.is_call else "it cannot be called")
-            operation.done(await operation.awaited(carry_out))
+            user = await asyncio.get_running_loop().run_in_executor(self._asking, operation.user, self._port)
+            operation.done(await operation.awaited(carry_out, user))
         except asyncio.CancelledError:
             operation.done(error="the machine is no longer there")
         except UmoError as error:
@@ -154,20 +163,21 @@ class ClientRequest:
     def _cancelled(self) -> None:
         self._is_awaited = False
 
-    @property
-    def user(self) -> User:
-        """The account is what the client says it is."""
-        host = self._operation.peer().rpartition(":")[0].strip("[]")
-        account = self._operation.account()
+    def user(self, port: int) -> User:
+        """Who asks at this port of the server. Of a process on this computer the kernel tells the account; of others it
+        is what the client says it is."""
+        host, _, number = self._operation.peer().rpartition(":")
+        uid = peer_uid((host.strip("[]"), int(number)), port) if number.isdecimal() else None
+        account = self._operation.account() if uid is None else account_of(uid)
         name = "" if account == "anonymous" else account
         alive = (lambda: self._is_awaited) if self._waits else None
         if (channel := self._channel) is not None:
             alive = lambda: channel.is_open  # noqa: E731
-        return User(name, proved=False, is_remote=not is_local(host), is_alive=alive)
+        return User(name, proved=uid is not None, is_owner=uid == os.getuid(), is_alive=alive)
 
-    async def awaited(self, carry_out: CarryOut) -> Any:
+    async def awaited(self, carry_out: CarryOut, user: User) -> Any:
         """Carry it out up to where the client waits."""
-        task = asyncio.ensure_future(carry_out(self.user, self._given))
+        task = asyncio.ensure_future(carry_out(user, self._given))
         if not self._waits:
             done, _ = await asyncio.wait([task], timeout=BEGUN_AFTER)
             if not done:

@@ -44,10 +44,6 @@ class BrokerAddress:
         if bool(self.user) != (self.password_file is not None):
             raise OptionError("`user` and `password_file` belong together")
 
-    @property
-    def is_remote(self) -> bool:
-        return not is_local(self.host)
-
     def context(self) -> ssl.SSLContext | None:
         """For TLS; None without `ca`. OptionError if the files are none."""
         if self.ca is None:

@@ -156,7 +156,7 @@ class HomeAssistant(Face):
     async def _carry_out(self, order: str, payload: bytes) -> None:
         assert self._commands is not None
         do, _, path = order.partition("/")
-        path, user = TOPICS.path(path), User(USER, proved=False, is_remote=self._broker.is_remote)
+        path, user = TOPICS.path(path), User(USER, proved=False)
         try:
             if do == "press":
                 arguments = {} if payload == PRESS else arguments_of(payload)

@@ -219,7 +219,7 @@ class Sparkplug(Face):
 
     async def _carry_out(self, name: str, value: Any, about: dict[str, str]) -> None:
         try:
-            result = await self._ask(name, value, User(about.get("user") or NOBODY, False, self._broker.is_remote))
+            result = await self._ask(name, value, User(about.get("user") or NOBODY, proved=False))
             self._answer(DONE, json.dumps(result), about)
         except UmoError as error:
             self._answer(REFUSAL, str(error), about)

@@ -18,6 +18,7 @@ from umo.faces import face_users as users
 from umo.faces.endpoint import is_local
 from umo.faces.face import User
 from umo.faces.opcua.ua_limits import MAX_ITEMS, MAX_QUEUE, MAX_READ, SHORTEST_PUBLISHING
+from umo.system.peer_account import is_own
 
 SILENCE = 5.0
 """Time in s without a request after which what a client holds is let go of. A closed connection is noticed at once."""
@@ -73,9 +74,10 @@ class UaSession(InternalSession):
             self.user = before
             raise ServiceError(ua.StatusCodes.BadIdentityChangeNotSupported)
         if after.user is not None:
-            name, is_remote = after.user.name, not is_local(host)
-            user = User(name, True, is_remote, lambda: self._is_of(name))
-            holder = User(name, True, is_remote, lambda: self._is_of(name) and self._is_heard())
+            name = after.user.name
+            is_owner = is_own(self.transport.get_extra_info("socket") if self.transport is not None else None)
+            user = User(name, True, is_owner, lambda: self._is_of(name))
+            holder = User(name, True, is_owner, lambda: self._is_of(name) and self._is_heard())
             self.user = Client(UserRole.User, name, user, holder)
         return result
 

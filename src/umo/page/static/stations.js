@@ -16,6 +16,11 @@ export function sentenceOf(line, lines) {
   return `${nameOf(line, lines)}: ${ending ? `${ending.failed ? "failed" : "ended"}: ${ending.text}` : stage}`;
 }
 
+/** What is wrong in a run, each with its class: the faults first. @param {Page.Line} line @returns {[string, string][]} */
+export function troublesOf({ faults = [], alarms = [] }) {
+  return [...faults.map((text) => /** @type {[string, string]} */ (["failed", `✕ ${text}`])), ...alarms.map((text) => /** @type {[string, string]} */ (["warn", `▲ ${text}`]))];
+}
+
 /** Another run of the station of an ended run, which is not over; null: there is none. @param {Page.Line[]} lines @param {string} name */
 export function runAfter(lines, name) {
   const own = lines.find((line) => line.name === name);
@@ -37,7 +42,7 @@ export function list(element, { stations, wanted: chosen, server }, choose, flee
   const wanted = chosen ?? server?.station;
   const lines = stations.map((line) => el("li", {}, el("button", {
     className: line.ending?.failed ? "failed" : "", textContent: sentenceOf(line, stations), onclick: () => choose(line.name),
-  })));
+  }), ...troublesOf(line).map(([className, textContent]) => el("p", { className, textContent }))));
   element.append(fleet);
   if (lines.length) element.append(el("h2", { textContent: "Stations" }), el("ul", {}, ...lines));
   const missing = wanted && !stations.some(({ name }) => name === wanted);

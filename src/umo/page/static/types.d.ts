@@ -172,7 +172,9 @@ declare namespace Page {
 
   interface Server { station: string | null; operate: boolean; version: string }
 
-  interface Line { name: string; station: string; place: string; stage: string; wiring: string; ending?: Ending }
+  interface Line { name: string; station: string; place: string; stage: string; wiring: string; ending?: Ending;
+    /** Equipment in fault and alarms of a run that goes on, in words. */
+    faults?: string[]; alarms?: string[] }
 
   /** A station of a fleet (umo/page/fleet_feed.py). */
   interface FleetRow {

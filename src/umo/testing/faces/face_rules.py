@@ -14,6 +14,7 @@ from umo.errors import text_of
 from umo.faces.face import Face
 from umo.faces.host import FaceHost
 from umo.objects import Quality
+from umo.system.roles import EVERYBODY
 from umo.testing.faces.client import ForeignClient, Grade, RefusedByFace, Seen
 from umo.testing.faces.tried_machine import LIMIT, STEP, TriedMachine, until
 
@@ -80,7 +81,13 @@ async def rig_of(subject: TriedFace, mode: Mode = Mode.AUTOMATIC, read_only: boo
         machine = await stack.enter_async_context(TriedMachine(mode))
         face, said = subject.make(), []  # type: ignore[var-annotated]
         host = FaceHost(
-            None, [(subject.name, face)], rate=RATE, read_only=read_only, say=said.append, find=lambda: machine.find()
+            None,
+            [(subject.name, face)],
+            rate=RATE,
+            read_only=read_only,
+            say=said.append,
+            find=lambda: machine.find(),
+            roles=lambda: EVERYBODY,
         )
         serving = asyncio.create_task(host.run())
 

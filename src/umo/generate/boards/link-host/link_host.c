@@ -1,6 +1,9 @@
 /* link_host.c: the line and the tick of a controller on this computer. UMO_LINK is the port of 127.0.0.1 where it waits
  * for its host (default 5327; 0: any, told on standard output), or a device file, such as /dev/ttyUSB0. Ctrl-C and
- * SIGTERM end the program, with its outputs at their defaults. */
+ * SIGTERM end the program, with its outputs at their defaults.
+ *
+ * A host is a process of the user who started this program, as the kernel tells it (/proc/net/tcp). The first one keeps
+ * the line until it has gone, or was silent for longer than LINK_HOST_TIMEOUT. Others are told why, and closed. */
 #define _GNU_SOURCE
 #include <errno.h>
 #include <fcntl.h>
@@ -23,6 +26,7 @@ static int listening = -1, line = -1;
 static uint8_t in[512], out[ROOM];
 static ssize_t got, taken;
 static size_t length;
+static int32_t silent; /* periods since the host was heard */
 static struct timespec next;
 static volatile sig_atomic_t ends;
 static const long PERIOD = (long)(MACHINE_PERIOD * 1e9 + 0.5);
@@ -79,30 +83,86 @@ void link_begin(void)
     (void)clock_gettime(CLOCK_MONOTONIC, &next);
 }
 
-/* A new host takes the place of the one before. */
+/* Whether the process at the other end of a connection is one of this user: the kernel's table has its own address and
+ * port, those of the other side, the state (1: it stands), and the user. */
+static bool is_own(int found)
+{
+    struct sockaddr_in peer, own;
+    socklen_t size = sizeof peer, of_own = sizeof own;
+    char text[512];
+    bool is = false;
+    FILE *table = fopen("/proc/net/tcp", "r");
+    if (!table)
+        return false;
+    if (getpeername(found, (struct sockaddr *)&peer, &size) || getsockname(found, (struct sockaddr *)&own, &of_own)) {
+        (void)fclose(table);
+        return false;
+    }
+    while (!is && fgets(text, sizeof text, table)) {
+        unsigned from, from_port, to, to_port, state, user;
+        is = sscanf(text, " %*d: %x:%x %x:%x %x %*x:%*x %*x:%*x %*x %u", &from, &from_port, &to, &to_port, &state, &user) == 6
+            && from == peer.sin_addr.s_addr && from_port == ntohs(peer.sin_port) && to == own.sin_addr.s_addr
+            && to_port == ntohs(own.sin_port) && state == 1 && user == getuid();
+    }
+    (void)fclose(table);
+    return is;
+}
+
+static void refuse(int found, uint8_t why)
+{
+    uint8_t body[2 + UMO_CRC_BYTES] = {LINK_REFUSED, why};
+    umo_frame_send(body, 2, link_put);
+    (void)!send(found, out, length, MSG_NOSIGNAL);
+    length = 0;
+    (void)shutdown(found, SHUT_WR);
+    while (read(found, in, sizeof in) > 0) /* what is unread would let the answer be lost */
+        continue;
+    (void)close(found);
+    (void)fprintf(stderr, "a host was refused: %s\n", why == LINK_HAS_A_HOST ? "there is one" : "another user's process");
+}
+
+/* The host that has come, if the line is free. */
 static void accept_host(void)
 {
     int yes = 1, found = listening < 0 ? -1 : accept4(listening, NULL, NULL, SOCK_NONBLOCK);
     if (found < 0)
         return;
-    if (line >= 0)
+    if (line >= 0 && silent <= (int32_t)LINK_HOST_TIMEOUT) {
+        refuse(found, LINK_HAS_A_HOST);
+    } else if (!is_own(found)) {
+        refuse(found, LINK_NOT_OWN);
+    } else {
+        if (line >= 0)
+            (void)close(line);
+        line = found;
+        silent = 0;
+        (void)setsockopt(line, IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
+    }
+}
+
+/* What the line has; a host that has closed it has gone. */
+static void receive(void)
+{
+    taken = 0;
+    got = line < 0 ? -1 : read(line, in, sizeof in);
+    if (got > 0)
+        silent = 0;
+    else if (line >= 0 && listening >= 0 && (got == 0 || (errno != EAGAIN && errno != EINTR))) {
         (void)close(line);
-    line = found;
-    (void)setsockopt(line, IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
+        line = -1;
+    }
 }
 
 int link_get(void)
 {
-    if (taken == got) {
-        accept_host();
-        got = line < 0 ? 0 : read(line, in, sizeof in);
-        taken = 0;
+    if (taken >= got) {
+        receive();
         if (got <= 0) {
-            got = 0;
-            return -1;
+            accept_host();
+            receive();
         }
     }
-    return in[taken++];
+    return got > 0 ? in[taken++] : -1;
 }
 
 void link_put(uint8_t byte)
@@ -145,5 +205,6 @@ int32_t io_wait(void)
         return -1;
     for (add_period(); passed(); add_period())
         ticks++;
+    silent = silent > INT32_MAX - ticks ? INT32_MAX : silent + ticks;
     return ticks;
 }

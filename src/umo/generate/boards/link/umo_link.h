@@ -10,7 +10,8 @@
 #include "umo_frames.h"
 
 enum { LINK_VERSION = 1 };
-enum link_kinds { LINK_HELLO = 1, LINK_WELCOME, LINK_START, LINK_EXCHANGE, LINK_STOP, LINK_STATE };
+enum link_kinds { LINK_HELLO = 1, LINK_WELCOME, LINK_START, LINK_EXCHANGE, LINK_STOP, LINK_STATE, LINK_REFUSED };
+enum link_refusals { LINK_HAS_A_HOST = 1, LINK_NOT_OWN }; /* why a line to a host is closed at once */
 enum link_items { LINK_FIELD = 1, LINK_COMMAND, LINK_REFERENCE, LINK_CLEAR, LINK_ACKNOWLEDGE, LINK_PLANNED };
 enum { LINK_NUMBERS = 2 }; /* of what the host is asked to plan, at most */
 enum link_modes { LINK_RESTING, LINK_RUNNING, LINK_FAULTED, LINK_HOST_GONE, LINK_BRAKING };

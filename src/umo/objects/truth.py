@@ -1,0 +1,13 @@
+"""Settings of declarations that are True or False."""
+
+from __future__ import annotations
+
+from umo.errors import DeclarationError
+from umo.text import cut_repr
+
+
+def checked_truth(name: str, value: object) -> bool:
+    """The value of a setting; DeclarationError if it is neither True nor False."""
+    if not isinstance(value, bool):
+        raise DeclarationError(f"{name}={cut_repr(value)} is neither True nor False")
+    return value

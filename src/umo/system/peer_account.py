@@ -1,0 +1,80 @@
+"""The account at the other end of a TCP connection on this computer, as the kernel knows it.
+
+An address proves nothing: a reverse proxy, a gateway or a broker on this computer has one of this computer too, and
+speaks for others. The kernel tells whose process it is (Linux, /proc/net/tcp).
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import pwd
+import socket
+import sys
+from asyncio.trsock import TransportSocket
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+TABLES = Path("/proc/net")
+"""Tables of the kernel: `tcp`, `tcp6`."""
+ESTABLISHED = "01"
+WORD = 4
+"""Bytes of the pieces in which the tables write an address."""
+MAPPED = bytes(10) + b"\xff\xff"
+"""What stands before an address of IPv4 that a socket for IPv6 has."""
+
+
+def peer_uid(peer: tuple[str, int], port: int) -> int | None:
+    """The user (uid) whose process has a connection from `peer` (address, port) to `port` of this computer.
+
+    None: the process is on another computer, the connection has ended, the kernel does not tell, or several users have
+    such a connection (to other addresses of this computer).
+    """
+    try:
+        address = ipaddress.ip_address(peer[0].partition("%")[0])
+    except ValueError:
+        return None
+    packed = (getattr(address, "ipv4_mapped", None) or address).packed
+    tables = {"tcp": packed, "tcp6": MAPPED + packed} if len(packed) == WORD else {"tcp6": packed}
+    for table, own in tables.items():
+        found = {uid for each, other, uid in _connections(table) if (each, other) == ((own, peer[1]), port)}
+        if found:
+            return found.pop() if len(found) == 1 else None
+    return None
+
+
+def account_of(uid: int) -> str:
+    """The name of a user, or the number of one without a name."""
+    with suppress(KeyError):
+        return pwd.getpwuid(uid).pw_name
+    return str(uid)
+
+
+def is_own(connection: socket.socket | TransportSocket | None) -> bool:
+    """Whether the process at the other end of a connection (TCP) is one of this user's."""
+    if connection is None:
+        return False
+    try:
+        peer, own = connection.getpeername(), connection.getsockname()
+    except OSError:
+        return False
+    return peer_uid(peer[:2], own[1]) == os.getuid()
+
+
+def _connections(table: str) -> Iterator[tuple[tuple[bytes, int], int, int]]:
+    """Of each connection that stands: own address and port, port of the other side, uid. None where the kernel has no
+    such table."""
+    with suppress(OSError):
+        for line in (TABLES / table).read_text().splitlines()[1:]:
+            fields = line.split()
+            own, other, state = fields[1:4]
+            if state == ESTABLISHED:
+                address, _, port = own.partition(":")
+                yield (_packed(address), int(port, 16)), int(other.rpartition(":")[2], 16), int(fields[7])
+
+
+def _packed(text: str) -> bytes:
+    """An address of the tables, which write words of 32 bits as this processor has them."""
+    words = (text[place : place + 2 * WORD] for place in range(0, len(text), 2 * WORD))
+    return b"".join(int(word, 16).to_bytes(WORD, sys.byteorder) for word in words)
