@@ -90,6 +90,7 @@ const variant = (given) => {
   if (given === null) return {};
   if (given === "NaN") return { dataType: ua.DataType.Double, value: NaN };
   if (given?.type === "ByteString") return { dataType: ua.DataType.ByteString, value: Buffer.from(given.value, "hex") };
+  if (given?.type === "LocalizedText") return { dataType: ua.DataType.LocalizedText, value: ua.coerceLocalizedText(given.value) };
   if (given && typeof given === "object") return { dataType: ua.DataType[given.type], value: given.value };
   if (typeof given === "boolean") return { dataType: ua.DataType.Boolean, value: given };
   return typeof given === "number" ? { dataType: ua.DataType.Double, value: given } : { dataType: ua.DataType.String, value: given };

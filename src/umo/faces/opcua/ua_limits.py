@@ -17,6 +17,16 @@ MAX_UNACKNOWLEDGED = 100
 """Notifications of a subscription that are kept to be sent again at most."""
 SHORTEST_PUBLISHING = 50.0
 """Shortest publishing interval, ms."""
+LONGEST_INTERVAL = 3_600_000.0
+"""Longest publishing and sampling interval, ms."""
+KEEP_ALIVE, MAX_KEEP_ALIVE, MAX_LIFETIME = 10, 5_000, 15_000
+"""Publishing cycles without a notification: by default, and at most; without a Publish request at most."""
+MAX_NOTIFICATIONS = 10_000
+"""Notifications of one Publish response at most."""
+MAX_PUBLISH = 100
+"""Publish requests of one session that wait at most."""
+MAX_CONTINUATIONS = 16
+"""Continuation points of one session at most."""
 MIN_SESSION, MAX_SESSION = 2_000.0, 60_000.0
 """Time in ms without a request after which a session ends: what a client may ask for."""
 LOGIN_TIME = 10.0

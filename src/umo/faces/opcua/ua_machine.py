@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Any
@@ -49,6 +49,19 @@ class Called:
     """None: the argument `Path` tells."""
     kinds: Mapping[str, str]
     keeps_up: bool = False
+    arguments: Sequence[Mapping[str, Any]] = ()
+    """What an action declares of them."""
+
+    @property
+    def optional(self) -> frozenset[str]:
+        """Arguments that have a default."""
+        return frozenset(each["name"] for each in self.arguments if not each["required"])
+
+
+def acknowledging(alarm: str) -> Called:
+    """What Acknowledge does. Its arguments may be null; they are no arguments of the command."""
+    optional = tuple({"name": each.Name, "required": False} for each in (*EVENT, *COMMENT))
+    return Called("acknowledge alarm", alarm, {}, arguments=optional)
 
 
 class MachineNodes:
@@ -180,7 +193,7 @@ class MachineNodes:
         text = str(action.get("help") or "")
         node = self._tree.method(self.part(above), f"action:{path}", name, given, (RESULT,), description=text)
         kinds = {each["name"]: each["kind"] for each in arguments}
-        self.methods[node] = Called("call", path, kinds, bool(action.get("dead_man")))
+        self.methods[node] = Called("call", path, kinds, bool(action.get("dead_man")), tuple(arguments))
 
 
 def _about(each: Mapping[str, Any]) -> str:
