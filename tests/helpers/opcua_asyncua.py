@@ -17,6 +17,8 @@ from umo.testing.faces import TriedMachine
 from umo.testing.faces.tried_machine import until
 
 VALUE = ua.AttributeIds.Value
+FIRST = 60.0
+"""Time in s within which the first face of a process is there: it fills in the standards."""
 
 
 class Rig:
@@ -103,8 +105,7 @@ class Heard:
                         self.values.append((item.ClientHandle, item.Value.Value.Value, status(item.Value)))
                 elif isinstance(each, ua.EventNotificationList):
                     size += len(each.Events)
-                    told = [(item.ClientHandle, [v.Value for v in item.EventFields], "Good") for item in each.Events]
-                    self.values += told
+                    self.values += [(item.ClientHandle, fields(item), "Good") for item in each.Events]
                 else:
                     self.changes.append(each.Status.name)
             if size:
@@ -119,6 +120,10 @@ class Heard:
         pass
 
 
+def fields(event: ua.EventFieldList) -> list[Any]:
+    return [each.Value.Text if isinstance(each.Value, ua.LocalizedText) else each.Value for each in event.EventFields]
+
+
 def status(value: ua.DataValue) -> str:
     code = value.StatusCode.value if value.StatusCode is not None else 0
     return ua.StatusCode(code & ~0xFFFF).name + ("+overflow" if code & 0x80 else "")
@@ -131,7 +136,7 @@ def run(work: Work, mode: Mode = Mode.AUTOMATIC, **options: Any) -> None:
     async def whole() -> None:
         face = QuickOpcUa(port=0)
         async with TriedMachine(mode) as machine, hosted(machine, face, **options) as said:
-            await until(lambda: face._utc)
+            await until(lambda: face._utc, FIRST)
             await work(Rig(machine, face, said))
             assert not any("has failed" in each for each in said), said
 

@@ -142,12 +142,12 @@ def _arguments(called: Called, variants: list[ua.Variant]) -> tuple[str, dict[st
 
 def _codes(called: Called, variants: list[ua.Variant], error: UmoError) -> list[int]:
     """Which arguments the machine has refused; none: the refusal is of the command as a whole."""
-    if not isinstance(error, RangeError | StateError | PathError):
+    if called.arguments:
+        pairs = zip(called.arguments, variants, strict=False)
+        return [0 if _is_within(about, each.Value) else _C.BadOutOfRange for about, each in pairs]
+    if called.do == "call" or not isinstance(error, RangeError | StateError | PathError):
         return []
-    if called.do != "call":
-        return [_C.BadNodeIdUnknown if isinstance(error, PathError) else _C.BadOutOfRange] * len(variants)
-    pairs = zip(called.arguments, variants, strict=False)
-    return [0 if _is_within(about, each.Value) else _C.BadOutOfRange for about, each in pairs]
+    return [_C.BadNodeIdUnknown if isinstance(error, PathError) else _C.BadOutOfRange] * len(variants)
 
 
 def _is_within(about: Mapping[str, Any], value: Any) -> bool:

@@ -10,6 +10,7 @@ from typing import Any
 from asyncua import ua
 from asyncua.server.address_space import AttributeValue
 
+from umo.cycle.client_commands import Mode
 from umo.faces.face_declaration import Declaration, FaceItem, ItemKind
 from umo.faces.opcua.ua_tree import NodeTree, O, argument, enum_values
 from umo.faces.opcua.ua_values import is_switch, unit_of
@@ -18,6 +19,8 @@ ARGUMENT_TYPES: Mapping[str, int] = {"number": O.Double, "integer": O.Int64, "bo
 """Data types of the arguments of actions by their kinds; the others are texts."""
 RESULT = argument("Result", O.BaseDataType, "what the action returns; a list or a mapping as text")
 PATH = argument("Path", O.String, 'path in the machine; "": everything')
+MODES = ({"name": "Mode", "required": True, "choices": tuple(str(each) for each in Mode)},)
+"""What SetMode takes."""
 COMMANDS: tuple[tuple[str, str, tuple[ua.Argument, ...], str], ...] = (
     ("SetMode", "mode", (argument("Mode", O.String, "automatic or manual"),), "Change the mode."),
     ("Stop", "stop", (), "End the run as after a signal: every actuator goes to its default."),
@@ -182,9 +185,8 @@ class MachineNodes:
     def _add_command(self, parent: ua.NodeId, text: str, command: Any, path: str | None) -> None:
         name, do, given, about = command
         node = self._tree.method(parent, text, name, given, (RESULT,), description=about)
-        self.methods[node] = Called(
-            do, path, {each.Name: "text" if each.Name != "Time" else "number" for each in given}
-        )
+        kinds = {each.Name: "text" if each.Name != "Time" else "number" for each in given}
+        self.methods[node] = Called(do, path, kinds, arguments=MODES if do == "mode" else ())
 
     def _add_action(self, action: Mapping[str, Any]) -> None:
         path, arguments = str(action["path"]), action["arguments"]

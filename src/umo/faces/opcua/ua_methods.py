@@ -111,7 +111,9 @@ STANDARD: Mapping[Any, Callable[[Any, list[Any]], list[Any]]] = {
     ua.NodeId(_O.ConditionType_ConditionRefresh): _refresh,
     ua.NodeId(_O.ConditionType_ConditionRefresh2): _refresh_one,
     ua.NodeId(_O.Server_GetMonitoredItems): _items,
+    ua.NodeId(_O.ServerType_GetMonitoredItems): _items,
     ua.NodeId(_O.Server_ResendData): _resend,
+    ua.NodeId(_O.ServerType_ResendData): _resend,
 }
 """Methods of the standard that this server has. Their first argument is a subscription of the session."""
 
