@@ -45,7 +45,7 @@ class Attacked:
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop, self._open = loop, AsyncExitStack()
-        self.sent = 0
+        self.sent, self._fails = 0, False
 
     def __enter__(self) -> Attacked:
         self._loop.run_until_complete(self._begin())
@@ -65,6 +65,8 @@ class Attacked:
         mine = await self.other.subscribe(self.heard)
         self.heard.listen(mine)
         await self.other.monitor(mine, "cell.level", QueueSize=10)
+        deaf = ua.DataChangeFilter(ua.DataChangeTrigger.StatusValue, 1, 1e9)
+        await self.other.monitor(mine, "cell.position", ClientHandle=1, QueueSize=10, Filter=deaf)
 
     def attack(self, user: str | None, requests: list[Any]) -> None:
         self._loop.run_until_complete(asyncio.wait_for(self._attack(user, requests), 60.0))
@@ -76,9 +78,11 @@ class Attacked:
                 await sender.send(*copy.deepcopy(each))
             self.sent += len(requests)
             raw = 20 + 2 * (self.sent % 50) + 80 * (self.sent % 2)  # with an alarm, or without
-            self.rig.machine.set("cell.position", OSError("unplugged") if self.sent % 3 else 7)
+            self._fails = not self._fails
+            self.rig.machine.set("cell.position", OSError("unplugged") if self._fails else 7)
             self.rig.machine.set("cell.level", raw)
-            await until(lambda: self.heard.values[-1][1] == raw / 2)
+            await until(lambda: self.heard.of(0)[-1][0] == raw / 2)
+            await until(lambda: (self.heard.of(1)[-1][1] == "BadDeviceFailure") is self._fails)
             await sender.send("Publish", ua.PublishParameters(), ())
         assert not sender.wrong, sender.wrong
         assert not any("has failed" in each for each in self.rig.said), self.rig.said

@@ -118,6 +118,23 @@ def test_the_server_timestamp_says_until_when_a_value_was_true() -> None:
     tried(work)
 
 
+def test_every_attribute_and_reference_of_every_node_is_read() -> None:
+    async def work(rig: Rig, client: Asker) -> None:
+        nodes = list(rig.face.server.iserver.aspace.keys())
+        assert len(nodes) > 5_000
+        for first in range(0, len(nodes), 300):
+            some = nodes[first : first + 300]
+            asked = [ua.ReadValueId(node, attribute) for node in some for attribute in range(1, 28)]
+            results = (await client.ask("Read", 0.0, BOTH, asked)).Results
+            wrong = {name(each.StatusCode) for each in results} & {"BadInternalError", "BadUnexpectedError"}
+            assert not wrong
+            described = [ua.BrowseDescription(node, ua.BrowseDirection.Both, ResultMask=63) for node in some]
+            response = await client.ask("Browse", ua.BrowseParameters(NodesToBrowse=described))
+            assert all(each.StatusCode.is_good() for each in response.Results)
+
+    tried(work)
+
+
 def test_requests_as_a_whole_are_refused() -> None:
     async def work(rig: Rig, client: Asker) -> None:
         one = [ua.ReadValueId(rig.node("cell.level"), VALUE)]

@@ -111,6 +111,8 @@ def stamped(value: ua.DataValue, server: datetime) -> ua.DataValue:
 
 def with_timestamps(value: ua.DataValue, timestamps: int, attribute: int) -> ua.DataValue:
     """The same with those timestamps only that a client asks for. Only a Value has a SourceTimestamp."""
+    if timestamps == BOTH and attribute == _A.Value:
+        return value
     source = value.SourceTimestamp if attribute == _A.Value and timestamps in (SOURCE, BOTH) else None
     server = value.ServerTimestamp if timestamps in (SERVER, BOTH) else None
     return ua.DataValue(value.Value, value.StatusCode, source, server)
