@@ -74,16 +74,18 @@ class Attacked:
     async def _attack(self, user: str | None, requests: list[Any]) -> None:
         async with self.rig.client(user) as client:
             sender = Sender(client)
+            await sender.send("CreateSubscription", ua.CreateSubscriptionParameters(50.0), ())
             for each in requests:
                 await sender.send(*copy.deepcopy(each))
             self.sent += len(requests)
+            for _ in range(5):
+                await sender.send("Publish", ua.PublishParameters(), ())
             raw = 20 + 2 * (self.sent % 50) + 80 * (self.sent % 2)  # with an alarm, or without
             self._fails = not self._fails
             self.rig.machine.set("cell.position", OSError("unplugged") if self._fails else 7)
             self.rig.machine.set("cell.level", raw)
             await until(lambda: self.heard.of(0)[-1][0] == raw / 2)
             await until(lambda: (self.heard.of(1)[-1][1] == "BadDeviceFailure") is self._fails)
-            await sender.send("Publish", ua.PublishParameters(), ())
         assert not sender.wrong, sender.wrong
         assert not any("has failed" in each for each in self.rig.said), self.rig.said
 

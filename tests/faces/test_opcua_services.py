@@ -395,6 +395,20 @@ def test_registered_nodes_are_the_nodes() -> None:
     tried(work)
 
 
+def test_a_server_tells_its_limits() -> None:
+    async def work(rig: Rig, client: Asker) -> None:
+        for capability, told in (
+            ("OperationLimits_MaxNodesPerWrite", limits.MAX_OPERATIONS),
+            ("OperationLimits_MaxNodesPerRead", limits.MAX_READ),
+            ("MaxBrowseContinuationPoints", limits.MAX_CONTINUATIONS),
+            ("MaxMonitoredItemsQueueSize", limits.MAX_QUEUE),
+        ):
+            node = ua.NodeId(getattr(ua.ObjectIds, f"Server_ServerCapabilities_{capability}"))
+            assert (await client.read(node)).Value.Value == told
+
+    tried(work)
+
+
 # Sessions --------------------------------------------------------------------------------------------------
 
 

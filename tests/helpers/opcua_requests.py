@@ -108,12 +108,13 @@ FILTERS = st.one_of(
 NO_NAME = st.just(ua.QualifiedName())
 READS = st.builds(ua.ReadValueId, VALUES, ATTRIBUTES, RANGES, mostly(NO_NAME, QUALIFIED))
 NOTIFIERS = st.builds(ua.ReadValueId, st.just(ua.NodeId(2253)), st.just(12))
-MONITORED = st.builds(ua.MonitoringParameters, COUNTS, FLOATS, FILTERS, COUNTS, FLAGS)
+MONITORED = st.builds(ua.MonitoringParameters, COUNTS, mostly(st.just(0.0), FLOATS), FILTERS, COUNTS, FLAGS)
 CALLED = st.builds(ua.CallMethodRequest, mostly(OBJECTS, IDS), mostly(METHODS, IDS), some(VARIANTS))
+ENABLED = mostly(st.just(True), FLAGS)
 CREATED = st.builds(CreateItem, mostly(READS, NOTIFIERS), mostly(st.just(2), ENUM), MONITORED)
 STEPS = some(st.builds(ua.RelativePathElement, mostly(REFERENCES, IDS), FLAGS, FLAGS, QUALIFIED))
 PATHS = st.builds(ua.BrowsePath, IDS, st.builds(ua.RelativePath, STEPS))
-SUBSCRIPTION = (FLOATS, COUNTS, COUNTS, COUNTS)
+SUBSCRIPTION = (mostly(st.sampled_from((0.0, 50.0, -1.0)), FLOATS), COUNTS, COUNTS, COUNTS)
 PARAMETERS = {
     "Read": st.builds(ReadParameters, FLOATS, ENUM, some(READS)),
     "HistoryRead": st.builds(
@@ -130,7 +131,7 @@ PARAMETERS = {
     "TranslateBrowsePathsToNodeIds": st.builds(ua.TranslateBrowsePathsToNodeIdsParameters, some(PATHS)),
     "RegisterNodes": st.builds(ua.RegisterNodesParameters, some(IDS)),
     "UnregisterNodes": st.builds(ua.UnregisterNodesParameters, some(IDS)),
-    "CreateSubscription": st.builds(ua.CreateSubscriptionParameters, *SUBSCRIPTION, FLAGS, st.integers(0, 255)),
+    "CreateSubscription": st.builds(ua.CreateSubscriptionParameters, *SUBSCRIPTION, ENABLED, st.integers(0, 255)),
     "ModifySubscription": st.builds(ua.ModifySubscriptionParameters, OWNED, *SUBSCRIPTION, st.integers(0, 255)),
     "SetPublishingMode": st.builds(ua.SetPublishingModeParameters, FLAGS, some(OWNED)),
     "DeleteSubscriptions": st.builds(ua.DeleteSubscriptionsParameters, some(OWNED, 1)),

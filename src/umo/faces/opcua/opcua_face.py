@@ -19,6 +19,7 @@ from umo.faces.command_users import RefusalLimit
 from umo.faces.endpoint import Endpoint
 from umo.faces.face import Changes, Commands, Face
 from umo.faces.face_declaration import Declaration, ItemKind
+from umo.faces.opcua import ua_limits as limits
 from umo.faces.opcua import ua_machinery as machinery
 from umo.faces.opcua.ua_attributes import Rights, missing
 from umo.faces.opcua.ua_commands import NOT_WRITABLE, ClientCommands
@@ -101,6 +102,7 @@ class OpcUa(Face):
             security = self._security
             server = UaServer(Services(self._write, self._call, rights, security.is_trusted, security.only_secured))
             await self._fill(server)
+            limits.tell(server.iserver.aspace)
             await server.iserver.monitoring.prepare(server)
             await _describe(server, self._security.uri(f"urn:{socket.gethostname()}:umo"))
             self._kinds = await Kinds.of(server)

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+from asyncua import ua
 from asyncua.common.connection import TransportLimits
+from asyncua.server.address_space import AddressSpace
 from asyncua.server.internal_server import InternalServer
 
 MAX_CLIENTS = 32
@@ -46,6 +50,37 @@ MAX_OPERATIONS = 1_000
 """Nodes of one Write or Call request at most."""
 MAX_READ = 10_000
 """Nodes of one Read request at most."""
+
+
+_CALLS = (
+    "MaxNodesPerWrite", "MaxNodesPerBrowse", "MaxNodesPerRegisterNodes", "MaxNodesPerTranslateBrowsePathsToNodeIds",
+    "MaxNodesPerMethodCall", "MaxNodesPerHistoryReadData", "MaxNodesPerHistoryReadEvents",
+)  # fmt: skip
+CAPABILITIES: Mapping[str, tuple[float, str]] = {
+    "OperationLimits_MaxNodesPerRead": (MAX_READ, "UInt32"),
+    "OperationLimits_MaxMonitoredItemsPerCall": (MAX_ITEMS, "UInt32"),
+    **{f"OperationLimits_{each}": (MAX_OPERATIONS, "UInt32") for each in _CALLS},
+    "MaxSessions": (MAX_CLIENTS, "UInt32"),
+    "MaxSubscriptions": (MAX_SUBSCRIPTIONS, "UInt32"),
+    "MaxSubscriptionsPerSession": (MAX_SUBSCRIPTIONS, "UInt32"),
+    "MaxMonitoredItems": (MAX_ITEMS, "UInt32"),
+    "MaxMonitoredItemsPerSubscription": (MAX_ITEMS, "UInt32"),
+    "MaxMonitoredItemsQueueSize": (MAX_QUEUE, "UInt32"),
+    "MaxBrowseContinuationPoints": (MAX_CONTINUATIONS, "UInt16"),
+    "MaxHistoryContinuationPoints": (0, "UInt16"),
+    "MaxQueryContinuationPoints": (0, "UInt16"),
+    "MinSupportedSampleRate": (0.0, "Double"),
+}
+"""What Server/ServerCapabilities tells: value and type."""
+
+
+def tell(space: AddressSpace) -> None:
+    """Tell clients these limits, in the place of asyncua's, which are others."""
+    for name, (value, kind) in CAPABILITIES.items():
+        node = space.get(ua.NodeId(getattr(ua.ObjectIds, f"Server_ServerCapabilities_{name}")))
+        if node is not None:
+            told = ua.Variant(value, getattr(ua.VariantType, kind))
+            node.attributes[ua.AttributeIds.Value].value = ua.DataValue(told)
 
 
 def transport() -> TransportLimits:
