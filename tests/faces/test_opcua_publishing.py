@@ -166,6 +166,24 @@ def test_messages_are_kept_until_they_are_acknowledged() -> None:
     assert answer.Parameters.NotificationMessage.SequenceNumber == 3  # of the next message, as it is a keep-alive
 
 
+def test_messages_that_nobody_acknowledges_are_not_kept_without_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(limits, "MAX_KEPT", 5)
+    bench = Bench()
+    items = [bench.item(QueueSize=10) for _ in range(3)]
+    for number in range(1, 4):
+        bench.request()
+        bench.tick()
+        for item in items:
+            item.take(value(number))
+    assert list(bench.subscription.kept) == [3]
+    monkeypatch.setattr(limits, "MAX_KEPT", 1000)
+    for number in range(limits.MAX_UNACKNOWLEDGED + 5):
+        items[0].take(value(number))
+        bench.request()
+        bench.tick()
+    assert len(bench.subscription.kept) == limits.MAX_UNACKNOWLEDGED
+
+
 def test_nothing_is_told_while_publishing_is_disabled() -> None:
     bench = Bench(PublishingEnabled=False, RequestedMaxKeepAliveCount=2)
     bench.item()

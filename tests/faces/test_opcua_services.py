@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("asyncua", reason="the face OPC UA needs asyncua: pip install 'umo[opcua]'")
 
-from asyncua import ua
+from asyncua import Client, ua
 
 from helpers.opcua import let_in
 from helpers.opcua_asyncua import VALUE, Asker, Rig, run
@@ -433,5 +433,28 @@ def test_a_response_is_not_longer_than_its_client_takes() -> None:
             asked = [ua.ReadValueId(rig.node("cell.level"), VALUE)]
             assert not isinstance(await client.ask("Read", 0.0, BOTH, asked), str)
             assert await client.ask("Read", 0.0, BOTH, asked * 100) == "BadResponseTooLarge"
+
+    run(work)
+
+
+def test_a_session_that_is_taken_up_on_another_connection_is_not_on_the_first_any_more() -> None:
+    async def work(rig: Rig) -> None:
+        async with rig.client("ann") as first:
+            asked = [ua.ReadValueId(rig.node("cell.level"), VALUE)]
+            other = Client(rig.face.address)
+            await other.connect_socket()
+            await other.send_hello()
+            await other.open_secure_channel()
+            other.uaclient.protocol.authentication_token = first.client.uaclient.protocol.authentication_token
+            second = Asker(other, rig)
+            request = ua.ActivateSessionRequest()
+            request.Parameters.UserIdentityToken = ua.AnonymousIdentityToken("anonymous")
+            assert await second.send("ActivateSession", request) == "BadIdentityChangeNotSupported"
+            assert not isinstance(await first.ask("Read", 0.0, BOTH, asked), str)
+            request.Parameters.UserIdentityToken = ua.UserNameIdentityToken("username", "ann", b"hunter2")
+            assert not isinstance(await second.send("ActivateSession", request), str)
+            assert await first.ask("Read", 0.0, BOTH, asked) == "BadSecureChannelIdInvalid"
+            assert not isinstance(await second.ask("Read", 0.0, BOTH, asked), str)
+            other.disconnect_socket()
 
     run(work)

@@ -96,7 +96,6 @@ class Processor(UaProcessor):
     def __init__(self, *given: Any) -> None:
         super().__init__(*given)
         self._answers = 0
-        self._gone = False
 
     async def process(self, header: Any, body: Any) -> bool:
         if header.MessageType == ua.MessageType.SecureMessage and not self._connection.is_open():
@@ -118,15 +117,26 @@ class Processor(UaProcessor):
         if typeid not in WITHOUT_SESSION:
             return self._serve(typeid, header, sequence, body)
         if typeid == ACTIVATE:
-            session: Any = self.session or self.iserver.lookup_external_session(header.AuthenticationToken)
-            if session is not None:
-                session.name = self.name
-            answered = await self._log_in(typeid, header, sequence, body)
-            session.processor = self
-            return answered
+            return await self._activate(typeid, header, sequence, body)
         if typeid == CREATE and self.session is not None:  # asyncua would keep it for ever
             await self.session.close_session(True)
         return await super()._process_message(typeid, header, sequence, body)
+
+    async def _activate(self, typeid: Any, header: Any, sequence: Any, body: Any) -> Any:
+        """Log in. A session may be taken up on a new connection: the old one has it no more."""
+        session: Any = self.session or self.iserver.lookup_external_session(header.AuthenticationToken)
+        if session is None:
+            return await self._log_in(typeid, header, sequence, body)
+        before, session.name = session.name, self.name
+        try:
+            answered = await self._log_in(typeid, header, sequence, body)
+        except BaseException:
+            session.name = before
+            raise
+        if session.processor is not self:
+            session.publisher.requests.clear()
+            session.processor = self
+        return answered
 
     def _serve(self, typeid: Any, header: Any, sequence: Any, body: Any) -> bool:
         """Answer a service of a session, or begin to."""
@@ -137,6 +147,8 @@ class Processor(UaProcessor):
             raise ServiceError(ua.StatusCodes.BadSessionClosed)
         if not session.is_activated():
             raise ServiceError(ua.StatusCodes.BadSessionNotActivated)
+        if session.processor is not self:
+            raise ServiceError(ua.StatusCodes.BadSecureChannelIdInvalid)
         self.session_last_activity = time.monotonic()
         session.touch()
         if typeid in (WRITE, CALL):
@@ -154,7 +166,10 @@ class Processor(UaProcessor):
     def send_response(
         self, handle: Any, sequence: Any, response: Any, kind: Any = ua.MessageType.SecureMessage
     ) -> None:
-        """Nothing, if nobody is there any more; a fault, if its client does not take so much."""
+        """Nothing, if nobody is there any more; a fault, if its client does not take so much. Who does not take what
+        it has asked for is disconnected."""
+        if self._transport.get_write_buffer_size() > limits.MAX_UNSENT:
+            self._transport.abort()
         if not self.is_open:
             return
         response.ResponseHeader.RequestHandle = handle

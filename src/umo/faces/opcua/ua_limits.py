@@ -18,7 +18,9 @@ MAX_ITEMS = 10_000
 MAX_QUEUE = 100
 """Values of one monitored item that wait to be sent at most: then the oldest are left out."""
 MAX_UNACKNOWLEDGED = 100
-"""Notifications of a subscription that are kept to be sent again at most."""
+"""Messages of a subscription that are kept to be sent again at most."""
+MAX_KEPT = 20_000
+"""Notifications in these messages at most: then the oldest are forgotten, all but the last."""
 SHORTEST_PUBLISHING = 50.0
 """Shortest publishing interval, ms."""
 LONGEST_INTERVAL = 3_600_000.0

@@ -262,8 +262,10 @@ class UaSubscription:
         if told:
             self.kept[self._next] = message
             self._next = 1 if self._next >= LAST_NUMBER else self._next + 1
-            while len(self.kept) > limits.MAX_UNACKNOWLEDGED:
+            sizes = deque(map(_size, self.kept.values()))
+            while len(sizes) > limits.MAX_UNACKNOWLEDGED or (len(sizes) > 1 and sum(sizes) > limits.MAX_KEPT):
                 self.kept.popitem(last=False)
+                sizes.popleft()
         return ua.PublishResult(
             SubscriptionId=self.number, AvailableSequenceNumbers=list(self.kept), MoreNotifications=False,
             NotificationMessage=message,
@@ -288,3 +290,9 @@ class UaSubscription:
         for number in list(self.items):
             self.remove(number)
         self._ended(self)
+
+
+def _size(message: ua.NotificationMessage) -> int:
+    """Number of its notifications."""
+    lists = (getattr(each, name, ()) for each in message.NotificationData for name in ("MonitoredItems", "Events"))
+    return sum(map(len, lists))
