@@ -276,12 +276,15 @@ def test_a_client_can_change_no_subscription_of_another() -> None:
             node = ann.get_node(ua.NodeId("cell.level", await ann.get_namespace_index("urn:umo:plant")))
             item, number = await mine.subscribe_data_change(node), mine.subscription_id
             await until(lambda: heard.values)
-            for attack in (
+            for several in (
                 eve.uaclient.set_publishing_mode(ua.SetPublishingModeParameters(False, [number])),
+                eve.uaclient.delete_subscriptions([number]),
+            ):
+                assert [each.name for each in await several] == ["BadSubscriptionIdInvalid"]
+            for attack in (
                 eve.uaclient.set_monitoring_mode(
                     ua.SetMonitoringModeParameters(number, ua.MonitoringMode.Disabled, [item])
                 ),
-                eve.uaclient.delete_subscriptions([number]),
                 eve.nodes.server.call_method("0:GetMonitoredItems", ua.Variant(number, ua.VariantType.UInt32)),
             ):
                 with pytest.raises(ua.UaStatusCodeError):
@@ -322,11 +325,11 @@ def test_no_client_gets_a_queue_without_bound() -> None:
             mine = await ann.create_subscription(50, Heard())
             node = ann.get_node(ua.NodeId("cell.level", await ann.get_namespace_index("urn:umo:plant")))
             item = await mine.subscribe_data_change(node)
-            for size in (0, 1 << 30):
+            for size, revised in ((0, 1), (1 << 30, limits.MAX_QUEUE)):
                 given = ua.MonitoringParameters(QueueSize=size)
                 change = ua.MonitoredItemModifyRequest(MonitoredItemId=item, RequestedParameters=given)
                 asked = ua.ModifyMonitoredItemsParameters(SubscriptionId=mine.subscription_id, ItemsToModify=[change])
-                assert (await ann.uaclient.modify_monitored_items(asked))[0].RevisedQueueSize == limits.MAX_QUEUE
+                assert (await ann.uaclient.modify_monitored_items(asked))[0].RevisedQueueSize == revised
 
     run(work)
 

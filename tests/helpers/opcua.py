@@ -41,7 +41,6 @@ class QuickOpcUa(OpcUa):
             return
         inner.aspace._nodes.update(copied(STANDARD))
         await inner.history_manager.init()
-        await inner.setup_condition_methods()
 
 
 def copied(nodes: Mapping[Any, NodeData]) -> dict[Any, NodeData]:

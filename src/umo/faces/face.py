@@ -70,6 +70,10 @@ class Commands(Protocol):
         """Carry out a command of `umo.cycle.client_control.COMMANDS`; its result when it has ended. CommandRefused if
         the face only reads or the user may not, and whatever error the machine answers with."""
 
+    def may(self, user: User, do: str, path: str = "") -> bool:
+        """Whether the face passes such a command of a user on, as things are: it does not only read, and the user has
+        the role."""
+
 
 class Face(ABC):
     """The translation of one machine into one protocol."""

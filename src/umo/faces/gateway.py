@@ -104,6 +104,10 @@ class Gateway:
             del self._pending[this]
             self._last = time.monotonic()
 
+    def may(self, user: User, do: str, path: str = "") -> bool:
+        """Whether such a command is passed on (`umo.faces.face.Commands`)."""
+        return self._refusal(user, do, path) is None
+
     def _refusal(self, user: User, do: str, path: str) -> str | None:
         """Why a command is not passed on; None: it is."""
         if self._is_closed:

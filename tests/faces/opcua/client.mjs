@@ -11,6 +11,7 @@ console.log = console.error; // the lines of stdout are answers
 const ua = require("node-opcua-client");
 const { OPCUACertificateManager } = require("node-opcua-certificate-manager");
 const { convertPEMtoDER } = require("node-opcua-crypto");
+const types = require("node-opcua-types"); // every structure of the standard
 const { CallRequest, WriteRequest } = ua;
 
 const WORDS = 0x80; // ReturnDiagnostics: AdditionalInfo of the operations
@@ -90,6 +91,7 @@ const variant = (given) => {
   if (given === null) return {};
   if (given === "NaN") return { dataType: ua.DataType.Double, value: NaN };
   if (given?.type === "ByteString") return { dataType: ua.DataType.ByteString, value: Buffer.from(given.value, "hex") };
+  if (given?.type === "LocalizedText") return { dataType: ua.DataType.LocalizedText, value: ua.coerceLocalizedText(given.value) };
   if (given && typeof given === "object") return { dataType: ua.DataType[given.type], value: given.value };
   if (typeof given === "boolean") return { dataType: ua.DataType.Boolean, value: given };
   return typeof given === "number" ? { dataType: ua.DataType.Double, value: given } : { dataType: ua.DataType.String, value: given };
@@ -161,8 +163,53 @@ async function listen({ fields, type }) {
 
 const plain = (value) => (value === null || value === undefined ? null : value.text !== undefined ? value.text : value instanceof ua.NodeId ? value.toString() : value instanceof Date ? value.getTime() / 1000 : Buffer.isBuffer(value) ? value.toString("hex") : value);
 
+/** A request of node-opcua as it is: `given` are the fields of its class. The code of the response, or of the fault. */
+async function send({ request, given }) {
+  const made = new types[`${request}Request`](revived(given));
+  let response;
+  try {
+    response = await session.performMessageTransaction(made);
+  } catch (error) {
+    response = error.response;
+    if (!response) throw error;
+  }
+  return { status: response.responseHeader.serviceResult.name, response: described(response) };
+}
+
+/** Node identifiers, variants, structures: {"node": ...}, {"type": ...}, {"class": ..., "given": ...}. */
+function revived(value) {
+  if (Array.isArray(value)) return value.map(revived);
+  if (value === null || typeof value !== "object") return value === "NaN" ? NaN : value;
+  if ("node" in value) return ua.resolveNodeId(value.node === "" ? "i=0" : node(value.node));
+  if ("class" in value) return new types[value.class](revived(value.given));
+  if ("type" in value) return new ua.Variant(variant(value));
+  return Object.fromEntries(Object.entries(value).map(([name, each]) => [name, revived(each)]));
+}
+
+const described = (value) => {
+  if (value === null || value === undefined || typeof value !== "object") return value ?? null;
+  if (value instanceof ua.StatusCode) return value.name;
+  if (value instanceof ua.NodeId) return value.toString();
+  if (Array.isArray(value)) return value.map(described);
+  if (Buffer.isBuffer(value) || value instanceof Date) return plain(value);
+  return Object.fromEntries(Object.entries(value).filter(([name]) => !name.startsWith("_")).map(([name, each]) => [name, described(each)]));
+};
+
+/** A monitored item with these parameters; what it tells is heard with its handle. */
+async function monitor({ handle, name, interval, given }) {
+  const mine = await session.createSubscription2({ requestedPublishingInterval: interval, requestedMaxKeepAliveCount: 5, requestedLifetimeCount: 100, maxNotificationsPerPublish: 0, publishingEnabled: true });
+  const { mode, ...parameters } = revived(given);
+  try {
+    const item = await mine.monitor({ nodeId: node(name), attributeId: ua.AttributeIds.Value }, parameters, ua.TimestampsToReturn.Both, mode === undefined ? ua.MonitoringMode.Reporting : mode);
+    item.on("changed", (data) => heard.push([handle, data.value.value, data.statusCode.name.split("#")[0], data.statusCode.name.includes("Overflow")]));
+    return { status: item.statusCode.name };
+  } catch (error) {
+    return { status: (/Bad\w+/.exec(error.message) ?? [error.message])[0] };
+  }
+}
+
 const doing = {
-  connect, read, write, call, browse, path, subscribe, listen,
+  send, monitor, connect, read, write, call, browse, path, subscribe, listen,
   arguments: async ({ name }) => {
     const told = await session.getArgumentDefinition(node(name));
     return { arguments: told.inputArguments.map((each) => [each.name, each.dataType.toString(), each.description.text]) };

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import gc
 import logging
 import socket
@@ -20,19 +19,23 @@ from umo.faces.command_users import RefusalLimit
 from umo.faces.endpoint import Endpoint
 from umo.faces.face import Changes, Commands, Face
 from umo.faces.face_declaration import Declaration, ItemKind
+from umo.faces.opcua import ua_limits as limits
 from umo.faces.opcua import ua_machinery as machinery
+from umo.faces.opcua.ua_attributes import Rights, missing
 from umo.faces.opcua.ua_commands import NOT_WRITABLE, ClientCommands
 from umo.faces.opcua.ua_connection import Answer, Services, UaServer
 from umo.faces.opcua.ua_events import ACKNOWLEDGE, Happenings, Kinds
-from umo.faces.opcua.ua_machine import Called, MachineNodes
+from umo.faces.opcua.ua_machine import MachineNodes, acknowledging
+from umo.faces.opcua.ua_methods import STANDARD, call_standard, refusal
 from umo.faces.opcua.ua_packml import URI as PACKML
 from umo.faces.opcua.ua_packml import PackMLUnits
 from umo.faces.opcua.ua_security import Security
-from umo.faces.opcua.ua_session import OF_SUBSCRIPTION, UaSession
-from umo.faces.opcua.ua_tree import NodeTree
-from umo.faces.opcua.ua_values import GONE, data_value, state_text
+from umo.faces.opcua.ua_session import UaSession
+from umo.faces.opcua.ua_tree import NodeTree, put
+from umo.faces.opcua.ua_values import GONE, data_value, moment, state_text
 from umo.frames.reader import NumberedEvent
 
+_C = ua.StatusCodes
 PORT = 4840
 NODESETS = Path(__file__).parent / "nodesets"
 COMPANIONS = ("Di", "IA", "Machinery", "PackML")
@@ -41,6 +44,9 @@ REFUSAL = 300
 """Severity of the event of a refusal."""
 REFUSAL_PAUSE = 1.0
 """Time in s from one event of a refusal of a user to the next."""
+
+
+GONE_ANSWER = Answer(ua.StatusCode(_C.BadNoCommunication), "the machine does not run")
 
 
 class OpcUa(Face):
@@ -92,8 +98,12 @@ class OpcUa(Face):
         logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # it writes traces of what clients do wrong
         listening = self._endpoint.listening()
         try:
-            server = UaServer(Services(self._write, self._call, self._security.is_trusted, self._security.only_secured))
+            rights = Rights(self._may_write, self._may_call, self._true_at)
+            security = self._security
+            server = UaServer(Services(self._write, self._call, rights, security.is_trusted, security.only_secured))
             await self._fill(server)
+            limits.tell(server.iserver.aspace)
+            await server.iserver.monitoring.prepare(server)
             await _describe(server, self._security.uri(f"urn:{socket.gethostname()}:umo"))
             self._kinds = await Kinds.of(server)
             self._security.apply(server)
@@ -126,12 +136,12 @@ class OpcUa(Face):
         self._shown = machine
         assert self._nodes is not None and self._kinds is not None
         self._happenings = Happenings(self.server, self._kinds, self._nodes)
-        self._commands = ClientCommands(self._nodes, commands, self._tell_refusal)
+        self._commands = ClientCommands(self.server.iserver.aspace, self._nodes, commands, self._tell_refusal)
 
     async def _build(self, machine: Declaration) -> None:
         server = self.server
         if self._tree is not None:
-            await self._tree.clear()
+            self._tree.clear()
         namespace = await server.register_namespace(f"urn:umo:{machine.station}")
         spaces = {uri: number for number, uri in enumerate(await server.get_namespace_array())}
         tree = self._tree = NodeTree(server.iserver.aspace, server.iserver.node_mgt_service, namespace)
@@ -144,21 +154,21 @@ class OpcUa(Face):
     async def frames(self, changes: Changes) -> None:
         nodes, machine, units, happenings = self._nodes, self._shown, self._units, self._happenings
         assert nodes is not None and machine is not None and units is not None and happenings is not None
-        self._utc = changes.utc
         for place in changes.places:
             item = machine.items[place]
             value = data_value(item, changes)
-            await put(nodes.values[place], value)
+            put(nodes.values[place], value)
             if place in nodes.texts:
-                await put(nodes.texts[place], state_text(item, value))
-                await units.show(place, value, put)
+                put(nodes.texts[place], state_text(item, value))
+                units.show(place, value)
             if item.kind is ItemKind.ALARM:
-                await happenings.alarm(item, float(changes.values[place]), changes.utc)
+                happenings.alarm(item, float(changes.values[place]), changes.utc)
+        self._utc = changes.utc
 
     async def events(self, events: Sequence[NumberedEvent]) -> None:
         assert self._happenings is not None
         for each in events:
-            await self._happenings.event(each.event, self._utc)
+            self._happenings.event(each.event, self._utc)
 
     async def end(self, why: str) -> None:
         """Every value is the last one from now on, and says so; commands that wait are answered."""
@@ -171,8 +181,8 @@ class OpcUa(Face):
         for each in (*self._nodes.values, *self._nodes.texts.values(), *self._units.values()):
             old = each.value
             if old is not None and old.StatusCode is not None and not old.StatusCode.is_bad():
-                await put(each, ua.DataValue(old.Value, GONE, old.SourceTimestamp, old.ServerTimestamp))
-        await self._happenings.end(f"the machine has ended: {why}")
+                put(each, ua.DataValue(old.Value, GONE, old.SourceTimestamp, old.ServerTimestamp))
+        self._happenings.end(f"the machine has ended: {why}")
 
     async def close(self) -> None:
         if self._server is not None:
@@ -181,63 +191,80 @@ class OpcUa(Face):
     # Commands ----------------------------------------------------------------------------------------------
 
     async def _write(self, session: UaSession, value: ua.WriteValue) -> Answer:
-        if self._commands is None or self._tree is None or value.NodeId.NamespaceIndex != self._tree.namespace:
-            return Answer(NOT_WRITABLE, "it is not written, or no machine runs")
+        space, node = self.server.iserver.aspace, value.NodeId
+        if node not in space:
+            return Answer(missing(node), "there is no such node")
+        if value.AttributeId not in space[node].attributes:
+            return Answer(ua.StatusCode(_C.BadAttributeIdInvalid), "it has no such attribute")
+        if self._nodes is None or node not in self._nodes.writable:
+            return Answer(NOT_WRITABLE, "only actuators and tunable numbers are written")
+        if self._commands is None:
+            return GONE_ANSWER
         return await self._commands.write(session, value)
 
     async def _call(self, session: UaSession, request: ua.CallMethodRequest) -> Answer:
-        nodes, commands = self._nodes, self._commands
-        if nodes is None:
-            return await self._standard(session, request)
-        called = nodes.methods.get(request.MethodId)
-        if called is None and (alarm := self._acknowledged(request)) is not None:
-            event = request.InputArguments[0].Value if request.InputArguments else None
-            if event and self._happenings is not None and not self._happenings.is_last(alarm, event):
-                unknown = ua.StatusCode(ua.StatusCodes.BadEventIdUnknown)
-                return Answer(ua.CallMethodResult(unknown), f"{alarm} has changed since that event")
-            request.InputArguments, called = [], Called("acknowledge alarm", alarm, {})
+        arguments = list(request.InputArguments or [])
+        if (alarm := self._acknowledged(request)) is not None:
+            return await self._acknowledge(session, request, alarm, arguments)
+        if (code := refusal(self.server.iserver.aspace, request)) is not None:
+            return Answer(ua.CallMethodResult(code), "this object has no such method")
+        called = None if self._nodes is None else self._nodes.methods.get(request.MethodId)
         if called is None:
-            return await self._standard(session, request)
-        if commands is None:
-            gone = ua.StatusCode(ua.StatusCodes.BadNoCommunication)
-            return Answer(ua.CallMethodResult(gone), "the machine does not run")
-        return await commands.call(session, request, called)
+            return Answer(call_standard(session, request))
+        if self._commands is None:
+            return Answer(ua.CallMethodResult(GONE_ANSWER.result), GONE_ANSWER.words)
+        return await self._commands.call(session, request.MethodId, arguments, called)
 
     def _acknowledged(self, request: ua.CallMethodRequest) -> str | None:
         """The alarm that a call acknowledges: by its own method, or by that of the standard."""
-        assert self._nodes is not None
-        if request.MethodId == ACKNOWLEDGE:
-            return self._nodes.alarm_of(request.ObjectId)
-        return self._nodes.acknowledging.get(request.MethodId)
+        if self._nodes is None:
+            return None
+        alarm = self._nodes.alarm_of(request.ObjectId)
+        own = self._nodes.acknowledging.get(request.MethodId)
+        return alarm if alarm is not None and (own == alarm or request.MethodId == ACKNOWLEDGE) else None
 
-    async def _standard(self, session: UaSession, request: ua.CallMethodRequest) -> Answer:
-        """A method of the server itself. Those that name a subscription are for its session only."""
-        given = request.InputArguments
-        if request.MethodId in OF_SUBSCRIPTION and given and not session.owns(given[0].Value):
-            return Answer(ua.CallMethodResult(ua.StatusCode(ua.StatusCodes.BadSubscriptionIdInvalid)))
-        return Answer((await self.server.iserver.method_service.call([request]))[0])
+    async def _acknowledge(self, session: UaSession, request: Any, alarm: str, arguments: list[Any]) -> Answer:
+        """What a client has not seen it cannot acknowledge."""
+        if self._commands is None or self._happenings is None:
+            return Answer(ua.CallMethodResult(GONE_ANSWER.result), GONE_ANSWER.words)
+        event = arguments[0].Value if arguments else None
+        if event and isinstance(event, bytes) and not self._happenings.is_last(alarm, event):
+            unknown = ua.StatusCode(_C.BadEventIdUnknown)
+            return Answer(ua.CallMethodResult(unknown), f"{alarm} has changed since that event")
+        return await self._commands.call(session, request.MethodId, arguments, acknowledging(alarm))
+
+    # Rights ------------------------------------------------------------------------------------------------
+
+    def _may_write(self, session: Any, node: ua.NodeId) -> bool:
+        item = None if self._nodes is None else self._nodes.writable.get(node)
+        if item is None or self._commands is None:
+            return False
+        return self._commands.may(session, "write" if item.kind is ItemKind.ACTUATOR else "tune", item.path)
+
+    def _may_call(self, session: Any, method: ua.NodeId) -> bool:
+        """None as session: whether anybody may."""
+        called = None if self._nodes is None else self._nodes.methods.get(method)
+        if called is None and self._nodes is not None and (alarm := self._nodes.acknowledging.get(method)) is not None:
+            called = acknowledging(alarm)
+        if called is None or session is None:
+            return called is not None or method in STANDARD
+        return self._commands is not None and self._commands.may(session, called.do, called.path or "")
+
+    def _true_at(self, node: ua.NodeId) -> datetime | None:
+        """Values of the machine are as they were in the last period that was seen."""
+        if self._tree is None or node.NamespaceIndex != self._tree.namespace:
+            return None
+        return moment(self._utc)
 
     def _tell_refusal(self, who: str, words: str) -> None:
         """To the variable LastRefusal, and as an event, one a second of a user: many would push alarms out of queues
         that clients have."""
         is_event = self._refusals.is_told(who, time.monotonic())
-        task = asyncio.create_task(self._tell(f"{who}: {words}", is_event))
-        self.server.iserver.answering.add(task)
-        task.add_done_callback(self.server.iserver.answering.discard)
-
-    async def _tell(self, words: str, is_event: bool) -> None:
         assert self._tree is not None and self._nodes is not None and self._happenings is not None
-        text = ua.DataValue(ua.Variant(words, ua.VariantType.String), SourceTimestamp=datetime.now(UTC))
-        await put(self._tree.value_of(self._nodes.refusal), text)
+        text = ua.Variant(f"{who}: {words}", ua.VariantType.String)
+        put(self._tree.value_of(self._nodes.refusal), ua.DataValue(text, SourceTimestamp=datetime.now(UTC)))
         if is_event:
-            await self._happenings.tell("", words, REFUSAL)
-
-
-async def put(where: Any, value: ua.DataValue) -> None:
-    """Set a value, and tell those who monitor it."""
-    where.value = value
-    for handle, callback in list(where.datachange_callbacks.items()):
-        await callback(handle, value)
+            self._happenings.tell("", f"{who}: {words}", REFUSAL)
 
 
 def _fixed(machine: Declaration) -> tuple[Any, ...]:

@@ -3,27 +3,31 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Mapping
+from math import isfinite
 from typing import Any
 
 from asyncua import ua
+from asyncua.server.address_space import AddressSpace
 
-from umo.errors import CommandRefused, StateError, UmoError
+from umo.errors import PathError, RangeError, StateError, UmoError
 from umo.faces.face import Commands, User
 from umo.faces.face_declaration import ItemKind
+from umo.faces.opcua.ua_attributes import bounds
 from umo.faces.opcua.ua_connection import Answer
 from umo.faces.opcua.ua_machine import Called, MachineNodes
-from umo.faces.opcua.ua_session import Client, UaSession
-from umo.faces.opcua.ua_values import given, result_of, status_of
+from umo.faces.opcua.ua_methods import check, wrong
+from umo.faces.opcua.ua_session import UaSession
+from umo.faces.opcua.ua_values import UaRefusal, given, result_of, status_of
 
 BEGUN_WITHIN = 0.5
 """Time in s after which an action that is kept up, and was not refused, counts as begun."""
 PATIENCE = 10.0
 """Time in s after which an action that still runs is answered with GoodCompletesAsynchronously: clients wait for 15 s
 or longer."""
-GOOD, LATER = ua.StatusCode(), ua.StatusCode(ua.StatusCodes.GoodCompletesAsynchronously)
-NOT_WRITABLE = ua.StatusCode(ua.StatusCodes.BadNotWritable)
-DENIED = ua.StatusCode(ua.StatusCodes.BadUserAccessDenied)
+_C = ua.StatusCodes
+GOOD, LATER = ua.StatusCode(), ua.StatusCode(_C.GoodCompletesAsynchronously)
+NOT_WRITABLE = ua.StatusCode(_C.BadNotWritable)
 ANONYMOUS = "an anonymous session only reads: log in with a password or a certificate"
 TellRefusal = Callable[[str, str], object]
 """Tells a refusal: of whom, in words."""
@@ -32,37 +36,56 @@ TellRefusal = Callable[[str, str], object]
 class ClientCommands:
     """The commands of all clients to one run."""
 
-    def __init__(self, nodes: MachineNodes, commands: Commands, refused: TellRefusal) -> None:
-        self._nodes, self._commands, self._refused = nodes, commands, refused
+    def __init__(self, space: AddressSpace, nodes: MachineNodes, commands: Commands, refused: TellRefusal) -> None:
+        self._space, self._nodes, self._commands, self._refused = space, nodes, commands, refused
         self._running: set[asyncio.Task[Any]] = set()
 
+    def may(self, session: Any, do: str, path: str) -> bool:
+        """Whether a session may give a command, as far as its user goes."""
+        user: User | None = session.user.user
+        return user is not None and self._commands.may(user, do, path)
+
     async def write(self, session: UaSession, value: ua.WriteValue) -> Answer:
+        """The value of a node that is there."""
         item = self._nodes.writable.get(value.NodeId)
-        if item is None or value.AttributeId != ua.AttributeIds.Value or value.IndexRange:
+        if item is None or value.AttributeId != ua.AttributeIds.Value:
             return Answer(NOT_WRITABLE, "only actuators and tunable numbers are written")
         try:
-            if value.Value.StatusCode is not None and not value.Value.StatusCode.is_good():
-                raise StateError(f"{item.path}: only a good value is written")
-            new = given(item, value.Value.Value)
+            _user_of(session)
+            if value.IndexRange:
+                code = _C.BadIndexRangeInvalid if bounds(value.IndexRange) is None else _C.BadIndexRangeNoData
+                raise UaRefusal(code, f"{item.path} is no array")
+            new = given(item, value.Value)
             do = "write" if item.kind is ItemKind.ACTUATOR else "tune"
             await self._ask(session, do, item.path, held=do == "write", value=new)
         except UmoError as error:
             return self._refusal(session, error)
         return Answer(GOOD)
 
-    async def call(self, session: UaSession, request: ua.CallMethodRequest, called: Called | None = None) -> Answer:
-        called = called or self._nodes.methods[request.MethodId]
+    async def call(self, session: UaSession, method: ua.NodeId, arguments: list[ua.Variant], called: Called) -> Answer:
+        """A method that its object has."""
         try:
-            path, more = _arguments(called, request.InputArguments or [])
+            _user_of(session)
+            result = check(self._space, method, arguments, called.optional)
+            if result is not None:
+                return self._wrong(session, called, result)
+            path, more = _arguments(called, arguments)
             work = self._ask(session, called.do, path, held=called.keeps_up, **more)
             if called.keeps_up or called.do == "call":
                 return await self._patiently(session, work, BEGUN_WITHIN if called.keeps_up else PATIENCE)
             return Answer(_result(GOOD, await work))
         except UmoError as error:
             refusal = self._refusal(session, error)
-            words = [ua.DiagnosticInfo(AdditionalInfo=refusal.words)] * len(request.InputArguments or [])
-            refusal.result = ua.CallMethodResult(refusal.result, InputArgumentDiagnosticInfos=words)
+            codes = _codes(called, arguments, error)
+            refusal.result = wrong(codes) if any(codes) else ua.CallMethodResult(refusal.result)
             return refusal
+
+    def _wrong(self, session: UaSession, called: Called, result: ua.CallMethodResult) -> Answer:
+        """Of arguments that are not those that are declared."""
+        takes = ", ".join(f"{name} ({kind})" for name, kind in called.kinds.items()) or "no arguments"
+        refusal = self._refusal(session, UaRefusal(result.StatusCode.value, f"it takes {takes}"))
+        refusal.result = result
+        return refusal
 
     async def _patiently(self, session: UaSession, work: Coroutine[Any, Any, Any], patience: float) -> Answer:
         """The result of an action, or that it goes on. It is not cancelled with the request."""
@@ -81,16 +104,14 @@ class ClientCommands:
             self._refusal(session, error)
 
     async def _ask(self, session: UaSession, do: str, path: str, held: bool = False, **more: Any) -> Any:
+        user = _user_of(session)
         client: Any = session.user
-        user = client.holder if held else client.user
-        if user is None:
-            raise Anonymous(ANONYMOUS)
-        return await self._commands.ask(user, do, path, **more)
+        return await self._commands.ask(client.holder if held else user, do, path, **more)
 
     def _refusal(self, session: UaSession, error: UmoError) -> Answer:
-        user = _user(session)
+        user = session.user.user
         self._refused(user.name if user else "anonymous", str(error))
-        return Answer(DENIED if isinstance(error, Anonymous) else status_of(error), str(error))
+        return Answer(status_of(error), str(error))
 
     async def close(self) -> None:
         for task in list(self._running):
@@ -98,22 +119,19 @@ class ClientCommands:
         await asyncio.gather(*self._running, return_exceptions=True)
 
 
-class Anonymous(CommandRefused):
-    """A command of nobody."""
-
-
-def _user(session: UaSession) -> User | None:
-    client: Any = session.user
-    return client.user if isinstance(client, Client) else None
+def _user_of(session: UaSession) -> User:
+    """UaRefusal of an anonymous session."""
+    user: User | None = session.user.user
+    if user is None:
+        raise UaRefusal(_C.BadUserAccessDenied, ANONYMOUS)
+    return user
 
 
 def _arguments(called: Called, variants: list[ua.Variant]) -> tuple[str, dict[str, Any]]:
-    """Path and arguments of a command. StateError for too many, or of a wrong type."""
-    if len(variants) > len(called.kinds):
-        raise StateError(f"there are {len(variants)} arguments; it has {len(called.kinds)}")
+    """Path and arguments of a command; those that are null have their defaults."""
     values = {
-        name: _plain(name, kind, each)
-        for (name, kind), each in zip(called.kinds.items(), variants, strict=False)
+        name: each.Value.Text if isinstance(each.Value, ua.LocalizedText) else each.Value
+        for name, each in zip(called.kinds, variants, strict=False)
         if each.Value is not None
     }
     if called.do == "call":
@@ -122,14 +140,24 @@ def _arguments(called: Called, variants: list[ua.Variant]) -> tuple[str, dict[st
     return path, {"value": next(iter(values.values()))} if values else {}
 
 
-def _plain(name: str, kind: str, variant: ua.Variant) -> Any:
-    value = variant.Value
-    if isinstance(value, ua.LocalizedText):
-        value = value.Text
-    types: Any = {"number": int | float, "integer": int, "bool": bool}.get(kind, str)
-    if variant.is_array or not isinstance(value, types) or (isinstance(value, bool) and kind != "bool"):
-        raise StateError(f"{name}: {value!r} is no {kind}")
-    return float(value) if kind == "number" else value
+def _codes(called: Called, variants: list[ua.Variant], error: UmoError) -> list[int]:
+    """Which arguments the machine has refused; none: the refusal is of the command as a whole."""
+    if called.arguments:
+        pairs = zip(called.arguments, variants, strict=False)
+        return [0 if _is_within(about, each.Value) else _C.BadOutOfRange for about, each in pairs]
+    if called.do == "call" or not isinstance(error, RangeError | StateError | PathError):
+        return []
+    return [_C.BadNodeIdUnknown if isinstance(error, PathError) else _C.BadOutOfRange] * len(variants)
+
+
+def _is_within(about: Mapping[str, Any], value: Any) -> bool:
+    """Whether an argument is within what its action declares."""
+    if value is None or isinstance(value, bool):
+        return True
+    if isinstance(value, int | float):
+        low, high = about.get("minimum"), about.get("maximum")
+        return isfinite(value) and (low is None or value >= low) and (high is None or value <= high)
+    return not about.get("choices") or value in about["choices"]
 
 
 def _result(status: ua.StatusCode, value: Any) -> ua.CallMethodResult:

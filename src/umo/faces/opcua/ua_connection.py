@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import time
 from collections.abc import Awaitable, Callable, Sequence
 from typing import Any
 
@@ -15,37 +16,30 @@ from asyncua import Server, ua
 from asyncua.common.utils import ServiceError
 from asyncua.server.binary_server_asyncio import BinaryServer, OPCUAProtocol
 from asyncua.server.internal_server import InternalServer
+from asyncua.server.internal_session import SessionState
 from asyncua.server.uaprocessor import UaProcessor
-from asyncua.ua.ua_binary import struct_from_binary
+from asyncua.ua.ua_binary import struct_to_binary
 
 from umo.faces.opcua import ua_limits as limits
+from umo.faces.opcua.ua_attributes import Attributes, Rights
+from umo.faces.opcua.ua_monitoring import Monitoring
+from umo.faces.opcua.ua_services import SERVICES, counted, decoded, service
 from umo.faces.opcua.ua_session import UaSession, Users
 
 KEEP_ALIVE = ((socket.TCP_KEEPIDLE, 1), (socket.TCP_KEEPINTVL, 1), (socket.TCP_KEEPCNT, 3))
 """A computer that does not answer any more is noticed after 4 s, in s and tries."""
 UNSENT_TIMEOUT = 5_000
 """Time in ms after which a computer that does not take what was sent is gone."""
-REFRESH_SEVERITY = 100
-"""Of the events around a ConditionRefresh."""
 ADDITIONAL_INFO = 0x80
 """Bit of `ReturnDiagnostics`: words of the results of single operations (OPC 10000-4, 7.32)."""
 
 
-def _service(name: str) -> ua.NodeId:
-    return ua.NodeId(getattr(ua.ObjectIds, f"{name}Request_Encoding_DefaultBinary"))
-
-
-WRITE, CALL = _service("Write"), _service("Call")
-CREATE, ACTIVATE = _service("CreateSession"), _service("ActivateSession")
-OPEN = (_service("GetEndpoints"), _service("FindServers"), _service("CloseSecureChannel"))
+WRITE, CALL, PUBLISH = service("Write"), service("Call"), service("Publish")
+CREATE, ACTIVATE = service("CreateSession"), service("ActivateSession")
+OPEN = (service("GetEndpoints"), service("FindServers"), service("CloseSecureChannel"))
 """Services that need neither a session nor a secured channel."""
-LEFT_OUT = tuple(
-    map(
-        _service,
-        ("AddNodes", "DeleteNodes", "AddReferences", "DeleteReferences", "RegisterServer", "RegisterServer2"),
-    )
-)
-"""Services that this server does not have."""
+WITHOUT_SESSION = (*OPEN, CREATE, ACTIVATE, service("CloseSession"))
+"""Services that asyncua answers. All others are answered here, or are not there."""
 
 
 class Answer:
@@ -61,19 +55,30 @@ Carry = Callable[[UaSession, Any], Awaitable[Answer]]
 
 
 class Services(InternalServer):
-    """`write` and `call` carry out what clients ask for."""
+    """`write` and `call` carry out what clients ask for. The services that they use are those of this package;
+    asyncua's own session, which fills the address space, uses asyncua's."""
 
-    def __init__(self, write: Carry, call: Carry, is_trusted: Callable[[bytes], bool], only_secured: bool) -> None:
+    def __init__(
+        self, write: Carry, call: Carry, rights: Rights, is_trusted: Callable[[bytes], bool], only_secured: bool
+    ) -> None:
         super().__init__(user_manager=Users())
         self.write, self.call = write, call
+        self.attributes = Attributes(self.aspace, rights)
+        self.monitoring = Monitoring(self.attributes)
+        self.subscription_service = self.isession.subscription_service = self.monitoring
         self.is_trusted, self.only_secured = is_trusted, only_secured
         self.answering: set[asyncio.Task[None]] = set()
         self.logging_in = asyncio.Lock()
-        self.bind_condition_methods = REFRESH_SEVERITY
         limits.limit(self)
 
     def create_session(self, name: Any, user: Any = None, external: bool = False) -> UaSession:
         return UaSession(self, self.aspace, self.subscription_service, name, external=external)
+
+    async def get_endpoints(self, params: Any = None, sockname: Any = None) -> list[Any]:
+        """Those with one of the transport profiles that are asked for; all, if none is."""
+        profiles = params.ProfileUris if params is not None else None
+        found = await super().get_endpoints(params, sockname)
+        return [each for each in found if not profiles or each.TransportProfileUri in profiles]
 
     async def abandon(self) -> None:
         """Nothing that is under way will be answered by the machine."""
@@ -91,7 +96,6 @@ class Processor(UaProcessor):
     def __init__(self, *given: Any) -> None:
         super().__init__(*given)
         self._answers = 0
-        self._gone = False
 
     async def process(self, header: Any, body: Any) -> bool:
         if header.MessageType == ua.MessageType.SecureMessage and not self._connection.is_open():
@@ -108,20 +112,89 @@ class Processor(UaProcessor):
         super().open_secure_channel(algohdr, seqhdr, body)
 
     async def _process_message(self, typeid: Any, header: Any, sequence: Any, body: Any) -> Any:
-        if typeid in LEFT_OUT:
-            raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
         if self.iserver.only_secured and typeid not in OPEN and not self._is_secured:
             raise ServiceError(ua.StatusCodes.BadSecurityPolicyRejected)
-        if typeid in (WRITE, CALL) and self.session is not None and self.session.is_activated():
-            return self._begin(typeid, header, sequence, body)
+        if typeid not in WITHOUT_SESSION:
+            return self._serve(typeid, header, sequence, body)
         if typeid == ACTIVATE:
-            session: Any = self.session or self.iserver.lookup_external_session(header.AuthenticationToken)
-            if session is not None:
-                session.name, session.transport = self.name, self._transport
-            return await self._log_in(typeid, header, sequence, body)
+            return await self._activate(typeid, header, sequence, body)
         if typeid == CREATE and self.session is not None:  # asyncua would keep it for ever
             await self.session.close_session(True)
         return await super()._process_message(typeid, header, sequence, body)
+
+    async def _activate(self, typeid: Any, header: Any, sequence: Any, body: Any) -> Any:
+        """Log in. A session may be taken up on a new connection: the old one has it no more."""
+        session: Any = self.session or self.iserver.lookup_external_session(header.AuthenticationToken)
+        if session is None:
+            return await self._log_in(typeid, header, sequence, body)
+        before, session.name = session.name, self.name
+        try:
+            answered = await self._log_in(typeid, header, sequence, body)
+        except BaseException:
+            session.name = before
+            raise
+        if session.processor is not self:
+            session.publisher.requests.clear()
+            session.processor = self
+        return answered
+
+    def _serve(self, typeid: Any, header: Any, sequence: Any, body: Any) -> bool:
+        """Answer a service of a session, or begin to."""
+        session: Any = self.session
+        if session is None or header.AuthenticationToken != session.auth_token:
+            raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
+        if session.state is SessionState.Closed:
+            raise ServiceError(ua.StatusCodes.BadSessionClosed)
+        if not session.is_activated():
+            raise ServiceError(ua.StatusCodes.BadSessionNotActivated)
+        if session.processor is not self:
+            raise ServiceError(ua.StatusCodes.BadSecureChannelIdInvalid)
+        self.session_last_activity = time.monotonic()
+        session.touch()
+        if typeid in (WRITE, CALL):
+            self._begin(typeid, header, sequence, body)
+        elif typeid == PUBLISH:
+            acknowledged = decoded(ua.PublishParameters, body).SubscriptionAcknowledgements
+            session.publisher.publish(header, sequence, acknowledged)
+        elif typeid in SERVICES:
+            structure, answer = SERVICES[typeid]
+            self.send_response(header.RequestHandle, sequence, answer(session, decoded(structure, body)))
+        else:
+            raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
+        return True
+
+    def send_response(
+        self, handle: Any, sequence: Any, response: Any, kind: Any = ua.MessageType.SecureMessage
+    ) -> None:
+        """Nothing, if nobody is there any more; a fault, if its client does not take so much. Who does not take what
+        it has asked for is disconnected."""
+        if self._transport.get_write_buffer_size() > limits.MAX_UNSENT:
+            self._transport.abort()
+        if not self.is_open:
+            return
+        response.ResponseHeader.RequestHandle = handle
+        body = struct_to_binary(response)
+        session: Any = self.session
+        if session is not None and 0 < session.most < len(body):
+            response = ua.ServiceFault()
+            response.ResponseHeader.RequestHandle = handle
+            response.ResponseHeader.ServiceResult = ua.StatusCode(ua.StatusCodes.BadResponseTooLarge)
+            body = struct_to_binary(response)
+        self._transport.write(
+            self._connection.message_to_binary(body, message_type=kind, request_id=sequence.RequestId)
+        )
+
+    @property
+    def is_open(self) -> bool:
+        return not self._transport.is_closing()
+
+    async def close(self) -> None:
+        """The connection has gone: nobody waits for its Publish requests any more."""
+        session: Any = self.session
+        if session is not None and session.processor is self:
+            session.publisher.requests.clear()
+            session.processor = None
+        await super().close()
 
     async def _log_in(self, *message: Any) -> Any:
         """One at a time: a flood of wrong passwords leaves time for the machine's values."""
@@ -138,29 +211,23 @@ class Processor(UaProcessor):
 
     # Writes and calls --------------------------------------------------------------------------------------
 
-    def _begin(self, typeid: Any, header: Any, sequence: Any, body: Any) -> bool:
+    def _begin(self, typeid: Any, header: Any, sequence: Any, body: Any) -> None:
         """Answer it in a task of its own. The task goes on when the connection has gone: the gateway ends what
         nobody keeps up."""
-        assert isinstance(self.session, UaSession)
-        self.session.touch()
+        session: Any = self.session
         if self._answers >= limits.MAX_ANSWERS:
             raise ServiceError(ua.StatusCodes.BadTooManyOperations)
+        response: Any
         if typeid == WRITE:
-            each = struct_from_binary(ua.WriteParameters, body).NodesToWrite
-            work = self._write(self.session, each)
-            response: Any = ua.WriteResponse()
+            work = self._write(session, counted(decoded(ua.WriteParameters, body).NodesToWrite))
+            response = ua.WriteResponse()
         else:
-            each = struct_from_binary(ua.CallParameters, body).MethodsToCall
-            work = self._call(self.session, each)
+            work = self._call(session, counted(decoded(ua.CallParameters, body).MethodsToCall))
             response = ua.CallResponse()
-        if not 0 < len(each) <= limits.MAX_OPERATIONS:
-            work.close()
-            raise ServiceError(ua.StatusCodes.BadTooManyOperations if each else ua.StatusCodes.BadNothingToDo)
         self._answers += 1
         task = asyncio.create_task(self._answer(work, response, header, sequence))
         self.iserver.answering.add(task)
         task.add_done_callback(self.iserver.answering.discard)
-        return True
 
     async def _write(self, session: UaSession, values: Sequence[Any]) -> list[Answer]:
         async with session.ordered:
@@ -182,8 +249,7 @@ class Processor(UaProcessor):
             response.ResponseHeader.ServiceResult = ua.StatusCode(code)
         finally:
             self._answers -= 1
-        if not self._transport.is_closing():
-            self.send_response(header.RequestHandle, sequence, response)
+        self.send_response(header.RequestHandle, sequence, response)
 
 
 class Protocol(OPCUAProtocol):

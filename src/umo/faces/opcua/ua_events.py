@@ -63,13 +63,13 @@ class Happenings:
     """Tells the clients of a server what happens in one machine."""
 
     def __init__(self, server: Any, kinds: Kinds, nodes: MachineNodes) -> None:
-        self._service = server.iserver.subscription_service
+        self._monitoring = server.iserver.monitoring
         self._kinds, self._nodes = kinds, nodes
         self._states: dict[str, AlarmState] = {}
         self._ids: dict[str, bytes] = {}
         """The last event of each alarm: what a client acknowledges."""
 
-    async def alarm(self, item: FaceItem, number: float, utc: float) -> None:
+    def alarm(self, item: FaceItem, number: float, utc: float) -> None:
         """An alarm is in a state. The first one is told only if it matters."""
         state, before = AlarmState(int(number)), self._states.get(item.path, AlarmState.NORMAL)
         if state is before:
@@ -100,39 +100,39 @@ class Happenings:
             setattr(event, name, value)
         severity = SEVERITY.get(str(item.about.get("priority")), SEVERITY["medium"])
         text = f"{item.about.get('text') or item.path}: {state}"
-        self._ids[item.path] = await self._send(event, item.path, node, text, severity, utc)
+        self._ids[item.path] = self._send(event, item.path, node, text, severity, utc)
 
-    async def event(self, event: Event, utc: float) -> None:
+    def event(self, event: Event, utc: float) -> None:
         """An event of the machine; those of alarms are told as conditions."""
         if event.asked == ALARM:
             return
         severity = FAULT_EVENT if event.asked == FAULT else EVENT_SEVERITY.get(event.state, NORMAL_EVENT)
         words = [event.who, event.asked, "" if event.state is CommandState.NONE else str(event.state), event.text]
         text = ": ".join(each for each in words if each)
-        await self.tell(event.path, text, severity, utc)
+        self.tell(event.path, text, severity, utc)
 
-    async def tell(self, path: str, text: str, severity: int, utc: float | None = None) -> None:
+    def tell(self, path: str, text: str, severity: int, utc: float | None = None) -> None:
         node = self._nodes.by_path.get(path, self._nodes.root)
-        await self._send(copy.copy(self._kinds.plain), path, node, text, severity, time.time() if utc is None else utc)
+        self._send(copy.copy(self._kinds.plain), path, node, text, severity, time.time() if utc is None else utc)
 
-    async def _send(self, event: Any, path: str, node: ua.NodeId, text: str, severity: int, utc: float) -> bytes:
+    def _send(self, event: Any, path: str, node: ua.NodeId, text: str, severity: int, utc: float) -> bytes:
         event.EventId = uuid.uuid4().bytes
         event.Time, event.ReceiveTime = moment(utc), moment(time.time())
         event.SourceNode, event.SourceName = node, path
         event.Message, event.Severity = ua.LocalizedText(text), severity
-        await self._service.trigger_event(event)
+        self._monitoring.tell(event)
         return bytes(event.EventId)
 
     def is_last(self, path: str, event_id: object) -> bool:
         """Whether a client has seen the last event of an alarm: what it has not seen it cannot acknowledge."""
         return self._ids.get(path) == event_id
 
-    async def end(self, why: str) -> None:
+    def end(self, why: str) -> None:
         """The run is over: no alarm stands."""
-        retained = self._service._conditions
+        retained = self._monitoring.retained
         for path, node in self._nodes.alarms.items():
             if node in retained:
                 event = copy.copy(retained[node])
                 event.Retain, event.Quality = False, ua.StatusCode(ua.StatusCodes.BadNoCommunication)
-                await self._send(event, path, node, why, event.Severity, time.time())
-        await self.tell("", why, NORMAL_EVENT)
+                self._send(event, path, node, why, event.Severity, time.time())
+        self.tell("", why, NORMAL_EVENT)

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+from asyncua import ua
 from asyncua.common.connection import TransportLimits
+from asyncua.server.address_space import AddressSpace
 from asyncua.server.internal_server import InternalServer
 
 MAX_CLIENTS = 32
@@ -14,9 +18,21 @@ MAX_ITEMS = 10_000
 MAX_QUEUE = 100
 """Values of one monitored item that wait to be sent at most: then the oldest are left out."""
 MAX_UNACKNOWLEDGED = 100
-"""Notifications of a subscription that are kept to be sent again at most."""
+"""Messages of a subscription that are kept to be sent again at most."""
+MAX_KEPT = 20_000
+"""Notifications in these messages at most: then the oldest are forgotten, all but the last."""
 SHORTEST_PUBLISHING = 50.0
 """Shortest publishing interval, ms."""
+LONGEST_INTERVAL = 3_600_000.0
+"""Longest publishing and sampling interval, ms."""
+KEEP_ALIVE, MAX_KEEP_ALIVE, MAX_LIFETIME = 10, 5_000, 15_000
+"""Publishing cycles without a notification: by default, and at most; without a Publish request at most."""
+MAX_NOTIFICATIONS = 10_000
+"""Notifications of one Publish response at most."""
+MAX_PUBLISH = 100
+"""Publish requests of one session that wait at most."""
+MAX_CONTINUATIONS = 16
+"""Continuation points of one session at most."""
 MIN_SESSION, MAX_SESSION = 2_000.0, 60_000.0
 """Time in ms without a request after which a session ends: what a client may ask for."""
 LOGIN_TIME = 10.0
@@ -36,6 +52,37 @@ MAX_OPERATIONS = 1_000
 """Nodes of one Write or Call request at most."""
 MAX_READ = 10_000
 """Nodes of one Read request at most."""
+
+
+_CALLS = (
+    "MaxNodesPerWrite", "MaxNodesPerBrowse", "MaxNodesPerRegisterNodes", "MaxNodesPerTranslateBrowsePathsToNodeIds",
+    "MaxNodesPerMethodCall", "MaxNodesPerHistoryReadData", "MaxNodesPerHistoryReadEvents",
+)  # fmt: skip
+CAPABILITIES: Mapping[str, tuple[float, str]] = {
+    "OperationLimits_MaxNodesPerRead": (MAX_READ, "UInt32"),
+    "OperationLimits_MaxMonitoredItemsPerCall": (MAX_ITEMS, "UInt32"),
+    **{f"OperationLimits_{each}": (MAX_OPERATIONS, "UInt32") for each in _CALLS},
+    "MaxSessions": (MAX_CLIENTS, "UInt32"),
+    "MaxSubscriptions": (MAX_SUBSCRIPTIONS, "UInt32"),
+    "MaxSubscriptionsPerSession": (MAX_SUBSCRIPTIONS, "UInt32"),
+    "MaxMonitoredItems": (MAX_ITEMS, "UInt32"),
+    "MaxMonitoredItemsPerSubscription": (MAX_ITEMS, "UInt32"),
+    "MaxMonitoredItemsQueueSize": (MAX_QUEUE, "UInt32"),
+    "MaxBrowseContinuationPoints": (MAX_CONTINUATIONS, "UInt16"),
+    "MaxHistoryContinuationPoints": (0, "UInt16"),
+    "MaxQueryContinuationPoints": (0, "UInt16"),
+    "MinSupportedSampleRate": (0.0, "Double"),
+}
+"""What Server/ServerCapabilities tells: value and type."""
+
+
+def tell(space: AddressSpace) -> None:
+    """Tell clients these limits, in the place of asyncua's, which are others."""
+    for name, (value, kind) in CAPABILITIES.items():
+        node = space.get(ua.NodeId(getattr(ua.ObjectIds, f"Server_ServerCapabilities_{name}")))
+        if node is not None:
+            told = ua.Variant(value, getattr(ua.VariantType, kind))
+            node.attributes[ua.AttributeIds.Value].value = ua.DataValue(told)
 
 
 def transport() -> TransportLimits:

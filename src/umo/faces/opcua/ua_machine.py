@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 from asyncua import ua
 from asyncua.server.address_space import AttributeValue
 
+from umo.cycle.client_commands import Mode
 from umo.faces.face_declaration import Declaration, FaceItem, ItemKind
 from umo.faces.opcua.ua_tree import NodeTree, O, argument, enum_values
 from umo.faces.opcua.ua_values import is_switch, unit_of
@@ -21,6 +22,8 @@ ARGUMENT_TYPES: Mapping[str, int] = {"number": O.Double, "integer": O.Int64, "bo
 """Data types of the arguments of actions by their kinds; the others are texts."""
 RESULT = argument("Result", O.BaseDataType, "what the action returns; a list or a mapping as text")
 PATH = argument("Path", O.String, 'path in the machine; "": everything')
+MODES = ({"name": "Mode", "required": True, "choices": tuple(str(each) for each in Mode)},)
+"""What SetMode takes."""
 COMMANDS: tuple[tuple[str, str, tuple[ua.Argument, ...], str], ...] = (
     ("SetMode", "mode", (argument("Mode", O.String, "automatic or manual"),), "Change the mode."),
     ("Stop", "stop", (), "End the run as after a signal: every actuator goes to its default."),
@@ -52,6 +55,19 @@ class Called:
     """None: the argument `Path` tells."""
     kinds: Mapping[str, str]
     keeps_up: bool = False
+    arguments: Sequence[Mapping[str, Any]] = ()
+    """What an action declares of them."""
+
+    @property
+    def optional(self) -> frozenset[str]:
+        """Arguments that have a default."""
+        return frozenset(each["name"] for each in self.arguments if not each["required"])
+
+
+def acknowledging(alarm: str) -> Called:
+    """What Acknowledge does. Its arguments may be null; they are no arguments of the command."""
+    optional = tuple({"name": each.Name, "required": False} for each in (*EVENT, *COMMENT))
+    return Called("acknowledge alarm", alarm, {}, arguments=optional)
 
 
 class MachineNodes:
@@ -173,9 +189,8 @@ class MachineNodes:
     def _add_command(self, parent: ua.NodeId, text: str, command: Any, path: str | None) -> None:
         name, do, given, about = command
         node = self._tree.method(parent, text, name, given, (RESULT,), description=about)
-        self.methods[node] = Called(
-            do, path, {each.Name: "text" if each.Name != "Time" else "number" for each in given}
-        )
+        kinds = {each.Name: "text" if each.Name != "Time" else "number" for each in given}
+        self.methods[node] = Called(do, path, kinds, arguments=MODES if do == "mode" else ())
 
     def _add_action(self, action: Mapping[str, Any]) -> None:
         path, arguments = str(action["path"]), action["arguments"]
@@ -186,7 +201,7 @@ class MachineNodes:
             self.part(above), IDENTITIES.of(path, "action"), name, given, (RESULT,), description=text
         )
         kinds = {each["name"]: each["kind"] for each in arguments}
-        self.methods[node] = Called("call", path, kinds, bool(action.get("dead_man")))
+        self.methods[node] = Called("call", path, kinds, bool(action.get("dead_man")), tuple(arguments))
 
 
 def _about(each: Mapping[str, Any]) -> str:

@@ -9,7 +9,7 @@ from asyncua import Node, ua
 
 from umo.faces.face_declaration import Declaration
 from umo.faces.opcua.ua_machine import IDENTITIES, Called, MachineNodes
-from umo.faces.opcua.ua_tree import NodeTree, O
+from umo.faces.opcua.ua_tree import NodeTree, O, put
 from umo.operation.packml import PACKML, PackMLState
 
 URI = "http://opcfoundation.org/UA/PackML/"
@@ -87,10 +87,10 @@ class PackMLUnits:
         self._states[machine.by_name[f"{path}.state"].number] = text
         self._modes[machine.by_name[f"{path}.mode"].number] = text
 
-    async def show(self, place: int, value: ua.DataValue, put: Any) -> None:
+    def show(self, place: int, value: ua.DataValue) -> None:
         """The state, or the mode, of a unit has changed, if this item is one."""
         if place in self._modes:
-            await put(self._tree.value_of(self._tree.id(f"{self._modes[place]}.Status.UnitModeCurrent")), value)
+            put(self._tree.value_of(self._tree.id(f"{self._modes[place]}.Status.UnitModeCurrent")), value)
         if place not in self._states:
             return
         text = self._states[place]
@@ -101,7 +101,7 @@ class PackMLUnits:
             where = ua.Variant(ua.NodeId(node, self._namespace) if node else ua.NodeId(), ua.VariantType.NodeId)
             for key, variant in ((f"{text}.{name}.CurrentState", shown), (f"{text}.{name}.CurrentState.Id", where)):
                 told = ua.DataValue(variant, value.StatusCode, value.SourceTimestamp, value.ServerTimestamp)
-                await put(self._tree.value_of(self._tree.id(key)), told)
+                put(self._tree.value_of(self._tree.id(key)), told)
 
     def values(self) -> list[Any]:
         """Where the values stand that say something of a run."""

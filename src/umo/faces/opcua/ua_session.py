@@ -17,22 +17,14 @@ from asyncua.server.internal_session import InternalSession, SessionState
 from umo.faces import face_users as users
 from umo.faces.endpoint import is_local
 from umo.faces.face import User
-from umo.faces.opcua.ua_limits import MAX_ITEMS, MAX_QUEUE, MAX_READ, SHORTEST_PUBLISHING
+from umo.faces.opcua.ua_limits import MAX_MESSAGE
+from umo.faces.opcua.ua_monitoring import Monitoring
+from umo.faces.opcua.ua_subscriptions import Publisher, PublishRequest
+from umo.faces.opcua.ua_view import Browsing
 from umo.system.peer_account import is_own
 
 SILENCE = 5.0
 """Time in s without a request after which what a client holds is let go of. A closed connection is noticed at once."""
-
-OF_SUBSCRIPTION = tuple(
-    ua.NodeId(each)
-    for each in (
-        ua.ObjectIds.ConditionType_ConditionRefresh,
-        ua.ObjectIds.ConditionType_ConditionRefresh2,
-        ua.ObjectIds.Server_GetMonitoredItems,
-        ua.ObjectIds.Server_ResendData,
-    )
-)
-"""Methods of the standard whose first argument is a subscription."""
 
 
 @dataclass
@@ -51,14 +43,24 @@ class UaSession(InternalSession):
 
     def __init__(self, *given: Any, external: bool = False, **more: Any) -> None:
         super().__init__(*given, external=external, **more)
-        self.transport: asyncio.BaseTransport | None = None
+        self.processor: Any = None
         """Its connection."""
+        self.publisher = Publisher(self._send, self.iserver.monitoring.clock)
+        self.view = Browsing(self.aspace)
+        self.most = 0
+        """Bytes of a response that its client takes at most; 0: any."""
         self.ordered = asyncio.Lock()
         """Writes are carried out in the order in which they came."""
         if external:  # asyncua counts its tokens up: another client could guess them
             self.iserver.unregister_external_session(self)
             self.auth_token = ua.NodeId(secrets.token_bytes(32), 0, ua.NodeIdType.ByteString)
             self.iserver.register_external_session(self)
+
+    async def create_session(self, params: ua.CreateSessionParameters, sockname: Any = None) -> ua.CreateSessionResult:
+        self.most = params.MaxResponseMessageSize or 0
+        result = await super().create_session(params, sockname)
+        result.MaxRequestMessageSize = MAX_MESSAGE
+        return result
 
     def activate_session(
         self, params: ua.ActivateSessionParameters, peer_certificate: bytes | None
@@ -83,77 +85,27 @@ class UaSession(InternalSession):
 
     def _is_of(self, name: str) -> bool:
         """Whether it is still a session of this user, and connected."""
-        connected = self.transport is not None and not self.transport.is_closing()
+        connected = self.processor is not None and self.processor.is_open
         return connected and self.state is SessionState.Activated and _name(self.user) == name
 
     def _is_heard(self) -> bool:
         return time.monotonic() - self._last_activity < SILENCE
 
-    # What asyncua does not look at ------------------------------------------------------------------------
+    # Subscriptions ----------------------------------------------------------------------------------------
 
-    async def create_subscription(self, params: Any, callback: Any, request_callback: Any = None) -> Any:
-        params.RequestedPublishingInterval = max(SHORTEST_PUBLISHING, params.RequestedPublishingInterval)
-        return await super().create_subscription(params, callback, request_callback)
+    @property
+    def monitoring(self) -> Monitoring:
+        return self.iserver.monitoring
 
-    async def create_monitored_items(self, params: Any) -> Any:
-        self._check(params.SubscriptionId)
-        services = (each.monitored_item_srv for each in self.subscription_service.subscriptions.values())
-        if sum(len(each._monitored_items) for each in services) + len(params.ItemsToCreate) > MAX_ITEMS:
-            raise ServiceError(ua.StatusCodes.BadTooManyMonitoredItems)
-        return await super().create_monitored_items(params)
+    def _send(self, request: PublishRequest, response: Any) -> None:
+        """Answer a Publish request on the connection that this session has now."""
+        if self.processor is not None:
+            self.processor.send_response(request.header.RequestHandle, request.sequence, response)
 
-    async def delete_monitored_items(self, params: Any) -> Any:
-        self._check(params.SubscriptionId)
-        return await super().delete_monitored_items(params)
-
-    async def modify_monitored_items(self, params: Any) -> Any:
-        self._check(params.SubscriptionId)
-        for each in params.ItemsToModify:  # asyncua takes any size, and 0 for none
-            given = each.RequestedParameters
-            given.QueueSize = min(given.QueueSize or MAX_QUEUE, MAX_QUEUE)
-        return await super().modify_monitored_items(params)
-
-    async def set_monitoring_mode(self, params: Any) -> Any:
-        self._check(params.SubscriptionId)
-        return await super().set_monitoring_mode(params)
-
-    async def set_publishing_mode(self, params: Any) -> Any:
-        self._check(*params.SubscriptionIds)
-        return await super().set_publishing_mode(params)
-
-    def modify_subscription(self, params: Any) -> Any:
-        self._check(params.SubscriptionId)
-        return super().modify_subscription(params)
-
-    def republish(self, params: Any) -> Any:
-        self._check(params.SubscriptionId)
-        return super().republish(params)
-
-    def publish(self, acks: Any = None) -> Any:
-        for each in acks or ():
-            each.SubscriptionId *= self.owns(each.SubscriptionId)  # there is no subscription 0
-        return super().publish(acks)
-
-    async def read(self, params: Any) -> Any:
-        if len(params.NodesToRead) > MAX_READ:
-            raise ServiceError(ua.StatusCodes.BadTooManyOperations)
-        return await super().read(params)
-
-    async def delete_subscriptions(self, ids: list[int]) -> Any:
-        self._check(*ids)
-        return await super().delete_subscriptions(ids)
-
-    def owns(self, subscription: Any) -> bool:
-        """Whether a subscription is one of this session."""
-        found = self.subscription_service.subscriptions.get(subscription)
-        return found is not None and found.session_id == self.session_id
-
-    def _check(self, *subscriptions: int) -> None:
-        if not all(map(self.owns, subscriptions)):
-            raise ServiceError(ua.StatusCodes.BadSubscriptionIdInvalid)
-
-    async def transfer_subscriptions(self, params: Any, callback: Any) -> Any:
-        raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
+    async def close_session(self, delete_subs: bool = True) -> None:
+        """Its subscriptions end with it: they are not transferred."""
+        self.publisher.close()
+        await super().close_session(False)
 
 
 def _name(client: Any) -> str | None:

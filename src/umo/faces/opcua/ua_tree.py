@@ -92,7 +92,7 @@ class NodeTree:
         """Nodes that another has added: they are taken away, too."""
         self._made += nodes
 
-    async def clear(self) -> None:
+    def clear(self) -> None:
         """Take away every node; who monitors one is told that it is not there any more."""
         unknown = ua.DataValue(StatusCode=ua.StatusCode(ua.StatusCodes.BadNodeIdUnknown))
         made = set(self._made)
@@ -100,10 +100,9 @@ class NodeTree:
             data = self._space.get(node)
             if data is None:
                 continue
-            if VALUE in data.attributes:
-                for handle, callback in list(data.attributes[VALUE].datachange_callbacks.items()):
-                    await callback(handle, unknown)
-                    self._space.delete_datachange_callback(handle)
+            for attribute in data.attributes.values():
+                put(attribute, unknown)
+                attribute.datachange_callbacks.clear()
             for reference in data.references:
                 if reference.NodeId not in made and (other := self._space.get(reference.NodeId)) is not None:
                     other.references[:] = [each for each in other.references if each.NodeId != node]
@@ -155,6 +154,13 @@ class NodeTree:
             setattr(up, attribute, above.attributes[getattr(ua.AttributeIds, attribute)].value.Value.Value)
         above.references.append(down)
         self._space[node].references.append(up)
+
+
+def put(where: AttributeValue, value: ua.DataValue) -> None:
+    """Set a value, and tell those who monitor it."""
+    where.value = value
+    for item in list(where.datachange_callbacks):
+        item.take(value)
 
 
 def argument(name: str, data_type: int, description: str = "") -> ua.Argument:
