@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from umo.errors import FramesError
+from umo.errors import FramesError, text_of
 from umo.frames.layout import Layout
 from umo.frames.reader import Frames, NumberedEvent
 from umo.recording.block import BlackBox, Block, TakenCommand, block_of, boxes_of, events_of, headed
@@ -29,6 +29,8 @@ EXACT_TOPIC, COLUMNS_TOPIC = "umo/exact", "umo/columns"
 EVENTS_TOPIC, ALARMS_TOPIC, COMMANDS_TOPIC, BOXES_TOPIC = "events", "alarms", "commands", "black_boxes"
 SPARSE_TOPICS = frozenset({EXACT_TOPIC, EVENTS_TOPIC, ALARMS_TOPIC, COMMANDS_TOPIC, BOXES_TOPIC})
 """What is kept from period 0 on, also where the rest of old files is not."""
+MALFORMED = "its description is malformed"
+"""Why a file does not say what was run."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +95,13 @@ class Recording:
 
     @property
     def job(self) -> dict[str, Any]:
-        """What was run: station, wiring with its text, options, versions (`umo.process.job_facts`)."""
-        return dict(self.about.get("job", {}))
+        """What was run: station, wiring with its text, options, versions (`umo.process.job_facts`). Where that is
+        malformed, or there was an error, only `error`."""
+        job: Any = self.about.get("job", {})
+        if _is_table(job) and all(_is_table(job.get(name, {})) for name in ("options", "wiring", "versions")):
+            given = job.get("options", {}).get("given", {})
+            return dict(job) if _is_table(given) else {"error": MALFORMED}
+        return {"error": MALFORMED}
 
     @property
     def is_whole(self) -> bool:
@@ -298,6 +305,10 @@ def _head(about: Mapping[str, Any]) -> _Head:
     )  # fmt: skip
 
 
+def _is_table(found: object) -> bool:
+    return isinstance(found, Mapping)
+
+
 def _described(file: McapReader) -> tuple[dict[str, str], Layout]:
     """What the file says of itself, and the layout of its frames."""
     about = file.metadata.get(METADATA)
@@ -306,9 +317,16 @@ def _described(file: McapReader) -> tuple[dict[str, str], Layout]:
     if about.get("version") != FORMAT:
         raise FramesError(f"{file.path} is of version {about.get('version')}, this umo reads version {FORMAT}")
     try:
-        return about, Layout.parse(about["description"].encode())
+        layout = Layout.parse(about["description"].encode())
+        initial = layout.about.get("initial", {})
+        bytes.fromhex(initial.get("entries", ""))
+        if not all(_is_table(each) for each in (initial, initial.get("kept", {}), initial.get("alarms", {}))):
+            raise ValueError("its first sample is malformed")
     except KeyError as error:
         raise FramesError(f"{file.path} is damaged: it lacks {error}") from None
+    except (ValueError, TypeError, AttributeError) as error:
+        raise FramesError(f"{file.path} is damaged: {text_of(error)}") from None
+    return about, layout
 
 
 def describe(layout: Layout, part: int = 1) -> dict[str, str]:
