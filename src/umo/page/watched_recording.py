@@ -157,8 +157,10 @@ class WatchedRecording(Watched):
     def description(self) -> dict[str, Any]:
         told = super().description()
         told["signals"] = [as_shown(each) for each in self.entries[len(told["objects"]) :]]
-        files = [{"file": each.path.name, "whole": each.is_whole, "lost": sum(gap.count for gap in each.gaps)}
-                 for each in self._recordings]  # fmt: skip
+        files = [
+            {"file": each.path.name, "whole": not each.damage, "lost": sum(gap.count for gap in each.gaps)}
+            for each in self._recordings
+        ]
         first = self._recordings[0]
         words = ["umo", "replay", str(first.path.absolute())]
         if self._given and self._station is not None:

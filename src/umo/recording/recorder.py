@@ -15,8 +15,8 @@ from umo.recording.black_boxes import BlackBoxes
 from umo.recording.block import Block
 from umo.recording.ring_collector import Collector, joined
 
-WRITE_PAUSE = 1.0
-"""s between two writes."""
+WRITE_PAUSE = 0.75
+"""s between two writes, and 1 s with the time to the next look: a chunk has one second of the run at most."""
 MAX_PENDING = 16 << 20
 """Bytes of frames after which they are written in any case."""
 MAX_WAITING = 256 << 20
