@@ -135,6 +135,7 @@ def _told(reader: Reader) -> tuple[dict[str, Any], dict[str, str]]:
         "wiring": about["wiring"],
         "pid": about["pid"],
         "since": about["started"],
+        "lasted_s": reader.lasted,
         "state": str(reader.state),
         "mode": None if reader.mode is None else str(reader.mode),
         "lease": printable(reader.holder) or None,
@@ -150,7 +151,7 @@ def _told(reader: Reader) -> tuple[dict[str, Any], dict[str, str]]:
             for row in reader.alarms(frame)
         ],
     }
-    said = {"station": reader.title, "pid": str(about["pid"]), "since": since(about["started"])}
+    said = {"station": reader.title, "pid": str(about["pid"]), "since": since(about["started"], reader.lasted)}
     return data, said | {"periods": f"{reader.head:,}"} | reader.facts(frame)
 
 

@@ -51,7 +51,8 @@ def _text(title: str, status: dict[str, Any]) -> str:
         return "?"
     value = status.get(title)
     if title == "since":
-        return since(float(value or 0.0))
+        lasted = status.get("lasted")
+        return since(float(value or 0.0), lasted if isinstance(lasted, int | float) else None)
     if title == "alarms" and status.get("faults"):
         return f"{value}, {len(status['faults'])} in fault"
     return "" if value in (None, 0) else str(value)

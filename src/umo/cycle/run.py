@@ -8,10 +8,11 @@ from typing import Any, Concatenate, TypeVar
 
 from umo.cycle.connect import connect
 from umo.cycle.frame import Observer
-from umo.errors import DeclarationError
+from umo.errors import DeclarationError, text_of
 from umo.objects import Compound, DigitalSensor, children
 from umo.objects.compound import check_machine
 from umo.text import cut_repr
+from umo.user_code import is_interrupt
 from umo.wiring import distribute_options
 
 C = TypeVar("C", bound=Compound)
@@ -30,10 +31,11 @@ def run(
 ) -> Any:
     """Connect the machine, run the application's sequence to its end and disconnect safely. Returns its result.
 
-    Without an application the machine's `control` runs until SIGINT or SIGTERM. After a signal the result is
-    None. Errors of the application, the control code and the devices are raised after the actuators have been
-    reset to their defaults. Each of the `options` is handed to all who take one of its name: the application and the
-    drivers, as for `umo run` and `umo.start`; OptionError if nobody does. `acknowledge` as for `connect`.
+    Without an application the machine's `control` runs until SIGINT or SIGTERM. After a signal the result is what
+    `m.cycle.result` has told, else None. Errors of the application, the control code and the devices are raised after
+    the actuators have been reset to their defaults. Each of the `options` is handed to all who take one of its name:
+    the application and the drivers, as for `umo run` and `umo.start`; OptionError if nobody does. `acknowledge` as for
+    `connect`.
     """
     check_machine("run", machine)
     _timer_of(machine)
@@ -43,7 +45,25 @@ def run(
     connection = connect(machine, wiring, acknowledge=acknowledge, **shares.wiring)
     with connection as m:
         connection.machine.observers.extend(watching)
-        return drive(m, application, **shares.application)
+        returned = drive(m, application, **shares.application)
+    return result_of(returned, connection)
+
+
+def result_of(returned: Any, connection: connect[Any]) -> Any:
+    """The result of a run that is over: what its application has returned, else what it has told of it so far. An error
+    of the function that it has told is the result, in words."""
+    machine = getattr(connection, "machine", None)
+    if returned is not None or machine is None:
+        return returned
+    so_far = machine.result_so_far
+    if not callable(so_far):
+        return so_far
+    try:
+        return so_far()
+    except BaseException as error:  # SystemExit too
+        if is_interrupt(error):
+            raise
+        return f"no result so far: {text_of(error)}"
 
 
 def drive(m: C, application: Application[C] | None = None, **options: Any) -> Any:

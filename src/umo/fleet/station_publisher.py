@@ -239,7 +239,7 @@ def status_of(reader: Reader) -> dict[str, Any]:
     facts = reader.facts(frame)
     return {
         "station": about["station"], "wiring": about["wiring"], "pid": about["pid"], "since": about["started"],
-        "period": about["period"], "state": str(reader.state),
+        "lasted": reader.lasted, "period": about["period"], "state": str(reader.state),
         "mode": None if reader.mode is None else str(reader.mode),
         "lease": reader.holder, "missed": reader.missed,
         "alarms": len(reader.alarms(frame)), "text": facts.get(ALARMS, ""),
