@@ -188,12 +188,12 @@ ATTACKS = [
 @pytest.fixture(scope="module")
 def conveyor() -> MemoryTape:
     """A short run of the conveyor."""
-    tape = recorded("conveyor", parts=1)
+    tape = recorded("conveyor", stop=0.05)
     tape.recorded = tape.recorded[:1]
     return tape
 
 
-@pytest.fixture(params=first(4, ATTACKS), ids=lambda attack: attack.__name__)
+@pytest.fixture(params=first(3, ATTACKS), ids=lambda attack: attack.__name__)
 def attack(request: pytest.FixtureRequest, conveyor: MemoryTape, trap: Path) -> Path:
     return attacking(conveyor, trap, request.param)
 
@@ -355,7 +355,7 @@ def test_a_recording_with_anything_in_its_description_is_told_in_a_line(umo: Umo
         path = tmp_path / f"{number}.mcap"
         with closing(RecordingFile(path, layout)) as file:
             file.add([block_at_random(layout, 0, 3, number)])
-        for command in ("info", "replay"):
+        for command in ("info", "replay") if number < 2 else ("info",):
             done = umo(command, str(path))
             assert done.exit_code in (0, 2) and "Traceback" not in done.output, (job, command, done.output)
             assert command == "info" or len(done.stderr.strip().splitlines()) <= 2
