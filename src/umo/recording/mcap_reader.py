@@ -211,6 +211,8 @@ class McapReader:
 
     def _at(self, at: int, length: int) -> bytes:
         """Bytes at an offset, as far as they are there."""
+        if self._file < 0:
+            raise FramesError(f"{self.path} was closed")
         return os.pread(self._file, max(min(length, self.size - at), 0), at)
 
     def _records(self, at: int, end: int) -> Iterator[tuple[int, int, int]]:
