@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
@@ -15,25 +16,28 @@ import pytest
 from typer.testing import Result
 
 from helpers.recorded import block_at_random, layout_of
-from helpers.tapes import MemoryTape, recorded, save, taped
+from helpers.tapes import OVEN, MemoryTape, recorded, save, taped
 from helpers.tiers import first
-from umo import connect, drive
+from umo import Compound, DigitalSensor, connect, drive, published
 from umo.cli.long_runs import prune
 from umo.cli.long_runs import recorded as recorded_runs
 from umo.errors import UmoError
+from umo.frames import Reader
+from umo.latency import blackbox
 from umo.page.watched_recording import WatchedRecording
 from umo.page.watched_run import described_twin
+from umo.process import station as station_module
 from umo.process.job import Job as RunJob
 from umo.process.job import Plan
 from umo.process.job_facts import job_facts
-from umo.process.station import shipped
+from umo.process.station import Station, shipped
 from umo.recording import Recording, flight_folder
 from umo.recording.recording_file import RecordingFile
 from umo.replay.closed_loop import recorded_trial
 from umo.replay.code_given import CodeGiven
 from umo.replay.program import Program
 from umo.replay.tape import NotReplayable
-from umo.testing import assert_no_error, assert_replays
+from umo.testing import assert_no_error, assert_replays, periods
 
 Umo = Callable[..., Result]
 MODULES = ("objects", "application", "twin", "trap", "trap_driver", "__init__")
@@ -365,3 +369,69 @@ def test_the_reason_of_an_error_is_never_silent(conveyor: MemoryTape) -> None:
     job: Mapping[str, Any] = dict(conveyor.job) | {"station": "nowhere"}
     with pytest.raises(UmoError, match="neither ships with umo nor is installed"):
         Program.of(MemoryTape(conveyor.layout, job))
+
+
+def test_a_station_that_a_package_installs_is_found_by_its_recorded_name(
+    umo: Umo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And one of the same name beside the file, in the current folder, is not."""
+    installed = tmp_path / "site" / "acme" / "oven"
+    beside = tmp_path / "oven"
+    for folder, text in ((installed, OVEN), (beside, CODE)):
+        folder.mkdir(parents=True)
+        (folder / "objects.py").write_text(text)
+    (installed / "application.py").write_text(HEATING)
+    (installed.parent / "__init__.py").write_text("")
+    monkeypatch.setattr(sys, "path", [*sys.path, str(tmp_path / "site")])
+    monkeypatch.chdir(tmp_path)
+    point = EntryPoint("oven", "acme.oven", "umo.stations")
+    monkeypatch.setattr(station_module, "entry_points", lambda **which: [point] if which["name"] == "oven" else [])
+    file = save(recorded(str(installed)), tmp_path / "run.mcap")
+    done = umo("replay", str(file))
+    assert done.exit_code == 0 and done.stdout.startswith("identical"), done.output
+    assert not (beside / "touched").exists()
+    assert station_module.packaged("kiln") is None
+
+
+HEATING = """
+from umo.control import next_period
+async def main(m):
+    for number in range(20):
+        m.heater.write(number / 10)
+        await next_period()
+"""
+
+
+def test_a_station_is_named_for_the_twin_of_a_recording_alone(umo: Umo, trap: Path) -> None:
+    done = umo("view", "conveyor", "--station", "conveyor")
+    assert done.exit_code == 2 and "--station is for a recording" in done.stderr, done.output
+
+
+def test_the_twin_of_a_recording_is_that_of_the_named_station(conveyor: MemoryTape, trap: Path) -> None:
+    job = dict(conveyor.job) | {"station": "press", "place": str(trap / "press")}
+    tape = MemoryTape(conveyor.layout, job)
+    tape.events, tape.recorded = conveyor.events, conveyor.recorded
+    file = save(tape, trap / "run.mcap")
+    with closing(WatchedRecording(Recording(file))) as viewed:
+        assert viewed.twin_place is None and not viewed.twin and described_twin(viewed, None) is None
+    named = Station("conveyor", shipped()["conveyor"])
+    with closing(WatchedRecording(Recording(file), station=named)) as viewed:
+        assert viewed.twin_place == shipped()["conveyor"]
+        assert str(shipped()["conveyor"]) in viewed.description()["recording"]["replay"]
+
+
+def test_a_black_box_is_data(umo: Umo, trap: Path, tmp_path: Path) -> None:
+    """A file of frames that names the trap as its folder, with all that a recording could name."""
+    m = Press(timer=DigitalSensor("sampling_period", minimum=0, maximum=9, resolution=1, synchronous=False))
+    connection, file = connect(m), tmp_path / "box.frames"
+    job = {"station": "press", "machine": "trap:machine", "script": str(trap / "trap.py"), "place": str(trap)}
+    with connection, published(connection, "press", place=trap, job=job) as frames, Reader(frames.path) as reader:
+        periods(m, 5)
+        blackbox.save(reader, file, "kept")
+    with traps(trap):
+        done = umo("why", "--file", str(file))
+        assert done.exit_code == 0 and "kept" in done.stdout, done.output
+
+
+class Press(Compound):
+    timer: DigitalSensor
