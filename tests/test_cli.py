@@ -23,7 +23,7 @@ from umo.stations import ztheta
 from umo.system.device_lock import DeviceLock
 from umo.system.device_record import DeviceRecord
 from umo.testing import periods, station
-from umo.twin import twin_of
+from umo.twin import place_of, twin_of
 
 
 def said(result: Result) -> str:
@@ -427,7 +427,7 @@ def test_a_new_station_has_actions_a_tunable_number_and_a_twin_that_fits(umo, ta
     with connection, published(connection, "tank", "simulated", place=tank) as ring:
         periods(connection.root)
         with Reader(ring.path) as reader:
-            described = twin_of(reader.layout)
+            described = twin_of(reader.layout, place_of(reader.layout))
     assert described is not None
     assert {body["name"] for body in described["bodies"]} >= {"tank", "water", "inlet", "drain", "overflow"}
 

@@ -40,6 +40,7 @@ from umo.twin import (
     Twin,
     Viewpoint,
     Visible,
+    place_of,
     turned,
     twin_of,
 )
@@ -301,7 +302,7 @@ def layout_of(machine: Compound, **about: Any) -> Layout:
 def test_the_twin_is_of_the_machine_that_runs_with_its_options() -> None:
     station = find("furnace")
     layout = layout_of(station.machine(zones=7), place=str(station.path), options={"zones": 7})
-    found = twin_of(layout)
+    found = twin_of(layout, place_of(layout))
     assert found is not None
     assert len(found["bodies"]) == 21
 
@@ -317,10 +318,10 @@ def test_the_frames_tell_the_place_and_the_options_of_a_station(tmp_path: Path) 
 
 
 def test_a_machine_without_a_station_and_a_station_without_twin_py_have_none(tank: Path) -> None:
-    assert twin_of(layout_of(press(), place="")) is None
+    assert twin_of(layout_of(press()), Path("-")) is None
     (tank / "twin.py").unlink()
     assert declared_by(find(tank)) is None
-    assert twin_of(layout_of(find(tank).machine(), place=str(tank))) is None
+    assert twin_of(layout_of(find(tank).machine()), tank) is None
 
 
 @pytest.mark.parametrize(

@@ -30,10 +30,10 @@ HEAD = """# The command line on one page
 
 ## Names
 
-A **station** is named by its folder, or by the name of one that ships with umo. A **running station** is named by its
-pid, its folder, or its name, wherever its folder is; `umo ps` lists them. A **wiring** (`-w`) is one of the station's
-by name, or a file. A **time** is a number of seconds, or has a unit: `"5 min"`. What follows the name of a station,
-such as `--seed 7`, are the station's own options: `umo run STATION --help` shows them.
+A **station** is named by its folder, or by the name of one that ships with umo or is installed. A **running station**
+is named by its pid, its folder, or its name, wherever its folder is; `umo ps` lists them. A **wiring** (`-w`) is one of
+the station's by name, or a file. A **time** is a number of seconds, or has a unit: `"5 min"`. What follows the name of
+a station, such as `--seed 7`, are the station's own options: `umo run STATION --help` shows them.
 
 ## What a run leaves behind
 

@@ -78,11 +78,11 @@ def _rebuilt(kind: type[UmoError], args: tuple[Any, ...], state: dict[str, Any])
 class Interrupted(KeyboardInterrupt):
     """A signal has ended the run of a machine, code of the user's that did not end by itself, or code that ran before
     there was a machine.
-    `number`: that of the signal."""
+    `number`: that of the signal. `result`: what the run has produced so far."""
 
-    def __init__(self, what: str, number: int) -> None:
+    def __init__(self, what: str, number: int, result: Any = None) -> None:
         super().__init__(what)
-        self.number = number
+        self.number, self.result = number, result
 
 
 class DeclarationError(UmoError, TypeError):

@@ -14,6 +14,7 @@ import numpy as np
 
 from umo import connect, drive
 from umo.cycle.events import Event
+from umo.cycle.stopping import TimeLimit
 from umo.frames import Reader, published
 from umo.frames.layout import ENTRY, Layout
 from umo.frames.reader import NumberedEvent
@@ -107,12 +108,14 @@ class Case:
         return replay(tape, self.program(loop), **options)
 
 
-def recorded(station: str, wiring: str | None = None, **options: Any) -> MemoryTape:
-    """A run of a station in virtual time, in this process."""
+def recorded(station: str, wiring: str | None = None, stop: float | None = None, **options: Any) -> MemoryTape:
+    """A run of a station in virtual time, in this process; to this time in s, or its end."""
     plan = Plan(Job(station, wiring=wiring, options=options))
     connection = connect(plan.machine, plan.wired)
     job = job_facts(plan)
     with suppress(Exception), connection as m, taped(connection, job) as tape:
+        if stop is not None:
+            connection.machine.observers.append(TimeLimit(stop, connection.stop))
         drive(m, plan.application)
     return tape
 

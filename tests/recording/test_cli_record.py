@@ -125,11 +125,11 @@ def test_a_full_disk_ends_the_record_in_words_and_not_the_run(umo: Umo, monkeypa
     assert "the record ends here, the machine runs on: run.mcap: " in told and "No space left on device" in told
     assert "ended at 5 s" in told and result.exit_code == 4
     with Recording("run.mcap") as recording:
-        assert recording.is_whole and not recording.ended
+        assert not recording.ended and not recording.gaps
         assert f"recorded: run.mcap ({len(recording.frames())} periods" in told and len(recording.frames()) > 100
 
 
-@pytest.mark.parametrize("room", [20_000, 45_000])
+@pytest.mark.parametrize("room", [10_000, 45_000])
 def test_what_a_flight_recorder_has_stays_when_its_disk_is_full(
     umo: Umo, monkeypatch: pytest.MonkeyPatch, room: int
 ) -> None:

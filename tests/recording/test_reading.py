@@ -284,4 +284,4 @@ def test_options_are_told_as_they_are_given(recorded: Path) -> None:
     told = "--dry-run --no-safe --fault 'a b' --fault c --size 2.0"
     assert dict(lines_of(facts))["options"] == told
     trial = Trial("conveyor", options=facts["options"])
-    assert replay_shrink._command(trial, {}) == f"umo run conveyor {told}"
+    assert replay_shrink._command(trial) == f"umo run conveyor {told}"

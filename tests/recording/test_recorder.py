@@ -2,9 +2,11 @@
 
 import json
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -12,6 +14,7 @@ from hypothesis import strategies as st
 
 from helpers.machines import bench, wired
 from helpers.recorded import block_at_random, layout_of
+from helpers.tiers import first
 from umo import connect, published
 from umo.cycle.client_control import ClientControl
 from umo.frames import Reader, Ring
@@ -21,6 +24,7 @@ from umo.objects import Compound
 from umo.recording import Recording
 from umo.recording.record_settings import RecordSettings
 from umo.recording.recorder import Recorder
+from umo.recording.recording_file import RecordingFile
 from umo.recording.recording_parts import RecordingParts
 from umo.remote.queue import Receiver, Sender
 from umo.testing import Scripted, periods
@@ -176,3 +180,36 @@ def test_a_recorder_that_is_stopped_before_the_run_does_not_take_it_for_failed(t
         assert not recorder.failed
     with Recording(tmp_path / "run.mcap") as recording:
         assert not recording.black_boxes and not recording.ended
+
+
+class OpenThread:
+    """Stands for the thread that writes: a write has ended when it is looked at."""
+
+    def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        done: Future[Any] = Future()
+        done.set_result(work(*arguments))
+        return done
+
+
+@pytest.mark.parametrize("late", first(1, [1, 0, 3]))
+def test_a_recorder_that_is_killed_costs_the_last_1_3_seconds_at_most(tmp_path: Path, late: int) -> None:
+    """And a chunk has a whole second of the run, whenever the recorder looks. `late`: looks that come late."""
+    m, now, most = bench(), [0.0], 0.0
+    connection = connect(m, wired(m, Scripted({"encoder": range(7, 100_000)})))
+    with connection, published(connection, "bench", job={"station": "bench"}) as frames, Reader(frames.path) as reader:
+        file = RecordingFile(tmp_path / "run.mcap", reader.layout)
+        follower = Recorder(reader, file, lambda: now[0], OpenThread())  # type: ignore[arg-type]
+        period, number = float(reader.about["period"]), 0
+        while now[0] < 6.0:
+            step = follower.pause * (1 + 0.3 * (number % 7 < late))
+            now[0], number = now[0] + step, number + 1
+            periods(m, round(now[0] / period) - frames.index)
+            most = max(most, (frames.index - follower.periods) * period)
+            follower.look()
+        follower.finish()
+        file.close()
+    assert most <= 1.3 and follower.lost == 0
+    with Recording(tmp_path / "run.mcap") as recording:
+        spans = [recording.chunk(chunk)[0].frames["time"] for chunk in range(recording.chunks)]
+        assert [len(each) * period for each in spans[:-1]] == pytest.approx([1.0] * (len(spans) - 1))
+        assert len(recording.frames()) == frames.index

@@ -32,7 +32,7 @@ def written(path: Path, blocks: int, part: int = 1, first: int = 0) -> None:
 def damage(path: Path, number: int) -> None:
     """Change a byte in the middle of a chunk."""
     file, content = McapReader(path), bytearray(path.read_bytes())
-    content[file.chunks[number] + 9 + len(file.head(file.chunks[number]).data) // 2] ^= 255
+    content[file.chunks[number] + 60 + file.head(file.chunks[number]).length // 2] ^= 255
     file.close()
     path.write_bytes(content)
 

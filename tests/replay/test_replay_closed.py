@@ -17,6 +17,7 @@ from helpers.recorded import block_at_random, layout_of
 from helpers.tapes import MemoryTape, recorded, save
 from umo.recording import TakenCommand
 from umo.replay.closed_loop import ClosedShrinking, Trial, recorded_trial
+from umo.replay.code_given import CodeGiven
 from umo.replay.tape import NotReplayable
 from umo.text import shown_path
 
@@ -84,7 +85,7 @@ def test_the_fewest_faults_of_a_recording_are_left(oven: Path) -> None:
     faults = ["door drift 500 mm/s at 1 ms", "door stuck at 20 ms", "heater noise 0.5 V"]
     (oven / "application.py").write_text(STUCK)
     tape = recorded(str(oven), fault=faults, level=2)
-    shrinking = ClosedShrinking(recorded_trial(tape))
+    shrinking = ClosedShrinking(recorded_trial(tape, CodeGiven(str(oven))))
     trial = shrinking.run()
     assert trial.faults == ["door drift 500 mm/s at 0.001 s"] and not trial.options and trial.fixed["until"] > 1.0
 
@@ -116,10 +117,10 @@ def test_the_tests_that_are_written_fail_until_the_code_is_repaired(umo: Umo, ov
     application.write_text("from umo.control import next_period\n" + FAILING)
     file = save(recorded(str(oven), level=5), tmp_path / "run.mcap")
     opened, closed = tmp_path / "test_open.py", tmp_path / "test_closed.py"
-    done = umo("shrink", str(file), "-o", str(opened), "--seconds", "60")
+    done = umo("shrink", str(file), str(oven), "-o", str(opened), "--seconds", "60")
     assert done.exit_code == 0 and "53 periods, 53 left" in done.stdout, done.output
-    assert umo("shrink", str(file), "-o", str(opened)).exit_code == 2
-    done = umo("shrink", str(file), "--closed", "-o", str(closed))
+    assert umo("shrink", str(file), str(oven), "-o", str(opened)).exit_code == 2
+    done = umo("shrink", str(file), str(oven), "--closed", "-o", str(closed))
     assert done.exit_code == 0 and f"umo run {shown_path(str(oven))} --level 5" in done.stdout, done.output
     for repaired in (False, True):
         if repaired:

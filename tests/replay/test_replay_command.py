@@ -126,8 +126,8 @@ def test_the_order_of_hashes_is_that_of_the_recording(tmp_path: Path) -> None:
         file = tmp_path / f"{seed}.mcap"
         command = [sys.executable, "-c", program, str(tmp_path), str(file)]
         subprocess.run(command, check=True, cwd=tmp_path, env=environ | {"PYTHONHASHSEED": seed})
-        assert_replays(file)
-        command = [sys.executable, "-m", "umo_command", "replay", str(file)]
+        assert_replays(file, tmp_path / "hashed")
+        command = [sys.executable, "-m", "umo_command", "replay", str(file), str(tmp_path / "hashed")]
         done = subprocess.run(command, env=environ | {"PYTHONHASHSEED": "5"}, capture_output=True, text=True)
         assert done.returncode == 0, done.stdout + done.stderr
 
@@ -147,7 +147,7 @@ def test_a_recorded_run_in_virtual_time_has_a_fixed_order_of_hashes(outside: str
         assert recording.about["initial"]["hash_seed"] == (outside or "0")
     assert len(list(tmp_path.glob("runs/*"))) == 1
     for other in ({}, {"PYTHONHASHSEED": "5"}):
-        replayed = [*umo, "replay", str(file)]
+        replayed = [*umo, "replay", str(file), str(station)]
         done = subprocess.run(replayed, cwd=tmp_path, env=environ | other, capture_output=True, text=True)
         assert done.returncode == 0 and "identical" in done.stdout, done.stdout + done.stderr
 

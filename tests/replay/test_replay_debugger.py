@@ -264,7 +264,9 @@ def test_at_the_end_it_stops_where_the_error_was_raised(tmp_path: Path) -> None:
     (tmp_path / "oven" / "application.py").write_text(FAILING)
     file = save(recorded(str(tmp_path / "oven")), tmp_path / "oven.mcap")
     before = sorted(tmp_path.iterdir())
-    said = session(file, "continue\np level\nback 2\nto end\ncontinue\ncontinue\n", "--at", "end")
+    said = session(
+        file, "continue\np level\nback 2\nto end\ncontinue\ncontinue\n", str(tmp_path / "oven"), "--at", "end"
+    )
     assert said.count("the replay ends with ValueError: too high") == 2
     assert '-> raise ValueError("too high")' in said and "(replay) 7\n" in said
     assert "identical" in said
@@ -280,7 +282,7 @@ def test_it_goes_back_with_a_driver_off_the_cycle(tmp_path: Path) -> None:
     (tmp_path / "oven" / "wiring").mkdir()
     (tmp_path / "oven" / "wiring" / "simulated.toml").write_text(SLOW_WIRING)
     file = save(recorded(str(tmp_path / "oven")), tmp_path / "oven.mcap")
-    said = session(file, "back 50\nback 40\nto 90\nto end\ncontinue\n", "--at", "90")
+    said = session(file, "back 50\nback 40\nto 90\nto end\ncontinue\n", str(tmp_path / "oven"), "--at", "90")
     assert stops(said)[:4] == [90, 40, 0, 90]
     assert "first difference" not in said and "identical" in said
 

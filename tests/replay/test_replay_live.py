@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -18,6 +19,8 @@ from helpers.live import plant, record_live, stopped_and_continued
 from umo.cycle.journal import Kind
 from umo.process.start import Started
 from umo.recording import Recording
+from umo.replay.code_given import NOTHING_GIVEN, CodeGiven
+from umo.replay.program import Program
 from umo.replay.replaying import replay
 from umo.replay.result import Replayed
 from umo.system.processes import name_of
@@ -31,9 +34,12 @@ def box(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         yield wiring
 
 
-def replayed(file: Path) -> tuple[Replayed, Recording]:
+def replayed(file: Path, given: CodeGiven = NOTHING_GIVEN) -> tuple[Replayed, SimpleNamespace]:
+    """The replay, and what the recording says of itself."""
     with Recording(file) as recording:
-        return replay(recording), recording
+        result = replay(recording, Program.of(recording, given))
+        told = {name: getattr(recording, name) for name in ("complete", "ended", "events")}
+    return result, SimpleNamespace(**told)
 
 
 def test_a_run_over_modbus_that_was_stopped_and_continued_is_identical(box: Path, tmp_path: Path) -> None:
@@ -226,7 +232,7 @@ def test_a_run_with_a_worker_process_is_identical(killed: bool, tmp_path: Path) 
             started.ask_to_stop()
 
     record_live(str(station), station / "wiring.toml", tmp_path / "run.mcap", act)
-    result, _ = replayed(tmp_path / "run.mcap")
+    result, _ = replayed(tmp_path / "run.mcap", CodeGiven(str(station), str(station / "wiring.toml")))
     assert result.identical and result.periods > 1400, str(result)
     with Recording(tmp_path / "run.mcap") as recording:
         entries = [kind for block in recording.blocks() for kind in block.entries["kind"].tolist()]

@@ -11,6 +11,14 @@ from .shared import HelpPanel, finite
 
 command = HelpPanel("Recordings")
 RecordingArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A recording (.mcap).")]
+STATION_HELP = (
+    "The code: the folder or name of a station, or FILE.py:MACHINE:APPLICATION; default: the station that ships with "
+    "umo or is installed under the recorded name."
+)
+Wiring = Annotated[
+    str | None,
+    typer.Option(metavar="NAME|FILE", help="A wiring of the station, or a file; default: the recorded one."),
+]
 STATUS = "0 identical; 1 different; 2 the recording cannot be replayed, or a mistake, told on stderr; 130 Ctrl-C"
 
 
@@ -24,8 +32,9 @@ def replay(
     file: RecordingArgument,
     station: Annotated[
         str | None,
-        typer.Argument(metavar="[STATION]", help="Another station than that of the recording, such as a copy of it."),
+        typer.Argument(metavar="[STATION]", help=STATION_HELP),
     ] = None,
+    wiring: Wiring = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
@@ -58,11 +67,16 @@ def replay(
     No device is opened. Times, missed periods, errors of drivers and the commands of clients are those of the recording
     too. The first difference is told with its period, its object, both values, and where each sequence stood.
 
+    A recording is data: code is only what STATION names, or, without it, the station that ships or is installed under
+    the recorded name. Whether it is other code than that of the recorded run is told.
+
     The debugger is pdb with a few more commands (`help` lists them): it goes to any period, back too.
     """
+    from umo.replay.code_given import CodeGiven
+
     from .replay_run import replay_file
 
-    return replay_file(file, station, settings or (), plot, at, condition)
+    return replay_file(file, CodeGiven(station, wiring), settings or (), plot, at, condition)
 
 
 @command(
@@ -72,9 +86,8 @@ def replay(
 )
 def shrink(
     file: RecordingArgument,
-    station: Annotated[
-        str | None, typer.Argument(metavar="[STATION]", help="Another station than that of the recording.")
-    ] = None,
+    station: Annotated[str | None, typer.Argument(metavar="[STATION]", help=STATION_HELP)] = None,
+    wiring: Wiring = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -97,8 +110,10 @@ def shrink(
     """Find the fewest periods of a recording that still give its error, or the same first difference.
 
     Periods are left out as inputs: open loop. That proves that the error follows from these inputs, not that a machine
-    would give them. `umo replay` of the result compares the error alone.
+    would give them. `umo replay` of the result compares the error alone. STATION is as in `umo replay`.
     """
+    from umo.replay.code_given import CodeGiven
+
     from .replay_shrink import shrink_file
 
-    return shrink_file(file, station, output, seconds, closed)
+    return shrink_file(file, CodeGiven(station, wiring), output, seconds, closed)

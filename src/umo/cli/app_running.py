@@ -153,6 +153,15 @@ def view(
     fleet: Annotated[
         bool, typer.Option("--fleet", help="With the stations of all computers (see umo fleet --help).")
     ] = False,
+    code: Annotated[
+        str | None,
+        typer.Option(
+            "--station",
+            metavar="STATION",
+            help="Of a recording: the station, by folder or name, whose twin is drawn; default: the one that ships or "
+            "is installed under the recorded name.",
+        ),
+    ] = None,
 ) -> None:
     """Show running stations in a browser: scope, machine, twin, operate. Prints the address, which carries a token.
 
@@ -169,7 +178,7 @@ def view(
     from .page import ViewOptions
     from .page import view as show
 
-    show(ViewOptions(station, host, port, token, open_, operate, certificate, key, proxy, fleet, second))
+    show(ViewOptions(station, host, port, token, open_, operate, certificate, key, proxy, fleet, second, code))
 
 
 @command(epilog="Examples: umo mode ztheta  |  umo mode ztheta manual  |  umo mode ztheta automatic --take")

@@ -62,6 +62,8 @@ class ViewOptions:
     fleet: bool = False
     second: Path | None = None
     """A recording to be laid over another one."""
+    code: str | None = None
+    """The station whose twin is drawn in a recording, by folder or name."""
 
 
 def view(choice: ViewOptions) -> int:
@@ -78,7 +80,7 @@ def view(choice: ViewOptions) -> int:
     file = _recording(choice)
     elsewhere = None if file else _elsewhere(choice)
     named = None if elsewhere or file else _station(choice)
-    recorded = None if file is None else _recorded(file, choice.second)
+    recorded = None if file is None else _recorded(file, choice.second, choice.code)
     listening = _listening(choice)
     port = listening.getsockname()[1]
     token = new_token(folder() / "page.token")
@@ -121,12 +123,15 @@ def _recording(choice: ViewOptions) -> Path | None:
         return Path(name)
     if choice.second is not None:
         raise PageError(f"{choice.second}: a second file is for a recording ({SUFFIX}), {name} is none")
+    if choice.code is not None:
+        raise PageError(f"--station is for a recording ({SUFFIX}), {name or 'a running station'} is none")
     return None
 
 
-def _recorded(file: Path, second: Path | None) -> WatchedRecording:
-    """A recording, read; another one laid over it."""
+def _recorded(file: Path, second: Path | None, code: str | None) -> WatchedRecording:
+    """A recording, read; another one laid over it. `code`: the station whose twin is drawn."""
     check_installed()
+    station = None if code is None else find(code)
     from umo.page.watched_recording import WatchedRecording
     from umo.recording import Recording
 
@@ -137,7 +142,10 @@ def _recorded(file: Path, second: Path | None) -> WatchedRecording:
                 raise FramesError(f"{each.path} has no periods")
         length = first.span[1]
         recorded = WatchedRecording(
-            first, lambda share: line.show(share * length, f"reading {file.name}", share), *others
+            first,
+            lambda share: line.show(share * length, f"reading {file.name}", share),
+            next(iter(others), None),
+            station,
         )
         opened.pop_all()
     return recorded

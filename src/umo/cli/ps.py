@@ -14,7 +14,7 @@ from umo.errors import FramesError, PathError
 from umo.frames import Reader
 from umo.frames.reader import progress_of
 from umo.presentation.rows import ANY
-from umo.presentation.run_facts import ALARMS, FREE, IN_FAULT, fault_texts, run_time, since
+from umo.presentation.run_facts import ALARMS, FREE, IN_FAULT, fault_texts, since
 from umo.remote import search
 from umo.system.device_lock import is_held
 from umo.system.device_record import Ended, all_standing
@@ -135,7 +135,7 @@ def _told(reader: Reader) -> tuple[dict[str, Any], dict[str, str]]:
         "wiring": about["wiring"],
         "pid": about["pid"],
         "since": about["started"],
-        "run_time_s": run_time(about),
+        "run_time_s": reader.lasted,
         "state": str(reader.state),
         "mode": None if reader.mode is None else str(reader.mode),
         "lease": printable(reader.holder) or None,
@@ -151,7 +151,7 @@ def _told(reader: Reader) -> tuple[dict[str, Any], dict[str, str]]:
             for row in reader.alarms(frame)
         ],
     }
-    said = {"station": reader.title, "pid": str(about["pid"]), "since": since(about["started"], run_time(about))}
+    said = {"station": reader.title, "pid": str(about["pid"]), "since": since(about["started"], reader.lasted)}
     return data, said | {"periods": f"{reader.head:,}"} | reader.facts(frame)
 
 

@@ -92,15 +92,17 @@ def repair_file(file: Path) -> int:
     from umo.recording.copying import repair
 
     try:
-        chunks, cut = repair(file)
+        changed = repair(file)
     except OSError as error:
         raise FramesError(f"{file} could not be repaired: {text_of(error)}") from None
     with Recording(file, later=False) as recording:
         periods, (_, last) = recording.periods, recording.span
+        missing = "" if not (lost := sum(gap.count for gap in recording.gaps)) else f"; {lost:,} are missing"
+        chunks = recording.chunks
     what = f"{chunks} chunks, {periods} periods"
     if periods:
         what += f", {duration(last)} on the machine's clock"
-    out.print(f"{file}: {f'repaired, {cut} bytes cut off' if cut else 'whole'}: {what}", soft_wrap=True)
+    out.print(f"{file}: {'repaired' if changed else 'whole'}: {what}{missing}", soft_wrap=True)
     return 0
 
 

@@ -21,7 +21,7 @@ from umo.recording.recording_parts import RecordingParts
 
 class RecordingWork:
     """Records one run to a file, or flies beside it. OSError, UmoError if it cannot begin. A disk that is full later
-    ends the record in words; the file is whole."""
+    ends the record in words; the file has all that was written before."""
 
     def __init__(
         self,
@@ -96,7 +96,11 @@ class RecordingWork:
         recorder.close()
         if self._thread is not None:
             self._thread.shutdown()
-        parts.close()
+        try:
+            parts.close()
+        except OSError as error:
+            self.failed = True
+            self._say(f"{parts.path} has all its periods, but is not closed: {text_of(error)} (umo record --repair)")
         if parts.failed:
             self._say(parts.failed)
         if self._folder is not None:

@@ -19,6 +19,8 @@ from .progress_line import OneLine
 from .record_beside import check_installed
 from .values import between, check_picture
 
+MAX_DAMAGE = 3
+"""Damaged places that are told, the last ones."""
 MAX_NUMBERS = 1 << 25
 """Numbers that are held for a plot at most, about."""
 
@@ -65,8 +67,9 @@ def export(file: Path, target: Path, wanted: WhatIsWanted) -> int:
             line.show(moment, f"writing {target.name}", values.share(moment))
 
         count = recording_export.export(values, target, progress)
+        values.look_for_damage()
     out.print(f"{target}: {count:,} periods, {target.stat().st_size / 1e6:,.1f} MB", soft_wrap=True)
-    _tell_bare(values.bare)
+    _tell_missing(values)
     return 0
 
 
@@ -92,8 +95,9 @@ def plot(file: Path, wanted: WhatIsWanted, target: Path | None) -> int:
         heading = f"{title(about['station'], about.get('wiring'))}: {file.name}, recorded from {when} on"
         with replacing(target) as new:
             rest = save_plot(drawn, new, heading)
+        values.look_for_damage()
     out.print(f"{target}{f'; the plot does not show {rest}' if rest else ''}", soft_wrap=True)
-    _tell_bare(values.bare)
+    _tell_missing(values)
     return 0
 
 
@@ -130,6 +134,11 @@ def _values(recording: Any, wanted: WhatIsWanted) -> Any:
     return RecordedValues(recording, wanted.paths, *between("--from", wanted.start, "--to", wanted.stop))
 
 
-def _tell_bare(bare: int) -> None:
-    if bare:
-        say(f"{bare:,} periods are left out: the recording has only what replay needs of them")
+def _tell_missing(values: Any) -> None:
+    """What the recording lacks."""
+    if values.bare:
+        say(f"{values.bare:,} periods are left out: the recording has only what replay needs of them")
+    if values.lost:
+        say(f"{values.lost:,} periods are missing in the recording (umo info)", "red")
+    for text in values.damage[-MAX_DAMAGE:]:
+        say(text, "red")

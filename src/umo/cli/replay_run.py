@@ -10,6 +10,7 @@ from typing import Any
 from umo.cycle import Frame
 from umo.errors import FramesError, OptionError, UmoError
 from umo.exit_status import ExitStatus
+from umo.replay.code_given import CodeGiven
 from umo.replay.opening import opened, other_hash_seed
 from umo.replay.program import Program
 from umo.replay.replaying import Replay
@@ -29,7 +30,7 @@ LOOK_PERIODS = 199
 
 def replay_file(
     file: Path,
-    station: str | None,
+    code: CodeGiven,
     given: Sequence[str],
     plot: Path | None,
     at: str | None = None,
@@ -45,9 +46,9 @@ def replay_file(
             if (seed := other_hash_seed(tape.layout.about)) is not None:
                 begin_again(seed)
             if stop or expression:
-                return _debug(tape, station, settings, stop or None, expression or None)
+                return _debug(tape, code, settings, stop or None, expression or None)
             limit_waits()
-            return _replay(tape, file, station, settings, plot)
+            return _replay(tape, file, code, settings, plot)
     except (NotReplayable, FramesError) as error:
         say(str(error), "red")
         return ExitStatus.MISTAKE
@@ -79,8 +80,8 @@ class ReplayProgress:
             self._line.show(frame.time, "replaying" if err.is_terminal else "", share)
 
 
-def _replay(tape: Tape, file: Path, station: str | None, settings: Mapping[str, object], plot: Path | None) -> int:
-    replay = Replay(tape, Program.of(tape, station), settings)
+def _replay(tape: Tape, file: Path, code: CodeGiven, settings: Mapping[str, object], plot: Path | None) -> int:
+    replay = Replay(tape, Program.of(tape, code), settings)
     curves = RawCurves(replay)
     with OneLine(err) as line:
         replay.observers.append(ReplayProgress(line, tape))
@@ -94,7 +95,7 @@ def _replay(tape: Tape, file: Path, station: str | None, settings: Mapping[str, 
 
 
 def _debug(
-    tape: Tape, station: str | None, settings: Mapping[str, object], stop: Stop | None, condition: BreakCondition | None
+    tape: Tape, code: CodeGiven, settings: Mapping[str, object], stop: Stop | None, condition: BreakCondition | None
 ) -> int:
     from umo.replay import snapshots
 
@@ -105,7 +106,7 @@ def _debug(
 
     def begin(runner: Runner) -> int:
         try:
-            replay = Replay(tape, Program.of(tape, station), settings)
+            replay = Replay(tape, Program.of(tape, code), settings)
         except UmoError as error:
             say(str(error), "red")
             return ExitStatus.MISTAKE

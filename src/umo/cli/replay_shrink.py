@@ -14,8 +14,9 @@ from pprint import pformat
 from typing import Any
 
 from umo.exit_status import ExitStatus
-from umo.process.station import shipped
+from umo.process.station import packaged
 from umo.replay.closed_loop import ClosedShrinking, Trial, recorded_trial
+from umo.replay.code_given import CodeGiven, hash_told
 from umo.replay.opening import opened, other_hash_seed
 from umo.replay.shrinking import ReplayedError, Shrinking, ShrunkTape, periods_left
 from umo.replay.tape import NotReplayable, Tape
@@ -29,7 +30,7 @@ from .shared import begin_again
 RECORDING, TEST = ".mcap", ".py"
 
 
-def shrink_file(file: Path, station: str | None, output: Path | None, seconds: float, closed: bool) -> int:
+def shrink_file(file: Path, code: CodeGiven, output: Path | None, seconds: float, closed: bool) -> int:
     """Shrink it; the exit status. `output`: a recording, or a test. `closed`: in closed loop with the plant."""
     target = output or (None if closed else file.with_suffix(".shrunk.mcap"))
     if (mistake := _mistake(target, closed)) is not None:
@@ -40,9 +41,9 @@ def shrink_file(file: Path, station: str | None, output: Path | None, seconds: f
             if (seed := other_hash_seed(tape.layout.about)) is not None:
                 begin_again(seed)
             if closed:
-                return _shrink_closed(tape, file, station, target, seconds)
+                return _shrink_closed(tape, file, code, target, seconds)
             assert target is not None
-            return _shrink(Shrinking(tape, station), file, target, seconds)
+            return _shrink(Shrinking(tape, code), file, code, target, seconds)
     except NotReplayable as error:
         say(str(error), "red")
         return ExitStatus.MISTAKE
@@ -90,7 +91,7 @@ def _searched(search: Callable[[Callable[[], bool]], Any], left: Callable[[], st
     return f" (ended after {seconds:g} s)" if time.monotonic() - begun >= seconds else ""
 
 
-def _shrink(shrinking: Shrinking, file: Path, target: Path, seconds: float) -> int:
+def _shrink(shrinking: Shrinking, file: Path, code: CodeGiven, target: Path, seconds: float) -> int:
     begun = shrinking.source.count
     ended = _searched(shrinking.run, lambda: f"{len(shrinking.places):,} periods", seconds)
     count, is_error = len(shrinking.places), isinstance(shrinking.ending, ReplayedError)
@@ -99,27 +100,36 @@ def _shrink(shrinking: Shrinking, file: Path, target: Path, seconds: float) -> i
     if target.suffix == TEST:
         facts = f"{count:,} of {begun:,} periods of {file.name}, in open loop: the {what} follows from these inputs."
         function = "assert_no_error" if is_error else "assert_replays"
-        target.write_text(_TEST.format(what=what, facts=facts, text=_comment(shrinking.ending.text), function=function))
+        text = _comment(shrinking.ending.text)
+        target.write_text(
+            _TEST.format(
+                what=what, facts=_comment(facts), text=text, function=function, code=_as_arguments(code, target)
+            )
+        )
     left = f"{begun:,} periods, {count:,} left{ended}: {periods_left(shrinking.places.tolist())}"
     out.print(f"{left}\nin open loop they give the same {what}: {shrinking.ending.text}", markup=False, soft_wrap=True)
+    if shrinking.code:
+        say(shrinking.code)
     out.print(f"{shrinking.replays} replays; written: {target}", markup=False, soft_wrap=True)
     return ExitStatus.DONE
 
 
-def _shrink_closed(tape: Tape, file: Path, station: str | None, target: Path | None, seconds: float) -> int:
-    shrinking = ClosedShrinking(recorded_trial(tape, station))
+def _shrink_closed(tape: Tape, file: Path, code: CodeGiven, target: Path | None, seconds: float) -> int:
+    shrinking = ClosedShrinking(recorded_trial(tape, code))
     begun = shrinking.trial
+    if changed := hash_told(tape.job, Path(begun.station)):
+        say(changed)
     ended = _searched(shrinking.run, lambda: _counts(shrinking.trial), seconds)
     trial = shrinking.trial
     out.print(f"{_counts(begun)}; left{ended}: {_counts(trial)}", markup=False, soft_wrap=True)
     out.print(f"in closed loop with its plant the station gives the same error: {shrinking.ending.text}", markup=False,
               soft_wrap=True)  # fmt: skip
-    out.print(_command(trial, tape.job), markup=False, soft_wrap=True, highlight=False)
+    out.print(_command(trial), markup=False, soft_wrap=True, highlight=False)
     for number, content in trial.commands:
         out.print(f"  at tick {number}: {dict(content)}", markup=False, soft_wrap=True, highlight=False)
     if target is not None:
         text = _comment(shrinking.ending.text)
-        target.write_text(_CLOSED_TEST.format(file=file.name, text=text, trial=_shown(trial)))
+        target.write_text(_CLOSED_TEST.format(file=_comment(file.name), text=text, trial=_shown(trial)))
         out.print(f"{shrinking.trials} runs; written: {target}", markup=False, soft_wrap=True)
     return ExitStatus.DONE
 
@@ -128,16 +138,31 @@ def _counts(trial: Trial) -> str:
     return f"{len(trial.faults)} faults, {len(trial.options)} options, {len(trial.commands)} commands"
 
 
-def _command(trial: Trial, job: Any) -> str:
+def _command(trial: Trial) -> str:
     """The run as a command; without commands of clients."""
-    name = str(job.get("station"))
-    is_shipped = shipped().get(name) == Path(trial.station)
+    name = Path(trial.station).name
+    is_shipped = packaged(name) == Path(trial.station)
     words = ["umo", "run", name if is_shipped else shown_path(trial.station)]
     words += [word for each in trial.faults for word in ("--fault", each)]
     if trial.faults and trial.fixed.get("fault_seed"):
         words += ["--fault-seed", str(trial.fixed["fault_seed"])]
     words += [word for name, value in trial.options.items() for word in option_words(name, value)]
     return shlex.join(words)
+
+
+def _as_arguments(code: CodeGiven, target: Path) -> str:
+    """The code that the command line named as arguments of a test; folders and files from the test's own folder."""
+
+    def shown(text: str) -> str:
+        place, colon, names = text.partition(":")
+        if not Path(place).exists():
+            return repr(text)
+        relative = os.path.relpath(Path(place).resolve(), target.parent.resolve())
+        path = f"Path(__file__).parent / {relative!r}"
+        return f'f"{{{path}}}{colon}{names}"' if colon else path
+
+    given = [("station", code.station), ("wiring", code.wiring)]
+    return "".join(f", {name}={shown(text)}" for name, text in given if text is not None)
 
 
 def _comment(text: str) -> str:
@@ -163,7 +188,7 @@ from umo.testing import {function}
 
 
 def test_the_inputs_of_the_recording() -> None:
-    {function}(Path(__file__).with_suffix(".mcap"))
+    {function}(Path(__file__).with_suffix(".mcap"){code})
 '''
 _CLOSED_TEST = '''"""The fewest faults, options and commands of {file}, in closed loop with the plant of the station.
 

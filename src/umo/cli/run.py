@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from umo.cycle import Frame, connect, drive
+from umo.cycle.run import result_of
 from umo.cycle.stopping import TimeLimit
 from umo.cycle.trace import Statistics, Trace
 from umo.errors import Interrupted, text_of
@@ -205,7 +206,7 @@ def _drive(plan: Plan, result: RunSummary, observers: list[Any], recorded: Recor
     connection = connect(plan.machine, plan.wired, acknowledge=plan.job.acknowledge)
     connection.kept = kept_values.copy(plan, say)
     connection.laid_out = lambda machine: start_compiled(plan.prepared, machine, say)
-    outcome = result.outcome
+    outcome, returned = result.outcome, None
     try:
         with connection as machine:
             for text in kept_values.tell(connection):
@@ -219,7 +220,7 @@ def _drive(plan: Plan, result: RunSummary, observers: list[Any], recorded: Recor
             begun = time.perf_counter()
             try:
                 with recorded.published(connection, plan):
-                    outcome.result = plain(drive(machine, plan.application))
+                    returned = drive(machine, plan.application)
             finally:
                 result.elapsed = time.perf_counter() - begun
                 outcome.simulated = machine.now
@@ -232,6 +233,7 @@ def _drive(plan: Plan, result: RunSummary, observers: list[Any], recorded: Recor
         if isinstance(error, KeyboardInterrupt) and not isinstance(error, Interrupted):
             raise
         outcome.failure = Failed.of(error)
+    outcome.result = plain(result_of(returned, connection))
     outcome.reports = plain_reports(connection.reports)
 
 

@@ -147,6 +147,8 @@ class ConnectedMachine:
         self.stop = stop
         self.clients: Commanding | None = None
         """The commands from outside, where there may be any."""
+        self.result_so_far: Any = None
+        """What the application has told of its result (`Cycle.result`): data, or a function that returns them."""
         self.observers: list[Observer] = []
         """Called after every period with its frame."""
         faults = () if injection is None else (Signal(INJECTED, "", injection, "active"),)
@@ -527,6 +529,9 @@ class ConnectedMachine:
         self.frame.progress = self.frame.progress.then(text, done, total)
         if self.clients is not None and self.clients.at_work is not None:
             self.clients.progress(self.frame.progress.text)
+
+    def result(self, so_far: Any) -> None:
+        self.result_so_far = so_far
 
     def tell(self, path: str, text: str, *, logged: bool = False) -> None:
         self.events.add(Event(self.clock.now, path, text), logged=logged)

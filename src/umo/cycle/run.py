@@ -10,10 +10,11 @@ from umo.cycle.connect import connect
 from umo.cycle.frame import Observer
 from umo.cycle.insisting import tell_in_a_line
 from umo.cycle.stopping import in_main_thread, signal_name
-from umo.errors import DeclarationError, Interrupted
+from umo.errors import DeclarationError, Interrupted, text_of
 from umo.objects import Compound, DigitalSensor, children
 from umo.objects.compound import check_machine
 from umo.text import cut_repr
+from umo.user_code import is_interrupt
 from umo.wiring import distribute_options
 
 C = TypeVar("C", bound=Compound)
@@ -33,11 +34,11 @@ def run(
     """Connect the machine, run the application's sequence to its end and disconnect safely. Returns its result.
 
     Without an application the machine's `control` runs until a signal. SIGINT (Ctrl-C), SIGTERM and SIGHUP end the run
-    between two periods: `umo.errors.Interrupted`, a KeyboardInterrupt, is raised when the actuators have been reset; in
-    another thread than the main one the result is None, as signals are the main thread's. Errors of the application,
-    the control code and the devices are raised after the actuators have been reset to their defaults. Each of the
-    `options` is handed to all who take one of its name: the application and the drivers, as for `umo run` and
-    `umo.start`; OptionError if nobody does. `acknowledge` as for `connect`.
+    between two periods: `umo.errors.Interrupted`, a KeyboardInterrupt, is raised when the actuators have been reset,
+    whose `result` is what `m.cycle.result` has told; in another thread than the main one that is the result, as signals
+    are the main thread's. Errors of the application, the control code and the devices are raised after the actuators
+    have been reset to their defaults. Each of the `options` is handed to all who take one of its name: the application
+    and the drivers, as for `umo run` and `umo.start`; OptionError if nobody does. `acknowledge` as for `connect`.
     """
     check_machine("run", machine)
     _timer_of(machine)
@@ -47,12 +48,30 @@ def run(
     connection = connect(machine, wiring, acknowledge=acknowledge, **shares.wiring)
     with connection as m:
         connection.machine.observers.extend(watching)
-        result = drive(m, application, **shares.application)
+        returned = drive(m, application, **shares.application)
+    result = result_of(returned, connection)
     if connection.stop.signal is not None and in_main_thread():
         tell_in_a_line()
         name = signal_name(connection.stop.signal)
-        raise Interrupted(f"stopped by {name}; every actuator is at its default", connection.stop.signal)
+        raise Interrupted(f"stopped by {name}; every actuator is at its default", connection.stop.signal, result)
     return result
+
+
+def result_of(returned: Any, connection: connect[Any]) -> Any:
+    """The result of a run that is over: what its application has returned, else what it has told of it so far. An error
+    of the function that it has told is the result, in words."""
+    machine = getattr(connection, "machine", None)
+    if returned is not None or machine is None:
+        return returned
+    so_far = machine.result_so_far
+    if not callable(so_far):
+        return so_far
+    try:
+        return so_far()
+    except BaseException as error:  # SystemExit too
+        if is_interrupt(error):
+            raise
+        return f"no result so far: {text_of(error)}"
 
 
 def drive(m: C, application: Application[C] | None = None, **options: Any) -> Any:

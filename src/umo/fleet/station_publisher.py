@@ -22,8 +22,8 @@ from umo.fleet.run_words import FULL, FULL_EVERY, LAST, Delta, Rest, WordFrame, 
 from umo.frames import Reader
 from umo.frames.layout import DESCRIPTION, HOLDER, NAME, without_job
 from umo.frames.reader import FRAME_HEAD, NumberedEvent
-from umo.presentation.run_facts import ALARMS, run_time
-from umo.twin import declares_twin, twin_of
+from umo.presentation.run_facts import ALARMS
+from umo.twin import declares_twin, place_of, twin_of
 
 KEPT = 60.0
 """Time in s of which the deltas are kept, for those who have missed some."""
@@ -151,7 +151,7 @@ class StationPublisher:
             number, words, rest = (-1, b"", b"") if self.latest is None else self.latest
             about = {
                 "run": self.run.hex(), "number": number, "stride": self.stride, "site": self.key.site,
-                "event": self._event, "twin": declares_twin(self.reader.layout),
+                "event": self._event, "twin": declares_twin(place_of(self.reader.layout)),
                 "head": self.reader.head // self.stride - 1,
             }  # fmt: skip
             query.reply(
@@ -180,13 +180,13 @@ class StationPublisher:
 
     def _tell_status(self, query: zenoh.Query) -> None:
         with query:
-            told = self._status and self._status | {"run_time_s": run_time(self.reader.about)}  # by its own clock
+            told = self._status and self._status | {"run_time_s": self.reader.lasted}  # by its own clock
             query.reply(self.key.key(keys.STATUS), json.dumps(told))
 
     def _describe_twin(self, query: zenoh.Query) -> None:
         with query:
             try:
-                twin = twin_of(self.reader.layout)
+                twin = twin_of(self.reader.layout, place_of(self.reader.layout))
             except Exception as error:  # of the station's own code
                 twin = {"error": text_of(error)}
             query.reply(self.key.key(keys.TWIN), json.dumps(twin))

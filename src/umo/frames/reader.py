@@ -376,6 +376,14 @@ class Reader:
     # In words ------------------------------------------------------------------------------------------
 
     @property
+    def lasted(self) -> float | None:
+        """s of this computer's steady clock since the run was connected; None: it runs, or ran, elsewhere, or before
+        the computer was started."""
+        begun = self.about.get("started_monotonic")
+        passed = None if begun is None or "site" in self.about else (time.monotonic_ns() - int(begun)) * 1e-9
+        return None if passed is None or passed < 0 else passed
+
+    @property
     def title(self) -> str:
         return title(self.about["station"], self.about.get("wiring"))
 

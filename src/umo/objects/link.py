@@ -129,6 +129,7 @@ class Machine(Protocol):
     def reset(self, part: Node) -> None: ...
     def acknowledge(self, part: Node) -> bool: ...
     def progress(self, text: str, done: int | None, total: int | None) -> None: ...
+    def result(self, so_far: Any) -> None: ...
     def tell(self, path: str, text: str) -> None: ...
     def facts(self) -> Mapping[str, str]: ...
     def start(self, sequence: Coroutine[Any, Any, Any], part: Node) -> Task: ...
@@ -177,6 +178,19 @@ class Cycle:
         that are not given stay. RangeError unless they are whole and 0 or more.
         """
         self._machine.progress(text, done, total)
+
+    def result(self, so_far: Any) -> None:
+        """Say what the run has produced so far: plain data, or a function that returns them.
+
+            m.cycle.result({"accepted": accepted, "rejected": rejected})
+            m.cycle.result(lambda: shift.report())  # called once, at the end
+
+        It is the result of the run, in its table and its summary, however the run ends, unless the application returns
+        one: an operator stops it, its time is over, it fails. What was told last counts. Data are read at the end, so a
+        dict may be changed on; a function is called when every actuator is at its default and the machine is no longer
+        connected: it may use what was counted, and read no objects.
+        """
+        self._machine.result(so_far)
 
     def tell(self, text: str) -> None:
         """Say that something has happened to this object: an event, which `umo ps`, the page, frames and black boxes

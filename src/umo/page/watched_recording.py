@@ -22,7 +22,11 @@ from umo.page.extremes import Extremes
 from umo.page.recorded_history import OverlaidHistory, RecordedHistory
 from umo.page.watched_run import Watched
 from umo.presentation.value_text import as_shown
+from umo.process.station import Station, packaged
 from umo.recording import Block, Recording
+from umo.replay.recorded_wiring import files_among
+from umo.replay.tape import NotReplayable
+from umo.signature import signature_of
 from umo.tables.recording_summary import facts_of, lines_of
 
 MAX_TOLD = 1000
@@ -39,13 +43,20 @@ class WatchedRecording(Watched):
     the recordings; `tell` is called with the share that is read."""
 
     def __init__(
-        self, recording: Recording, tell: Callable[[float], None] = lambda share: None, second: Recording | None = None
+        self,
+        recording: Recording,
+        tell: Callable[[float], None] = lambda share: None,
+        second: Recording | None = None,
+        station: Station | None = None,
     ) -> None:
+        """`station`: whose twin is drawn; None: the one that ships or is installed under the recorded name."""
+        self._station, self._given = station, station is not None
         self._recordings = [recording, *([] if second is None else [second])]
         writer, readers = RunDescriptors.pair()
         self._ring = RingCopy(recording.layout, writer)
         self._ring.live({Live.STATE: Stage.RUNNING})
         super().__init__(Reader(recording.path, readers))
+        self.is_elsewhere = False
         self.name = recording.path.name
         self.run = f"{self.name}-{recording.about.get('started_monotonic', 0)}"
         lines = lines_of(facts_of(recording))
@@ -65,6 +76,21 @@ class WatchedRecording(Watched):
         """The time that is shown, s on the machine's clock."""
         self._shown_at: float | None = None
         self.read()
+
+    def _twin_place(self) -> Path | None:
+        """That of the station that is given, or that ships or is installed: a recording names no code."""
+        job = self._recordings[0].job
+        if self._station is None and not job.get("machine") and (folder := packaged(str(job.get("station")))):
+            self._station = Station(str(job["station"]), folder)
+        return None if self._station is None else self._station.path
+
+    def own_twin(self) -> dict[str, Any] | None:
+        options = self._recordings[0].about.get("options", {})
+        if self._station is not None and files_among(signature_of(self._station.make), options):
+            raise NotReplayable(
+                "the recorded run had a file as an option, and a recording opens none: there is no twin"
+            )
+        return super().own_twin()
 
     def _lay_over(self, other: Recording, tell: Callable[[float], None]) -> None:
         """Have the objects and signals of another recording as signals of this one."""
@@ -131,10 +157,15 @@ class WatchedRecording(Watched):
     def description(self) -> dict[str, Any]:
         told = super().description()
         told["signals"] = [as_shown(each) for each in self.entries[len(told["objects"]) :]]
-        files = [{"file": each.path.name, "whole": each.is_whole, "lost": sum(gap.count for gap in each.gaps)}
-                 for each in self._recordings]  # fmt: skip
+        files = [
+            {"file": each.path.name, "whole": not each.damage, "lost": sum(gap.count for gap in each.gaps)}
+            for each in self._recordings
+        ]
         first = self._recordings[0]
-        replay = "" if first.replayable_from else f"umo replay {shlex.quote(str(first.path.absolute()))}"
+        words = ["umo", "replay", str(first.path.absolute())]
+        if self._given and self._station is not None:
+            words.append(str(self._station.path))
+        replay = "" if first.replayable_from else shlex.join(words)
         return told | {"recording": {"files": files, "second": SECOND if self._second else "", "replay": replay}}
 
     def _heading(self) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from umo.presentation.run_facts import fault_texts
 from umo.presentation.value_text import SIGNS, WORDS, as_shown
 from umo.scope.history import History
 from umo.text import printable
-from umo.twin import declares_twin, twin_of
+from umo.twin import declares_twin, place_of, twin_of
 
 TOLD_FACTS = ("station", "wiring", "place", "pid", "period")
 """Facts of the run that a page is told."""
@@ -62,7 +62,10 @@ class Watched:
         """Since this server follows the run."""
         self._more_extremes: list[Extremes] = []
         """Those that pages have begun anew."""
-        self.twin = bool(reader.about.get("twin")) or declares_twin(reader.layout)
+        self.twin_place = self._twin_place()
+        """The folder of the station whose twin is drawn; None: there is none on this computer."""
+        own = self.twin_place is not None and declares_twin(self.twin_place)
+        self.twin = own or (self.is_elsewhere and bool(reader.about.get("twin")))
         self.stage = reader.state
         self.number = 0
         """Number of the state: the next one is made when a page asks for it."""
@@ -92,6 +95,13 @@ class Watched:
         self._troubles: dict[str, Any] = {}
         self._misses: deque[tuple[float, int]] = deque(maxlen=MAX_EVENTS)
         """The last periods before which others were missed: when, and how many."""
+
+    def _twin_place(self) -> Path | None:
+        return None if self.is_elsewhere else place_of(self.reader.layout)
+
+    def own_twin(self) -> dict[str, Any] | None:
+        """The description of the twin of this computer. UmoError if its declaration is wrong."""
+        return None if self.twin_place is None else twin_of(self.reader.layout, self.twin_place)
 
     def read(self) -> None:
         self.stage = self.reader.state  # before the frames: the last ones are read in any case
@@ -287,7 +297,7 @@ def described_twin(watched: Watched, ask: Callable[[str], dict[str, Any] | None]
     asks one on another computer, by its name."""
     try:
         elsewhere = ask if watched.is_elsewhere else None
-        found = twin_of(watched.reader.layout) if elsewhere is None else elsewhere(watched.station)
+        found = watched.own_twin() if elsewhere is None else elsewhere(watched.station)
     except UmoError as error:
         return {"error": str(error)}
     return found and found | {"paths": list(map(as_shown, found.get("paths", ())))}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Any
@@ -95,15 +94,8 @@ def clock_text(seconds: float, period: float = 0.0) -> str:
     return f"{number_text(seconds, max(3, digits_of(period) if period else 0))} s"
 
 
-def run_time(about: Mapping[str, Any]) -> float | None:
-    """s since the start of a run on this computer, whatever its wall clock was set to meanwhile. `about`: the facts
-    that stand in its frames; None: they do not tell it."""
-    began = about.get("started_monotonic")
-    return (time.monotonic_ns() - began) * 1e-9 if isinstance(began, int) else None
-
-
 def since(started: float, lasted: float | None) -> str:
-    """`09:14:03 (3 min)`: the s since 1970 as the wall clock showed them then, and the s that have passed; None: they
-    are not known."""
-    at = time_of_day(started, "%H:%M:%S")
-    return at if lasted is None else f"{at} ({lasting(lasted)})"
+    """`09:14:03 (3 min)`, from the s since 1970 and the s that have passed: by a clock that nobody sets, as that of the
+    computer may be set meanwhile. None: it is not known how long."""
+    passed = "" if lasted is None else f" ({lasting(lasted)})"
+    return f"{time_of_day(started, '%H:%M:%S')}{passed}"

@@ -20,6 +20,7 @@ from umo.cycle.client_commands import Mode
 from umo.cycle.client_control import ClientControl
 from umo.cycle.events import CommandState
 from umo.cycle.machine import ConnectedMachine
+from umo.cycle.run import result_of
 from umo.cycle.stage import Stage
 from umo.cycle.stopping import SIGNALS, TimeLimit, request_stop
 from umo.errors import FramesError, StopError, text_of
@@ -202,6 +203,8 @@ class Control:
         self._judge(outcome, error)
         result, outcome.result = outcome.result, None
         self.report(outcome)  # the status stands; texts of errors and results call code of the application's
+        if self._connection is not None:
+            result = result_of(result, self._connection)
         outcome.result = plain(result)
         if error is not None:
             outcome.failure = Failed.of(error)

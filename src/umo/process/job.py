@@ -133,7 +133,7 @@ def _functions_of(job: Job) -> tuple[Callable[..., Any], Callable[..., Any] | No
 def _import(text: str, script: str | None) -> Any:
     name, _, attribute = text.partition(":")
     with told_as(DeclarationError, f"{text} cannot be imported"):
-        if name == MAIN_MODULE and MAIN_MODULE not in sys.modules:
+        if name == MAIN_MODULE and getattr(sys.modules.get(MAIN_MODULE), "__file__", None) != script:
             module = ModuleType(MAIN_MODULE)
             sys.modules[MAIN_MODULE] = module
             module.__dict__.update(runpy.run_path(str(script), run_name=MAIN_MODULE))

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -15,6 +17,9 @@ from umo.objects import Compound
 from umo.system.packages import MARK, SHIPPED, package_of
 from umo.text import did_you_mean
 from umo.user_code import is_interrupt, told_as
+
+GROUP = "umo.stations"
+"""Entry points of stations that packages install: the name, and the package that is the station's folder."""
 
 
 class StationError(UmoError, LookupError):
@@ -115,13 +120,28 @@ def shipped() -> dict[str, Path]:
     return {file.parent.name: file.parent for file in sorted(SHIPPED.glob(f"*/{MARK}"))}
 
 
+def packaged(name: str) -> Path | None:
+    """The folder of the station of this name that ships with umo, or that an installed package registers (entry points
+    of the group `umo.stations`: the name, and the station's package); None: there is none."""
+    if (folder := shipped().get(name)) is not None:
+        return folder
+    for point in entry_points(group=GROUP, name=name):
+        with told_as(StationError, f"the installed station {name!r} ({point.value}) cannot be imported"):
+            spec = importlib.util.find_spec(point.value)
+        for place in (spec.submodule_search_locations or ()) if spec else ():
+            if (Path(place) / MARK).is_file():
+                return Path(place).resolve()
+    return None
+
+
 def find(name: str | Path) -> Station:
     """The station of that name, or in that directory."""
     path, text = Path(name), str(name)
     if (path / MARK).is_file():
         return Station(path.resolve().name, path.resolve())
-    if text in (known := shipped()):
-        return Station(text, known[text])
+    if (folder := packaged(text)) is not None:
+        return Station(text, folder)
+    known = shipped()
     if path.is_dir():
         raise StationError(f"{text} is not a station: it has no {MARK} (`umo new DIR` makes one)")
     near = did_you_mean(text, [*known, *(each.parent.name for each in Path().glob(f"*/{MARK}"))])

@@ -10,7 +10,8 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import takewhile
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,6 +30,10 @@ EXACT = (
 )  # fmt: skip
 """What replay needs of a frame."""
 FIELDS = tuple(ENTRY.names or ())
+MAX_FRAMES = 64 << 20
+"""Bytes of the frames of a block, and of its entries, at most."""
+MAX_TEXT, MAX_VALUES = 16 << 20, 500_000
+"""Bytes and values of a description, at most."""
 
 
 @dataclass(frozen=True)
@@ -95,11 +100,36 @@ class Block:
         """Number of the frame that follows."""
         return self.first + len(self.frames)
 
+    def split(self, row: int) -> tuple[Block, Block]:
+        """Two blocks: the frames before a row, by its place in this block, and the others, each with what belongs to
+        them. What belongs to no frame is in the second one, what is missing counts in the first one."""
+        before, rest = self.frames[:row], self.frames[row:]
+        moment, stop = float(before["time"][-1]), self.first + row
+        entries = int(before["journal"][-1] + before["entries"][-1]) - self._first_entry
+        entries = min(max(entries, 0), len(self.entries))
+        events = sum(1 for _ in takewhile(lambda each: each[1].time <= moment, self.events))
+        commands = sum(1 for _ in takewhile(lambda each: each.period < stop, self.commands))
+        boxes = sum(1 for _ in takewhile(lambda box: box.time <= moment, self.boxes))
+        first = replace(
+            self, frames=before, entries=self.entries[:entries], commands=self.commands[:commands],
+            events=self.events[:events], boxes=self.boxes[:boxes],
+        )  # fmt: skip
+        second = replace(
+            self, frames=rest, entries=self.entries[entries:], commands=self.commands[commands:],
+            events=self.events[events:], boxes=self.boxes[boxes:], lost=0, entries_lost=0, commands_lost=0,
+        )  # fmt: skip
+        return first, second
+
+    @property
+    def _first_entry(self) -> int:
+        """The number of the first of its entries in the journal of the run."""
+        end = self.frames[-1]
+        return int(end["journal"] + end["entries"]) - len(self.entries)
+
     def journal(self, row: int) -> Entries | None:
         """The entries of the period of a frame, by its place in this block; None: some were lost."""
-        frame, end = self.frames[row], self.frames[-1]
-        first = int(end["journal"] + end["entries"]) - len(self.entries)
-        start, count = int(frame["journal"]) - first, int(frame["entries"])
+        frame = self.frames[row]
+        start, count = int(frame["journal"]) - self._first_entry, int(frame["entries"])
         return None if start < 0 < count else self.entries[max(start, 0) : max(start, 0) + count]
 
 
@@ -159,17 +189,20 @@ def block_of(layout: Layout, exact: bytes | memoryview, columns: bytes | memoryv
     """The block of these two messages; without the second one it is not full. FramesError if they are damaged."""
     try:
         return _block_of(layout, exact, columns)
-    except (ValueError, LookupError, TypeError, struct.error) as error:
+    except (ValueError, LookupError, TypeError, AttributeError, OverflowError, struct.error) as error:
         raise FramesError(f"a block of the recording is damaged: {error}") from None
 
 
 def _block_of(layout: Layout, exact: bytes | memoryview, columns: bytes | memoryview | None) -> Block:
     about, data = headed(exact)
     count, first = int(about["count"]), int(about["first"])
+    entry_count = int(about["entries"])
+    if not 0 < count * layout.dtype.itemsize <= MAX_FRAMES or not 0 <= entry_count * ENTRY.itemsize <= MAX_FRAMES:
+        raise ValueError(f"it has {count} periods and {entry_count} entries")
     frames = np.zeros(count, layout.dtype)
     frames["sequence"] = 2 * np.arange(first, first + count, dtype=np.uint64) + 2
     data = decode(data, frames, EXACT)
-    entries = np.zeros(int(about["entries"]), ENTRY)
+    entries = np.zeros(entry_count, ENTRY)
     texts = decode(data, entries, FIELDS)
     if columns is None:
         frames["values"], frames["signals"] = np.nan, np.nan
@@ -215,5 +248,19 @@ def _headed(about: Mapping[str, Any]) -> bytes:
 def headed(data: bytes | memoryview) -> tuple[dict[str, Any], memoryview]:
     """The description at the beginning of a message, and what follows it. ValueError if there is none."""
     view = memoryview(data)
+    if len(view) < 4:
+        raise ValueError("it has no description")
     (size,) = struct.unpack_from("<I", view)
-    return dict(json.loads(bytes(view[4 : 4 + size]))), view[4 + size :]
+    if size > MAX_TEXT:
+        raise ValueError(f"its description has {size} bytes")
+    try:
+        return dict(json.loads(checked_text(bytes(view[4 : 4 + size])))), view[4 + size :]
+    except (TypeError, RecursionError) as error:
+        raise ValueError(f"its description cannot be read: {error}") from None
+
+
+def checked_text(text: bytes) -> bytes:
+    """A text in JSON of which the values need no unbounded memory: ValueError for one with too many."""
+    if sum(map(text.count, (b",", b"[", b"{"))) > MAX_VALUES:
+        raise ValueError(f"its description has more than {MAX_VALUES} values")
+    return text

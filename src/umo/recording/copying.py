@@ -1,38 +1,83 @@
-"""New files from recordings: several parts in one, a part without all that replay does not need, a torn file made
-whole."""
+"""New files from recordings: several parts in one, a part without all that replay does not need, a file that was cut or
+never closed made whole."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from umo.errors import FramesError
-from umo.recording.mcap_reader import McapMessage, McapReader
+from umo.recording.block import headed
+from umo.recording.extent import EXTENT, Extent
+from umo.recording.mcap_reader import McapMessage, McapReader, messages_in
 from umo.recording.mcap_records import message
-from umo.recording.mcap_writer import McapWriter, Messages
-from umo.recording.recording import METADATA, SPARSE_TOPICS
+from umo.recording.mcap_writer import McapWriter, Messages, PackedChunk, repacked
+from umo.recording.recording import EXACT, METADATA, SPARSE_TOPICS, as_first
 
-BATCH, BATCH_BYTES = 64, 16 << 20
-"""Chunks and bytes that are held and written at once, at most: the end of the file is written with each of these
-writes, and has a row for each chunk."""
-Keep = Callable[[], bool]
+BATCH, BATCH_BYTES = 64, 8 << 20
+"""Chunks, or bytes of them, that are written at once."""
 
 
 @contextmanager
-def _new(path: Path, like: McapReader) -> Iterator[McapWriter]:
-    """A new file with metadata, schemas and channels of another one, which takes this name when it is complete."""
+def _new(path: Path, like: McapReader, extent: Callable[[], Mapping[str, str] | None]) -> Iterator[McapWriter]:
+    """A new file with metadata, schemas and channels of another one, which takes this name when it is complete.
+    `extent`: what it says of its periods, asked when all is written."""
     hidden = path.with_name(f".{path.name}.{os.getpid()}")
     hidden.unlink(missing_ok=True)
-    metadata = [(name, texts | ({"part": "1"} if name == METADATA else {})) for name, texts in like.metadata.items()]
+    metadata = [
+        (name, as_first(texts) if name == METADATA else texts)
+        for name, texts in like.metadata.items()
+        if name != EXTENT
+    ]
     writer = McapWriter(hidden, metadata, list(like.schemas.values()), list(like.channels.values()))
     try:
         yield writer
+    except BaseException:
+        writer.discard()
+        raise
+    try:
+        found = extent()
+        writer.close([] if found is None else [(EXTENT, dict(found))])
         os.replace(hidden, path)
     finally:
-        writer.close()
         hidden.unlink(missing_ok=True)
+
+
+class _Joined:
+    """The chunks of files in the order of their periods, each once, and which periods they have."""
+
+    def __init__(self, files: Sequence[McapReader]) -> None:
+        self._files = files
+        self._stop = 0
+        self.seen: Extent | None = None
+
+    def chunks(self) -> Iterator[PackedChunk]:
+        for file in self._files:
+            for at in file.chunks:
+                with suppress(ValueError, KeyError, TypeError):  # it is damaged: its periods are missing
+                    content = file.chunk(at)
+                    heads = [headed(each.data)[0] for each in messages_in(content) if each.channel == EXACT]
+                    if heads and int(heads[0]["first"]) < self._stop:
+                        continue  # it was there
+                    for head in heads:
+                        first, count = int(head["first"]), int(head["count"])
+                        self.seen = Extent(first, first + count, count, float(head["time"])).after(self.seen)
+                        self._stop = first + count
+                    yield repacked(file.raw(at), content)
+
+    @property
+    def extent(self) -> Extent | None:
+        """What the files have said of themselves, where they have: so it stays known what is missing. Else what was
+        seen."""
+        told = [Extent.read(file.metadata[EXTENT]) for file in self._files if EXTENT in file.metadata]
+        if len(told) < len(self._files) or None in told:
+            return self.seen
+        whole: Extent | None = None
+        for each in told:
+            whole = each and each.after(whole)
+        return whole
 
 
 def join(parts: Sequence[Path], path: Path) -> None:
@@ -41,80 +86,55 @@ def join(parts: Sequence[Path], path: Path) -> None:
     for part in parts[1:]:
         with suppress(FramesError):  # it was cut in its first write, or that is under way: it has nothing
             files.append(McapReader(part))
+    joined = _Joined(files)
     try:
-        with _new(path, files[0]) as writer:
-            for file in files:
-                sound = file.chunks if file.is_whole else file.chunks[:-1]
-                for batch in _batches(file, sound):
-                    writer.add_raw(batch)
-                torn = list(_messages(file, file.chunks[len(sound) :], set(file.channels)))  # it may lack its indexes
-                if torn:
-                    writer.add(_by_channel(torn))
+        with _new(path, files[0], lambda: joined.extent and joined.extent.texts) as writer:
+            batch: list[PackedChunk] = []
+            for chunk in joined.chunks():
+                batch.append(chunk)
+                if sum(len(each.record) for each in batch) >= BATCH_BYTES:
+                    writer.add(batch)
+                    batch = []
+            if batch:
+                writer.add(batch)
     finally:
         for file in files:
             file.close()
 
 
-def _batches(file: McapReader, chunks: Sequence[int]) -> Iterator[list[bytes]]:
-    """Chunks as they stand in a file."""
-    batch: list[bytes] = []
-    for at in chunks:
-        batch.append(file.raw(at))
-        if sum(map(len, batch)) >= BATCH_BYTES:
-            yield batch
-            batch = []
-    if batch:
-        yield batch
-
-
 def thin(path: Path) -> None:
     """Leave what replay needs, and what is seldom: exact columns, events, alarms, commands. OSError, FramesError."""
     file = McapReader(path)
-    kept = {channel.number for channel in file.channels.values() if channel.topic in SPARSE_TOPICS}
+    kept = {EXACT, *(each.number for each in file.channels.values() if each.topic in SPARSE_TOPICS)}
     try:
-        with _new(path, file) as writer:
-            for batch in _copies(file, kept):
-                writer.add(_by_channel(batch))
+        with _new(path, file, lambda: file.metadata.get(EXTENT)) as writer:
+            batch: list[PackedChunk] = []
+            for at in file.chunks:
+                with suppress(ValueError):  # it is damaged
+                    if found := file.messages(at, kept):
+                        batch.append(writer.pack(_by_channel(found)))
+                if len(batch) >= BATCH:
+                    writer.add(batch)
+                    batch = []
+            if batch:
+                writer.add(batch)
     finally:
         file.close()
 
 
-def _copies(file: McapReader, kept: set[int]) -> Iterator[list[McapMessage]]:
-    """The messages of these channels. They are copied: their chunks, which have much more, are not held."""
-    batch: list[McapMessage] = []
-    chunks = size = 0
-    for at in file.chunks:
-        found = [each._replace(data=memoryview(bytes(each.data))) for each in _messages(file, [at], kept)]
-        batch += found
-        chunks, size = chunks + 1, size + sum(len(each.data) for each in found)
-        if batch and (chunks >= BATCH or size >= BATCH_BYTES):
-            yield batch
-            batch, chunks, size = [], 0, 0
-    if batch:
-        yield batch
-
-
-def repair(path: Path) -> tuple[int, int]:
-    """Make a file that was cut or torn whole: chunks that it still has, and bytes that were cut off. A file that is
-    whole stays as it is."""
+def repair(path: Path) -> bool:
+    """Make a file that was not closed, or is damaged, whole for every reader, with the chunks that are sound; false if
+    it was whole, and stays as it is."""
     file = McapReader(path)
     try:
-        chunks, cut = len(file.chunks), 0 if file.is_whole else len(file.data) - file.end
         if METADATA not in file.metadata:
             raise FramesError(f"{path} has nothing that could be repaired: it was cut before its first second")
+        if file.is_whole and not file.damaged and file.is_sound and all(map(file.is_readable, file.chunks)):
+            return False
     finally:
         file.close()
-    if not file.is_whole:
-        join([path], path)
-    return chunks, cut
-
-
-def _messages(file: McapReader, chunks: Sequence[int], kept: set[int]) -> Iterator[McapMessage]:
-    for at in chunks:
-        try:
-            yield from [each for each in file.messages(at) if each.channel in kept]
-        except ValueError:  # it is damaged
-            continue
+    join([path], path)
+    return True
 
 
 def _by_channel(found: Sequence[McapMessage]) -> list[Messages]:

@@ -1,6 +1,6 @@
 """Folders of flight recorders: the files of each while it runs, and who writes them.
 
-Whoever wants what one has makes one file of its files, as they are whole at any time: `save`. A folder whose recorder
+Whoever wants what one has makes one file of its files, which it can at any time: `save`. A folder whose recorder
 was killed is kept, among the last few.
 """
 

@@ -1,14 +1,22 @@
-"""The chunks and metadata of an MCAP file of a recording, also of one that was cut or torn in its last write."""
+"""The chunks and metadata of an MCAP file of a recording, also of one that is not closed: that is being written, or was
+cut, or whose recorder was killed.
+
+A closed file is read by its summary, which has a checksum: what it says of chunks and is not there is damage. In one
+that is not closed chunks are looked for from its beginning on, behind damage too. Memory is bounded whatever a file
+says of its sizes.
+"""
 
 from __future__ import annotations
 
-import mmap
+import errno
 import os
+import resource
 import stat
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,10 +24,24 @@ import zstandard
 
 from umo.errors import FramesError
 from umo.recording import mcap_records
-from umo.recording.mcap_records import McapChannel, Opcode, RawChunk, Schema
+from umo.recording.mcap_records import ChunkHead, ChunkPlace, McapChannel, Opcode, Schema
 
-MAX_CHUNK = 1 << 30
-"""Bytes of a chunk that are taken for sound."""
+MAX_CONTENT = 64 << 20
+"""Bytes of the content of a chunk, at most."""
+MAX_HELD = 32 << 20
+"""Bytes of metadata, schemas and channels together, at most."""
+OVERHEAD = 1 << 10
+"""Bytes for which each of these counts beside its own."""
+MAX_CHUNKS = 1_000_000
+MAX_MESSAGES = 100_000
+"""Messages of the wanted channels in a chunk, at most."""
+MAX_WINDOW = 8 << 20
+"""Bytes that a decompressor may hold beside its result."""
+PIECE = 1 << 20
+"""Bytes that are read at once where much is."""
+COMPRESSION = b"\x04\0\0\0zstd"
+"""How the name of the compression stands in a chunk, behind 28 bytes of its body."""
+HELD = (Opcode.METADATA, Opcode.SCHEMA, Opcode.CHANNEL)
 
 
 class McapMessage(NamedTuple):
@@ -32,117 +54,301 @@ class McapMessage(NamedTuple):
     data: memoryview
 
 
+class Damaged(NamedTuple):
+    """A place of a file that cannot be read."""
+
+    at: int
+    why: str
+
+
 class McapReader:
     """Reads a file as far as it is sound; FramesError if it is no recording at all."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._map: mmap.mmap | bytes = b""
+        self._file = _opened(path)
         try:
-            file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-        except OSError as error:
-            raise FramesError(f"{path}: {error.strerror}") from None
-        try:
-            if not stat.S_ISREG(os.fstat(file).st_mode):
-                raise FramesError(f"{path} is not a recording: it is no file")
-            if os.fstat(file).st_size:
-                self._map = mmap.mmap(file, 0, access=mmap.ACCESS_READ)
-        except (OSError, ValueError) as error:
-            raise FramesError(f"{path} cannot be read: {error}") from None
-        finally:
-            os.close(file)
-        self.data = memoryview(self._map)
-        if bytes(self.data[: len(mcap_records.MAGIC)]) != mcap_records.MAGIC:
+            self.size = os.fstat(self._file).st_size
+            """Bytes of the file when it was opened; what is written later is not read."""
+            if self._at(0, len(mcap_records.MAGIC)) != mcap_records.MAGIC:
+                raise FramesError(f"{path} is not a recording: it is no MCAP file")
+            self._begin()
+        except BaseException:
             self.close()
-            raise FramesError(f"{path} is not a recording: it is no MCAP file")
-        end = mcap_records.data_end(self.data)
-        self.is_whole = end is not None
-        """Whether it ends as it should. One that is not was cut or torn; what it still holds is read."""
+            raise
+
+    def _begin(self) -> None:
         self.metadata: dict[str, dict[str, str]] = {}
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, McapChannel] = {}
         self.chunks: list[int] = []
-        """Offsets of the chunks, in the order in which they were written."""
+        """Offsets of the chunks, in the order in which they lie in the file."""
+        self.damaged: list[Damaged] = []
+        """Chunks of which not even the head is sound."""
+        self.counts: dict[int, int] = {}
+        """The number of messages of each channel, where the file is closed."""
         self.end = len(mcap_records.MAGIC)
-        """Offset at which its sound data end."""
-        with suppress(ValueError, struct.error, IndexError):
-            self._walk(self.data[:end])
+        """Offset at which its last sound record ends."""
+        self._held = 0
+        with suppress(OSError):
+            self.is_whole = self._read_summary()
+            """Whether it was closed, and its summary is sound."""
+        if not self.is_whole:
+            self._held = 0
+            self._walk()
 
-    def _walk(self, data: memoryview) -> None:
-        """`data`: of a whole file as far as its summary goes: what is behind may be written over at this moment."""
-        for each in mcap_records.records(data, self.end):
-            if each.opcode == Opcode.DATA_END:
-                return
-            if each.opcode == Opcode.CHUNK:
-                if not self.is_whole:
-                    self.chunk(each.at)  # ValueError: what follows is of an older end
-                self.chunks.append(each.at)
-            elif each.opcode == Opcode.METADATA:
-                name, texts = mcap_records.read_metadata(each.body)
-                self.metadata[name] = texts
-            elif each.opcode == Opcode.CHANNEL:
-                channel = mcap_records.read_channel(each.body)
-                self.channels[channel.number] = channel
-            elif each.opcode == Opcode.SCHEMA:
-                schema = mcap_records.read_schema(each.body)
-                self.schemas[schema.number] = schema
-            elif each.opcode not in (Opcode.HEADER, Opcode.MESSAGE_INDEX):
-                return
-            self.end = each.at + mcap_records.HEAD.size + len(each.body)
+    is_whole = False
 
-    def head(self, at: int) -> RawChunk:
+    # A closed file -------------------------------------------------------------------------------------
+
+    def _read_summary(self) -> bool:
+        """Read what the summary says; false if there is none."""
+        footer = self.size - mcap_records.FOOTER_BYTES
+        if footer < len(mcap_records.MAGIC):
+            return False
+        end = self._at(footer, mcap_records.FOOTER_BYTES)
+        head = mcap_records.HEAD.unpack_from(end)
+        if not end.endswith(mcap_records.MAGIC) or head != (Opcode.FOOTER, mcap_records.FOOTER.size):
+            return False
+        start, _, checksum = mcap_records.FOOTER.unpack_from(end, mcap_records.HEAD.size)
+        if not len(mcap_records.MAGIC) <= start <= footer:
+            return False
+        if self._checksum(start, footer + mcap_records.HEAD.size + 16) != checksum:
+            return False
+        self._data_end = start - mcap_records.DATA_END_BYTES
+        try:
+            places = self._summary(start, footer)
+        except (ValueError, struct.error):  # another program's
+            return False
+        for place in sorted(places, key=lambda each: each.at):
+            self._take(place)
+        return True
+
+    def _summary(self, start: int, footer: int) -> list[ChunkPlace]:
+        places = []
+        for at, opcode, length in self._records(start, footer):
+            if opcode in (Opcode.CHUNK_INDEX, Opcode.METADATA_INDEX, Opcode.STATISTICS) and length < PIECE:
+                body = memoryview(self._at(at + mcap_records.HEAD.size, length))
+                if opcode == Opcode.STATISTICS:
+                    self.counts = mcap_records.read_counts(body)
+                elif opcode == Opcode.CHUNK_INDEX:
+                    places.append(mcap_records.read_chunk_index(body))
+                else:
+                    self._take_metadata(*mcap_records.read_metadata_index(body))
+            elif opcode in HELD:
+                self._hold(at, opcode, length)
+            if len(places) > MAX_CHUNKS:
+                raise FramesError(f"{self.path} is damaged: it says that it has more than {MAX_CHUNKS} chunks")
+        return places
+
+    def _take_metadata(self, at: int, length: int, name: str) -> None:
+        found = next(self._records(at, self._data_end), None)
+        if found != (at, Opcode.METADATA, length - mcap_records.HEAD.size):
+            self.damaged.append(Damaged(at, f"the metadata {name!r} are not there"))
+            return
+        with suppress(ValueError, struct.error):  # whoever needs them finds that they are not there
+            self._hold(*found)
+
+    def _take(self, place: ChunkPlace) -> None:
+        """Take over a chunk of the summary, if it is there."""
+        try:
+            head = self.head(place.at)
+            length = head.begin + head.length + mcap_records.HEAD.size
+            if (head.first, head.last, head.size, length) != (place.first, place.last, place.size, place.length):
+                raise ValueError("it is another one than the summary says")
+        except ValueError as error:
+            self.damaged.append(Damaged(place.at, str(error)))
+        else:
+            self.chunks.append(place.at)
+
+    # A file that is not closed -------------------------------------------------------------------------
+
+    def _walk(self) -> None:
+        """Find its records from the beginning on; behind damage the next chunk is looked for."""
+        at = self.end
+        while at < self.size and len(self.chunks) < MAX_CHUNKS:
+            found = next(self._records(at, self.size), None)
+            if found is None or not self._is_known(*found):
+                end = self._next_chunk(at + 1)
+                if self.chunks or end < self.size:
+                    self.damaged.append(Damaged(at, f"{end - at} bytes are no record"))
+                at = end
+                continue
+            _, opcode, length = found
+            if opcode in (Opcode.DATA_END, Opcode.FOOTER):
+                return
+            at += mcap_records.HEAD.size + length
+            self.end = at
+
+    def _is_known(self, at: int, opcode: int, length: int) -> bool:
+        """Take over a record; false if it is none that a recording has."""
+        try:
+            if opcode == Opcode.CHUNK:
+                self.head(at)
+                self.chunks.append(at)
+            elif opcode in HELD:
+                self._hold(at, opcode, length)
+        except (ValueError, struct.error):
+            return False
+        return opcode in (*HELD, Opcode.CHUNK, Opcode.HEADER, Opcode.MESSAGE_INDEX, Opcode.DATA_END, Opcode.FOOTER)
+
+    def _next_chunk(self, at: int) -> int:
+        """Offset of the next chunk from an offset on; the end of the file: there is none."""
+        back = mcap_records.HEAD.size + 28
+        while at < self.size:
+            piece = self._at(at, PIECE + back + len(COMPRESSION))
+            place = piece.find(COMPRESSION, back)
+            while place >= 0:
+                if piece[place - back] == Opcode.CHUNK:
+                    with suppress(ValueError):
+                        self.head(at + place - back)
+                        return at + place - back
+                place = piece.find(COMPRESSION, place + 1)
+            at += PIECE
+        return self.size
+
+    # Reading -------------------------------------------------------------------------------------------
+
+    def _at(self, at: int, length: int) -> bytes:
+        """Bytes at an offset, as far as they are there."""
+        if self._file < 0:
+            raise FramesError(f"{self.path} was closed")
+        return os.pread(self._file, max(min(length, self.size - at), 0), at)
+
+    def _records(self, at: int, end: int) -> Iterator[tuple[int, int, int]]:
+        """Offset, opcode and length of body of the records up to an offset, as far as they are there as a whole."""
+        while at + mcap_records.HEAD.size <= end:
+            head = self._at(at, mcap_records.HEAD.size)
+            if len(head) < mcap_records.HEAD.size:
+                return
+            opcode, length = mcap_records.HEAD.unpack(head)
+            if not opcode or length > end - at - mcap_records.HEAD.size:
+                return
+            yield at, opcode, length
+            at += mcap_records.HEAD.size + length
+
+    def _hold(self, at: int, opcode: int, length: int) -> None:
+        """Keep metadata, a schema or a channel. ValueError if it is malformed, FramesError if there is too much."""
+        self._held += length + OVERHEAD
+        if self._held > MAX_HELD:
+            raise FramesError(f"{self.path}: its descriptions have more than {MAX_HELD >> 20} MB")
+        body = memoryview(self._at(at + mcap_records.HEAD.size, length))
+        if opcode == Opcode.METADATA:
+            name, texts = mcap_records.read_metadata(body)
+            self.metadata[name] = texts
+        elif opcode == Opcode.CHANNEL:
+            channel = mcap_records.read_channel(body)
+            self.channels[channel.number] = channel
+        else:
+            schema = mcap_records.read_schema(body)
+            self.schemas[schema.number] = schema
+
+    def _checksum(self, start: int, end: int) -> int:
+        checksum = 0
+        for at in range(start, end, PIECE):
+            checksum = zlib.crc32(self._at(at, min(PIECE, end - at)), checksum)
+        return checksum
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether all of a closed file is as it was written, by the checksum of its data; reads all of it. Files of umo
+        0.2 have no such checksum, and count as sound."""
+        end = self._at(self._data_end, mcap_records.DATA_END_BYTES)
+        if len(end) < mcap_records.DATA_END_BYTES or end[0] != Opcode.DATA_END:
+            return False
+        (checksum,) = struct.unpack_from("<I", end, mcap_records.HEAD.size)
+        return not checksum or self._checksum(0, self._data_end) == checksum
+
+    def head(self, at: int) -> ChunkHead:
         """The head of the chunk at an offset. ValueError if it is damaged."""
-        each = next(mcap_records.records(self.data, at), None)
-        if each is None:
-            raise ValueError("a chunk is cut short")
-        return mcap_records.read_chunk(each.body)
+        found = next(self._records(at, self.size), None)
+        if found is None or found[1] != Opcode.CHUNK:
+            raise ValueError("there is no whole chunk")
+        begin = memoryview(self._at(at + mcap_records.HEAD.size, mcap_records.CHUNK_HEAD_BYTES))
+        try:
+            head = mcap_records.read_chunk(begin, found[2])
+        except struct.error:
+            raise ValueError("the head of a chunk is damaged") from None
+        if max(head.size, head.length) > MAX_CONTENT:
+            raise ValueError(f"a chunk has more than {MAX_CONTENT >> 20} MB")
+        return head
+
+    def raw(self, at: int) -> bytes:
+        """The chunk at an offset as it stands in the file. ValueError if its head is damaged."""
+        head = self.head(at)
+        return self._at(at, mcap_records.HEAD.size + head.begin + head.length)
 
     def chunk(self, at: int) -> bytes:
         """The content of the chunk at an offset. ValueError if it is damaged."""
-        raw = self.head(at)
-        if raw.size > MAX_CHUNK:
-            raise ValueError("a chunk is damaged")
-        try:
-            content = _content(raw)
-        except (zstandard.ZstdError, MemoryError) as error:
-            raise ValueError(f"a chunk is damaged: {error}") from None
-        if raw.checksum and zlib.crc32(content) != raw.checksum:
-            raise ValueError("a chunk is damaged: its checksum does not fit")
+        head = self.head(at)
+        content = content_of(head, self._at(at + mcap_records.HEAD.size + head.begin, head.length))
+        if len(content) != head.size or zlib.crc32(content) != head.checksum:
+            raise ValueError("its checksum does not fit")
         return content
 
-    def raw(self, at: int) -> bytes:
-        """The chunk at an offset as it stands in the file, with its message indexes."""
-        found = mcap_records.records(self.data, at)
-        chunk = next(found)
-        end = at + mcap_records.HEAD.size + len(chunk.body)
-        for each in found:
-            if each.opcode != Opcode.MESSAGE_INDEX:
-                break
-            end = each.at + mcap_records.HEAD.size + len(each.body)
-        return bytes(self.data[at:end])
+    def is_readable(self, at: int) -> bool:
+        """Whether the chunk at an offset is sound."""
+        try:
+            self.chunk(at)
+        except ValueError:
+            return False
+        return True
 
-    def messages(self, at: int) -> Iterator[McapMessage]:
-        """The messages of a chunk. ValueError if it is damaged."""
-        head = mcap_records.MESSAGE.size
-        for each in mcap_records.records(memoryview(self.chunk(at))):
-            if each.opcode == Opcode.MESSAGE:
-                channel, sequence, time, _ = mcap_records.MESSAGE.unpack_from(each.body)
-                yield McapMessage(channel, sequence, time, each.body[head:])
-
-    def topic(self, name: str) -> int:
-        """The number of the channel of a topic; 0: there is none."""
-        return next((each.number for each in self.channels.values() if each.topic == name), 0)
+    def messages(self, at: int, channels: Container[int]) -> list[McapMessage]:
+        """The messages of some channels of a chunk. ValueError if it is damaged."""
+        found = (each for each in messages_in(self.chunk(at)) if each.channel in channels)
+        messages = list(islice(found, MAX_MESSAGES + 1))
+        if len(messages) > MAX_MESSAGES:
+            raise ValueError(f"it has more than {MAX_MESSAGES:,} messages")
+        return messages
 
     def close(self) -> None:
-        self.data.release()
-        if isinstance(self._map, mmap.mmap):
-            with suppress(BufferError):  # messages are still held
-                self._map.close()
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
 
 
-def _content(raw: RawChunk) -> bytes:
-    if raw.compression == "zstd":
-        return bytes(zstandard.ZstdDecompressor().decompress(raw.data, max_output_size=max(raw.size, 1)))
-    if raw.compression:
-        raise ValueError(f"chunks compressed by {raw.compression} are not read")
-    return bytes(raw.data)
+def _opened(path: Path) -> int:
+    """A descriptor of a file. FramesError where it cannot be opened, or is no file."""
+    try:
+        try:
+            file = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+        except OSError as error:
+            if error.errno != errno.EMFILE:
+                raise
+            _, most = resource.getrlimit(resource.RLIMIT_NOFILE)  # a recording of months has hundreds of files
+            resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+            file = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+    except OSError as error:
+        raise FramesError(f"{path}: {error.strerror}") from None
+    if not stat.S_ISREG(os.fstat(file).st_mode):
+        os.close(file)
+        raise FramesError(f"{path} is not a recording: it is no file")
+    return file
+
+
+def messages_in(content: bytes) -> Iterator[McapMessage]:
+    """The messages of a chunk of this content."""
+    head = mcap_records.MESSAGE.size
+    for each in mcap_records.records(memoryview(content)):
+        if each.opcode == Opcode.MESSAGE and len(each.body) >= head:
+            channel, sequence, time, _ = mcap_records.MESSAGE.unpack_from(each.body)
+            yield McapMessage(channel, sequence, time, each.body[head:])
+
+
+def content_of(head: ChunkHead, data: bytes) -> bytes:
+    """The content of a chunk: what a frame of zstd says of its size is compared before room is made for it."""
+    if not head.compression:
+        return data
+    if head.compression != "zstd":
+        raise ValueError(f"it is compressed by {head.compression!r}, which is not read")
+    try:
+        stated = zstandard.frame_content_size(data)
+        if stated == head.size:
+            return bytes(zstandard.ZstdDecompressor().decompress(data)) if stated else b""
+        if stated >= 0:
+            raise ValueError("its content has another size than it says")
+        with zstandard.ZstdDecompressor(max_window_size=MAX_WINDOW).stream_reader(data) as stream:
+            return bytes(stream.read(head.size + 1))
+    except (zstandard.ZstdError, MemoryError) as error:
+        raise ValueError(f"it cannot be decompressed: {error}") from None

@@ -18,6 +18,10 @@ FOOTER = struct.Struct("<QQI")
 FOOTER_BYTES, DATA_END_BYTES = HEAD.size + FOOTER.size + len(MAGIC), HEAD.size + 4
 MESSAGE_INDEX = struct.Struct("<HI")
 """McapChannel and bytes of the rows that follow."""
+MAX_TEXTS = 200_000
+"""Texts of a mapping that are read."""
+INDEXED = struct.Struct("<QQ")
+"""A row of a message index: log time in ns, offset in the content of the chunk."""
 _CHUNK = struct.Struct("<QQQI")
 _STATISTICS = struct.Struct("<QHIIIIQQ")
 _INDEX_ROW = struct.Struct("<HQ")
@@ -145,9 +149,10 @@ def statistics(
     return record(Opcode.STATISTICS, head + struct.pack("<I", len(rows)) + rows)
 
 
-def closing(at: int, groups: Sequence[tuple[Opcode, bytes]]) -> bytes:
-    """All that follows the data of a file: their end at this offset, the summary, footer and magic."""
-    end = record(Opcode.DATA_END, bytes(4))
+def closing(at: int, checksum: int, groups: Sequence[tuple[Opcode, bytes]]) -> bytes:
+    """All that follows the data of a file: their end at this offset, the summary, footer and magic. `checksum`: CRC-32
+    of all that stands before."""
+    end = record(Opcode.DATA_END, struct.pack("<I", checksum))
     start = at + len(end)
     offsets, place = [], start
     for opcode, group in groups:
@@ -173,16 +178,6 @@ def records(data: memoryview, at: int = 0) -> Iterator[RawRecord]:
         at = body + length
 
 
-def data_end(data: memoryview) -> int | None:
-    """Offset at which the data of a file end; None: it does not end as it should, with a summary and its checksum."""
-    at = len(data) - FOOTER_BYTES
-    if at < len(MAGIC) or bytes(data[-len(MAGIC) :]) != MAGIC or HEAD.unpack_from(data, at) != (2, FOOTER.size):
-        return None
-    start, _, checksum = FOOTER.unpack_from(data, at + HEAD.size)
-    whole = len(MAGIC) <= start <= at and zlib.crc32(data[start : at + HEAD.size + 16]) == checksum
-    return start - DATA_END_BYTES if whole else None
-
-
 def read_string(body: memoryview, at: int) -> tuple[str, int]:
     """A string at an offset, and where it ends. ValueError if it is not there as a whole."""
     end = at + 4 + int.from_bytes(body[at : at + 4], "little")
@@ -193,8 +188,10 @@ def read_string(body: memoryview, at: int) -> tuple[str, int]:
 
 def read_mapping(body: memoryview, at: int) -> tuple[dict[str, str], int]:
     end = at + 4 + int.from_bytes(body[at : at + 4], "little")
-    at, texts = at + 4, {}
+    at, texts = at + 4, dict[str, str]()
     while at < end:
+        if len(texts) >= MAX_TEXTS:
+            raise ValueError(f"a mapping has more than {MAX_TEXTS} texts")
         key, at = read_string(body, at)
         texts[key], at = read_string(body, at)
     return texts, at
@@ -220,21 +217,58 @@ def read_schema(body: memoryview) -> Schema:
     return Schema(number, name, encoding, bytes(body[at + 4 : at + 4 + size]))
 
 
-class RawChunk(NamedTuple):
-    """The head of a chunk, and what is compressed in it."""
+class ChunkHead(NamedTuple):
+    """The head of a chunk, and where its compressed content lies in its body."""
 
     first: int
     last: int
     size: int
     checksum: int
     compression: str
-    data: memoryview
+    begin: int
+    length: int
 
 
-def read_chunk(body: memoryview) -> RawChunk:
+CHUNK_HEAD_BYTES = _CHUNK.size + 4 + 16 + 8
+"""Bytes of a body that hold its head, at most: the name of a compression has 16 at most."""
+
+
+def read_chunk(body: memoryview, length: int) -> ChunkHead:
+    """The head of a chunk, of whose body of this length the beginning is given. ValueError if they do not fit."""
     first, last, size, checksum = _CHUNK.unpack_from(body)
     compression, at = read_string(body, _CHUNK.size)
-    (length,) = struct.unpack_from("<Q", body, at)
-    if at + 8 + length != len(body):
+    (content,) = struct.unpack_from("<Q", body, at)
+    if at + 8 + content != length:
         raise ValueError("a chunk is cut short")
-    return RawChunk(first, last, size, checksum, compression, body[at + 8 :])
+    return ChunkHead(first, last, size, checksum, compression, at + 8, content)
+
+
+class ChunkPlace(NamedTuple):
+    """What the summary of a file says of a chunk."""
+
+    first: int
+    last: int
+    at: int
+    length: int
+    size: int
+    """Bytes of its content."""
+
+
+def read_chunk_index(body: memoryview) -> ChunkPlace:
+    first, last, at, length, rows = struct.unpack_from("<QQQQI", body)
+    _, end = read_string(body, 36 + rows + 8)
+    (size,) = struct.unpack_from("<Q", body, end + 8)
+    return ChunkPlace(first, last, at, length, size)
+
+
+def read_counts(body: memoryview) -> dict[int, int]:
+    """The number of messages of each channel, of the statistics."""
+    (size,) = struct.unpack_from("<I", body, _STATISTICS.size)
+    rows = body[_STATISTICS.size + 4 : _STATISTICS.size + 4 + size]
+    return dict(_INDEX_ROW.iter_unpack(rows))
+
+
+def read_metadata_index(body: memoryview) -> tuple[int, int, str]:
+    """Offset, length and name."""
+    at, length = struct.unpack_from("<QQ", body)
+    return at, length, read_string(body, 16)[0]

@@ -1,18 +1,21 @@
-"""An MCAP file that is whole after each write: chunk, end of data, summary and footer land together, over the end that
-stood there before. Whoever is killed between two writes leaves a file that every reader opens."""
+"""An MCAP file to which chunks are added, each brought to the disk at once; summary and footer follow when it is
+closed. Whoever is killed in between leaves a file without them, of which umo reads all chunks."""
 
 from __future__ import annotations
 
 import os
 import zlib
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import zstandard
 
 from umo.recording import mcap_records
+from umo.recording.mcap_reader import messages_in
 from umo.recording.mcap_records import ChunkIndex, McapChannel, Opcode, Schema
 
 LIBRARY = "umo"
@@ -39,9 +42,22 @@ class Messages:
     """The least and the greatest log time."""
 
 
+class PackedChunk(NamedTuple):
+    """A chunk as it will stand in the file, without its message indexes."""
+
+    record: bytes
+    compressed: int
+    """Bytes of the compressed content."""
+    size: int
+    first: int
+    last: int
+    rows: dict[int, bytes]
+    """The rows of the message index of each channel."""
+
+
 class McapWriter:
-    """Makes a file, which must not be there yet; OSError where that cannot be. Each method leaves it whole, or as it
-    was before if it raises OSError."""
+    """Makes a file, which must not be there yet; OSError where that cannot be. A method that raises OSError leaves the
+    chunks that were there before."""
 
     def __init__(
         self,
@@ -55,126 +71,140 @@ class McapWriter:
         self.path = path
         self._schemas = b"".join(map(mcap_records.schema, schemas))
         self._channels = b"".join(map(mcap_records.channel, channels))
-        self._sizes = len(schemas), len(channels), len(metadata)
+        self._sizes = len(schemas), len(channels)
         self._compressors = zstandard.ZstdCompressor(level=level), zstandard.ZstdCompressor(level=1)
         self._indexes: list[bytes] = []
+        self._metadata: list[bytes] = []
         self._counts: dict[int, int] = {}
         self._span: tuple[int, int] | None = None
-        start = bytearray(mcap_records.header(LIBRARY))
-        self._metadata = b""
-        for name, texts in metadata:
-            each = mcap_records.metadata(name, texts)
-            self._metadata += mcap_records.metadata_index(len(start), len(each), name)
-            start += each
-        start += self._schemas + self._channels
-        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, MODE)
+        self._checksum = 0
         self.end = 0
         """Offset at which the data end."""
-        self.size = 0
-        """Bytes of the file."""
+        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, MODE)
         try:
-            self._write(bytes(start), [], self._counts, None)
+            start = bytearray(mcap_records.header(LIBRARY))
+            for name, texts in metadata:
+                start += self._indexed_metadata(len(start), name, texts)
+            self._append(bytes(start) + self._schemas + self._channels)
         except BaseException:
             os.close(self._file)
             path.unlink(missing_ok=True)
             raise
 
     @property
+    def size(self) -> int:
+        """Bytes of the file, without what closes it."""
+        return self.end
+
+    @property
     def span(self) -> tuple[int, int]:
         """The least and the greatest log time in ns."""
         return self._span or (0, 0)
 
-    def add(self, parts: Sequence[Messages]) -> None:
-        """Add one chunk with these messages."""
+    def pack(self, parts: Sequence[Messages]) -> PackedChunk:
+        """One chunk with these messages, for `add`."""
         content = b"".join([part.data for part in parts])
         compressed = self._compressors[len(content) > LARGE].compress(content)
         first, last = min(part.first for part in parts), max(part.last for part in parts)
-        head = mcap_records.chunk(first, last, len(content), zlib.crc32(content), compressed)
-        indexes, places, at = bytearray(), {}, 0
+        record = mcap_records.chunk(first, last, len(content), zlib.crc32(content), compressed)
+        rows, at = {}, 0
         for part in parts:
-            places[part.channel] = self.end + len(head) + len(indexes)
-            indexes += mcap_records.message_index(part.channel, _moved(part.rows, at))
+            rows[part.channel] = _moved(part.rows, at)
             at += len(part.data)
-        index = ChunkIndex(first, last, self.end, len(head), places, len(indexes), len(compressed), len(content))
-        counts = dict(self._counts)
-        for part in parts:
-            counts[part.channel] = counts.get(part.channel, 0) + part.count
-        span = (first, last) if self._span is None else (min(first, self._span[0]), max(last, self._span[1]))
-        self._write(head + bytes(indexes), [mcap_records.chunk_index(index)], counts, span)
+        return PackedChunk(record, len(compressed), len(content), first, last, rows)
 
-    def add_raw(self, chunks: Sequence[bytes]) -> None:
-        """Add chunks as they stand in another file with the same channels, each with its message indexes."""
-        data, indexes, counts = bytearray(), [], dict(self._counts)
-        first, last = self._span or (1 << 63, 0)
+    def add(self, chunks: Sequence[PackedChunk]) -> None:
+        """Add chunks, in one write."""
+        data, indexes = bytearray(), []
+        counts, span = dict(self._counts), self._span
         for each in chunks:
-            index, numbers = _indexed(each, self.end + len(data))
+            index, added = _laid(each, self.end + len(data))
+            data += added
             indexes.append(mcap_records.chunk_index(index))
-            for channel, count in numbers.items():
-                counts[channel] = counts.get(channel, 0) + count
-            first, last = min(first, index.first), max(last, index.last)
-            data += each
-        if chunks:
-            self._write(bytes(data), indexes, counts, (first, last))
-
-    def _write(self, data: bytes, indexes: list[bytes], counts: dict[int, int], span: tuple[int, int] | None) -> None:
-        """Write data and the new end of the file. What fits only in part is taken back: the old end is written again,
-        for which there was room."""
-        end = self._closing(self.end + len(data), indexes, counts, span)
-        try:
-            self._put(data + end)
-        except OSError:
-            if self.size:
-                self._take_back()
-            raise
-        self.end += len(data)
-        self.size = self.end + len(end)
+            for channel, rows in each.rows.items():
+                counts[channel] = counts.get(channel, 0) + len(rows) // 16
+            span = (each.first, each.last) if span is None else (min(span[0], each.first), max(span[1], each.last))
+        self._append(bytes(data))
         self._indexes += indexes
         self._counts, self._span = counts, span
 
-    def _take_back(self) -> None:
-        self._put(self._closing(self.end, [], self._counts, self._span))
-        os.ftruncate(self._file, self.size)
+    def _append(self, data: bytes, end: bytes = b"") -> None:
+        """Write data behind those that are there, and `end` behind them. What fits only in part is taken back."""
+        view, at = memoryview(data + end), self.end
+        try:
+            while view:
+                written = os.pwrite(self._file, view, at)
+                view, at = view[written:], at + written
+            os.fdatasync(self._file)
+        except OSError:
+            with suppress(OSError):
+                os.ftruncate(self._file, self.end)
+            raise
+        self._checksum = zlib.crc32(data, self._checksum)
+        self.end += len(data)
 
-    def _closing(self, at: int, indexes: list[bytes], counts: dict[int, int], span: tuple[int, int] | None) -> bytes:
-        schemas, channels, metadata = self._sizes
-        first, last = span or (0, 0)
-        chunks = [*self._indexes, *indexes]
-        statistics = mcap_records.statistics(
-            counts, schemas=schemas, channels=channels, metadata=metadata, chunks=len(chunks), first=first, last=last
-        )
-        return mcap_records.closing(
-            at,
-            [
-                (Opcode.SCHEMA, self._schemas),
-                (Opcode.CHANNEL, self._channels),
-                (Opcode.STATISTICS, statistics),
-                (Opcode.CHUNK_INDEX, b"".join(chunks)),
-                (Opcode.METADATA_INDEX, self._metadata),
-            ],
-        )
+    def close(self, metadata: Sequence[tuple[str, dict[str, str]]] = ()) -> None:
+        """Write these metadata, summary and footer. Where there is no room for them (OSError) the file keeps its
+        chunks, and is not closed."""
+        try:
+            made = bytearray()
+            for name, texts in metadata:
+                made += self._indexed_metadata(self.end + len(made), name, texts)
+            self._append(bytes(made), self._closing(self.end + len(made), zlib.crc32(made, self._checksum)))
+        finally:
+            os.close(self._file)
 
-    def _put(self, data: bytes) -> None:
-        """Write at the end of the data, in one call wherever the system takes it whole, and bring it to the disk."""
-        view, at = memoryview(data), self.end
-        while view:
-            written = os.pwrite(self._file, view, at)
-            view, at = view[written:], at + written
-        os.fdatasync(self._file)
-
-    def close(self) -> None:
+    def discard(self) -> None:
+        """Give the file up."""
         os.close(self._file)
+        self.path.unlink(missing_ok=True)
+
+    def _indexed_metadata(self, at: int, name: str, texts: dict[str, str]) -> bytes:
+        made = mcap_records.metadata(name, texts)
+        self._metadata.append(mcap_records.metadata_index(at, len(made), name))
+        return made
+
+    def _closing(self, at: int, checksum: int) -> bytes:
+        schemas, channels = self._sizes
+        first, last = self.span
+        statistics = mcap_records.statistics(
+            self._counts, schemas=schemas, channels=channels, metadata=len(self._metadata), chunks=len(self._indexes),
+            first=first, last=last,
+        )  # fmt: skip
+        groups = [
+            (Opcode.SCHEMA, self._schemas),
+            (Opcode.CHANNEL, self._channels),
+            (Opcode.STATISTICS, statistics),
+            (Opcode.CHUNK_INDEX, b"".join(self._indexes)),
+            (Opcode.METADATA_INDEX, b"".join(self._metadata)),
+        ]
+        return mcap_records.closing(at, checksum, groups)
 
 
-def _indexed(chunk: bytes, at: int) -> tuple[ChunkIndex, dict[int, int]]:
-    """The index of a chunk that comes to lie at this offset, and the number of messages of each channel."""
-    head, *indexes = mcap_records.records(memoryview(chunk))
-    raw, length = mcap_records.read_chunk(head.body), mcap_records.HEAD.size + len(head.body)
-    places, counts = {}, {}
-    for each in indexes:
-        channel, size = mcap_records.MESSAGE_INDEX.unpack_from(each.body)
-        places[channel], counts[channel] = at + each.at, size // 16
-    rest = len(chunk) - length
-    return ChunkIndex(raw.first, raw.last, at, length, places, rest, len(raw.data), raw.size), counts
+def repacked(record: bytes, content: bytes) -> PackedChunk:
+    """A chunk of another file with the same channels, of this content; its index is made anew."""
+    head = mcap_records.read_chunk(memoryview(record)[mcap_records.HEAD.size :], len(record) - mcap_records.HEAD.size)
+    rows: dict[int, bytearray] = {}
+    times, at, before = [], 0, mcap_records.MESSAGE.size + mcap_records.HEAD.size
+    for each in messages_in(content):
+        rows.setdefault(each.channel, bytearray()).extend(mcap_records.INDEXED.pack(each.time, at))
+        times.append(each.time)
+        at += before + len(each.data)
+    first, last = min(times, default=0), max(times, default=0)
+    made = {channel: bytes(each) for channel, each in rows.items()}
+    return PackedChunk(record, head.length, head.size, first, last, made)
+
+
+def _laid(chunk: PackedChunk, at: int) -> tuple[ChunkIndex, bytes]:
+    """The index of a chunk that comes to lie at this offset, and its bytes with its message indexes."""
+    data, places = bytearray(chunk.record), {}
+    for channel, rows in chunk.rows.items():
+        places[channel] = at + len(data)
+        data += mcap_records.message_index(channel, rows)
+    length = len(chunk.record)
+    return ChunkIndex(
+        chunk.first, chunk.last, at, length, places, len(data) - length, chunk.compressed, chunk.size
+    ), bytes(data)  # fmt: skip
 
 
 def _moved(rows: Sequence[tuple[int, int]] | bytes, by: int) -> bytes:

@@ -8,15 +8,18 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from typing import Protocol
 
+import numpy as np
+
 from umo.cycle.events import CommandState
 from umo.frames import Reader
 from umo.frames.reader import NumberedEvent
 from umo.recording.black_boxes import BlackBoxes
 from umo.recording.block import Block
+from umo.recording.recording_file import CHUNK_TIME
 from umo.recording.ring_collector import Collector, joined
 
 WRITE_PAUSE = 1.0
-"""s between two writes."""
+"""s between two writes in virtual time, and of a run in real time of which no whole second has come."""
 MAX_PENDING = 16 << 20
 """Bytes of frames after which they are written in any case."""
 MAX_WAITING = 256 << 20
@@ -63,8 +66,8 @@ class Recorder:
         self.entries_lost = self.commands_lost = 0
         self.end: NumberedEvent | None = None
         """The last event of the run, once it was told."""
-        period, slots = float(reader.about.get("period") or 0.001), reader.slots
-        share = SHARE_OF_RING * slots * period
+        self._period, slots = float(reader.about.get("period") or 0.001), reader.slots
+        share = SHARE_OF_RING * slots * self._period
         self.pause: float = min(max(share, SHORTEST_PAUSE), LONGEST_PAUSE)
         """s between two looks."""
         self._collection = min(max(share, SHORTEST_PAUSE), LONGEST_COLLECTION)
@@ -89,10 +92,40 @@ class Recorder:
         self._next_collection = now + self._collection
         self._collect()
         size = sum(block.frames.nbytes for block in self._pending)
-        if len(self._pending) > 1 and (now >= self._next_write or size >= MAX_PENDING) and self._is_free(size):
+        if len(self._pending) > 1 and (self._is_due(now) or size >= MAX_PENDING) and self._is_free(size):
             self._next_write = now + WRITE_PAUSE
-            self._write(self._pending[:-1])  # events that are told after the last frame belong to it
-            self._pending = self._pending[-1:]
+            self._write(self._taken())
+
+    def _is_due(self, now: float) -> bool:
+        """Whether a whole second is there, which is a chunk; in virtual time many come between two looks."""
+        if self._thread is None:
+            return now >= self._next_write
+        return self._seconds_of(self._pending) >= 1 or now >= self._next_write + WRITE_PAUSE
+
+    def _seconds_of(self, blocks: Sequence[Block]) -> int:
+        """Whole seconds of the run's time that these have."""
+        span = float(blocks[-1].frames["time"][-1] - blocks[0].frames["time"][0])
+        return int((span + self._period / 2) // CHUNK_TIME)
+
+    def _taken(self) -> list[Block]:
+        """What is to be written of the pending blocks: whole seconds if there are any. Something stays, as events that
+        are told after the last frame belong to it."""
+        blocks, taken = self._pending, list[Block]()
+        seconds = 0 if self._thread is None else self._seconds_of(blocks)
+        if seconds < 1:
+            self._pending = blocks[-1:]
+            return blocks[:-1]
+        stop, self._pending = blocks[0].frames["time"][0] + seconds * CHUNK_TIME - self._period / 2, []
+        for block in blocks:
+            row = int(np.searchsorted(block.frames["time"], stop))
+            if 0 < row < len(block.frames):
+                first, block = block.split(row)
+                taken.append(first)
+                row = 0
+            (taken if row else self._pending).append(block)
+        if not self._pending:
+            self._pending = [taken.pop()]
+        return taken
 
     def _is_free(self, size: int) -> bool:
         """Whether the last write has ended; it is waited for if too much is held. OSError if it failed."""

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import zlib
 from bisect import bisect_left
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,22 +15,31 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from umo.errors import FramesError
+from umo.errors import FramesError, text_of
 from umo.frames.layout import Layout
 from umo.frames.reader import Frames, NumberedEvent
-from umo.recording.block import BlackBox, Block, TakenCommand, block_of, boxes_of, events_of, headed
+from umo.recording.block import BlackBox, Block, TakenCommand, block_of, checked_text, headed
+from umo.recording.extent import EXTENT, FOLLOWED, Extent
 from umo.recording.mcap_reader import McapReader
 from umo.recording.part_names import later_parts
+from umo.recording.recording_scan import BlockHead, FileScan, RecordingScan
 from umo.text import in_brackets
 
-FORMAT = "1"
-"""Version of the messages of umo in a file."""
+FORMAT = "2"
+"""Version of the messages of umo in a file. Files of version 1 (umo 0.2) are read; their description has no checksum,
+and they do not say which periods they have."""
+OLD_FORMAT = "1"
 METADATA = "umo"
 """Name of the metadata that say what a file is."""
 EXACT_TOPIC, COLUMNS_TOPIC = "umo/exact", "umo/columns"
+EXACT, COLUMNS = 1, 2
+"""The numbers of these channels, in every file: what a file says of channels has no checksum until it is closed."""
 EVENTS_TOPIC, ALARMS_TOPIC, COMMANDS_TOPIC, BOXES_TOPIC = "events", "alarms", "commands", "black_boxes"
 SPARSE_TOPICS = frozenset({EXACT_TOPIC, EVENTS_TOPIC, ALARMS_TOPIC, COMMANDS_TOPIC, BOXES_TOPIC})
 """What is kept from period 0 on, also where the rest of old files is not."""
+REPEATED = "its periods were there before"
+MALFORMED = "its description is malformed"
+"""Why a file does not say what was run."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +69,10 @@ class Recording:
 
     def __init__(self, path: Path | str, *, later: bool = True) -> None:
         """`later`: with the files that follow this one by rotation."""
-        self.path = Path(path)
+        self.path, self._later = Path(path), later
         self._files = [McapReader(self.path)]
+        self._unread: list[str] = []
+        """Why later parts are not read."""
         try:
             self.about_file, self.layout = _described(self._files[0])
             for part in later_parts(self.path, int(self.about_file.get("part", 1))) if later else ():
@@ -67,17 +80,38 @@ class Recording:
         except BaseException:
             self.close()
             raise
-        self._chunks = [_Place(file, at) for file in self._files for at in file.chunks]
+        self._noted: dict[tuple[Path, int], str] = {}
+        self._chunks = [place for file in self._files for place in self._in_order(file)]
+
+    def _in_order(self, file: McapReader) -> list[_Place]:
+        """The chunks of a file in the order of their periods. One that is not closed may have them in any, or twice."""
+        places = [_Place(file, at) for at in file.chunks]
+        if file.is_whole:
+            return places
+        firsts: dict[int, _Place] = {}
+        for place in places:
+            first = next((_first_of(exact) for exact, _ in self._pairs(place)), None)
+            if first in firsts:
+                self._note(place, REPEATED)
+            elif first is not None:
+                firsts[first] = place
+        return [firsts[first] for first in sorted(firsts)]
+
+    def _note(self, place: _Place, why: str) -> None:
+        """Remember what is damaged; each place once."""
+        self._noted.setdefault((place.file.path, place.at), f"{place.file.path.name}, at byte {place.at:,}: {why}")
 
     def _add(self, path: Path) -> None:
         """Add a later part, if it is of the same run. One that was cut in its first write has nothing."""
         try:
             file = McapReader(path)
-        except FramesError:
+        except FramesError as error:
+            self._unread.append(str(error))
             return
         try:
             about, _ = _described(file)
-        except FramesError:
+        except FramesError as error:
+            self._unread.append(str(error))
             about = {}
         if about.get("run") == self.about_file["run"]:
             self._files.append(file)
@@ -93,24 +127,55 @@ class Recording:
 
     @property
     def job(self) -> dict[str, Any]:
-        """What was run: station, wiring with its text, options, versions (`umo.process.job_facts`)."""
-        return dict(self.about.get("job", {}))
+        """What was run: station, wiring with its text, options, versions (`umo.process.job_facts`). Where that is
+        malformed, or there was an error, only `error`."""
+        job: Any = self.about.get("job", {})
+        if _is_table(job) and all(_is_table(job.get(name, {})) for name in ("options", "wiring", "versions")):
+            given = job.get("options", {}).get("given", {})
+            return dict(job) if _is_table(given) else {"error": MALFORMED}
+        return {"error": MALFORMED}
 
     @property
     def is_whole(self) -> bool:
-        """Whether every file ends as it should; `umo record --repair` helps one that was cut or torn."""
+        """Whether every file was closed; `umo record --repair` closes one that was cut, or of a killed recorder."""
         return all(file.is_whole for file in self._files)
 
     @cached_property
     def complete(self) -> bool:
         """Whether it has all frames, entries and commands from its first frame on, up to the end of the run."""
-        exact = all(not block.entries_lost and not block.commands_lost for block in self._all_heads)
-        return self.is_whole and exact and not self.gaps and self.ended
+        return not self.damage and self._scan.is_exact and not self.gaps and self.ended
+
+    @cached_property
+    def damage(self) -> list[str]:
+        """What is damaged, and what is missing by it, in sentences; empty: nothing. Reads all of it once."""
+        _ = self._scan
+        told = [*self._unread, *(text for file in self._files for text in self._damage_of(file))]
+        last = self._files[-1]
+        if self._later and FOLLOWED in last.metadata.get(EXTENT, {}):
+            told.append(f"the file that follows {last.path.name} is missing")
+        return told
+
+    def _damage_of(self, file: McapReader) -> list[str]:
+        name, seen = file.path.name, self._scan.files.get(file.path, FileScan())
+        told = [f"{name}, at byte {each.at:,}: {each.why}" for each in file.damaged]
+        told += [text for (path, _), text in self._noted.items() if path == file.path]
+        extent = _extent_of(file)
+        if not file.is_whole:
+            last = f"what followed {seen.time:g} s, if anything, is not in it" if seen.blocks else "it has no periods"
+            told.append(f"{name} was not closed (it was cut, its recorder was killed, or it is being written): {last}")
+        elif not told and not file.is_sound:
+            told.append(f"{name} is damaged outside of its chunks: other readers may fail, no period is missing")
+        if extent is not None and seen.periods != extent.periods:
+            told.append(f"{name}: {extent.periods - seen.periods:,} of its {extent.periods:,} periods are missing")
+        blocks = file.counts.get(EXACT, 0)
+        if file.is_whole and extent is None and seen.blocks != blocks:
+            told.append(f"{name}: {blocks - seen.blocks:,} of its {blocks:,} blocks are missing")
+        return told
 
     @cached_property
     def ended(self) -> bool:
         """Whether the end of the run is in it."""
-        return any(event.is_end for _, event in self.events)
+        return self._scan.end is not None
 
     @cached_property
     def first(self) -> int:
@@ -126,6 +191,8 @@ class Recording:
         if not self.job or "error" in self.job:
             return "it does not say what was run" + in_brackets(str(self.job.get("error", "")))
         if head.first:
+            if self._told_first is not None and self._told_first < head.first:
+                return f"its first {head.first - self._told_first} periods are damaged"
             when = f"{head.time:g} s"
             return f"it begins at period {head.first} ({when}): sequences exist only by running from period 0"
         return None
@@ -135,11 +202,14 @@ class Recording:
     def blocks(self, start: float | None = None, stop: float | None = None, *, full: bool = True) -> Iterator[Block]:
         """The blocks in order, each of one second of the run at most; those with frames from `start` to before `stop`,
         s on the cycle's clock. `full`: with the columns that replay does not need. A damaged chunk is passed over: its
-        frames are lost for the block that follows."""
+        frames are lost for the block that follows (`damage`, `lost_at_end`)."""
         expected: int | None = None
         for place in self._chunks[self._before(start) :]:
             for exact, columns in self._pairs(place):
                 block = block_of(self.layout, exact, columns if full else None)
+                if expected is not None and block.first < expected:
+                    self._note(place, REPEATED)
+                    continue
                 if expected is not None and block.first > expected + block.lost:
                     block = replace(block, lost=block.first - expected)
                 expected = block.stop
@@ -168,12 +238,14 @@ class Recording:
     @cached_property
     def events(self) -> list[NumberedEvent]:
         """The events of the run, in order."""
-        return [event for head in self._all_heads for event in head.events]
+        kept = self._scan.kept_events
+        return [event for head in self._heads() for event in head.events] if kept is None else kept
 
     @cached_property
     def black_boxes(self) -> list[BlackBox]:
         """Where periods were missed and why, one in 10 s at most, and how a run ended that has failed; in order."""
-        return [box for head in self._all_heads for box in head.boxes]
+        kept = self._scan.kept_boxes
+        return [box for head in self._heads() for box in head.boxes] if kept is None else kept
 
     @cached_property
     def commands(self) -> list[TakenCommand]:
@@ -188,17 +260,17 @@ class Recording:
     @property
     def commands_taken(self) -> int:
         """Number of its commands: counted without reading them."""
-        return sum(head.commands for head in self._all_heads)
+        return self._scan.commands
 
     @cached_property
     def block_starts(self) -> list[tuple[float, int]]:
         """Of each block its time in s on the machine's clock, and how many frames it has."""
-        return [(head.time, head.count) for head in self._all_heads]
+        return list(zip(self._scan.times, self._scan.counts, strict=True))
 
     @property
     def periods(self) -> int:
         """Number of its periods: counted without reading them."""
-        return sum(head.count for head in self._all_heads)
+        return self._scan.periods
 
     @cached_property
     def span(self) -> tuple[float, float]:
@@ -211,13 +283,39 @@ class Recording:
 
     @cached_property
     def gaps(self) -> list[LostFrames]:
-        """The frames that are missing between the first and the last one."""
-        gaps, expected = [], None
-        for head in self._all_heads:
-            if expected is not None and head.first > expected:
-                gaps.append(LostFrames(expected, head.first - expected))
-            expected = head.first + head.count
-        return gaps
+        """The frames that are missing: those between the first and the last one, and what the files say that they had
+        before and after."""
+        gaps = [LostFrames(*each) for each in self._scan.gaps(self._told_first)]
+        return [*gaps, LostFrames(self._scan.stop or 0, self.lost_at_end)] if self.lost_at_end else gaps
+
+    @property
+    def end(self) -> NumberedEvent | None:
+        """The event of the end of the run; None: it is not in it."""
+        return self._scan.end
+
+    @property
+    def events_told(self) -> int:
+        """Number of its events: counted without holding them."""
+        return self._scan.events
+
+    @property
+    def _told_first(self) -> int | None:
+        """The number of the first frame that the first file had when it was closed; None: it does not say."""
+        extent = _extent_of(self._files[0])
+        return None if extent is None else extent.first
+
+    @cached_property
+    def lost_at_end(self) -> int:
+        """Number of frames that the last file had when it was closed, and that are missing behind all others."""
+        extent, stop = _extent_of(self._files[-1]), self._scan.stop
+        return 0 if extent is None else max(extent.stop - (extent.first if stop is None else stop), 0)
+
+    @cached_property
+    def damaged_end(self) -> str:
+        """Why its end may be missing, in words; empty: nothing is known to be."""
+        if self.lost_at_end:
+            return f"{self.lost_at_end} frames at its end are damaged"
+        return self.damage[-1] if not self.ended and self.damage else ""
 
     @property
     def chunks(self) -> int:
@@ -231,25 +329,41 @@ class Recording:
     # Inside --------------------------------------------------------------------------------------------
 
     @cached_property
-    def _all_heads(self) -> list[_Head]:
-        return list(self._heads())
+    def _scan(self) -> RecordingScan:
+        scan = RecordingScan()
+        for place, head in self._placed_heads():
+            scan.add(head, place.file.path)
+        return scan
 
-    def _heads(self) -> Iterator[_Head]:
+    def _heads(self) -> Iterator[BlockHead]:
         """What each block says of itself, without its columns."""
+        return (head for _, head in self._placed_heads())
+
+    def _placed_heads(self) -> Iterator[tuple[_Place, BlockHead]]:
+        stop: int | None = None
         for place in self._chunks:
             for exact, _ in self._pairs(place):
-                yield _head(headed(exact)[0])
+                try:
+                    about, rest = headed(exact)
+                    head = BlockHead.of(about, len(exact) - len(rest))
+                except (ValueError, LookupError, TypeError, OverflowError) as error:
+                    raise FramesError(f"{place.file.path}: a block is damaged: {text_of(error)}") from None
+                if stop is not None and head.first < stop:
+                    self._note(place, REPEATED)
+                    continue
+                stop = head.first + head.periods
+                yield place, head
 
     def _pairs(self, place: _Place) -> Iterator[tuple[memoryview, memoryview | None]]:
         """The two messages of each block of a chunk; none if it is damaged."""
-        exact, columns = place.file.topic(EXACT_TOPIC), place.file.topic(COLUMNS_TOPIC)
         try:
-            found = list(place.file.messages(place.at))
-        except ValueError:
+            found = place.file.messages(place.at, (EXACT, COLUMNS))
+        except ValueError as error:
+            self._note(place, f"a chunk is damaged, {error}")
             return
-        rest = {message.sequence: message.data for message in found if columns and message.channel == columns}
+        rest = {message.sequence: message.data for message in found if message.channel == COLUMNS}
         for message in found:
-            if message.channel == exact:
+            if message.channel == EXACT:
                 yield message.data, rest.get(message.sequence)
 
     def _before(self, start: float | None) -> int:
@@ -278,41 +392,60 @@ class Recording:
         self.close()
 
 
-@dataclass(frozen=True)
-class _Head:
-    first: int
-    count: int
-    time: float
-    entries_lost: int
-    commands_lost: int
-    events: list[NumberedEvent]
-    commands: int
-    """How many there are."""
-    boxes: list[BlackBox]
+def _extent_of(file: McapReader) -> Extent | None:
+    """Which periods a file says that it has."""
+    return Extent.read(file.metadata.get(EXTENT, {}))
 
 
-def _head(about: Mapping[str, Any]) -> _Head:
-    return _Head(
-        about["first"], about["count"], about["time"], about["entries_lost"], about["commands_lost"], events_of(about),
-        len(about["commands"]), boxes_of(about),
-    )  # fmt: skip
+def _first_of(exact: memoryview) -> int:
+    """The number of the first frame of a block; that of no block if it is damaged, which is told when it is read."""
+    with suppress(ValueError, LookupError, TypeError):
+        return int(headed(exact)[0]["first"])
+    return -1
+
+
+def _is_table(found: object) -> bool:
+    return isinstance(found, Mapping)
 
 
 def _described(file: McapReader) -> tuple[dict[str, str], Layout]:
     """What the file says of itself, and the layout of its frames."""
     about = file.metadata.get(METADATA)
     if about is None:
-        raise FramesError(f"{file.path} is not a recording of umo")
-    if about.get("version") != FORMAT:
-        raise FramesError(f"{file.path} is of version {about.get('version')}, this umo reads version {FORMAT}")
+        damaged = f": {file.damaged[0].why}" if file.damaged else ""
+        raise FramesError(f"{file.path} is not a recording of umo, or its description is damaged{damaged}")
+    if (version := about.get("version")) not in (FORMAT, OLD_FORMAT):
+        raise FramesError(f"{file.path} is of version {version}, this umo reads versions {OLD_FORMAT} and {FORMAT}")
+    if version == FORMAT and about.get("checksum") != _checksum(about):
+        raise FramesError(f"{file.path} is damaged: the checksum of its description does not fit")
     try:
-        return about, Layout.parse(about["description"].encode())
+        layout = Layout.parse(checked_text(about["description"].encode()))
+        initial = layout.about.get("initial", {})
+        bytes.fromhex(initial.get("entries", ""))
+        if not all(_is_table(each) for each in (initial, initial.get("kept", {}), initial.get("alarms", {}))):
+            raise ValueError("its first sample is malformed")
     except KeyError as error:
         raise FramesError(f"{file.path} is damaged: it lacks {error}") from None
+    except (ValueError, TypeError, AttributeError) as error:
+        raise FramesError(f"{file.path} is damaged: {text_of(error)}") from None
+    return about, layout
+
+
+def _checksum(texts: Mapping[str, str]) -> str:
+    """CRC-32 of the metadata of a file, in hex."""
+    told = "\0".join(f"{name}\0{texts[name]}" for name in sorted(texts) if name != "checksum")
+    return f"{zlib.crc32(told.encode()):08x}"
+
+
+def as_first(texts: Mapping[str, str]) -> dict[str, str]:
+    """The metadata of a file that begins anew."""
+    changed = dict(texts) | {"part": "1"}
+    return changed | ({"checksum": _checksum(changed)} if "checksum" in changed else {})
 
 
 def describe(layout: Layout, part: int = 1) -> dict[str, str]:
     """The metadata of a file."""
     about = layout.about
     run = json.dumps([about.get("station"), about.get("pid"), about.get("started_monotonic")])
-    return {"version": FORMAT, "run": run, "part": str(part), "description": layout.describe().decode()}
+    texts = {"version": FORMAT, "run": run, "part": str(part), "description": layout.describe().decode()}
+    return texts | {"checksum": _checksum(texts)}

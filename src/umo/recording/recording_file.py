@@ -1,8 +1,9 @@
-"""Writing one file of a recording: one chunk for the frames of about a second."""
+"""Writing one file of a recording: a chunk for each second of the run's own time at most, and 1 MB."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from copy import copy
 from pathlib import Path
 from typing import Protocol
 
@@ -12,14 +13,14 @@ import numpy.typing as npt
 from umo.frames.layout import Layout
 from umo.frames.reader import Frames
 from umo.recording.block import Block, columns_message, exact_message
+from umo.recording.extent import EXTENT, FOLLOWED, Extent
 from umo.recording.mcap_records import McapChannel, Schema, message
-from umo.recording.mcap_writer import McapWriter, Messages
-from umo.recording.recording import COLUMNS_TOPIC, EXACT_TOPIC, METADATA, describe
+from umo.recording.mcap_writer import McapWriter, Messages, PackedChunk
+from umo.recording.recording import COLUMNS, COLUMNS_TOPIC, EXACT, EXACT_TOPIC, METADATA, describe
 
 Times = npt.NDArray[np.int64]
-EXACT, COLUMNS = 1, 2
-"""Numbers of these channels; those of others follow."""
-FIRST_OTHER = 3
+CHUNK_TIME, CHUNK_BYTES = 1.0, 1 << 20
+"""s of the run's own time and bytes that one damaged place costs, at most."""
 ENCODING = "umo"
 """Encoding of their messages (`umo.recording.block`)."""
 
@@ -52,7 +53,8 @@ def utc_of(layout: Layout, frames: Frames) -> Times:
 
 
 class RecordingFile:
-    """A new file; OSError where it cannot be made or written. It is whole after each call."""
+    """A new file; OSError where it cannot be made or written. What was added is there for umo's readers, and for others
+    once it is closed."""
 
     def __init__(self, path: Path, layout: Layout, others: OtherChannels | None = None, *, part: int = 1) -> None:
         self._layout, self._others = layout, others
@@ -65,6 +67,9 @@ class RecordingFile:
             metadata += others.metadata
         self._writer = McapWriter(path, metadata, schemas, channels)
         self._sequence = 0
+        self._extent: Extent | None = None
+        self._longest = CHUNK_TIME
+        """s of a chunk, at most: less where more would be too large."""
         self.path = path
 
     @property
@@ -79,21 +84,68 @@ class RecordingFile:
         return (last - first) * 1e-9
 
     def add(self, blocks: Sequence[Block]) -> None:
-        """Add blocks as one chunk."""
+        """Add blocks, in one write."""
+        self._writer.add([chunk for group in self._groups(blocks) for chunk in self._packed(group)])
+        for block in blocks:
+            self._extent = Extent.of(block).after(self._extent)
+
+    def _groups(self, blocks: Sequence[Block]) -> Iterator[list[Block]]:
+        """The blocks, split where they are too long, in groups of which each is a chunk."""
+        group: list[Block] = []
+        for block in blocks:
+            rest: Block | None = block
+            while rest is not None:
+                part, rest = _within(rest, self._longest)
+                if group and part.frames["time"][-1] - group[0].frames["time"][0] > self._longest:
+                    yield group
+                    group = []
+                group.append(part)
+        if group:
+            yield group
+
+    def _packed(self, group: list[Block]) -> list[PackedChunk]:
+        """A group as a chunk, as several where that is too large."""
+        others = copy(self._others)  # it knows what was told last
+        chunk = self._writer.pack(self._messages(group, others))
+        if chunk.compressed > CHUNK_BYTES and (len(group) > 1 or len(group[0].frames) > 1):
+            self._longest = max(float(group[-1].frames["time"][-1] - group[0].frames["time"][0]) / 2, 0.0)
+            halves = (
+                (group[:1], group[1:]) if len(group) > 1 else map(_alone, group[0].split(len(group[0].frames) // 2))
+            )
+            return [packed for half in halves for packed in self._packed(half)]
+        self._others = others
+        return [chunk]
+
+    def _messages(self, group: Sequence[Block], others: OtherChannels | None) -> list[Messages]:
         parts: list[Messages] = []
         exact, columns = _Collected(EXACT), _Collected(COLUMNS)
-        for block in blocks:
+        for block in group:
             times = utc_of(self._layout, block.frames)
             self._sequence += 1
             exact.add(self._sequence, int(times[0]), exact_message(block))
             if block.is_full:
                 columns.add(self._sequence, int(times[0]), columns_message(block, self._layout))
-            if self._others is not None and block.is_full:
-                parts += self._others.messages(block, times)
-        self._writer.add([exact.messages(), *([columns.messages()] if columns.times else []), *merged(parts)])
+            if others is not None and block.is_full:
+                parts += others.messages(block, times)
+        return [exact.messages(), *([columns.messages()] if columns.times else []), *merged(parts)]
 
-    def close(self) -> None:
-        self._writer.close()
+    def close(self, *, followed: bool = False) -> None:
+        """Write what other readers need, how many periods there are, and whether another file follows. OSError where
+        that finds no room."""
+        told = {FOLLOWED: "yes"} if followed else {}
+        self._writer.close([] if self._extent is None else [(EXTENT, self._extent.texts | told)])
+
+
+def _within(block: Block, longest: float) -> tuple[Block, Block | None]:
+    """The beginning of a block that takes this time in s at most, or one period, and the rest of it."""
+    times = block.frames["time"]
+    row = int(np.searchsorted(times, times[0] + longest, side="right"))
+    row = max(row, 1)
+    return block.split(row) if row < len(times) else (block, None)
+
+
+def _alone(block: Block) -> list[Block]:
+    return [block]
 
 
 class _Collected:

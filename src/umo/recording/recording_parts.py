@@ -67,7 +67,7 @@ class RecordingParts:
             number = len(self._parts) + 2
             following = RecordingFile(part_name(self.path, number), self._layout, self._others, part=number)
             self._parts.append(_Part(self._file.path, self._file.size, self._time))
-            self._file.close()
+            self._file.close(followed=True)
             self._file = following
         self._file.add(blocks)
         self._time = float(blocks[-1].frames["time"][-1])
@@ -94,7 +94,8 @@ class RecordingParts:
             self.failed = f"{part.path} keeps everything: {text_of(error)}"
 
     def close(self) -> None:
-        """No more blocks come. What threads do is finished first."""
+        """No more blocks come. What threads do is finished first. OSError where the end of the last file finds no room:
+        it has all its periods, and other readers need `umo record --repair`."""
         self._worker.shutdown()
         self._file.close()
 

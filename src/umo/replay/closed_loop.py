@@ -24,11 +24,10 @@ from umo.cycle.stopping import TimeLimit
 from umo.errors import text_of
 from umo.process.job import Job, Plan
 from umo.process.reset import DEATH_TIMEOUT
-from umo.replay.program import wiring_of
+from umo.replay.code_given import NOTHING_GIVEN, CodeGiven, job_of
 from umo.replay.shrinking import ReplayedError
 from umo.replay.tape import NotReplayable, Tape, events_of
 from umo.system.processes import Child
-from umo.wiring.run_options import WIRING_OPTIONS
 
 MORE = 1.25
 """Times the recorded duration after which a trial ends: the error may come later."""
@@ -117,15 +116,14 @@ class Trial:
         return len(self.faults) + len(self.options) + len(self.commands)
 
 
-def recorded_trial(tape: Tape, station: str | None = None) -> Trial:
-    """The run of a recording; NotReplayable if it was not that of a station."""
+def recorded_trial(tape: Tape, given: CodeGiven = NOTHING_GIVEN) -> Trial:
+    """The run of a recording with the code that is `given`; NotReplayable if that is no station, or if the recorded
+    wiring has drivers that no wiring of the station has."""
     job, about = tape.job, tape.layout.about
-    place = station or job.get("place") or job.get("station")
-    if not place or job.get("machine"):
-        raise NotReplayable("--closed runs a station: the recording is of a program of its own")
+    made = job_of(job, given, runs=True)
+    if made.station is None:
+        raise NotReplayable("--closed runs a station, and not a program")
     initial = dict(about.get("initial", {}))
-    given = dict(job.get("options", {}).get("given", {}))
-    options = {name: value for name, value in given.items() if name not in (*WIRING_OPTIONS, "realtime")}
     commands = [(tick, found) for tick, data in _taken(tape) if (found := _plain(data)) is not None]
     ends = [event.time for event in events_of(tape) if event.is_end]
     fixed = {
@@ -134,7 +132,8 @@ def recorded_trial(tape: Tape, station: str | None = None) -> Trial:
     }  # fmt: skip
     if ends:
         fixed["until"] = MORE * ends[-1] + 1.0
-    return Trial(str(place), wiring_of(job, station), list(about.get("injected_faults", [])), options, commands, fixed)
+    faults = list(about.get("injected_faults", []))
+    return Trial(made.station, made.wiring, faults, made.options, commands, fixed)
 
 
 class ClosedShrinking:

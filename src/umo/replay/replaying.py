@@ -67,7 +67,7 @@ class Replay:
         self._first = first_sample(initial, raws)
         self._open_loop = bool(self.layout.about.get(OPEN_LOOP))
         self.player.lenient = bool(settings) or self._open_loop
-        self.result = Replayed(self.program.name, settings=dict(settings))
+        self.result = Replayed(self.program.name, settings=dict(settings), code=self.program.code)
         seed = initial.get("hash_seed", "random")
         if seed == "random" or seed != os.environ.get(HASH_SEED):
             self.result.hashes = RANDOM_HASHES

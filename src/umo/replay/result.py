@@ -61,6 +61,8 @@ class Replayed:
     """Whether the recording was shrunk: its error alone was compared."""
     hashes: str = ""
     """A remark on the order of hashes, if it was not fixed."""
+    code: str = ""
+    """A remark if the code is another than that of the recorded run."""
     elapsed: float = 0.0
     """Duration in s."""
 
@@ -83,5 +85,6 @@ class Replayed:
             lines.append(f"with {changed}: open loop, as the recorded sensors do not answer to what is commanded now")
         lines += [f"the replay ended here: {self.inexact}"] if self.inexact else []
         lines += [f"the recorded run ended by: {self.ended}"] if self.ended else []
+        lines += [self.code] if self.code else []
         lines += [self.hashes] if self.hashes and not self.identical else []
         return "\n".join(lines)

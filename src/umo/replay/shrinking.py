@@ -18,6 +18,7 @@ import numpy.typing as npt
 from umo.cycle.events import Event
 from umo.errors import text_of
 from umo.frames.layout import Layout
+from umo.replay.code_given import NOTHING_GIVEN, CodeGiven
 from umo.replay.program import Program
 from umo.replay.replaying import Replay
 from umo.replay.result import Difference, Replayed
@@ -163,17 +164,19 @@ class Shrinking:
     """The search for the fewest periods. `go_on` is called before each replay; it ends when that is false."""
 
     def __init__(
-        self, tape: Tape, station: str | None = None, program: Callable[[Tape], Program] | None = None
+        self, tape: Tape, given: CodeGiven = NOTHING_GIVEN, program: Callable[[Tape], Program] | None = None
     ) -> None:
         """NotReplayable if its replay has neither a difference nor an error."""
         self.source = WholeRecording(tape)
-        self._program = program or (lambda each: Program.of(each, station))
+        self._program = program or (lambda each: Program.of(each, given))
         self.replays = 0
         self.places: PeriodNumbers = np.arange(self.source.count)
         """The periods that are left."""
         self.ending: ReplayedError | ReplayedDifference
         """What they give."""
         result = self._replayed(self.places)
+        self.code = result.code
+        """A remark if the code is another than that of the recorded run."""
         difference = result.difference
         if difference is not None and result.error is None and result.periods <= self.source.count:
             self.places, self.ending = self.places[: difference.period + 1], ReplayedDifference.of(difference)

@@ -183,6 +183,7 @@ class Periods:
                     return
                 last = period.time
                 yield period
+        self.ended = str(getattr(self._tape, "damaged_end", ""))
 
     def _periods(self, block: TapeBlock) -> Iterator[tuple[Period, int]]:
         frames, entries = block.frames, block.entries

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ from umo.tables.recorded_values import RecordedValues
 if TYPE_CHECKING:
     import xarray
 
+log = logging.getLogger(__name__)
 ATTRIBUTES = {"unit": "units", "minimum": "minimum", "maximum": "maximum", "kind": "kind", "wire": "wire"}
 """What of a description becomes an attribute, under which name."""
 
@@ -75,8 +77,11 @@ def attributes(about: Mapping[str, Any]) -> dict[str, Any]:
 def _about(recording: Recording, bare: int) -> dict[str, Any]:
     about = recording.about
     told = {name: about[name] for name in ("station", "wiring", "period", "started") if about.get(name) is not None}
-    lost = sum(gap.count for gap in recording.gaps)
+    lost, damage = sum(gap.count for gap in recording.gaps), "\n".join(recording.damage)
+    if damage:
+        log.warning("%s", damage)
     boxes = "\n".join(f"{box.time:g} s: {box.text or box.reason}" for box in recording.black_boxes)
     return told | {
-        "periods_lost": lost, "periods_without_values": bare, "black_boxes": boxes, "recording": str(recording.path),
+        "periods_lost": lost, "damage": damage, "periods_without_values": bare, "black_boxes": boxes,
+        "recording": str(recording.path),
     }  # fmt: skip

@@ -54,6 +54,13 @@ class RecordedValues:
         """The places of the chosen objects."""
         self.bare = 0
         """Periods that were passed over, as the file has only what replay needs of them."""
+        self.lost, self.damage = 0, list[str]()
+        """Number of periods that are missing in the recording, and what is damaged in it (`look_for_damage`)."""
+
+    def look_for_damage(self) -> None:
+        """Reads the whole recording once more, where that was not done yet."""
+        self.lost = sum(gap.count for gap in self.recording.gaps)
+        self.damage = self.recording.damage
 
     @property
     def paths(self) -> list[str]:

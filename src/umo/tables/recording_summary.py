@@ -10,6 +10,8 @@ from umo.presentation.durations import duration
 from umo.recording import Recording
 from umo.wiring.parameters import option_words
 
+MAX_DAMAGE = 5
+"""Damaged places that are told singly, the last ones."""
 NAMED = ("umo", "python", "numpy", "platform")
 
 
@@ -17,7 +19,7 @@ def facts_of(recording: Recording) -> dict[str, Any]:
     """As plain data. Times in s on the machine's clock, `started` in s since 1970, `size` in bytes."""
     about, job = recording.about, recording.job
     first, last = recording.span
-    end = next((event for _, event in reversed(recording.events) if event.is_end), None)
+    end = None if recording.end is None else recording.end.event
     return {
         "file": str(recording.path),
         "parts": len(recording.parts),
@@ -37,11 +39,12 @@ def facts_of(recording: Recording) -> dict[str, Any]:
         "gaps": [[gap.first, gap.count] for gap in recording.gaps],
         "objects": len(recording.layout.objects),
         "signals": len(recording.layout.signals),
-        "events": len(recording.events),
+        "events": recording.events_told,
         "commands": recording.commands_taken,
         "black_boxes": [box._asdict() for box in recording.black_boxes],
         "end": end and {"time": end.time, "text": end.text, "state": str(end.state)},
-        "whole": recording.is_whole,
+        "whole": recording.is_whole and not recording.damage,
+        "damage": recording.damage,
         "complete": recording.complete,
         "replayable": recording.replayable_from is None,
         "not_replayable": recording.replayable_from,
@@ -56,7 +59,8 @@ def lines_of(facts: dict[str, Any]) -> list[tuple[str, str]]:
     options = shlex.join(word for name, value in facts["options"].items() for word in option_words(name, value))
     period = float(facts["period"] or 0.0)
     each = f" of {duration(period)}" if period else ""
-    lost = "none" if not facts["lost"] else f"{facts['lost']:,} in {_count(len(facts['gaps']), 'gap')}"
+    none = "none known, see damage" if facts["damage"] else "none"
+    lost = none if not facts["lost"] else f"{facts['lost']:,} in {_count(len(facts['gaps']), 'gap')}"
     end = facts["end"]
     last = "not in it" if end is None else f"{end['text']} ({end['state']}, at {end['time']:g} s)"
     versions = ", ".join(f"{name} {facts['versions'][name]}" for name in NAMED if name in facts["versions"])
@@ -74,10 +78,17 @@ def lines_of(facts: dict[str, Any]) -> list[tuple[str, str]]:
         ("black boxes", _boxes(facts["black_boxes"])),
         ("end", last),
         ("replay", "from period 0 on" if facts["replayable"] else f"not possible: {facts['not_replayable']}"),
-        ("file", f"{'whole' if facts['whole'] else 'cut or torn (umo record --repair)'}, {size}"),
+        ("file", f"{'whole' if facts['whole'] else 'not whole (umo record --repair)'}, {size}"),
+        *(("damage", text) for text in _few(facts["damage"])),
         ("made with", versions),
     ]
     return [(name, text) for name, text in found if text]
+
+
+def _few(damage: list[str]) -> list[str]:
+    """The last few sentences, and how many stand before them."""
+    more = len(damage) - MAX_DAMAGE
+    return [*([f"{more} more places"] if more > 0 else []), *damage[-MAX_DAMAGE:]]
 
 
 def _boxes(boxes: list[dict[str, Any]]) -> str:

@@ -5,7 +5,7 @@ def twin(machine: Press) -> Twin:
 """
 
 from umo.twin.bodies import Body, Viewpoint
-from umo.twin.declared import declares_twin, twin_of
+from umo.twin.declared import declares_twin, place_of, twin_of
 from umo.twin.drives import Carried, Colour, Drive, Hinge, Joint, Slide, Visible
 from umo.twin.shapes import Capsule, Cuboid, Cylinder, Ellipsoid, Mesh, Shape, Sphere, turned
 from umo.twin.twin import Twin
@@ -29,6 +29,7 @@ __all__ = [
     "Viewpoint",
     "Visible",
     "declares_twin",
+    "place_of",
     "turned",
     "twin_of",
 ]

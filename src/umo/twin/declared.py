@@ -15,23 +15,28 @@ from umo.user_code import told_as
 from umo.wiring.parameters import arguments_for
 
 
-def twin_of(layout: Layout) -> dict[str, Any] | None:
-    """Description of the twin that twin.py of a running station declares for its machine; None if there is none.
+def twin_of(layout: Layout, place: Path) -> dict[str, Any] | None:
+    """Description of the twin that twin.py of a station declares for its machine; None if there is none.
 
-    The description of its frames names the station's folder and the options of its machine. StationError if twin.py
-    cannot be imported or fails, DeclarationError if it does not fit the machine.
+    The description of its frames names the options of its machine. `place`: the station's folder; of a station that
+    runs the one that it tells. StationError if twin.py cannot be imported or fails, DeclarationError if it does not fit
+    the machine.
     """
-    if not declares_twin(layout):  # or a machine and an application given as functions
+    if not declares_twin(place):  # or a machine and an application given as functions
         return None
-    station = find(Path(layout.about["place"]))
+    station = find(place)
     options = arguments_for(station.make, "machine", layout.about.get("options", {}))
     declared = declared_by(station, station.machine(**options))
     return None if declared is None else declared.describe(layout)
 
 
-def declares_twin(layout: Layout) -> bool:
-    """Whether the folder of a running station has a twin.py. Its code is not run."""
-    place = Path(layout.about.get("place") or "-")
+def place_of(layout: Layout) -> Path:
+    """The folder that a running station tells; one that is not there, if it tells none."""
+    return Path(layout.about.get("place") or "-")
+
+
+def declares_twin(place: Path) -> bool:
+    """Whether the folder of a station has a twin.py. Its code is not run."""
     return (place / MARK).is_file() and (place / "twin.py").is_file()
 
 

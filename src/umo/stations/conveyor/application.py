@@ -39,9 +39,15 @@ async def main(
         raise RangeError(f"{speed:g} m/s is {step:g} mm in a period: it must be above 0, at most {tolerance / 2:g} mm")
     m.cycle.progress("waiting for the first part", done=0, total=parts)
     lot = m.sorter.lot = Lot(parts, speed, nominal, tolerance)
+    m.cycle.result(lambda: report(lot))  # also of a lot that is stopped
     await start(m)
     await complete(m, patience)
     m.cycle.progress("done")
+    return report(lot)
+
+
+def report(lot: Lot) -> dict[str, object]:
+    """What was sorted so far."""
     accepted = sum(part.accepted for part in lot.measured)
     lengths = [round(part.length, 1) for part in lot.measured]
     return {"accepted": accepted, "rejected": lot.done - accepted, "lengths_mm": lengths}

@@ -1,0 +1,122 @@
+"""What all blocks of a recording say of themselves, read once and held in little memory."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from umo.errors import FramesError
+from umo.frames.reader import NumberedEvent
+from umo.recording.block import BlackBox, boxes_of, events_of
+
+MAX_BLOCKS = 3_000_000
+"""Blocks of a recording, at most: a month of seconds."""
+MAX_KEPT = 16 << 20
+"""Bytes of events and black boxes, as they stand in the file, that are held; beyond them they are read anew."""
+
+
+class BlockHead(NamedTuple):
+    """What a block says of itself, without its columns."""
+
+    first: int
+    periods: int
+    time: float
+    about: Mapping[str, Any]
+    size: int
+    """Bytes of the description."""
+
+    @classmethod
+    def of(cls, about: Mapping[str, Any], size: int) -> BlockHead:
+        head = cls(int(about["first"]), int(about["count"]), float(about["time"]), about, size)
+        if not 0 <= head.first < 1 << 62 or not 0 < head.periods < 1 << 32:
+            raise ValueError("it has no periods")
+        return head
+
+    @property
+    def events(self) -> list[NumberedEvent]:
+        return events_of(self.about)
+
+    @property
+    def boxes(self) -> list[BlackBox]:
+        return boxes_of(self.about)
+
+
+@dataclass
+class FileScan:
+    """What was seen of one file."""
+
+    blocks: int = 0
+    periods: int = 0
+    time: float = 0.0
+    """Time of the first frame of its last block, s."""
+
+
+@dataclass
+class RecordingScan:
+    """All blocks in order."""
+
+    firsts: array[int] = field(default_factory=lambda: array("q"))
+    """Number of the first frame of each block."""
+    counts: array[int] = field(default_factory=lambda: array("q"))
+    """Number of frames of each block."""
+    times: array[float] = field(default_factory=lambda: array("d"))
+    """Time of the first frame of each block, s."""
+    files: dict[Path, FileScan] = field(default_factory=dict)
+    is_exact: bool = True
+    """Whether no entry of a journal and no command was lost while it was recorded."""
+    commands: int = 0
+    events: int = 0
+    """How many there are."""
+    end: NumberedEvent | None = None
+    """The event of the end of the run, the last one."""
+    kept_events: list[NumberedEvent] | None = field(default_factory=list)
+    kept_boxes: list[BlackBox] | None = field(default_factory=list)
+    """None: they are too many to be held."""
+    _kept: int = 0
+
+    def add(self, head: BlockHead, path: Path) -> None:
+        if len(self.firsts) >= MAX_BLOCKS:
+            raise FramesError(f"{path}: a recording of more than {MAX_BLOCKS:,} blocks is not read")
+        self.firsts.append(head.first)
+        self.counts.append(head.periods)
+        self.times.append(head.time)
+        file = self.files.setdefault(path, FileScan())
+        file.blocks, file.periods, file.time = file.blocks + 1, file.periods + head.periods, head.time
+        self.is_exact = self.is_exact and not head.about["entries_lost"] and not head.about["commands_lost"]
+        self.commands += len(head.about["commands"])
+        events, boxes = head.events, head.boxes
+        self.events += len(events)
+        self.end = next((each for each in reversed(events) if each.event.is_end), self.end)
+        if events or boxes:
+            self._keep(events, boxes, head.size)
+
+    def _keep(self, events: list[NumberedEvent], boxes: list[BlackBox], size: int) -> None:
+        self._kept += size
+        if self._kept > MAX_KEPT:
+            self.kept_events = self.kept_boxes = None
+        if self.kept_events is not None and self.kept_boxes is not None:
+            self.kept_events += events
+            self.kept_boxes += boxes
+
+    @property
+    def first(self) -> int | None:
+        return self.firsts[0] if self.firsts else None
+
+    @property
+    def stop(self) -> int | None:
+        """Number of the frame that follows the last one."""
+        return self.firsts[-1] + self.counts[-1] if self.firsts else None
+
+    @property
+    def periods(self) -> int:
+        return sum(file.periods for file in self.files.values())
+
+    def gaps(self, expected: int | None) -> Iterator[tuple[int, int]]:
+        """First frame and number of frames of what is missing, from the frame `expected` on; None: from the first."""
+        for first, count in zip(self.firsts, self.counts, strict=True):
+            if expected is not None and first > expected:
+                yield expected, first - expected
+            expected = first + count

@@ -1,0 +1,189 @@
+"""Opening a file takes 256 MB at most, whatever it says of its sizes. Each is opened by `umo info` in a process."""
+
+from __future__ import annotations
+
+import json
+import struct
+import subprocess
+import sys
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zstandard
+
+from helpers.recorded import block_at_random, layout_of
+from helpers.tiers import first
+from umo.recording import mcap_records
+from umo.recording.mcap_records import ChunkIndex, McapChannel, Opcode
+from umo.recording.recording import describe
+from umo.recording.recording_file import RecordingFile
+
+LAYOUT = layout_of(2, 1, job={"station": "press"}, wiring="")
+MOST = 256 << 20
+PROGRAM = """
+import resource, sys
+from pathlib import Path
+from umo.cli.recordings import info
+from umo.errors import UmoError
+try:
+    info(Path(sys.argv[1]), False)
+except UmoError as error:
+    print("told:", error)
+peak = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
+print("peak", int(peak.split()[1]) * 1024)
+"""
+
+
+def peak(path: Path) -> tuple[int, str]:
+    """Bytes of memory that `umo info` has taken at most, and what it has said."""
+    command = [sys.executable, "-c", PROGRAM, str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    *said, last = done.stdout.splitlines()
+    return int(last.split()[1]), "\n".join(said)
+
+
+def begun(description: Mapping[str, str] | None = None) -> bytearray:
+    data = bytearray(mcap_records.header("umo"))
+    data += mcap_records.metadata("umo", dict(description or describe(LAYOUT)))
+    return data + mcap_records.channel(McapChannel(1, "umo/exact", "umo"))
+
+
+def chunk(content: bytes, size: int | None = None) -> bytes:
+    packed = zstandard.ZstdCompressor(level=1).compress(content)
+    return mcap_records.chunk(1, 2, len(content) if size is None else size, zlib.crc32(content), packed)
+
+
+def exact(text: bytes, rest: bytes = b"") -> bytes:
+    """A message with this description."""
+    return mcap_records.message(1, 1, 1, struct.pack("<I", len(text)) + text + rest)
+
+
+def head(**about: Any) -> bytes:
+    told: dict[str, Any] = {"first": 0, "count": 1, "time": 0.0, "lost": 0, "entries": 0, "entries_lost": 0,
+                            "commands": [], "commands_lost": 0, "events": [], "live": {}, "number": 0}  # fmt: skip
+    return json.dumps(told | about).encode()
+
+
+def a_frame_of_gigabytes(path: Path) -> None:
+    """1 GB of zeros in 33 kB; the chunk says that it has 1 kB."""
+    stream = zstandard.ZstdCompressor(level=1).compressobj(size=1 << 30)
+    packed = b"".join(stream.compress(bytes(1 << 24)) for _ in range(64)) + stream.flush()
+    for size in (1000, 1 << 30):
+        path.write_bytes(begun() + mcap_records.chunk(1, 2, size, 0, packed))
+
+
+def a_frame_without_a_size(path: Path) -> None:
+    stream = zstandard.ZstdCompressor(level=1).compressobj()
+    packed = b"".join(stream.compress(bytes(1 << 24)) for _ in range(64)) + stream.flush()
+    path.write_bytes(begun() + mcap_records.chunk(1, 2, 1000, 0, packed))
+
+
+def the_largest_content(path: Path) -> None:
+    content = mcap_records.message(9, 1, 1, bytes(60 << 20))
+    path.write_bytes(begun() + chunk(content) * 4)
+
+
+def a_block_of_a_trillion_periods(path: Path) -> None:
+    path.write_bytes(begun() + chunk(exact(head(count=10**12))) + chunk(exact(head(first=1 << 61, entries=1 << 40))))
+
+
+def a_block_as_large_as_allowed(path: Path) -> None:
+    count = (60 << 20) // LAYOUT.dtype.itemsize
+    path.write_bytes(begun() + chunk(exact(head(count=count), bytes(200 + 8 * count))))
+
+
+def a_deep_description(path: Path) -> None:
+    path.write_bytes(begun() + chunk(exact(b"[" * (8 << 20))) + chunk(exact(b'{"first":' * (1 << 19))))
+
+
+def a_description_of_many_lists(path: Path) -> None:
+    text = head(live={"x": "HERE"}).replace(b'"HERE"', b"[" + b"[]," * 200_000 + b"1]")
+    path.write_bytes(
+        begun() + b"".join(chunk(exact(text.replace(b'"first": 0', b'"first": %d' % i))) for i in range(20))
+    )
+
+
+def many_events(path: Path) -> None:
+    events = [[n, 1.0, "press", "x" * 100, "", 0, 0, "set"] for n in range(20_000)]
+    chunks = [chunk(exact(head(first=i, time=float(i), events=events))) for i in range(60)]
+    path.write_bytes(begun() + b"".join(chunks))
+
+
+def many_blocks(path: Path) -> None:
+    found = bytearray()
+    for number in range(12):
+        rows = b"".join(exact(head(first=100_000 * number + each)) for each in range(99_000))
+        found += chunk(rows)
+    path.write_bytes(begun() + found)
+
+
+def many_messages(path: Path) -> None:
+    path.write_bytes(begun() + chunk(exact(b"") * 1_500_000))
+
+
+def a_huge_schema(path: Path) -> None:
+    """Of 4 GB, most of it a hole of the file."""
+    with open(path, "wb") as file:
+        file.write(begun() + mcap_records.HEAD.pack(Opcode.SCHEMA, 4 << 30))
+        file.truncate((4 << 30) + file.tell())
+
+
+def many_small_descriptions(path: Path) -> None:
+    some = b"".join(mcap_records.metadata(f"{number:x}", {}) for number in range(1_500_000))
+    path.write_bytes(begun() + some)
+
+
+def a_mapping_of_many_texts(path: Path) -> None:
+    texts = b"".join(mcap_records.string(f"{number:x}") + mcap_records.string("") for number in range(2_000_000))
+    body = mcap_records.string("units") + struct.pack("<I", len(texts)) + texts
+    path.write_bytes(begun() + mcap_records.record(Opcode.METADATA, body))
+
+
+def a_description_of_many_values(path: Path) -> None:
+    about = describe(LAYOUT)
+    about["description"] = about["description"].replace('"objects": [', '"objects": [' + "[]," * 4_000_000, 1)
+    path.write_bytes(begun(about))
+
+
+def an_index_of_many_chunks(path: Path) -> None:
+    data, one = begun(), chunk(exact(head()))
+    row = mcap_records.chunk_index(ChunkIndex(1, 2, len(data), len(one), {}, 0, 1, 1))
+    data += one
+    path.write_bytes(bytes(data) + mcap_records.closing(len(data), 0, [(Opcode.CHUNK_INDEX, row * 1_500_000)]))
+
+
+BOMBS: list[Callable[[Path], None]] = [
+    a_frame_of_gigabytes, a_description_of_many_lists, the_largest_content, a_frame_without_a_size, a_huge_schema,
+    a_block_of_a_trillion_periods, a_block_as_large_as_allowed, a_deep_description, many_events, many_blocks,
+    many_messages, many_small_descriptions, a_mapping_of_many_texts, a_description_of_many_values,
+    an_index_of_many_chunks,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("bomb", first(1, BOMBS), ids=lambda bomb: bomb.__name__)
+def test_no_file_takes_more_than_256_megabytes_to_open(tmp_path: Path, bomb: Callable[[Path], None]) -> None:
+    path = tmp_path / "bomb.mcap"
+    bomb(path)
+    taken, said = peak(path)
+    print(f"{bomb.__name__}: {path.stat().st_size / 1e6:.1f} MB, {taken / 1e6:.0f} MB of memory")
+    assert taken <= MOST, said[-500:]
+    assert "told:" in said or "not whole" in said
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(("objects", "rows"), [(1000, 1000), (10_000, 100)])
+def test_a_large_machine_is_opened_within_them(tmp_path: Path, objects: int, rows: int) -> None:
+    path = tmp_path / "run.mcap"
+    layout = layout_of(objects, 10, job={"station": "press"}, wiring="")
+    file = RecordingFile(path, layout)
+    numbers: Sequence[int] = range(5)
+    for number in numbers:
+        file.add([block_at_random(layout, rows * number, rows, number)])
+    file.close()
+    taken, said = peak(path)
+    print(f"{objects} objects: {taken / 1e6:.0f} MB")
+    assert taken <= MOST and "whole" in said
