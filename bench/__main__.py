@@ -114,7 +114,7 @@ def main() -> int:
         report.stream(console, several_rates.TITLE, takes, partial(several_rates.measure, options.rates))
         return 0
     if options.bounds:
-        return bounds.run(console, options.bounds, options.only)
+        return bounds.run(console, options.bounds, options.only, markdown=options.markdown)
     if options.alarms:
         takes = options.alarms * alarms.BATCH * len(alarms.KINDS) * 1e-4
         report.stream(console, alarms.TITLE, takes, partial(alarms.measure, options.alarms))
@@ -199,6 +199,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument(
         "--only", default="", metavar="TEXT", help="--kills, --against and --bounds: names with this in them"
     )
+    parser.add_argument("--markdown", action="store_true", help="--bounds: print the rows of docs/bounds.md")
     parser.add_argument("--seed", type=int, default=campaign.SEED, help="of --kills and --fleet: other random moments")
     return parser.parse_args()
 

@@ -7,13 +7,14 @@ import os
 from collections import deque
 from collections.abc import Iterator
 from contextlib import ExitStack
+from pathlib import Path
 from time import thread_time
-from typing import Any
+from typing import Annotated, Any
 
 import umo
 from umo import Compound, DigitalActuator, DigitalSensor, Interlock, Number, action
 from umo.alarms import Alarm, Low
-from umo.control import next_period
+from umo.control import Servo, next_period
 from umo.cycle.client_commands import ClientCommand, Mode
 from umo.cycle.client_control import ClientControl
 from umo.drivers.simulated import Simulated
@@ -21,9 +22,16 @@ from umo.frames import published
 from umo.frames.memory import RunDescriptors
 from umo.objects import atoms
 from umo.operation import PackML
+from umo.operation.recipe_book import RecipeBook
+from umo.operation.recipes import Recipe
 from umo.testing import VirtualTimer
 
 PERIOD = 0.001
+OWN_PERIOD, MAX_AGE = "50 ms", "150.2 ms"
+"""Of a driver off the cycle. No number of periods lasts as long as the age: in which one it is over does not depend on
+rounding."""
+SLOW = "temperatures", "probes"
+"""The drivers that are off the cycle in a `SlowRig`."""
 OF_ZONE = 10
 """Number of the objects of a zone."""
 
@@ -40,6 +48,9 @@ class Zone(Compound, equipment=True, alarms=ALARMS, numbers=NUMBERS):
     gain = 1.0
     broken = False
 
+    def setup(self) -> None:
+        self.servo = Servo(self.temperatures[0], self.heaters[0], gain=1.0)
+
     def control(self) -> None:
         if self.broken:
             raise ValueError("it is broken")
@@ -53,13 +64,20 @@ class HallStates(PackML):
     """The states of a hall."""
 
 
+class Filling(Recipe):
+    """A recipe with as many values as a client can send."""
+
+    levels: Annotated[list[float], Number("V", 0.0, 10.0)]
+
+
 class Hall(Compound, equipment=True):
-    """Many actuators in one equipment, with the states of PackML."""
+    """Many actuators in one equipment, with the states of PackML and a book of recipes."""
 
     fans: list[DigitalActuator]
 
     def setup(self) -> None:
         self.unit = HallStates(self)
+        self.book = RecipeBook(Filling, Path(__file__).with_name("bounded_recipes.toml"))
 
 
 class Plant(Compound):
@@ -169,7 +187,8 @@ class Rig:
         self._stack.callback(setattr, log, "propagate", propagated)
         self._stack.callback(handler.close)
         self._stack.callback(log.removeHandler, handler)
-        self.connection = umo.connect(self.m, {"drivers": {"clock": VirtualTimer(), **drivers}, "wire": wire})
+        tables = {"clock": VirtualTimer(), **self._tables()}
+        self.connection = umo.connect(self.m, {"drivers": tables, "wire": wire})
         self._stack.enter_context(self.connection)
         self.machine = self.connection.machine
         self._watch_resets()
@@ -179,6 +198,10 @@ class Rig:
         self._stack.enter_context(published(self.connection, "bounds", ends=own))
         self.clients = ClientControl(self.machine, self.box, self.signs, Mode.AUTOMATIC, clock=lambda: self.signs.now)
         self.machine.clients = self.clients
+
+    def _tables(self) -> dict[str, Any]:
+        """The drivers of the wiring."""
+        return {**self.drivers}
 
     def close(self) -> None:
         self._stack.close()
@@ -198,21 +221,16 @@ class Rig:
         return thread_time() - self._began
 
     def _watch_resets(self) -> None:
-        """Note when in a period the last actuator was reset, or initialised."""
+        """Note when in a period the last actuator was reset."""
         image: Any = self.machine.image
         self._began = self.were_reset = 0.0
-        reset_each, initialize = image.reset_each, image.initialize
+        reset_each = image.reset_each
 
         def watched(slots: Any) -> Iterator[Any]:
             yield from reset_each(slots)
             self.were_reset = thread_time() - self._began
 
-        def noted(slot: int) -> Any:
-            failure = initialize(slot)
-            self.were_reset = thread_time() - self._began
-            return failure
-
-        image.reset_each, image.initialize = watched, noted
+        image.reset_each = watched
 
     def steps(self, count: int) -> float:
         """The shortest of some periods, in s."""
@@ -282,6 +300,55 @@ class Rig:
         began = thread_time()
         self.machine.image.reset_some(slots)
         return thread_time() - began
+
+
+class SlowRig(Rig):
+    """The same with its temperatures and probes off the cycle. What their devices take is not timed: a process of their
+    own does that."""
+
+    def __init__(self, count: int) -> None:
+        super().__init__(count)
+        remotes = (self.machine.image.transfer.drivers[name] for name in SLOW)
+        self._servers = [remote.server for remote in remotes]
+        self._work = [server.work for server in self._servers]
+        for server in self._servers:
+            server.work = _nothing
+
+    def _tables(self) -> dict[str, Any]:
+        own = {"off_cycle": True, "period": OWN_PERIOD, "max_age": MAX_AGE}
+        return {**self.drivers, **{name: {"type": self.drivers[name], **own} for name in SLOW}}
+
+    def step(self) -> float:
+        for work in self._work:
+            work()
+        return super().step()
+
+    def hasten(self) -> None:
+        """The devices transfer their values now."""
+        for server in self._servers:
+            server._due = 0
+
+    def until_old(self, name: str, ages: int) -> None:
+        """The device is away: periods until the next one finds its values older than so many maximum ages."""
+        self.drivers[name].away = True
+        remote = self.machine.image.transfer.drivers[name]
+        image: Any = self.machine.image
+        slot = next(slot for slot, wire in enumerate(image.wires) if wire.driver is remote)
+        while self.m.now + PERIOD - image.times[slot] <= ages * remote.max_age:
+            self.step()
+        for server in self._servers:  # nothing else arrives in that period
+            server._due = server.ns() + 10_000_000
+
+    def until_back(self, name: str) -> None:
+        """The device answers again: periods until its values are there."""
+        self.drivers[name].away = False
+        items = [item for item in atoms(self.m) if item.path.split(".")[-2:-1] == [name]]
+        while any(item.quality is not umo.Quality.GOOD for item in items):
+            self.step()
+
+
+def _nothing() -> None:
+    """Another process does it."""
 
 
 async def failing() -> None:

@@ -1,6 +1,6 @@
 """What a client, a lease, a mode, a fault, a clear, a lapse or a flood of alarms costs the one period that it meets.
 
-python -m bench --bounds [REPETITIONS]
+python -m bench --bounds [REPETITIONS] [--only TEXT] [--markdown]
 
 Each cause is brought about in a machine with 1,000 and with 10,000 objects of each kind (`bounded_plant.py`), on a
 simulated driver, with frames published; the period that it meets and idle periods are timed in turns, in time of the
@@ -11,6 +11,7 @@ of the same actuators in the same run; what else it costs has the bound of the o
 from __future__ import annotations
 
 import gc
+import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -20,7 +21,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from bench.bounded_plant import Rig, failing
+from bench.bounded_plant import Rig, SlowRig, failing
 from umo.cycle.client_control import COMMANDS_PER_PERIOD
 
 TITLE = "What one cause costs the period that it meets"
@@ -31,8 +32,6 @@ RESET_RATIO = 1.3
 """The same of a cause that resets, as a ratio to `reset()` of the same actuators."""
 LINEAR = 13.0
 """Ratio of the costs at 10,000 and 1,000 objects above which a cause is worse than linear: 10 and what caches add."""
-EACH_PART = 0.08
-"""ms for each equipment beyond the first that fails in the same period."""
 NOTICEABLE = 2.0
 """ms at 10,000 objects below which the ratio is not judged."""
 REPETITIONS = 9
@@ -56,10 +55,10 @@ class Cause:
     after: Callable[[Rig], object] = _nothing
     resets: Callable[[Rig], Sequence[Any]] | None = None
     """The actuators that are reset; None: none is."""
-    parts: bool = False
-    """Whether each zone fails: each has a bound of its own."""
     reacts: bool = False
     """Whether the resets are the reaction to an interlock: nothing else may precede them."""
+    rig: type[Rig] = Rig
+    """The machine in which it is brought about."""
     expected: str = ""
     """The beginning of the answer to the last command, or of the last event: that it did happen."""
 
@@ -68,14 +67,19 @@ class Cause:
 class Cost:
     """What a cause costs at one size, ms."""
 
-    parts: int
-    """Number of zones."""
+    size: int
+    """Number of the objects of each kind."""
 
     idle: list[float] = field(default_factory=list)
     met: list[float] = field(default_factory=list)
     at_defaults: list[float] = field(default_factory=list)
     """From the tick until the actuators concerned were reset."""
     reset: list[float] = field(default_factory=list)
+
+    @property
+    def limit(self) -> float:
+        """ms that it may take, beside resets."""
+        return LIMIT * max(self.size / SIZES[0], 1.0)
 
     @property
     def extra(self) -> float:
@@ -96,7 +100,7 @@ class Cost:
 
 def measure(cause: Cause, rig: Rig, repetitions: int) -> Cost:
     """In turns with idle periods."""
-    cost = Cost(len(rig.m.zones))
+    cost = Cost(rig.count)
     for _ in range(repetitions):
         cause.before(rig)
         rig.drain()
@@ -342,8 +346,24 @@ def _stopped_hall(rig: Rig) -> None:
     rig.do("give back")
 
 
+def _hastened(rig: Any) -> None:
+    rig.hasten()
+
+
+def _old(name: str, ages: int) -> Callable[[Any], None]:
+    return lambda rig: rig.until_old(name, ages)
+
+
+def _renewed(name: str) -> Callable[[Any], None]:
+    return lambda rig: rig.until_back(name)
+
+
 MISSPELT = "zones.{}.heaters.5x"
 BACK = _asks("give back")
+RELAY = {"kind": "relay", "amplitude": 1.0}
+FILLING = {"name": "first", "content": json.dumps({"levels": [1] * 440}, separators=(",", ":"))}
+"""The largest recipe that a client can send: a command has `MAX_COMMAND_BYTES` bytes."""
+MISTAKES = {"name": "first", "content": json.dumps({f"k{number}": "1 lb" for number in range(60)})}
 CAUSES = [
     # Leases
     Cause("a lease is taken", _asks("lease"), ["lease"], after=BACK, expected="done"),
@@ -367,6 +387,16 @@ CAUSES = [
           expected="done"),
     Cause("four misspelt actions", _four("call", "zones.{}.wram"), before=_manual, after=_automatic,
           expected="refused"),
+    Cause("four laws tell what they are made of", _four("call", "zones.{}.law"), before=_lease, after=BACK,
+          expected="done"),
+    Cause("four experiments on laws begin", _four("call", "zones.{}.experiment", arguments=RELAY), before=_manual,
+          after=_automatic, expected="begun"),
+    Cause("four experiments on what has no law", _four("call", "probes.{}.experiment", arguments=RELAY), before=_manual,
+          after=_automatic, expected="refused"),
+    Cause("four recipes with hundreds of values are chosen", _four("call", "hall.book.choose", arguments=FILLING),
+          before=_lease, after=BACK, expected="done"),
+    Cause("four recipes with dozens of mistakes are refused", _four("call", "hall.book.choose", arguments=MISTAKES),
+          before=_lease, after=BACK, expected="refused"),
     Cause("all actions are cancelled", _asks("cancel"), ["cancel"], before=_lease, after=BACK, expected="done"),
     Cause("four unknown commands", _four("wirte", "valves.{}", 5.0), before=_lease, after=BACK, expected="refused"),
     Cause("a stop is asked for", lambda rig: rig.ask_to_stop(), after=lambda rig: rig.go_on()),
@@ -390,17 +420,24 @@ CAUSES = [
     # Faults
     Cause("the law of one zone fails", _break_one, before=_driven, after=_cleared),
     Cause("the law of each zone fails", _set("broken", True, "zones"), before=_driven, after=_cleared,
-          resets=_heaters, parts=True),
-    Cause("a sequence of each zone fails", _fail_sequences, before=_driven, after=_cleared, resets=_heaters,
-          parts=True),
+          resets=_heaters),
+    Cause("a sequence of each zone fails", _fail_sequences, before=_driven, after=_cleared, resets=_heaters),
     Cause("the sensors' driver fails: each zone in fault", _away("temperatures", True), before=_driven,
-          after=_cleared, resets=_heaters, parts=True),
+          after=_cleared, resets=_heaters),
     Cause("one equipment with many actuators fails", _fail_hall, before=_driven, after=_cleared, resets=_fans),
     Cause("a clear of everything, each zone in fault", _asks("clear"), ["clear"],
-          before=_in_turn(_lease, _fail_sequences), after=BACK, resets=_heaters, parts=True, expected="done"),
+          before=_in_turn(_lease, _fail_sequences), after=BACK, resets=_heaters, expected="done"),
     Cause("four misspelt clears", _four("clear", MISSPELT), before=_lease, after=BACK, expected="refused"),
     Cause("all probes are marked BAD", _away("probes", True), after=_probes_back),
     Cause("a driver that was away for long is back", _found, before=_long_away, after=_probes_back, resets=_probes),
+    # Off the cycle
+    Cause("the values of slow devices arrive", _hastened, rig=SlowRig),
+    Cause("the values of a slow device are old: marked STALE", _old("probes", 1), after=_renewed("probes"),
+          rig=SlowRig),
+    Cause("the values of a slow device have failed: marked BAD", _old("probes", 2), after=_renewed("probes"),
+          rig=SlowRig),
+    Cause("the values of a slow device have failed: each zone in fault", _old("temperatures", 2), before=_driven,
+          after=_in_turn(_renewed("temperatures"), _cleared), resets=_heaters, rig=SlowRig, expected="in fault"),
     # Units
     Cause("a unit with many actuators is held", _asks("call", "hall.unit.hold"), before=_started_hall,
           after=_in_turn(_stopped_hall, _rest), expected="done"),
@@ -413,6 +450,8 @@ CAUSES = [
           after=_settle_alarms, expected="done"),
     Cause("all alarms are reset", _asks("reset alarm"), ["reset alarm"], before=_lease, after=BACK, expected="done"),
     Cause("a thousand alarms are shelved", _asks("shelve", "probes", value=600), ["shelve"], before=_lease,
+          after=_in_turn(_asks("unshelve", "probes"), BACK), expected="done"),
+    Cause("a thousand alarms that a pattern names are shelved", _asks("shelve", "probes.*", value=600), before=_lease,
           after=_in_turn(_asks("unshelve", "probes"), BACK), expected="done"),
     Cause("a thousand alarms are unshelved", _asks("unshelve", "probes"), ["unshelve"],
           before=_in_turn(_lease, _asks("shelve", "probes", value=600)), after=BACK, expected="done"),
@@ -438,38 +477,53 @@ class Row:
     @property
     def broken(self) -> str:
         """Which bound is broken, in words; "": none."""
-        small, large = self.costs[0], self.costs[-1]
-        if self.cause.resets is not None:
-            if self.cause.reacts and (ratio := max(each.ratio for each in self.costs)) > RESET_RATIO:
-                return f"at the defaults after {ratio:.2f} times reset()"
-            limit = LIMIT + (EACH_PART * small.parts if self.cause.parts else 0.0)
-            return f"{small.rest:.1f} ms beside the resets, limit {limit:g}" if small.rest > limit else ""
-        if small.extra > LIMIT:
-            return f"{small.extra:.1f} ms"
-        if large.extra > NOTICEABLE and large.extra > LINEAR * max(small.extra, NOTICEABLE / LINEAR):
-            return "worse than linear"
-        return ""
+        if self.cause.reacts and (ratio := max(each.ratio for each in self.costs)) > RESET_RATIO:
+            return f"at the defaults after {ratio:.2f} times reset()"
+        for cost in self.costs:
+            found = cost.extra if self.cause.resets is None else cost.rest
+            if found > cost.limit:
+                return f"{found:.1f} ms at {cost.size:,} objects"
+        small, large = self.costs[0].extra, self.costs[-1].extra
+        worse = large > NOTICEABLE and large > LINEAR * max(small, NOTICEABLE / LINEAR)
+        return "worse than linear" if worse else ""
+
+    @property
+    def markdown(self) -> str:
+        """The row of the page docs/bounds.md."""
+        verbs = ", ".join(f"`{verb}`" for verb in self.cause.verbs)
+        bounds = (bound_of(self.cause, each.limit) for each in self.costs)
+        return f"| {' | '.join([self.cause.name, verbs, *bounds, *map(self._shown, self.costs)])} |"
+
+    def _shown(self, cost: Cost) -> str:
+        beside = f" ({_figure(cost.rest)})" if self.cause.resets is not None else ""
+        return f"{_figure(cost.extra)}{beside}"
 
 
-def run(console: Console, repetitions: int, only: str = "", sizes: Sequence[int] = SIZES) -> int:
-    """Measure and print; exit status 1 if a bound is broken."""
+def run(
+    console: Console, repetitions: int, only: str = "", sizes: Sequence[int] = SIZES, *, markdown: bool = False
+) -> int:
+    """Measure and print, or print the rows of the page; exit status 1 if a bound is broken."""
     causes = [each for each in CAUSES if only in each.name]
     found: dict[str, list[Cost]] = {cause.name: [] for cause in causes}
     with console.status(TITLE) as status:
         for size in sizes:
-            status.update(f"{size:,} objects: connecting")
-            rig = Rig(size)
-            try:
-                with _without_collector():
-                    rig.steps(20)
-                    for cause in causes:
-                        status.update(f"{size:,} objects: {cause.name}")
-                        few = repetitions if size == sizes[0] else max(repetitions // 3, 1)
-                        found[cause.name].append(measure(cause, rig, few))
-            finally:
-                rig.close()
+            few = repetitions if size == sizes[0] else max(repetitions // 3, 1)
+            for kind in dict.fromkeys(cause.rig for cause in causes):
+                status.update(f"{size:,} objects: connecting")
+                rig = kind(size)
+                try:
+                    with _without_collector():
+                        rig.steps(20)
+                        for cause in (each for each in causes if each.rig is kind):
+                            status.update(f"{size:,} objects: {cause.name}")
+                            found[cause.name].append(measure(cause, rig, few))
+                finally:
+                    rig.close()
     rows = [Row(cause, found[cause.name]) for cause in causes]
-    Console(width=WIDTH, highlight=False).print(_table(rows, sizes))
+    if markdown:
+        print(*(row.markdown for row in rows), sep="\n")
+    else:
+        Console(width=WIDTH, highlight=False).print(_table(rows, sizes))
     broken = [f"{row.cause.name}: {row.broken}" for row in rows if row.broken]
     for text in broken:
         console.print(f"broken: {text}")
@@ -481,23 +535,28 @@ def _table(rows: Sequence[Row], sizes: Sequence[int]) -> Table:
     grid.add_column("cause", no_wrap=True)
     grid.add_column("bound", no_wrap=True)
     for size in sizes:
-        for what in ("idle", "with it", "extra", "/ reset()"):
+        for what in ("idle", "with it", "extra", "beside", "/ reset()"):
             grid.add_column(f"{size:,}\n{what}", justify="right")
     grid.add_column("10 x", justify="right")
     for row in rows:
         cells = []
         for cost in row.costs:
             ratio = f"{cost.ratio:.2f}" if cost.reset and any(cost.at_defaults) else ""
-            cells += [f"{median(cost.idle):.2f}", f"{median(cost.met):.2f}", f"{cost.extra:.2f}", ratio]
+            beside = f"{cost.rest:.2f}" if cost.reset else ""
+            cells += [f"{median(cost.idle):.2f}", f"{median(cost.met):.2f}", f"{cost.extra:.2f}", beside, ratio]
         small, large = row.costs[0].extra, row.costs[-1].extra
         linear = f"{large / small:.1f}" if small > 0 else ""
         grid.add_row(row.cause.name, bound_of(row.cause), *cells, linear)
     return grid
 
 
-def bound_of(cause: Cause) -> str:
-    """The bound at 1,000 objects, as the page docs/bounds.md has it."""
+def bound_of(cause: Cause, limit: float = LIMIT) -> str:
+    """The bound of a cause, as the page has it; `limit` in ms."""
     if cause.resets is None:
-        return f"{LIMIT:g} ms"
-    each = f" and {EACH_PART:g} ms a zone" if cause.parts else ""
-    return f"{RESET_RATIO:g} times reset(), {'then' if cause.reacts else 'and'} {LIMIT:g} ms{each}"
+        return f"{limit:g} ms"
+    return f"{RESET_RATIO:g} times `reset()`{', then' if cause.reacts else ' and'} {limit:g} ms"
+
+
+def _figure(ms: float) -> str:
+    """Two digits: `0.2`, `3.5`, `13`."""
+    return f"{ms:.0f}" if ms >= 9.95 else f"{max(ms, 0.0):.1f}"

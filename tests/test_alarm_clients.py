@@ -6,11 +6,14 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from helpers.machines import sensor, timer, wired
 from helpers.operator import Operator
 from umo import Compound, DigitalSensor, connect
-from umo.alarms import Alarm, AlarmState, High, Priority
+from umo.alarms import Alarm, AlarmState, High, Operation, Priority
+from umo.alarms.engine import AlarmRequest
 from umo.cycle.client_commands import Mode
 from umo.cycle.events import ALARM, KEPT_EVENTS, CommandState
 from umo.frames.alarm_list import alarm_rows, alarms_text
@@ -115,6 +118,28 @@ def test_many_are_reset_at_once_after_they_were_acknowledged() -> None:
         assert ann.do("reset alarm").text.endswith('and 58 others"')
         ann.run(10)
         assert not ann.machine.alarms.states.any()
+
+
+ASKED = st.sampled_from([each for each in Operation if each > Operation.CANNOT_EVALUATE])
+
+
+@given(st.lists(st.tuples(ASKED, st.sets(st.integers(0, 5), min_size=1)), max_size=6), ASKED)
+@settings(max_examples=40, deadline=None)
+def test_what_can_be_done_is_known_before_what_was_asked_for_is_carried_out(
+    asked: list[tuple[Operation, set[int]]], then: Operation
+) -> None:
+    box, machine = Scripted(), Plant(timer=timer(), tanks=[Tank(level=sensor(resolution=1.0)) for _ in range(3)])
+    with connect(machine, wired(machine, box)) as m:
+        ann, engine = Operator(m), m._machine.alarms
+        box.set("tanks.0.level", 95)
+        box.set("tanks.1.level", 85)
+        ann.run(3)
+        for operation, rows in asked:
+            able = engine.able(sorted(rows), operation)
+            engine.request(able, AlarmRequest(operation, "ann", 600.0))
+        foreseen = engine.able(range(6), then)
+        ann.run(10)
+        assert foreseen == engine.able(range(6), then)
 
 
 def test_what_cannot_be_done_is_refused_with_the_state(rig: Rig) -> None:

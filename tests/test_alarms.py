@@ -66,7 +66,7 @@ class Rig:
 
     def ask(self, path: str, operation: Operation, seconds: float = 0.0) -> bool:
         row = self.engine.paths.index(path)
-        accepted: bool = self.engine.accepts(row, operation)
+        accepted = bool(self.engine.able([row], operation))
         self.engine.request([row], AlarmRequest(operation, "ann", seconds))
         return accepted
 

@@ -23,6 +23,7 @@ from umo.cli.shared import guarded
 from umo.frames import Reader, published
 from umo.latency import blackbox
 from umo.testing import periods
+from umo.text import MAX_WORD
 
 Umo = Callable[..., Result]
 
@@ -379,3 +380,28 @@ def test_an_application_without_main_is_named(umo: Umo, tank: Path) -> None:
     result = umo("run", str(tank))
     assert result.exit_code == 2
     assert "application.py has no main() (did you mean 'mian'?)" in result.stderr.replace("\n", "")
+
+
+LONG = "x" * 5000
+GIVEN = [
+    *(
+        "run LONG",
+        "run STATION -w LONG",
+        "run STATION --LONG 3",
+        "run STATION --until LONG",
+        "get STATION LONG",
+        "LONG",
+    ),
+    *("run STATION --fault LONG", "check LONG", "check LONG/LONG", "set STATION LONG 3", "set STATION valve LONG"),
+    *("call LONG x", "watch LONG", "ps LONG", "info LONG", "acknowledge LONG", "why LONG", "new LONG", "face LONG"),
+    *("latency --period LONG", "LONG"),
+]
+
+
+@pytest.mark.parametrize("line", first(2, GIVEN))
+def test_what_a_user_has_written_is_echoed_cut(umo: Umo, tank: Path, line: str) -> None:
+    """A misspelt path of 5,000 characters filled the terminal."""
+    result = umo(*line.replace("LONG", LONG).replace("STATION", str(tank)).split())
+    assert result.exit_code in (1, 2)
+    assert max(map(len, result.stderr.split())) < 4 * MAX_WORD
+    assert len(result.stderr) < 1500

@@ -147,8 +147,8 @@ def test_a_run_whose_guardian_is_stopped_does_not_hold_up_who_looks(
     os.kill(run.guardian, signal.SIGSTOP)
     assert len(rings()) == 1
     with monkeypatch.context() as patch:
-        patch.setattr("umo.frames.frame_server.ANSWER_TIMEOUT", 0.05)
-        with pytest.raises(FramesError, match=r"^\S+: the guardian of this run does not answer; it may be stopped$"):
+        patch.setattr("umo.frames.frame_server.STOPPED_TIMEOUT", 0.05)
+        with pytest.raises(FramesError, match=rf"guardian of this run is stopped .* \(pid {run.guardian}\)$"):
             umo.attach()
     os.kill(run.guardian, signal.SIGCONT)
     with umo.attach() as station:

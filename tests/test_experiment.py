@@ -16,7 +16,7 @@ import pytest
 from helpers.operator import Operator
 from helpers.tiers import first
 from umo import BinarySensor, Compound, DigitalActuator, DigitalSensor, Interlock, Vector, connect
-from umo.control import PID, Servo, VectorServo
+from umo.control import PID, Cascade, Servo, VectorServo
 from umo.cycle.client_commands import Mode
 from umo.cycle.events import CommandState, Event
 from umo.errors import BadInput
@@ -185,6 +185,22 @@ def test_a_loop_is_found_by_its_law_its_sensor_or_its_actuator(path: str) -> Non
         found = json.loads(each.operator.call(f"{path}.law").text)
         assert (found["law"], found["sensor"], found["actuator"]) == ("servo", "temperature", "heater")
         assert (found["gain"], found["integral_time"], found["dt"]) == (2.0, 10.0, PERIOD)
+
+
+@pytest.mark.parametrize("path", ["servo", "heater", "later"])
+def test_a_law_that_was_made_after_connecting_is_the_one_that_is_found(path: str) -> None:
+    with rig() as each:
+        assert json.loads(each.operator.call("servo.law").text)["gain"] == 2.0
+        each.m.servo = each.m.later = Servo(each.m.temperature, each.m.heater, gain=7.0, integral_time=10.0)
+        assert json.loads(each.operator.call(f"{path}.law").text)["gain"] == 7.0
+
+
+def test_an_outer_law_that_was_made_after_connecting_is_held_too() -> None:
+    with rig() as each:
+        outer = each.m.outer = Cascade(each.m.temperature, each.m.servo, gain=1.0, low=0.0, high=100.0)
+        number = each.begin()
+        assert each.last(number).state is CommandState.BEGUN
+        assert "step" in vars(outer)
 
 
 @pytest.mark.parametrize(

@@ -20,9 +20,10 @@ from helpers.publishing import running, writer
 from helpers.waiting import until
 from umo import connect, published
 from umo.errors import FramesError
-from umo.frames import Reader, Stage, rings
+from umo.frames import Reader, Stage, frame_server, rings
 from umo.frames.frame_server import MAX_WAITING, FrameServer, folder, is_served, new_path, receive
 from umo.frames.memory import RunDescriptors
+from umo.system import processes
 from umo.testing import Scripted, VirtualTimer, periods
 
 LISTER = """
@@ -225,8 +226,43 @@ def test_a_server_that_does_not_answer_costs_a_sentence(monkeypatch: pytest.Monk
     ends, readers = RunDescriptors.pair()
     server = FrameServer(new_path("bench"), readers)
     server.listen()
-    with pytest.raises(FramesError, match="the guardian of this run does not answer"):
+    with pytest.raises(FramesError, match=rf"run \(pid {os.getpid()}\) has not answered for 0.01 s"):
         Reader(server.path)
+    server.close()
+    ends.close()
+    readers.close()
+
+
+@pytest.mark.parametrize(
+    ("state", "is_waited_for"), [("S", True), ("R", True), ("D", True), ("T", False), ("X", False)]
+)
+def test_who_answers_late_on_a_busy_computer_is_waited_for_and_who_is_stopped_is_not(
+    monkeypatch: pytest.MonkeyPatch, state: str, is_waited_for: bool
+) -> None:
+    """The guardian of a run that had just begun on a busy computer was told as perhaps stopped after 1 s."""
+    monkeypatch.setattr(frame_server, "STOPPED_TIMEOUT", 1e-9)
+    monkeypatch.setattr(frame_server, "ANSWER_LOOK_INTERVAL", 0.001)
+    ends, readers = RunDescriptors.pair()
+    server = FrameServer(new_path("bench"), readers)
+    server.listen()
+    looks: list[int] = []
+
+    def look(pid: int) -> str:
+        looks.append(pid)
+        if len(looks) == 20:
+            server.look()
+        return state
+
+    monkeypatch.setattr(processes, "state", look)
+    monkeypatch.setattr(processes, "parent_of", lambda pid: 4711)
+    monkeypatch.setattr(processes, "name_of", lambda pid: "umo guardian" if pid == 4711 else "")
+    if is_waited_for:
+        receive(server.path).close()
+        assert looks == [4711] * 20
+    else:
+        with pytest.raises(FramesError, match=r"the guardian of this run (is stopped|has ended) .* \(pid 4711"):
+            receive(server.path)
+        assert len(looks) < 20
     server.close()
     ends.close()
     readers.close()
@@ -263,13 +299,14 @@ def test_a_server_without_a_free_descriptor_answers_as_soon_as_there_is_one(monk
 
 def test_a_server_gives_nothing_to_another_user(monkeypatch: pytest.MonkeyPatch) -> None:
     with running() as (_, ring, _connection):
-        monkeypatch.setattr("umo.frames.frame_server._peer", lambda connection: os.getuid() + 1)
+        monkeypatch.setattr("umo.frames.frame_server._maker_and_user", lambda connection: (0, os.getuid() + 1))
         monkeypatch.setattr("umo.frames.frame_server.ROOT", -1)
         with pytest.raises(FramesError, match=r"is another user's \(uid "):
             Reader(ring.path)
         monkeypatch.setattr("umo.frames.frame_server.ROOT", os.getuid())
         monkeypatch.setattr(
-            "umo.frames.frame_server._peer", lambda connection: 0 if connection.getsockname() == "" else 7
+            "umo.frames.frame_server._maker_and_user",
+            lambda connection: (0, 0 if connection.getsockname() == "" else 7),
         )
         with pytest.raises(FramesError, match="another version of umo, or to another user"):
             Reader(ring.path)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import select
 import signal
 import sys
 from pathlib import Path
+from time import monotonic
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -22,6 +24,7 @@ from helpers.tiers import first
 from umo import connect
 from umo.cycle import transfer
 from umo.cycle.stage import Stage
+from umo.drivers import Channel
 from umo.errors import DeviceTimeout, DriverError
 from umo.process import control_process, control_watch, hang_detection, reset
 from umo.process import outcome as outcome_module
@@ -745,6 +748,26 @@ def test_a_child_that_cannot_be_killed_is_not_waited_for(tmp_path: Path, monkeyp
         left = resetter_of(tmp_path, wiring).reset(0.0)
     assert all(child.end(20.0) for child in children)
     assert left["valve"] == "a call did not return within 0.42 s"
+
+
+def test_a_call_that_hangs_in_this_process_is_interrupted_when_no_time_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where no child can be had."""
+    calls: list[str] = []
+
+    def hang(driver: object, channel: Channel, default: int | None) -> None:
+        calls.append(channel.text)
+        select.select([], [], [], 60.0)
+
+    monkeypatch.setattr(process_box.Box, "initialize", hang)
+    resetter = resetter_of(tmp_path, process_box.wiring(tmp_path / "box"))
+    resetter._work_here([0, 1], lambda: True, limit=60.0, until=monotonic() + 0.05)
+    assert len(calls) == 1
+    assert resetter._state.reached(0) is Reached.NO
+    assert resetter._state.cause(0) == f"box (file {tmp_path}/box): no time was left"
+    assert resetter._state.reached(1) is Reached.UNTRIED
+    assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
 
 
 def test_a_reset_needs_no_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -328,6 +328,63 @@ def test_a_reset_that_hangs_counts_as_failed_and_the_status_says_so(
     assert child.status() == ExitStatus.UNREACHED
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_program_whose_run_a_signal_ends_tells_it_in_a_line_and_has_its_status(tmp_path: Path, number: int) -> None:
+    """After the reset; it ended with status 0 once."""
+    case = Case(tmp_path, "nowhere")
+    child = Child(case.told, case.drive)
+    until(case.is_driving)
+    child.send(number)
+    assert child.status() == 128 + number
+    name = signal.Signals(number).name
+    assert case.told.read_text() == f"umo: stopped by {name}; every actuator is at its default\n"
+    assert_reset(case.file)
+
+
+def test_a_finalizer_that_is_interrupted_is_told_in_a_line(tmp_path: Path) -> None:
+    """Python ignores what it raises, with a traceback of umo's own lines."""
+    case = Case(tmp_path, "control")
+
+    class Finalized:
+        def __del__(self) -> None:
+            case.ready.touch()
+            wait_for_ever()
+
+    def finalize() -> None:
+        case.m.stuck = lambda: None
+        Finalized()
+
+    case.m.stuck = finalize
+    child = Child(case.told, case.drive)
+    until(case.ready.exists)
+    until(lambda: state(child.pid) == "S")
+    child.send(signal.SIGINT)
+    until(lambda: state(child.pid) == "S")
+    child.send(signal.SIGTERM)
+    assert child.status() == 128 + signal.SIGINT
+    first_line, *lines = case.told.read_text().splitlines()
+    assert first_line.startswith(f"umo: the application does not end: {HERE}:")
+    assert first_line.endswith(" in wait_for_ever; it was interrupted there")
+    assert lines == ["umo: stopped by SIGINT; every actuator is at its default"]
+    assert_reset(case.file)
+
+
+def test_a_loop_of_ones_own_ends_and_its_program_goes_on(tmp_path: Path) -> None:
+    case = Case(tmp_path, "nowhere")
+
+    def drive() -> None:
+        with connect(case.m, case.wiring) as m:
+            while m.cycle.running:
+                periods(m)
+        raise SystemExit(7)
+
+    child = Child(case.told, drive)
+    until(case.is_driving)
+    child.send(signal.SIGINT)
+    assert child.status() == 7
+    assert_reset(case.file)
+
+
 def test_a_reset_that_ends_is_interrupted_by_no_number_of_signals(tmp_path: Path) -> None:
     class Slow(Box):
         def reset(self, channel: Channel, default: int | None) -> None:
@@ -340,7 +397,7 @@ def test_a_reset_that_ends_is_interrupted_by_no_number_of_signals(tmp_path: Path
     child = Child(case.told, case.drive)
     until(case.is_driving)
     child.send(signal.SIGTERM)
-    assert child.status() == 0
+    assert child.status() == 128 + signal.SIGTERM
     assert_reset(case.file)
 
 

@@ -879,3 +879,15 @@ def test_the_second_transfer_is_due_a_period_after_the_beginning_of_the_first() 
         proxy.server.work()
         time[0] += 10**7
     assert np.diff(begun).tolist() == [10**8] * (len(begun) - 1)
+
+
+@given(st.integers(0, 12), st.lists(st.tuples(*[st.integers(-(2**40), 2**40)] * 2, st.floats()), max_size=9))
+def test_entries_of_many_objects_are_those_of_each(capacity: int, moved: list[tuple[int, int, float]]) -> None:
+    one, many = Journal(capacity), Journal(capacity)
+    rows = np.array(moved, [("raw", "i8"), ("before", "i8"), ("time", "f8")])
+    for journal in (one, many):
+        journal.add(0, Kind.RESET, 1, 2)
+    for slot, (raw, old, time) in enumerate(moved):
+        one.add(slot, Kind.ARRIVED, raw, old, time=time)
+    many.add_rows(range(len(moved)), Kind.ARRIVED, rows["raw"], rows["before"], times=rows["time"])
+    assert (one.entries, one.count, one.lost) == (many.entries, many.count, many.lost)

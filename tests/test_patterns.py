@@ -16,6 +16,7 @@ from umo.errors import ChannelError
 from umo.objects.paths import matches
 from umo.states import OnOff
 from umo.wiring import resolve
+from umo.wiring.patterns import places_below
 
 
 class Zone(Compound):
@@ -200,3 +201,14 @@ NAMES = st.sampled_from(["z", "0", "12", "motor", "*"])
 def test_a_star_stands_for_one_part_of_a_path(pattern: list[str], path: list[str]) -> None:
     fits = len(pattern) == len(path) and all(a in ("*", b) for a, b in zip(pattern, path, strict=False))
     assert matches(".".join(pattern), ".".join(path)) is fits
+
+
+PARTS = st.sampled_from(["a", "ab", "0", "10", "a+", "*x"])
+PATHS = st.lists(PARTS, min_size=1, max_size=4).map(".".join)
+
+
+@given(st.lists(PATHS, max_size=20), st.lists(PARTS | st.just("*"), min_size=1, max_size=4).map(".".join))
+def test_a_path_or_pattern_names_what_is_there_and_below_it(names: list[str], path: str) -> None:
+    depth = path.count(".") + 1
+    cut = [".".join(name.split(".")[:depth]) for name in names]
+    assert places_below(path, names) == [place for place, name in enumerate(cut) if matches(path, name)]

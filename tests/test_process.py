@@ -136,6 +136,19 @@ def test_an_exception_of_the_application_is_reported_with_its_place(tmp_path: Pa
     assert standing() == []
 
 
+@pytest.mark.full
+@pytest.mark.slow
+def test_a_call_in_c_that_never_returns_and_looks_at_no_signal_is_ended_by_the_guardian(
+    tmp_path: Path, cells: Cells
+) -> None:
+    wiring = process_box.wiring(tmp_path / "box", process={"hang_timeout": "100 ms"})
+    outcome = Run(wiring, "never_returns_in_c").outcome()
+    assert (outcome.status, outcome.unsafe, outcome.unreached) == (1, True, [])
+    assert outcome.failure is not None
+    assert "hung: no sign of life for 100 ms while running" in outcome.failure.message
+    assert_safe(cells)
+
+
 def test_an_endless_loop_in_user_code_is_ended_and_its_line_named(
     tmp_path: Path, cells: Cells, monkeypatch: pytest.MonkeyPatch
 ) -> None:

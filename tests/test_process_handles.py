@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import errno
 import os
 import signal
 import subprocess
@@ -155,6 +156,23 @@ def test_a_number_that_a_dead_holder_has_left_is_not_used(other: subprocess.Pope
     assert state.process(Who.KEEPER) is None
     assert state.end(Who.KEEPER, 1.0)
     assert other.poll() is None
+
+
+def test_a_number_of_a_dead_holder_is_not_that_of_one_who_has_just_taken_the_lock(
+    other: subprocess.Popen[bytes],
+) -> None:
+    """Between the lock and the number."""
+    state = RunState()
+    child = Child(holding(state, Who.KEEPER))
+    assert child.end(20.0)
+    assert state._lock_until(Who.KEEPER, 1.0) == errno.EOWNERDEAD  # as in `hold`, of which no more has happened yet
+    state._pids[Who.KEEPER] = other.pid  # the number of the dead one is a foreign process's by now
+    assert state.process(Who.KEEPER) is None
+    assert not state.is_able(Who.KEEPER)
+    assert not state.end(Who.KEEPER, 0.01)
+    assert other.poll() is None
+    state._is_ours(Who.KEEPER, errno.EOWNERDEAD)
+    state.release(Who.KEEPER)  # its memory ends with this test
 
 
 def test_who_does_not_get_a_lock_is_not_taken_for_its_holder() -> None:

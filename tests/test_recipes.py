@@ -24,8 +24,9 @@ from umo import Compound, DigitalSensor, Number, connect, published
 from umo.cli import recipe_list
 from umo.cli.recipe_list import _named
 from umo.cycle.events import CommandState
-from umo.errors import DeclarationError, RecipeError, UmoError
+from umo.errors import DeclarationError, RangeError, RecipeError, UmoError
 from umo.frames import Reader
+from umo.objects import Range
 from umo.operation.recipe_book import MAX_RECORDED, RecipeBook
 from umo.operation.recipes import Recipe, read_recipes, recipe_from_content, recipe_of
 from umo.process.kept_file import NUMBERS
@@ -209,6 +210,29 @@ def test_a_refused_choice_leaves_the_earlier_one(book: RecipeBook[Batch], conten
     with pytest.raises(RecipeError):
         book.choose("other", content)
     assert book.chosen is before
+
+
+@given(
+    st.lists(st.one_of(st.floats(), st.integers(), st.booleans(), st.none(), st.text(max_size=3)), max_size=4),
+    st.sampled_from([Range("", 0.0, 9.0), Range("mm", -inf, inf), Range("kg", -1.0, inf)]),
+)
+def test_a_range_admits_many_values_if_it_takes_each(values: list[Any], limits: Range) -> None:
+    def is_taken(value: object) -> bool:
+        try:
+            limits.check("it", value)
+        except RangeError:
+            return False
+        return True
+
+    assert limits.admits(values) == all(map(is_taken, values))
+
+
+def test_what_a_client_sends_has_no_units(book: RecipeBook[Batch]) -> None:
+    assert recipe(temperature="86 degF").temperature == pytest.approx(30.0)
+    with pytest.raises(RecipeError, match=r"'86 degF' is not a number in degC; what is sent has no units"):
+        book.choose("other", '{"temperature": "86 degF"}')
+    book.choose("other", '{"temperature": 30}')
+    assert book.next().temperature == 30.0
 
 
 def test_the_plan_is_followed_again_when_the_choice_is_forgotten(book: RecipeBook[Batch]) -> None:

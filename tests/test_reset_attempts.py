@@ -175,6 +175,18 @@ def test_a_dead_device_ends_the_attempts(time: Time) -> None:
     assert time.now - device.began < RESET_FOR + 2 * transfer.UNCONTROLLED_TIMEOUT + 1.0
 
 
+def test_the_attempts_of_a_reset_in_this_process_have_an_end(time: Time, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What none has come to is tried one by one for as long again; then follows one more."""
+    device = Device(time, [Outage(-1.0, 1e9, "silent", breaks=False)], began=time.now)
+    opened, closed = list[float](), list[float]()
+    monkeypatch.setattr(device, "open", lambda: opened.append(time.now))
+    monkeypatch.setattr(device, "close", lambda: closed.append(time.now))
+    left = resetter_of(device, each=100).reset(RESET_FOR)
+    assert time.now - device.began < 2 * RESET_FOR + 2 * transfer.UNCONTROLLED_TIMEOUT + 1.0
+    assert set(left.values()) == {f"d0 (device {id(device)}): no answer", "not tried: no time was left"}
+    assert len(closed) == len(opened) > 2
+
+
 def test_attempts_with_progress_are_as_many_as_there_are_actuators_at_most() -> None:
     attempts = Attempts()
     assert [attempts.add(reached) for reached in ("a", "", "ab", "ba", "c", "abc")] == [

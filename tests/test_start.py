@@ -18,6 +18,7 @@ from helpers.runs import until_dead
 from helpers.waiting import until
 from umo.cycle.stage import Stage
 from umo.process.start import Started
+from umo.remote.search import station_name
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
 
@@ -32,6 +33,27 @@ def test_a_wiring_of_any_size_starts(tmp_path: Path) -> None:
     wiring["drivers"]["box"] |= {"away": str(tmp_path / ("x" * 200)) + "/" * 600_000}
     with umo.start(process_box.machine, wiring, process_box.drive) as started:
         assert started.wait(60).status == 0
+
+
+@pytest.fixture
+def removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The working directory is no more."""
+    folder = tmp_path / "removed"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    folder.rmdir()
+
+
+@pytest.mark.full
+@pytest.mark.usefixtures("removed")
+def test_a_machine_starts_in_a_working_directory_that_was_removed(tmp_path: Path) -> None:
+    with umo.start(process_box.machine, process_box.wiring(tmp_path / "box"), process_box.drive) as machine:
+        assert machine.wait().unreached == []
+
+
+@pytest.mark.usefixtures("removed")
+def test_a_station_has_its_name_in_a_working_directory_that_was_removed() -> None:
+    assert [station_name(text) for text in ("press", "press/", "/srv/press")] == ["press", "press", "press"]
 
 
 def test_a_handle_has_status_values_frames_and_an_end(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import os
 import pty
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -218,6 +219,30 @@ def test_a_stream_that_nobody_reads_or_that_is_closed_holds_up_no_last_words() -
             assert process.wait(60) == 0  # its stderr is full all the while
         finally:
             process.kill()
+
+
+LINES = """
+import sys
+from umo.system.streams import say_without_waiting as say
+
+for number in range(2):
+    say(f"said {number}")
+    print(f"printed {number}", file=sys.stderr, flush=True)
+"""
+
+
+def test_what_is_said_and_what_is_printed_stand_beside_each_other_in_a_file(tmp_path: Path) -> None:
+    """One was written over the other: at the end of the file, and where the stream stood."""
+    with (tmp_path / "log").open("wb") as log:
+        subprocess.run([sys.executable, "-c", LINES], stderr=log, check=True)
+    assert (tmp_path / "log").read_text().split("\n") == ["said 0", "printed 0", "said 1", "printed 1", ""]
+
+
+def test_what_is_said_reaches_a_socket_as_that_of_a_journal() -> None:
+    here, there = socket.socketpair()
+    with here, there:
+        subprocess.run([sys.executable, "-c", LINES], stderr=there, check=True)
+        assert here.recv(1000) == b"said 0\nprinted 0\nsaid 1\nprinted 1\n"
 
 
 def test_final_message_are_added_to_what_a_file_holds(tmp_path: Path) -> None:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import umo
-from umo.text import LIBRARY, Moment, others, place_among, place_of, shown_path, some
+from umo.text import LIBRARY, MAX_WORD, Moment, cut_words, others, place_among, place_of, shown_path, some
 
 OWN = str(Path(umo.__file__).parent)
 SHIPPED = f"{OWN}/stations/ztheta/control.py"
@@ -76,3 +79,18 @@ def test_a_list_of_names_ends_with_the_number_of_the_others() -> None:
 )
 def test_a_moment_has_milliseconds(seconds: float, text: str) -> None:
     assert Moment.at(seconds) == f"at {text} s"
+
+
+@given(st.text(), st.integers(MAX_WORD + 1, 5000), st.text())
+def test_what_a_message_echoes_is_cut_and_what_is_around_it_is_not(before: str, length: int, after: str) -> None:
+    text = cut_words(f"{before} no object '{'x' * length}' in {after}")
+    assert max(map(len, re.split(r"[\s/]+", text))) <= MAX_WORD
+    assert text == cut_words(text)
+    assert f" no object '{'x' * 20}" in text
+    assert f"{'x' * 15}' in " in text
+
+
+@given(st.lists(st.text(st.characters(blacklist_categories=["Z", "C"], blacklist_characters="/"), max_size=MAX_WORD)))
+def test_a_path_of_usual_names_is_never_cut(names: list[str]) -> None:
+    path = "/".join(names)
+    assert cut_words(path) == path

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from helpers.cycling import Cycle
 from helpers.tiers import first as first_cases
-from umo import TaskFailed
+from umo import Compound, TaskFailed
 from umo.control import Lock, first, next_period, timeout, together, unless, wait
 from umo.cycle import wait_graph
 from umo.errors import TimeExpired
@@ -74,10 +75,50 @@ def test_a_started_sequence_that_the_holder_awaits_does_not_wait_for_its_lock(ar
 def test_two_locks_in_two_orders_are_told_with_the_circle():
     a, b = Lock(), Lock()
     (error,) = told(uses(a, b), uses(b, a))
+    one, two = (f"sequence uses (started as no. {number})" for number in (1, 2))
     assert error == (
-        "sequence uses waits for a Lock that sequence uses has: it would wait for itself "
-        "(sequence uses waits for a Lock that sequence uses has)"
+        f"{two} waits for a Lock that {one} has: it would wait for itself ({one} waits for a Lock that {two} has)"
     )
+
+
+class Zone(Compound):
+    pass
+
+
+class Plant(Compound):
+    zones: list[Zone]
+
+
+async def carry(zone: Zone, own: Lock, others: Lock, *, speed: float, note: str = "slow") -> None:
+    async with own:
+        await next_period()
+        async with others:
+            pass
+
+
+def test_sequences_of_one_function_are_told_apart_by_what_they_were_called_with():
+    """Each claim of the message is true of one of them alone: `uses has, uses has` names nobody."""
+    plant, a, b = Plant(zones=[Zone(), Zone()]), Lock(), Lock()
+
+    first_one, other = plant.zones
+    (error,) = told(carry(first_one, a, b, speed=1.5), carry(other, b, a, speed=1.5))
+    details = "zone=zones.{}, speed=1.5, note='slow', started as no. {}"
+    one, two = (f"sequence carry ({details.format(n, n + 1)})" for n in (0, 1))
+    has = "waits for a Lock that"
+    assert error in (f"{x} {has} {y} has: {ITSELF} ({y} {has} {x} has)" for x, y in ((one, two), (two, one)))
+
+
+@pytest.mark.parametrize("nested", [False, True])
+def test_parts_of_one_function_have_their_number(nested):
+    a, b = Lock(), Lock()
+
+    async def app():
+        await together(uses(a, b), together(uses(b, a)) if nested else uses(b, a))
+
+    (error,) = told(app())
+    names = set(re.findall(r"sequence uses \([^)]*\)", error))
+    assert len(names) == 2
+    assert "sequence uses " not in re.sub(r"sequence uses \([^)]*\)", "", error)
 
 
 def test_locks_in_a_ring_are_told_once_and_the_others_go_on():
@@ -286,7 +327,7 @@ def test_a_program_ends_or_its_circle_is_told_and_what_is_told_is_one(programs: 
         if checked.refused:
             found["circles"] += 1
             with pytest.MonkeyPatch.context() as patch:
-                patch.setattr(wait_graph, "circle", lambda waiting, target: ITSELF if target is waiting else None)
+                patch.setattr(wait_graph, "circle", lambda waiting, target, wait: ITSELF if target is waiting else None)
                 model = Run(program)
             assert checked.refused[0] not in model.met
 

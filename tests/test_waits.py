@@ -22,6 +22,7 @@ from helpers.process_box import Cells
 from helpers.runs import Run, assert_safe
 from helpers.waiting import until
 from umo.alarms import alarm_file
+from umo.cli import faces_beside, record_beside
 from umo.errors import DeclarationError, DriverError, OptionError
 from umo.generate import compiled_machine, law_library
 from umo.latency import loop, native
@@ -29,7 +30,7 @@ from umo.process import Started, control_process, kept_file, run_state
 from umo.process.control_process import Control
 from umo.process.job import Job
 from umo.process.run_state import RunState, Who
-from umo.replay import snapshots
+from umo.replay import closed_loop, snapshots
 from umo.system import processes
 from umo.text import UMO
 
@@ -328,6 +329,46 @@ def test_a_snapshot_that_is_stopped_as_it_begins_is_done_without(monkeypatch: py
     assert processes.state(runner._children[0]) == "X"
 
 
+def test_a_trial_that_is_stopped_counts_as_one_without_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(closed_loop, "PATIENCE", 0.05)
+    monkeypatch.setattr(closed_loop.Trial, "run", lambda trial: stop_myself())
+    forked: list[int] = []
+    fork = os.fork
+    monkeypatch.setattr(os, "fork", lambda: forked.append(fork()) or forked[-1])
+    assert closed_loop.Trial("press").ending() is None
+    assert processes.state(forked[0]) == "X"
+
+
+# Beside a run -------------------------------------------------------------------------------------------------
+
+
+STOPPED = ("sh", "-c", "kill -STOP $$")
+
+
+def test_faces_that_are_stopped_do_not_keep_a_run_from_ending(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(faces_beside, "END_TIMEOUT", 0.05)
+    with faces_beside.FacesBeside("rig.toml", {"lamp": {}}, command=STOPPED) as beside:
+        beside.look(1, [])
+        process = beside._process
+        assert process is not None
+        until(lambda: processes.ProcessHandle(process.pid).is_stopped)
+    assert process.returncode == -signal.SIGKILL
+
+
+def test_a_recorder_that_is_stopped_keeps_a_run_neither_from_beginning_nor_from_ending(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(record_beside, "START_TIMEOUT", 0.05)
+    monkeypatch.setattr(record_beside, "END_TIMEOUT", 0.05)
+    with record_beside.RecordBeside(record_beside.RecordOrder(Path("x.mcap"), {}), STOPPED) as beside:
+        process = beside._process
+        assert process is not None
+        until(lambda: processes.ProcessHandle(process.pid).is_stopped)
+    assert process.returncode == -signal.SIGKILL
+    assert not beside.complete
+    assert "the recorder has ended (signal 9); what it had not written is lost" in capsys.readouterr().err
+
+
 # What waits in src/umo ---------------------------------------------------------------------------------------
 
 ASKED_FIRST = "a look has said that something is there, or the descriptor does not block"
@@ -344,15 +385,18 @@ ALLOWED = {
     "cli/record_beside.py: self._channel.recv": "a timeout of the socket: START_TIMEOUT",
     "cli/watch.py: os.read": ASKED_FIRST,
     "drivers/iio/scan.py: os.read": ASKED_FIRST,
+    "drivers/streams/hosts.py: connection.connect": "a timeout of the socket",
     "drivers/streams/stream.py: os.read": ASKED_FIRST,
     "cli/serve_fleet.py: asyncio.Event().wait": "serves until a signal",
     "drivers/timerfd.py: self.ticker.wait": "waits for the kernel's timer; a stop lets it expire",
     "drivers/timerfd.py: os.read": "waits for the kernel's timer; a stop lets it expire",
     "faces/opcua/ua_commands.py: task.result": ENDED,
     "fleet/fleet_diagnosis.py: greeted.recv": "a timeout of the socket: ALERT_TIME",
+    "fleet/jetstream_server.py: client.connect": "awaited for CONNECT_TIME",
     "fleet/jetstream_source.py: self._thread.join": OWN_THREAD,
     "frames/frame_server.py: self._socket.accept": "does not block, or serves who comes until it is closed",
     "frames/frame_server.py: self._thread.join": OWN_THREAD,
+    "frames/frame_server.py: here.connect": "a timeout of the socket, or it does not block",
     "frames/reader.py: os.read": ASKED_FIRST,
     "latency/loop.py: self._here.recv": ASKED_FIRST,
     "latency/loop.py: self._here.recv_bytes": ASKED_FIRST,
@@ -363,6 +407,7 @@ ALLOWED = {
     "remote/live_view.py: self._thread.join": OWN_THREAD,
     "replay/closed_loop.py: os.read": ASKED_FIRST,
     "replay/debugger_prompt.py: os.read": TERMINAL,
+    "replay/snapshots.py: connection.connect": SESSION,
     "replay/snapshots.py: os.read": ASKED_FIRST,
     "replay/snapshots.py: select.select": SESSION,
     "replay/snapshots.py: self._connection.recv": SESSION,
@@ -377,12 +422,27 @@ ALLOWED = {
     "testing/replays.py: subprocess.run": SESSION,
 }
 """What waits without a limit of its own in the call, by file and call, and why that is right."""
-WITHOUT_ARGUMENTS = ("wait", "communicate", "join", "acquire", "result", "accept")
-ALWAYS = ("recv", "recv_bytes", "recv_into", "recvfrom", "recvmsg", "sendall", "sigwait", "getpass")
+WITHOUT_ARGUMENTS = ("wait", "join", "acquire", "result", "accept", "select", "poll", "getresponse")
+"""Calls that wait for ever without an argument, or with None: of a process, thread, lock, socket or selector."""
+ALWAYS = ("recv", "recv_bytes", "recv_into", "recvfrom", "recvmsg", "recvmsg_into", "sendall", "sendmsg", "sendfile")
+"""Calls of a socket or connection, which wait if it blocks and has no timeout."""
+TIMED = ("communicate", "wait_for", "urlopen", "create_connection", "as_completed")
+"""Calls whose arguments are other things than a limit: only `timeout=` is one."""
 PROGRAMS = ("run", "call", "check_call", "check_output")
 REAPS = ("waitpid", "wait", "wait3", "wait4", "waitid")
-OTHERS = ("flock", "lockf", "poll", "select", "read", "input", "pause")
-NAMES = {*WITHOUT_ARGUMENTS, *ALWAYS, *PROGRAMS, *REAPS, *OTHERS}
+BARE = ("os.read", "input", "signal.pause", "signal.sigwait", "signal.sigwaitinfo", "getpass.getpass")
+OTHERS = ("flock", "lockf", "get", "read", "readline", "readlines", "connect")
+PROCESSES = ("create_subprocess_exec", "create_subprocess_shell")
+NAMES = {*WITHOUT_ARGUMENTS, *ALWAYS, *TIMED, *PROGRAMS, *REAPS, *OTHERS, *PROCESSES}
+NAMES |= {each.rpartition(".")[2] for each in BARE}
+OF_PROCESS = re.compile(r"(process|guardian|popen|child)$", re.I)
+OF_PIPE = re.compile(r"(stdout|stderr)(\.buffer)?$")
+OF_QUEUE = re.compile(r"queue$", re.I)
+OF_SOCKET = re.compile(r"(sock|socket|here|connection|channel|greeted|client)$", re.I)
+
+
+def is_none(value: ast.expr) -> bool:
+    return isinstance(value, ast.Constant) and value.value is None
 
 
 def waits_for_ever(call: ast.Call) -> bool:
@@ -391,8 +451,11 @@ def waits_for_ever(call: ast.Call) -> bool:
     if name not in NAMES:  # quick: most
         return False
     function, words = ast.unparse(call.func), ast.unparse(call)
-    if any(each.arg == "timeout" for each in call.keywords):
+    of = function.rpartition(".")[0]
+    if any(each.arg == "timeout" and not is_none(each.value) for each in call.keywords):
         return False
+    if function in BARE:
+        return True
     if name in REAPS and function == f"os.{name}":
         return "WNOHANG" not in words
     if name in ("flock", "lockf"):
@@ -400,14 +463,22 @@ def waits_for_ever(call: ast.Call) -> bool:
     if function.startswith("subprocess."):
         return name in PROGRAMS
     if function == "select.select":
-        return len(call.args) < 4
-    if name in ("poll", "select"):
-        return bool(call.args) and ast.unparse(call.args[0]) == "None"
-    if function in ("os.read", "input", "signal.pause"):
+        return len(call.args) < 4 or is_none(call.args[3])
+    if name in PROCESSES:
         return True
+    if name in TIMED:
+        return bool(of) and not (name in ("wait_for", "create_connection") and len(call.args) > 1)
     if name in ALWAYS:
-        return "." in function and not function.startswith("self.recv")
-    return name in WITHOUT_ARGUMENTS and "." in function and not call.args
+        return bool(of) and not function.startswith("self.recv") and "MSG_DONTWAIT" not in words
+    if name in ("read", "readline", "readlines"):
+        return OF_PIPE.search(of) is not None
+    if name == "get":
+        return OF_QUEUE.search(of) is not None and (not call.args or is_none(call.args[-1]))
+    if name == "connect":
+        return OF_SOCKET.search(of) is not None
+    if name == "poll" and (of in ("select", "self") or OF_PROCESS.search(of)):
+        return False
+    return name in WITHOUT_ARGUMENTS and bool(of) and all(map(is_none, call.args))
 
 
 def waits_in(file: Path) -> Iterator[str]:
@@ -439,7 +510,27 @@ def test_every_call_that_waits_has_a_limit_or_a_reason() -> None:
         ("subprocess.run(words, timeout=5)", False),
         ("select.select([a], [], [])", True),
         ("select.select([a], [], [], 0.0)", False),
+        ("select.select([a], [], [], None)", True),
         ("ready.poll(None)", True),
+        ("ready.poll()", True),
+        ("self._process.poll()", False),
+        ("selector.select()", True),
+        ("process.wait(None)", True),
+        ("process.wait(timeout=None)", True),
+        ("process.communicate(text)", True),
+        ("condition.wait_for(is_so)", True),
+        ("condition.wait_for(is_so, 5.0)", False),
+        ("lock.acquire()", True),
+        ("queue.get()", True),
+        ("self._queue.get(True, 5.0)", False),
+        ("process.stdout.readline()", True),
+        ("here.connect(address)", True),
+        ("request.urlopen(address)", True),
+        ("socket.create_connection(address)", True),
+        ("socket.create_connection(address, 5.0)", False),
+        ("here.sendmsg([data], rights, socket.MSG_DONTWAIT)", False),
+        ("asyncio.create_subprocess_exec(program)", True),
+        ("signal.sigwait(numbers)", True),
         ("fcntl.flock(file, fcntl.LOCK_EX)", True),
         ("fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)", False),
         ("', '.join(names)", False),

@@ -39,15 +39,29 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from opcode import opmap
-from traceback import walk_stack, walk_tb
-from types import TracebackType
-from typing import Any
+from traceback import walk_stack
+from types import FrameType, TracebackType
+from typing import Any, NamedTuple
 
-from umo.text import did_you_mean, in_a_line, in_brackets, place_of, some, str_of
+from umo.text import (
+    CodePlace,
+    cut_words,
+    did_you_mean,
+    in_a_line,
+    in_brackets,
+    raised_at,
+    shown_place,
+    some,
+    str_of,
+)
 
 
 class UmoError(Exception):
-    """Base of all errors that umo raises. All can be copied and pickled, whatever the arguments of the constructor."""
+    """Base of all errors that umo raises. All can be copied and pickled, whatever the arguments of the constructor.
+    What is echoed in a message is cut (`umo.text.cut_words`)."""
+
+    def __init__(self, *args: object) -> None:
+        super().__init__(*(cut_words(each) if isinstance(each, str) else each for each in args))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuilt, (type(self), self.args, self.__dict__)
@@ -62,7 +76,8 @@ def _rebuilt(kind: type[UmoError], args: tuple[Any, ...], state: dict[str, Any])
 
 
 class Interrupted(KeyboardInterrupt):
-    """A signal has ended code of the user's that did not end by itself, or that ran before there was a machine.
+    """A signal has ended the run of a machine, code of the user's that did not end by itself, or code that ran before
+    there was a machine.
     `number`: that of the signal."""
 
     def __init__(self, what: str, number: int) -> None:
@@ -81,6 +96,9 @@ class Mistake:
     file: str
     key: str
     message: str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "message", cut_words(self.message))
 
     def __str__(self) -> str:
         return f"{self.file}: {self.key}: {self.message}" if self.key else f"{self.file}: {self.message}"
@@ -136,8 +154,7 @@ class NotConnected(UmoError, RuntimeError):
     """The object is not connected; use it inside `with connect(...)`."""
 
 
-@dataclass(frozen=True, slots=True)
-class Failure:
+class Failure(NamedTuple):
     """The failure of one object: path, channel, cause, and the driver with its device."""
 
     path: str
@@ -294,15 +311,15 @@ def text_of(error: BaseException) -> str:
 def text_later(error: BaseException) -> Callable[[], str]:
     """A function that gives this text. It calls code of the user's (`__str__`), which may take its time; the place is
     taken now, so the error may lose its frames before."""
-    return partial(_text_of, error, place_of(error))
+    return partial(_text_of, error, raised_at(error))
 
 
-def _text_of(error: BaseException, place: str) -> str:
+def _text_of(error: BaseException, place: CodePlace | None) -> str:
     said = str_of(error).strip()
     if said and isinstance(error, UmoError | OSError | Interrupted):
         return in_a_line(said)
     first = said.partition("\n")[0]
-    return ": ".join(filter(None, (type(error).__name__, first))) + in_brackets(place)
+    return ": ".join(filter(None, (type(error).__name__, first))) + in_brackets(shown_place(place))
 
 
 def forget_frames(error: BaseException) -> None:
@@ -312,17 +329,33 @@ def forget_frames(error: BaseException) -> None:
     is off while a machine runs. An error that a frame is still handling, such as the end of the run, keeps its own.
     """
     with suppress(BaseException):  # an exception of the user's may refuse anything
-        at_work = {frame for frame, _ in walk_stack(sys._getframe(1))}
-        waiting: list[BaseException | None] = [error]
-        while waiting:
-            each = waiting.pop()
-            trace = None if each is None else each.__traceback__
-            if each is None or trace is None or (each is not error and trace.tb_frame in at_work):
-                continue
+        trace = error.__traceback__
+        if trace is not None:
+            _clear(trace)
+            error.__traceback__ = None
+            _forget_causes(error)
+
+
+def _forget_causes(error: BaseException) -> None:
+    """The same of what led to an error."""
+    at_work: set[FrameType] | None = None
+    waiting = _causes(error)
+    while waiting:
+        each = waiting.pop()
+        trace = each.__traceback__
+        if trace is None:
+            continue
+        if at_work is None:
+            at_work = {frame for frame, _ in walk_stack(sys._getframe(1))}
+        if trace.tb_frame not in at_work:
             _clear(trace)
             each.__traceback__ = None
-            waiting += [each.__cause__, each.__context__]
-            waiting += each.exceptions if isinstance(each, BaseExceptionGroup) else ()
+            waiting += _causes(each)
+
+
+def _causes(error: BaseException) -> list[BaseException]:
+    several = error.exceptions if isinstance(error, BaseExceptionGroup) else ()
+    return [each for each in (error.__cause__, error.__context__, *several) if each is not None]
 
 
 _WAITING = opmap["YIELD_VALUE"]
@@ -331,7 +364,12 @@ _WAITING = opmap["YIELD_VALUE"]
 
 def _clear(trace: TracebackType) -> None:
     """Drop the variables of frames that have ended. Before Python 3.13 clearing one that waits ends its sequence."""
-    for frame, _ in walk_tb(trace):
+    each: TracebackType | None = trace
+    while each is not None:
+        frame = each.tb_frame
+        each = each.tb_next
         if frame.f_code.co_code[frame.f_lasti] != _WAITING:
-            with suppress(RuntimeError):  # it still runs
+            try:  # noqa: SIM105  (`suppress` takes longer than what it does here)
                 frame.clear()
+            except RuntimeError:  # it still runs
+                pass

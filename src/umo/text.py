@@ -13,7 +13,7 @@ from contextvars import ContextVar
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
-from traceback import walk_tb
+from typing import NamedTuple
 
 COMPARED_NAMES = 2000
 """Number of known names that are compared at most: more take too long for a message."""
@@ -68,13 +68,37 @@ def in_brackets(*words: str) -> str:
     return f" ({text})" if text else ""
 
 
+class CodePlace(NamedTuple):
+    """A line of code."""
+
+    file: str
+    line: int
+    function: str
+
+
 def place_of(error: BaseException) -> str:
     """The place at which an exception was raised, as `place_among` gives it."""
+    return shown_place(raised_at(error))
+
+
+def raised_at(error: BaseException) -> CodePlace | None:
+    """The same as data: it is put into words when somebody asks for it."""
+    found = users = None
     try:
-        frames = list(walk_tb(error.__traceback__))
+        trace = error.__traceback__
+        while trace is not None:
+            file = trace.tb_frame.f_code.co_filename
+            if not _is_own(file):
+                found = trace
+                users = users if _is_installed(file) else trace
+            trace = trace.tb_next
     except BaseException:  # an exception of the user's may refuse anything
-        return ""
-    return place_among((frame.f_code.co_filename, line, frame.f_code.co_name) for frame, line in frames)
+        return None
+    if found is None:
+        return None
+    chosen = users or found
+    code = chosen.tb_frame.f_code
+    return CodePlace(code.co_filename, chosen.tb_lineno, code.co_name)
 
 
 def place_among(frames: Iterable[tuple[str, int, str]]) -> str:
@@ -82,10 +106,15 @@ def place_among(frames: Iterable[tuple[str, int, str]]) -> str:
     Python's own; one of an installed package only if there is no other. Empty if there is none."""
     found = [frame for frame in frames if not _is_own(frame[0])]
     users = [frame for frame in found if not _is_installed(frame[0])]
-    if not found:
+    return shown_place(CodePlace(*(users or found)[-1]) if found else None)
+
+
+def shown_place(place: CodePlace | None) -> str:
+    """A place as `control.py:41 in control`; "" for none."""
+    if place is None:
         return ""
-    file, line, function = (users or found)[-1]
-    return f"{shown_path(file)}:{line}" + ("" if function == "<module>" else f" in {function}")
+    line = f"{shown_path(place.file)}:{place.line}"
+    return line if place.function == "<module>" else f"{line} in {place.function}"
 
 
 def is_users(file: str) -> bool:
@@ -183,6 +212,20 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
         return ""
     near = difflib.get_close_matches(name[:200], list(islice(known, COMPARED_NAMES)), n=1, cutoff=0.5)
     return f" (did you mean {near[0]!r}?)" if near else ""
+
+
+MAX_WORD = 80
+"""Number of characters of a word in a message at most, or of a name in a path."""
+_LONG_WORD = re.compile(rf"[^\s/]{{{MAX_WORD + 1},}}")
+_TAIL = 20
+"""Number of characters at the end of a word that are left where it is cut: quotation marks and brackets among them."""
+
+
+def cut_words(text: str) -> str:
+    """A message whose words are not longer than `MAX_WORD`: what it echoes may be anything that a user wrote."""
+    if len(text) <= MAX_WORD:
+        return text
+    return _LONG_WORD.sub(lambda found: f"{found[0][: MAX_WORD - _TAIL - 3]}...{found[0][-_TAIL:]}", text)
 
 
 def cut_repr(given: object, longest: int = 60) -> str:

@@ -9,6 +9,7 @@ from functools import partial
 from math import atan2
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ from umo.control.loops import LawLoop
 from umo.errors import BadInput, DeclarationError, RangeError
 from umo.generate import compiled_laws, law_library
 from umo.generate.compiled_laws import prepare
-from umo.process.compiling import prepare_if_asked
+from umo.process.compiling import prepare_if_asked, start_compiled
 from umo.testing import VirtualTimer
 from umo.wiring import resolve
 from umo.wiring.wired import ProcessSettings
@@ -403,6 +404,20 @@ def test_a_compilation_that_fails_by_itself_leaves_the_laws_in_python(monkeypatc
     found = replace(resolve(machine, wired(machine, Fragile(), VirtualTimer())), process=ProcessSettings(compile=True))
     assert prepare_if_asked(machine, found, said.append) is None
     assert said[0].startswith("the laws run in Python, not compiled: KeyError: 'nobody thought of it'")
+
+
+@pytest.mark.parametrize(
+    ("fails", "told"),
+    [
+        (False, "the laws are compiled: C drives when each was the same as in Python for 20 of its periods"),
+        (True, "the laws run in Python, not compiled: KeyError: 'gone'"),
+    ],
+)
+def test_a_run_says_whether_its_laws_are_compiled(monkeypatch: pytest.MonkeyPatch, fails: bool, told: str) -> None:
+    monkeypatch.setattr(compiled_laws, "CompiledLaws", lambda *_: {}["gone"] if fails else None)
+    said = list[str]()
+    start_compiled(Mock(), Mock(), said.append)
+    assert len(said) == 1 and said[0].startswith(told)
 
 
 def test_what_does_not_translate_is_told_and_the_run_goes_on(umo: Umo, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from ctypes import addressof, c_uint64
 from types import CellType, FunctionType
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 from helpers.generating import needs_a_compiler
 from helpers.known_runs import AFTER, check
 from helpers.known_things import WAYS
-from umo.generate import bound_fields, known_values
+from umo.generate import bound_fields, known_values, known_watch
 from umo.generate.bound_fields import BoundFields
 from umo.generate.compiled_laws import CompiledLaws
 from umo.generate.known_values import KnownValues
@@ -113,6 +114,17 @@ def _not_taken(patch: Patch) -> None:
     patch.setattr(BoundFields, "take_given", lambda self: None)
 
 
+STILL = c_uint64(7)
+
+
+def _same_version(patch: Patch) -> None:
+    patch.setattr(known_watch, "place_of_version", lambda names: addressof(STILL))
+
+
+def _another_place(patch: Patch) -> None:
+    patch.setattr(known_watch, "place_of", lambda owner, name, value: addressof(STILL))
+
+
 FAULTS: dict[str, Callable[[Patch], None]] = {
     "attributes of objects": _without(lambda owner: not isinstance(owner, dict | FunctionType | CellType)),
     "names of modules": _without(lambda owner: isinstance(owner, dict)),
@@ -131,6 +143,8 @@ FAULTS: dict[str, Callable[[Patch], None]] = {
     "attributes of classes after release": _all_to_the_object,
     "attributes of objects after release": _over_what_was_put_there,
     "deleted attributes": _not_deleted,
+    "versions of dicts": _same_version,
+    "places of references": _another_place,
 }
 
 

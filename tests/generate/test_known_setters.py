@@ -10,6 +10,7 @@ import pytest
 from typer.testing import Result
 
 from helpers.tiers import some
+from umo.generate import known_setters
 
 Umo = Callable[..., Result]
 CONTROL = """
@@ -147,10 +148,84 @@ THERE = [
     ('Settings.label = "fast"', "Settings.label"),
     ("control.LIMIT = 2.0", "LIMIT of pump/control.py"),
     ("m.PV = 4.0", "Pump.PV"),
+    ('put = setattr; put(m, "mode_name", "off")', "may be set"),
+    ('from builtins import setattr as put; put(m, "mode_name", "off")', "may be set"),
+    ('list(map(setattr, [m], ["mode_name"], ["off"]))', "may be set"),
+    ('import functools; functools.partial(setattr, m, "mode_name")("off")', "may be set"),
+    ('m.__setattr__.__call__("mode_name", "off")', "may be set"),
+    ('getattr(m, "__setattr__")("mode_name", "off")', "may be set"),
+    ('getattr(m, "__dict__")["mode_name"] = "off"', "may be set"),
+    ('import builtins; getattr(builtins, "vars")(m)["mode_name"] = "off"', "may be set"),
+    ('put = vars; put(m)["mode_name"] = "off"', "may be set"),
+    ('[vars(each) for each in (m,)][0]["mode_name"] = "off"', "may be set"),
+    ('(lambda names=vars(m): names.update(mode_name="off"))()', "may be set"),
+    ('match vars(m):\n        case names: names["mode_name"] = "off"', "may be set"),
+    ('put = vars(m).update; put(mode_name="off")', "may be set"),
+    ('m.__dict__ = {"mode_name": "off"}', "may be set"),
+    ("m.__class__ = Order", "may be set"),
+    ('eval("m.__setattr__")("mode_name", "off")', "may be set"),
+    ("Settings.kind.__set__(m.settings, None)", "may be set"),
+    ("import importlib; importlib.reload(control)", "may be set"),
+    ("control.read_offset.__closure__[0].cell_contents = 2.0", "may be set"),
+    ("Pump.control.__code__ = Order.later.__code__", "may be set"),
 ]
 
 
-@pytest.mark.parametrize(("line", "told"), some(lambda case: THERE.index(case) % 4 == 0, THERE))
+@pytest.mark.parametrize(("line", "told"), THERE)
+def test_each_of_them_is_found_where_it_stands(tmp_path: Path, line: str, told: str) -> None:
+    file = tmp_path / "application.py"
+    file.write_text(APPLICATION.replace("SET_THERE", line))
+    found = {each.name for each in known_setters._read(str(file)).settings if each.line == 8}
+    assert found & ({known_setters.ANY} if told == "may be set" else {told.rpartition(".")[2], told.partition(" ")[0]})
+
+
+READS = [
+    'print(vars(m)["mode_name"])',
+    "for name in vars(m): print(name)",
+    "print(len(m.__dict__), dict(vars(m)), sorted(vars(m).items()), **vars(m))",
+    'assert "mode_name" in vars(m)',
+    'print(getattr(m, "mode_name"), getattr(m, input()))',
+    'mode = "exec" if isinstance(m, Order) else "vars"',
+    "Order(m).later(); m.order.later()",
+]
+
+
+@pytest.mark.parametrize("line", READS)
+def test_what_only_reads_is_no_setting(tmp_path: Path, line: str) -> None:
+    file = tmp_path / "application.py"
+    file.write_text(APPLICATION.replace("SET_THERE", line))
+    found = known_setters._read(str(file))
+    assert not [each for each in found.settings if each.line == 8] and not found.again
+    assert not any(map(known_setters._given_others([found]), found.settings))
+
+
+FOREIGN = [
+    {"application": "Order.later(m)"},
+    {"application": "change = Order.later; change(m)"},
+    {"application": "for kind in (Order, Pump): kind.later(m)"},
+    {"application": "type(m.order).later(m)"},
+    {"application": "m.order.__class__.later(m)"},
+    {"application": "O = Order; O.later(m)"},
+    {"control": "from .application import Order; Order.later(self)"},
+    {"control": "from .application import Order as O; O.later(name)"},
+    {"control": "from . import application as a; a.Order.later(name)"},
+    {"control": "from . import application as a; list(map(a.Order.later, [name]))"},
+]
+
+
+@pytest.mark.parametrize("lines", FOREIGN)
+def test_the_self_of_a_method_that_a_class_is_asked_for_may_be_any_object(
+    tmp_path: Path, lines: dict[str, str]
+) -> None:
+    files = []
+    for name, text, word in (("control", CONTROL, "SET_HERE"), ("application", APPLICATION, "SET_THERE")):
+        (tmp_path / f"{name}.py").write_text(text.replace(word, lines.get(name, "pass")))
+        files.append(known_setters._read(str(tmp_path / f"{name}.py")))
+    (later,) = (each for each in files[1].settings if each.method == "later")
+    assert later.kind == "Order" and known_setters._given_others(files)(later)
+
+
+@pytest.mark.parametrize(("line", "told"), some(lambda case: THERE.index(case) % 10 == 0, THERE))
 def test_an_application_that_sets_what_is_known_is_refused(umo: Umo, tmp_path: Path, line: str, told: str) -> None:
     done = generate(umo, tmp_path, SET_THERE=line)
     said = " ".join(done.stderr.split())
@@ -168,6 +243,11 @@ def test_an_application_that_sets_what_is_known_is_refused(umo: Umo, tmp_path: P
         ({"AFTER_ORDER": "setattr(m, self.name, 2)"}, "is taken as known, and may be set in pump/application.py:15"),
         ({"BY_SETUP": "m.active = m.motor"}, "Pump.active is taken as known, and is set in pump/application.py:19"),
         ({"SET_THERE": "Order.later(m)"}, "Pump.mode_name is taken as known, and is set in pump/application.py:22"),
+        (
+            {"SET_HERE": "from .application import Order; Order.later(self)"},
+            "Pump.mode_name is taken as known, and is set in pump/application.py:22",
+        ),
+        ({"SET_THERE": "m.setup()"}, "Pump.mode_name is taken as known, and is set in pump/control.py:"),
         ({"TUNABLE": "True"}, "PV is taken as known, and clients may set it"),
         ({"NAMES": '["a"]'}, "Pump.names is a list, which code can change"),
         ({"NAMES": '{"a": 1}'}, "Pump.names is a dict, which code can change"),

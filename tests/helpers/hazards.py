@@ -92,7 +92,7 @@ def tuple_then_call(w: Writer) -> list[str]:
 def late_name(w: Writer) -> list[str]:
     name = w.new("late")
     return [
-        f"for {w.new('k')} in range({w.whole(1)} % 3):",
+        f"for {w.new('k')} in range({w.pick('self.n', 'self.i')} % 3):",
         f"    {name} = {w.real(1)} * 1.0",
         f"self.s = {name} * 1.0",
     ]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+from abc import ABC
 from collections import deque
 from collections.abc import Callable
 from itertools import count
@@ -24,9 +25,16 @@ NAMES = ["a", "b"]
 GAINS = np.array([1.0, 2.0])
 
 
-class Settings:
-    limit = 2.0
+class Defaults(ABC):  # noqa: B024
     label = "slow"
+
+
+class OtherDefaults(ABC):  # noqa: B024
+    label = "fast"
+
+
+class Settings(Defaults):
+    limit = 2.0
 
     def __init__(self) -> None:
         self.kind = "first"
@@ -197,6 +205,16 @@ def _other_class(module: Any, m: Any) -> None:
     m.settings.__class__ = type("Settings", (), {"limit": 7.0, "label": "fast"})
 
 
+def _other_bases(module: Any, m: Any) -> None:
+    module.Settings.__bases__ = (module.OtherDefaults,)
+
+
+def _set_and_asked_for(module: Any, m: Any) -> None:
+    """An abstract class looks at each class below it when it is asked for an object of another class."""
+    module.Settings.limit = 6.5
+    isinstance(type("Another", (), {})(), module.Defaults)
+
+
 def _new_settings(module: Any, m: Any) -> None:
     m.settings = module.Settings()
     m.settings.limit = 9.0
@@ -274,6 +292,8 @@ WAYS: dict[str, Callable[[Any, Any], object]] = {
     "object, field of its class": lambda module, m: setattr(m.settings, "limit", 4.0),
     "object, other __dict__": _other_dict,
     "object, other class": _other_class,
+    "class of an object, number, then asked for": _set_and_asked_for,
+    "class of an object, other bases": _other_bases,
     "object, slot": lambda module, m: setattr(m.slotted, "kind", "second"),
     "class of an object, number": lambda module, m: setattr(module.Settings, "limit", 6.0),
     "class of an object, text": lambda module, m: setattr(module.Settings, "label", "fast"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import faulthandler
 import gc
+import itertools
 import mmap
 import os
 import signal
@@ -74,6 +75,12 @@ async def loop_at(m: Machine, period: int = 5) -> None:
     await drive(m, period)
     while True:
         pass
+
+
+async def never_returns_in_c(m: Machine) -> None:
+    """It holds the interpreter's lock, and runs no handler of signals."""
+    await drive(m)
+    max(itertools.repeat(0))
 
 
 async def fail_at(m: Machine, period: int = 5) -> None:

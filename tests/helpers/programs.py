@@ -435,16 +435,24 @@ RATE = 0.02
 
 
 def program(seed: int) -> str:
-    """The text of a program. Of those with an odd seed each has the next hazard, at any place."""
+    """The text of a program. Of those with an odd seed each has the next hazard: at any place, and alone in every
+    second round, as something else may be refused, or fail first."""
     random = Random(f"program {seed}")
     w = Writer(random, RATE if random.random() < 0.5 else NEVER)
+    alone, next_hazard = divmod(seed // 2, len(HAZARDS))
+    if seed % 2 and alone % 2:
+        return _text(w, HAZARDS[next_hazard](w))
     count = random.randint(2, 6)
     hazard = random.randrange(count) if seed % 2 else -1
     lines = []
     for number in range(count):
         if number == hazard:
-            lines += w.with_hazard(HAZARDS[seed // 2 % len(HAZARDS)])
+            lines += w.with_hazard(HAZARDS[next_hazard])
         lines += w.statement()
+    return _text(w, lines)
+
+
+def _text(w: Writer, lines: list[str]) -> str:
     begin = "".join(f"        {line}\n" for line in w.begin)
     body = "".join(f"        {line}\n" for line in lines)
     return f"{HEAD.replace('{begin}', begin)}\n    def control(self) -> None:\n{body}"

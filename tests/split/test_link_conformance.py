@@ -153,4 +153,5 @@ def test_the_example_of_the_guide_moves_its_axis(guide: dict[str, str], tmp_path
         (tmp_path / "split.toml").write_text(at_port(guide, controller.port))
         command = [sys.executable, "-I", tmp_path / "move.py"]
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-        assert (done.stderr, float(done.stdout)) == ("", pytest.approx(240.0, abs=0.2))
+        assert done.stderr == ""
+        assert float(done.stdout) == pytest.approx(240.0, abs=0.2)

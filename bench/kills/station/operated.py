@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from umo import BinaryActuator, Compound, DigitalActuator, Number
 from umo.alarms import Alarm, High
 from umo.alarms.alarm_states import Operation
-from umo.alarms.engine import AlarmRequest
+from umo.alarms.engine import AlarmEngine, AlarmRequest
 from umo.control import next_period
 from umo.errors import CommandRefused, TaskFailed
 from umo.operation import PackML, Procedure, UnitMode
@@ -167,12 +167,12 @@ class Operated(
             pass
 
     def _operate_an_alarm(self) -> None:
-        alarms: Any = self._machine.alarms  # type: ignore[attr-defined]
+        alarms: AlarmEngine = self._machine.alarms  # type: ignore[attr-defined]
         row = self.chance.randrange(len(alarms.paths))
         wanted = self.chance.choice(OPERATIONS)
-        operation = Operation.RETURN if alarms.accepts(row, Operation.RETURN) else wanted
-        if alarms.accepts(row, operation):
-            alarms.request(row, AlarmRequest(operation, "operator", SHELF, "at random"))
+        operation = Operation.RETURN if alarms.able([row], Operation.RETURN) else wanted
+        if alarms.able([row], operation):
+            alarms.request([row], AlarmRequest(operation, "operator", SHELF, "at random"))
 
 
 def operated(parts: dict[str, Any]) -> Operated:

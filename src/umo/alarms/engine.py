@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from itertools import islice
+from functools import lru_cache, partial
+from itertools import islice, repeat
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from umo.alarms.alarm_states import PUT_AWAY, PUTTING_AWAY, AlarmState, Operation, transitions
 from umo.alarms.collecting import DeclaredAlarm
@@ -52,6 +52,8 @@ class AlarmEngine:
     ) -> None:
         self.declared = list(declared)
         self.paths = [each.path for each in declared]
+        self.below = _rows_below(self.paths)
+        """The numbers of the alarms at and below each path; "": of all."""
         self.states = image.columns.alarms
         """The number of the `AlarmState` of each alarm."""
         self._conditions = Conditions(declared, image)
@@ -76,8 +78,8 @@ class AlarmEngine:
         """The first of these times."""
         self._last = -1
         """The alarm whose change was taken note of last."""
-        self._requests: dict[int, list[AlarmRequest]] = {}
-        """What clients have asked for and was not carried out yet, by alarm."""
+        self._requests: dict[int, tuple[AlarmRequest, ...]] = {}
+        """What clients have asked for and was not carried out yet, by alarm; those of one command share it."""
 
     @property
     def turns(self) -> int:
@@ -157,26 +159,25 @@ class AlarmEngine:
 
     # By clients ----------------------------------------------------------------------------------------
 
-    def accepts(self, row: int, operation: Operation) -> bool:
-        """Whether an operation would change the alarm, as it is when all that was asked for is done; of a shelf the
-        time too."""
-        table, state = self._tables[row], self.state_of(row)
-        for each in self._requests.get(row, ()):
-            state = table.get((state, each.operation), state)
-        return (state, operation) in table
-
     def able(self, rows: Sequence[int], operation: Operation) -> list[int]:
-        """Those of some alarms that accept an operation."""
+        """Those of some alarms that an operation would change, as they are when all that was asked for is done; of a
+        shelf the time too."""
         chosen = np.asarray(rows, np.intp)
-        accepted = self._accepting(operation)[self._kinds[chosen], self.states[chosen]]
-        if not self._requests:
-            return chosen[accepted].tolist()  # type: ignore[no-any-return]
-        asked = zip(rows, accepted.tolist(), strict=True)
-        return [row for row, yes in asked if (self.accepts(row, operation) if row in self._requests else yes)]
+        facts = [column[chosen].tolist() for column in (self._kinds, self.states, self._counting)]
+        waiting = list(map(self._requests.get, rows, repeat(())))
+        accepts = lru_cache(maxsize=None)(partial(self._accepts, operation))  # many are alike
+        return [row for row, yes in zip(rows, map(accepts, *facts, waiting), strict=True) if yes]
 
-    def _accepting(self, operation: Operation) -> NDArray[np.bool_]:
-        """Whether each kind of alarm, by its number, accepts an operation in each state."""
-        return np.array([[(state, operation) in table for state in AlarmState] for table in self._by_kind], bool)
+    def _accepts(
+        self, operation: Operation, kind: int, state: int, counting: int, waiting: tuple[AlarmRequest, ...]
+    ) -> bool:
+        """The same of one kind of alarm in one state, with a condition that has this result."""
+        table, then = self._by_kind[kind], AlarmState(state)
+        for each in waiting:
+            before, then = then, table.get((then, each.operation), then)
+            if before in PUT_AWAY and then not in PUT_AWAY:
+                then = table.get((then, Operation(counting)), then)
+        return (then, operation) in table
 
     def state_of(self, row: int) -> AlarmState:
         return AlarmState(int(self.states[row]))
@@ -184,17 +185,9 @@ class AlarmEngine:
     def request(self, rows: Sequence[int], request: AlarmRequest) -> None:
         """Carry it out with each of these alarms at the next looks, in the order asked. Of what puts an alarm away, or
         brings it back, the last one counts."""
-        if not self._requests:
-            self._requests = {row: [request] for row in rows}
-            return
-        for row in rows:
-            waiting = self._requests.get(row)
-            if waiting is None:
-                self._requests[row] = [request]
-            else:
-                if request.operation in PUTTING_AWAY:
-                    waiting = [each for each in waiting if each.operation not in PUTTING_AWAY]
-                self._requests[row] = [*waiting, request]
+        joined = lru_cache(maxsize=None)(partial(_joined, request))  # many wait for the same
+        waiting = map(self._requests.get, rows, repeat(()))
+        self._requests.update(zip(rows, map(joined, waiting), strict=False))
 
     def _obey(self) -> None:
         for row in list(islice(self._requests, CHANGES_PER_PERIOD)):
@@ -227,6 +220,24 @@ class AlarmEngine:
 
     def _text(self, row: int) -> str:
         return told_text(self.state_of(row), self.declared[row], self._words[row])
+
+
+def _rows_below(paths: Sequence[str]) -> Mapping[str, list[int]]:
+    """The places of some paths at and below each path; made once: a command looks them up."""
+    found: dict[str, list[int]] = {"": list(range(len(paths)))}
+    for row, path in enumerate(paths):
+        place = 0
+        while place >= 0:
+            place = path.find(".", place + 1)
+            found.setdefault(path if place < 0 else path[:place], []).append(row)
+    return found
+
+
+def _joined(request: AlarmRequest, waiting: tuple[AlarmRequest, ...]) -> tuple[AlarmRequest, ...]:
+    """A request behind those that wait."""
+    if request.operation in PUTTING_AWAY:
+        waiting = tuple(each for each in waiting if each.operation not in PUTTING_AWAY)
+    return *waiting, request
 
 
 def told_text(state: AlarmState, declared: DeclaredAlarm, words: str = "") -> str:

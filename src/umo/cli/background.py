@@ -9,14 +9,17 @@ from typing import Any
 
 from umo.cycle.insisting import asked_by_signals
 from umo.system.realtime import drop_realtime
+from umo.system.streams import limit_waits
 
 NICENESS = 15
 """By how much their priority is below that of a usual program."""
 
 
 def step_back() -> None:
-    """Leave the processors to machines: an ordinary process, of a low priority."""
+    """Leave the processors to machines: an ordinary process, of a low priority. Nobody who does not read what it prints
+    keeps it from serving others."""
     drop_realtime(NICENESS)
+    limit_waits()
 
 
 async def until_stopped(work: Coroutine[Any, Any, object]) -> None:

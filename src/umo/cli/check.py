@@ -16,7 +16,7 @@ from umo.exit_status import ExitStatus
 from umo.objects import Compound, actions_of, numbers_of
 from umo.presentation.durations import duration
 from umo.process.station import Station
-from umo.text import some
+from umo.text import cut_words, some
 from umo.twin.declared import declared_by
 from umo.wiring import check, resolve
 from umo.wiring.process_table import remarks
@@ -106,7 +106,7 @@ def _count(number: int, what: str) -> str:
 def reported(mistakes: list[Mistake]) -> int:
     """Print every mistake; how many there are."""
     for mistake in mistakes:
-        err.print(str(mistake), soft_wrap=True)
+        err.print(cut_words(str(mistake)), soft_wrap=True)
     return len(mistakes)
 
 

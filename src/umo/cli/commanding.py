@@ -23,6 +23,7 @@ from umo.presentation.value_text import shown_unit, span, value_text
 from umo.remote import HeldLease, RemoteStation
 from umo.remote.remote_objects import RemoteObject, call_action
 from umo.system.processes import user_name
+from umo.system.streams import limit_waits
 from umo.text import add_note, did_you_mean, printable, some
 
 from .console import err, out, say
@@ -46,6 +47,7 @@ def station_of(name: str) -> Iterator[RemoteStation]:
 @contextmanager
 def leased(station: RemoteStation, over: bool) -> Iterator[HeldLease]:
     """The lease for a command; while another client has it, the message names the option that takes it over."""
+    limit_waits()
     with ExitStack() as stack:
         try:
             lease = stack.enter_context(station.lease(over=over))

@@ -26,6 +26,7 @@ from umo.process.station import Station, StationError, find
 from umo.signature import signature_of
 from umo.system.device_record import DeviceClaim
 from umo.system.packages import station_of
+from umo.system.streams import limit_waits
 from umo.testing.conformance import Certificate, Input, Output, PtyTap, Subject, Tap, TcpTap, all_rules, conform
 from umo.testing.conformance.process_snapshot import State, state
 from umo.text import did_you_mean, in_brackets, some
@@ -64,6 +65,7 @@ class Choice:
 
 def conform_wiring(target: str, wiring: str | None, choice: Choice, arguments: Sequence[str] = ()) -> int:
     """Try the rules; status 0: none is broken, 1: one is, 3: the line was not tried or the time was short."""
+    limit_waits()
     check_file("--json", choice.json)
     certificate_file = None if choice.json is None else choice.json.absolute()  # whatever folder a driver changes to
     station, wiring = _station(target, wiring)

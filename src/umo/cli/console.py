@@ -16,7 +16,7 @@ from rich.segment import Segment
 from rich.table import Table
 
 from umo.system.streams import CLEAR_LINE
-from umo.text import printable
+from umo.text import cut_words, printable
 
 PIPE_WIDTH = 160
 
@@ -48,7 +48,7 @@ def plain_table() -> Table:
 
 
 def say(text: str, style: str = "") -> None:
-    """A message of umo on stderr, in a line of its own."""
+    """A message of umo on stderr, in a line of its own. What it echoes is cut."""
     if err.is_terminal:
         err.file.write(CLEAR_LINE)
-    err.print(f"umo: {text}", style=style, soft_wrap=True)
+    err.print(f"umo: {cut_words(text)}", style=style, soft_wrap=True)

@@ -16,6 +16,7 @@ from umo.objects import Atomic, Compound, atoms
 from umo.process import Started
 from umo.process.job import Job
 from umo.process.outcome import Outcome
+from umo.system.streams import without_waiting
 
 from .console import say
 from .faces_beside import FacesBeside
@@ -71,7 +72,7 @@ def follow(
         faces.is_ending = True
         started.ask_to_stop(number)
 
-    with faces, recorder, Started(job, is_service=True) as started, handling(stop):
+    with without_waiting(), faces, recorder, Started(job, is_service=True) as started, handling(stop):
         told, begun, lost = 0, None, 0
         while True:
             outcome = started.outcome

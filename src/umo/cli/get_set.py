@@ -25,6 +25,7 @@ from umo.process.station import Station, StationError, find
 from umo.remote.search import find_elsewhere, is_path, meant_by, several_runs
 from umo.states import TwoState
 from umo.system.packages import MARK
+from umo.system.streams import limit_waits
 from umo.text import printable, some
 from umo.wiring import Wired, resolve
 from umo.wiring.wired import Wire
@@ -52,6 +53,7 @@ def get_values(name: str, wiring: str | None, paths: list[str], unit: str | None
     file = station.wiring(wiring)
     wired = resolve(machine, file)
     wires = {wire.item: wire for wire in wired.wires}
+    limit_waits()
     connection = connect(machine, wired, acknowledge=acknowledge)
     _announce(connection, station, file, "reading")
     width = max(map(len, paths))
@@ -97,6 +99,7 @@ def set_value(
     realtime = LINUX and "timer" in children(machine)
     wired = resolve(machine, file, {"realtime": realtime})
     value = _parse(item, text, wired)
+    limit_waits()
     connection = connect(machine, wired, acknowledge=acknowledge)
     _announce(connection, station, file, "write")
     return _hold(connection, item, value, hold)

@@ -22,6 +22,7 @@ from umo.remote.search import meant_by, several_runs, station_name
 from umo.system.folders import written
 from umo.system.realtime import drop_realtime
 from umo.system.roles import Roles
+from umo.system.streams import limit_waits
 from umo.text import did_you_mean, printable
 
 from .console import err, out, say
@@ -95,6 +96,7 @@ def view(choice: ViewOptions) -> int:
             _open(f"{address}?token={quote(token)}{shown}")
 
     drop_realtime()
+    limit_waits()
     try:
         serve(options, listening, ready)
     finally:

@@ -11,6 +11,7 @@ from umo.errors import WiringError
 from umo.plant.register_map import RegisterMap, register_maps
 from umo.plant.serve import serve_until_signal
 from umo.process.station import Station, StationError
+from umo.system.streams import limit_waits
 from umo.wiring import distribute_options, resolve
 from umo.wiring.source import read
 
@@ -33,6 +34,7 @@ def serve_plant(
 ) -> None:
     """Serve until SIGINT or SIGTERM, then print the report in one line. `changes` are those of host, port and watchdog
     that are not None; `arguments` the options of the machine and of the plant's drivers."""
+    limit_waits()
     served = modbus_wiring(station, wiring)
     options = parse(station, plant_wiring, arguments, application=False)
     simulated = station.wiring(plant_wiring)

@@ -16,6 +16,7 @@ from umo.replay.replaying import Replay
 from umo.replay.stops import BreakCondition, Stop
 from umo.replay.tape import NotReplayable, Tape, events_of
 from umo.replay.what_if import RawCurves
+from umo.system.streams import limit_waits
 
 from .console import err, out, say
 from .progress_line import OneLine
@@ -45,6 +46,7 @@ def replay_file(
                 begin_again(seed)
             if stop or expression:
                 return _debug(tape, station, settings, stop or None, expression or None)
+            limit_waits()
             return _replay(tape, file, station, settings, plot)
     except (NotReplayable, FramesError) as error:
         say(str(error), "red")

@@ -23,6 +23,7 @@ from umo.process.job import Job, Plan
 from umo.process.outcome import Failed, Outcome, plain, plain_reports
 from umo.process.start import FIXED_HASHES, LINUX
 from umo.system.processes import HASH_SEED
+from umo.system.streams import limit_waits, lost_lines, send_waiting
 
 from .console import err, out, say
 from .faces_beside import FacesBeside, faces_of, wiring_of
@@ -66,6 +67,14 @@ def run_station(job: Job, record: Record = Record(), *, full_traceback: bool = F
 
     In real time it runs in processes of its own (`umo.process`), in virtual time in this one.
     """
+    limit_waits()
+    status = _run_station(job, record, full_traceback, serve)
+    if lost := send_waiting():
+        say(lost_lines(lost))
+    return status
+
+
+def _run_station(job: Job, record: Record, full_traceback: bool, serve: bool) -> int:
     check_file("--summary", record.summary)
     plan = Plan(job)
     if _is_recorded(plan, record) and not _has_processes(plan) and HASH_SEED not in os.environ:

@@ -22,6 +22,7 @@ from umo.process.station import Station
 from umo.remote.search import find_running
 from umo.system.processes import name_process
 from umo.system.realtime import die_with_parent, drop_realtime
+from umo.system.streams import keep_open, limit_waits
 from umo.wiring import source
 
 from .background import step_back, until_stopped
@@ -114,4 +115,6 @@ def _tell(faces: Sequence[tuple[str, Face]], settings: FaceSettings) -> None:
 
 
 if __name__ == "__main__":
+    keep_open()
+    limit_waits()
     sys.exit(serve_beside(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3], json.load(sys.stdin)))

@@ -21,9 +21,10 @@ from umo.cycle.stopping import SIGNALS, signal_name
 from umo.errors import Interrupted, UmoError, text_of
 from umo.exit_status import ExitStatus
 from umo.system.processes import HASH_SEED
-from umo.text import did_you_mean, in_brackets, place_of
+from umo.text import cut_words, did_you_mean, in_brackets, place_of
 
 from .console import err
+from .left_threads import prepare_end
 
 F = TypeVar("F", bound=Callable[..., Any])
 USUAL_STATUS = "0 done; 1 the machine, a device or code failed; 2 a mistake, told on stderr; 130 Ctrl-C"
@@ -71,6 +72,7 @@ class CommandLine(TyperGroup):
                 raise
             err.print(in_a_line(error), soft_wrap=True)
             status = ExitStatus.MISTAKE
+        prepare_end(int(status or 0))
         sys.exit(status or 0)
 
 
@@ -82,7 +84,7 @@ def in_a_line(error: Any) -> str:
     if option := getattr(error, "option_name", "") if text.startswith("No such option") else "":
         text = f"No such option: {option}{did_you_mean(option, options_of_command(context))}"
     text = re.sub(r"\. Did you mean (.*)\?$", r" (did you mean \1?)", text)
-    return f"{where}: {text[:1].lower()}{text[1:]}; `{where} --help` shows what it takes"
+    return f"{where}: {cut_words(text[:1].lower() + text[1:])}; `{where} --help` shows what it takes"
 
 
 def options_of_command(context: Any) -> list[str]:

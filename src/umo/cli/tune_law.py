@@ -18,6 +18,7 @@ from umo.process.job import Job, Plan
 from umo.process.station import find
 from umo.remote import RemoteStation
 from umo.remote.search import find_elsewhere, meant_by, several_runs
+from umo.system.streams import limit_waits
 from umo.tuning.law_facts import LawFacts
 from umo.tuning.measured_response import MeasuredResponse
 from umo.tuning.plain_result import as_data, finite, settings_of
@@ -87,6 +88,7 @@ def tune_law(station: str, place: str, order: TuningOrder, options: Sequence[str
         raise OptionError('umo tune-law needs scipy: pip install "umo[tune]"')
     if order.picture is not None and find_spec("matplotlib") is None:
         raise OptionError('a plot needs matplotlib: pip install "umo[plot]"')
+    limit_waits()
     running = None if order.file is not None else _running(station)
     if running is not None:
         with RemoteStation(running) as remote:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import isfinite
 from typing import Any
 
 from umo.objects import Compound, DigitalActuator, Node
-from umo.objects.laws import laws_in
+from umo.objects.laws import laws_of
 
 
 class ActuatorOutput:
@@ -48,7 +49,7 @@ class SetpointOutput:
 
     def __init__(self, part: Compound, outer: Any) -> None:
         self._inner = inner = outer.inner
-        self._law = next((path for _, path, each in laws_in(_root(part)) if each is inner), "")
+        self._law = next((path for path, each in _laws_around(part) if each is inner), "")
         self.path = f"{self._law}.setpoint" if self._law else ""
         self.units: str = inner.sensor.units
         self.range: tuple[float, float] = outer.low, outer.high
@@ -91,15 +92,19 @@ def output_of(part: Compound, law: Any, end: Any) -> LoopOutput | None:
 
 def outer_laws(part: Compound, law: Any) -> list[Any]:
     """The laws of the machine whose output is the setpoint of this one, which is of this part."""
-    return [each for _, _, each in laws_in(_root(part)) if getattr(each, "inner", None) is law]
+    outer = (each for _, each in _laws_around(part) if getattr(each, "inner", None) is law)
+    return list({id(each): each for each in outer}.values())
 
 
-def _root(part: Compound) -> Compound:
-    node: Node = part
-    while node._parent is not None:
+def _laws_around(part: Compound) -> Iterator[tuple[str, Any]]:
+    """The laws with loops that the machine had when it was connected, then all that this part and the compounds around
+    it have now, with their paths."""
+    yield from ((path, law) for _, path, law in part._machine.laws)
+    node: Node | None = part
+    while node is not None:
+        if isinstance(node, Compound):
+            yield from ((f"{node._path}.{name}".lstrip("."), law) for name, law in laws_of(node))
         node = node._parent
-    assert isinstance(node, Compound)
-    return node
 
 
 def told_range(range_: tuple[float, float]) -> dict[str, float | None]:

@@ -9,6 +9,7 @@ from math import inf
 from typing import Any
 
 from umo.cycle.client_commands import DEAD_MAN_REASON, DEAD_MAN_TIME, ClientCommand
+from umo.cycle.equipment import Equipment
 from umo.cycle.events import EVENT_TEXT_BYTES, LET_GO, CommandState, Event, around
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.sequences import Sequences, Task
@@ -245,16 +246,19 @@ class ClientActions:
         self.cancel(why)
         self._release_each(self.held, why)
 
-    def end_in(self, compound: Compound, fault: Callable[[], EquipmentFault]) -> list[BaseException]:
-        """End the actions of one compound, and the sequences of it that others have started; the errors of their
+    def end_in(self, equipment: Equipment, fault: Callable[[], EquipmentFault]) -> list[BaseException]:
+        """End the actions of one equipment, and the sequences of it that others have started; the errors of their
         cleaning up."""
         errors: list[BaseException] = []
+        if not self._running and not self._held_actions:
+            return errors
+        compound = equipment.compound
         running = {each.command.path for each in self._running}
         for each in self._running.copy():
             if is_within(each.part, compound):
                 self._end(each, str(fault()))
             else:
-                errors += each.started.end_in(compound, fault)
+                errors += each.started.end_in(equipment.nodes, fault)
         for path in [each for each in self._held if each in self._held_actions] if self._held_actions else ():
             if path in self._held and is_within(self._held[path].part, compound):
                 self.release(path, "" if path in running else str(fault()))

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from umo.cycle.client_commands import ClientCommand
 from umo.errors import CommandRefused, PathError, RangeError
+from umo.objects.paths import is_pattern
 from umo.presentation.durations import duration
 from umo.text import some
-from umo.wiring.patterns import is_below
+from umo.wiring.patterns import places_below
 
 if TYPE_CHECKING:
     from umo.alarms import AlarmEngine
@@ -38,7 +39,7 @@ def operate(alarms: AlarmEngine | None, command: ClientCommand) -> str:
     operation = Operation[name]
     seconds = _shelf(command.value) if operation is Operation.SHELVE else 0.0
     words = f"for {duration(seconds)}" if seconds else ""
-    rows = named(alarms.paths, command.path)
+    rows = named(alarms, command.path)
     able = alarms.able(rows, operation)
     if not able and command.path in alarms.paths:
         raise CommandRefused(f"{command.path} is {alarms.state_of(rows[0])}: it cannot be {done}")
@@ -46,12 +47,14 @@ def operate(alarms: AlarmEngine | None, command: ClientCommand) -> str:
     return f"{done}: {some([alarms.paths[row] for row in able])}" if able else f"no alarm there can be {done}"
 
 
-def named(paths: list[str], path: str) -> list[int]:
+def named(alarms: AlarmEngine, path: str) -> Sequence[int]:
     """The numbers of the alarms that a path or pattern names."""
-    found = [row for row, each in enumerate(paths) if is_below(path, each)] if path else range(len(paths))
+    found: Sequence[int] = alarms.below.get(path, ())
+    if not found and is_pattern(path):
+        found = places_below(path, alarms.paths)
     if not found:
         raise PathError(f"no alarm {path!r}")
-    return list(found)
+    return found
 
 
 def _shelf(value: Any) -> float:

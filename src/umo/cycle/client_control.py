@@ -22,6 +22,7 @@ from umo.cycle.client_actions import ClientActions, plain
 from umo.cycle.client_alarms import ALARM_COMMANDS, operate
 from umo.cycle.client_commands import DEAD_MAN_REASON, DEAD_MAN_TIME, ClientCommand, Inbox, Lease, Levels, Mode
 from umo.cycle.columns import Source
+from umo.cycle.equipment import Equipment
 from umo.cycle.events import CommandState, Event
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.sequences import Sequences
@@ -66,7 +67,7 @@ class ClientControl:
         """By path; "": the machine."""
         self._actuators = {item.path: item for item in atoms(machine.root) if isinstance(item, Actuator)}
         self._actions = ClientActions(machine)
-        machine.actuators_of(machine.root)  # it is known from now on: in a period it would take long
+        machine.actuators_of(machine.root), machine.actions, machine.loops  # known from now on: they take long
         self._active = False
         self._suspension = Suspension(machine)
         self._next: ClientCommand | None = None
@@ -333,12 +334,12 @@ class ClientControl:
         if errors := self._actions.cancel("the machine stops"):
             raise TaskFailed(str(errors[0]))
 
-    def end_in(self, compound: Compound, fault: Callable[[], EquipmentFault]) -> list[BaseException]:
-        """End the actions and sequences of one compound; the errors of their cleaning up."""
-        self._suspension.forget(compound)
+    def end_in(self, equipment: Equipment, fault: Callable[[], EquipmentFault]) -> list[BaseException]:
+        """End the actions and sequences of one equipment; the errors of their cleaning up."""
+        self._suspension.forget(equipment.compound)
         resuming = self._suspension.resuming
-        errors = [] if resuming is None else resuming.end_in(compound, fault)
-        return errors + self._actions.end_in(compound, fault)
+        errors = [] if resuming is None else resuming.end_in(equipment.nodes, fault)
+        return errors + self._actions.end_in(equipment, fault)
 
 
 COMMANDS: Mapping[str, Callable[[ClientControl, ClientCommand], tuple[CommandState, str]]] = {

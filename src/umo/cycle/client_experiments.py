@@ -6,14 +6,13 @@ alone is in.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from umo.errors import PathError
-from umo.objects import Action, Compound, Node, find
+from umo.objects import Action, Compound, Node, walk
 from umo.objects.action import actions_on
-from umo.objects.laws import laws_in
-from umo.objects.paths import is_within
+from umo.objects.laws import has_loops, law_named, laws_in, laws_of
 from umo.text import did_you_mean, some
 
 NAMES = ("experiment", "law")
@@ -33,38 +32,95 @@ class FoundLoop(NamedTuple):
     """Its sensor and its actuator, if the law knows them."""
 
 
-def loops_in(root: Compound) -> Iterator[FoundLoop]:
-    """Every loop of a machine."""
-    for part, path, law in laws_in(root):
-        if callable(getattr(law.__class__, "experiments", None)) and callable(getattr(law.__class__, "loops", None)):
-            for name, ends in law.loops().items():
-                nodes = tuple(each for each in ends if isinstance(each, Node))  # the other end may be an inner law
-                yield FoundLoop(part, f"{path}.{name}".rstrip("."), law, name, nodes)
+class Loops:
+    """The loops of one machine, by the paths of what they are in: as of now; those that come later are found by their
+    own paths, and by the compounds that have them. Nothing is sought when a client asks for one."""
+
+    def __init__(self, root: Compound, laws: Iterable[tuple[Compound, str, Any]]) -> None:
+        """`laws`: those of the machine, each with its compound and its path."""
+        self._root = root
+        self._objects = {node._path: node for node in walk(root)}
+        self._known = [loop for part, path, law in laws for loop in _loops_of(part, path, law)]
+        self._around: dict[str, list[FoundLoop]] = {}
+        """Those whose compound or an end of which is at or below a path."""
+        for loop in self._known:
+            for path in dict.fromkeys(path for node in (loop.part, *loop.ends) for path in _outwards(node)):
+                self._around.setdefault(path, []).append(loop)
+        self._actions: dict[str, tuple[Any, Mapping[str, Action]]] = {}
+        """Those that were asked for, by path, with the law that each is on."""
+        for loop in self._known[:1]:
+            self._on(loop, loop.path)  # what is imported and kept for this takes long at the first time
+
+    def at(self, place: str) -> FoundLoop:
+        """The loop at this path; PathError names the nearest one, or those among which it does not choose."""
+        if (named := self._named(place)) is not None:
+            return named
+        known = [each.path for each in self._known]
+        there = f"; there are: {some(known)}" if known else "; the machine has none that can be tuned"
+        node = self._objects.get(place)
+        if node is None:
+            raise PathError(f"no law {place!r}{did_you_mean(place, known) or there}")
+        found = {each.path: each for each in self._around.get(place, ())}
+        if len(found) == 1:  # another law may be there since
+            found = {path: loop for path in found if (loop := self._named(path)) is not None}
+        if len(found) <= 1 and isinstance(node, Compound):
+            of_node = (each for name, law in laws_of(node) for each in _loops_of(node, f"{place}.{name}", law))
+            found |= {each.path: each for each in of_node}
+        if not found:
+            raise PathError(f"{place} has no law{there}")
+        if len(found) > 1:
+            raise PathError(f"{place} has several laws; name one: {some(list(found))}")
+        return next(iter(found.values()))
+
+    def _named(self, path: str) -> FoundLoop | None:
+        """The loop that has this path now."""
+        place, part = path, None
+        while part is None:
+            place = place.rpartition(".")[0]
+            part = self._objects.get(place) if place else self._root
+        if not isinstance(part, Compound):
+            return None
+        name = path[len(place) + 1 :] if place else path
+        for law_name, loop_name in ((name, ""), name.rpartition(".")[::2]):
+            law = law_named(part, law_name)
+            if has_loops(law) and loop_name in (loops := law.loops()):
+                return _found(part, path, law, loop_name, loops[loop_name])
+        return None
+
+    def action(self, path: str) -> Action | None:
+        """The action on a loop that has this path; None if the path is not that of such an action. PathError for a path
+        that names no law."""
+        place, _, name = path.rpartition(".")
+        if name not in NAMES or not place:
+            return None
+        return self._on(self.at(place), place)[path]
+
+    def _on(self, loop: FoundLoop, place: str) -> Mapping[str, Action]:
+        law, actions = self._actions.get(place, (None, {}))
+        if law is not loop.law:  # another one is there since
+            actions = actions_on(loop.part, place, loop.law.experiments(loop.part, loop.path, loop.name))
+            self._actions[place] = loop.law, actions
+        return actions
+
+
+def _loops_of(part: Compound, path: str, law: Any) -> list[FoundLoop]:
+    """Every loop of the law at a path."""
+    loops = law.loops().items() if has_loops(law) else ()
+    return [_found(part, f"{path}.{name}".rstrip("."), law, name, ends) for name, ends in loops]
+
+
+def _found(part: Compound, path: str, law: Any, name: str, ends: Iterable[Any]) -> FoundLoop:
+    nodes = tuple(each for each in ends if isinstance(each, Node))  # the other end may be an inner law
+    return FoundLoop(part, path, law, name, nodes)
+
+
+def _outwards(node: Node | None) -> Iterator[str]:
+    """The paths of an object and of the compounds around it."""
+    while node is not None:
+        yield node._path
+        node = node._parent
 
 
 def loop_at(root: Compound, place: str) -> FoundLoop:
-    """The loop at this path; PathError names the nearest one, or those among which it does not choose."""
-    known = {each.path: each for each in loops_in(root)}
-    there = f"; there are: {some(list(known))}" if known else "; the machine has none that can be tuned"
-    if place in known:
-        return known[place]
-    try:
-        node = find(root, place)
-    except PathError:
-        raise PathError(f"no law {place!r}{did_you_mean(place, known) or there}") from None
-    found = [each for each in known.values() if any(is_within(end, node) for end in (each.part, *each.ends))]
-    if not found:
-        raise PathError(f"{place} has no law{there}")
-    if len(found) > 1:
-        raise PathError(f"{place} has several laws; name one: {some([each.path for each in found])}")
-    return found[0]
-
-
-def experiments_on(root: Compound, path: str) -> Mapping[str, Action]:
-    """The actions on the loop of which this is one, by their paths; none if the path is not that of such an action.
-    PathError for a path that names no law."""
-    place, _, name = path.rpartition(".")
-    if name not in NAMES or not place:
-        return {}
-    loop = loop_at(root, place)
-    return actions_on(loop.part, place, loop.law.experiments(loop.part, loop.path, loop.name))
+    """The loop at this path in a machine; PathError as `Loops.at`."""
+    return Loops(root, laws_in(root)).at(place)

@@ -211,17 +211,25 @@ class CommandStage:
         self._numbers = {reason: number for number, reason in enumerate(self.reasons, 1)}
         self._restrict()
 
+    def hold(self, fault: Inhibition) -> None:
+        """Only the defaults of its actuators may be sent from now on, whoever has taken them: no fault around them
+        holds them yet."""
+        fault.held, fault.reason = True, fault.interlock.reason
+        number = self._numbers.get(fault.reason, len(self._numbers))
+        known, restrictions, any_taken = self.by_slot, self._image.restrictions, bool(self._taken_by_clients)
+        for slot in fault.slots:
+            if slot not in known:
+                self._known(slot)
+            elif any_taken:
+                known[slot].client = ""
+            restrictions[slot] = number
+        if any_taken:
+            self._taken_by_clients.difference_update(fault.slots)
+
     def inhibit(self, faults: Sequence[Inhibition]) -> dict[int, Failure]:
-        """Bring their actuators to their defaults, in stop order, and keep them there; those that failed, by slot."""
-        named = {slot for fault in faults for slot in fault.slots}
-        slots = sorted(named, key=self.place.__getitem__)
-        for fault in faults:
-            fault.held, fault.reason = True, fault.interlock.reason
-        for slot in slots:
-            self._known(slot).client = ""
+        """The actuators of these, which are held, go to their defaults in stop order; those that failed, by slot."""
+        slots = sorted({slot for fault in faults for slot in fault.slots}, key=self.place.__getitem__)
         self._image.transfer.note_each(slots, Kind.INTERLOCKED)
-        self._taken_by_clients -= named
-        self._restrict(slots)
         found = self._image.reset_each(slots)
         return {slot: failure for slot, failure in found if failure is not None}
 

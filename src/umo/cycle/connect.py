@@ -6,7 +6,6 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from random import Random
@@ -23,6 +22,7 @@ from umo.cycle.insisting import call_limit
 from umo.cycle.journal import CAPACITY, Journal
 from umo.cycle.machine import ConnectedMachine, axes_in
 from umo.cycle.off_cycle import image_of
+from umo.cycle.program_end import check_thread
 from umo.cycle.rated_machine import machine_of
 from umo.cycle.restoring import restore
 from umo.cycle.stopping import StopFlag
@@ -153,7 +153,8 @@ class connect(Generic[C]):
             self.wired = given
         else:
             self.wired = resolve(self.root, given, distribute_options(self._options, wiring=given).wiring)
-        name = type(self.root).__name__
+        check_thread(bool(self.wired.hardware))
+        name = self.stop.title = type(self.root).__name__
         device_claim = self.device_claim or DeviceClaim(self.wired.devices, name, acknowledge=self._acknowledge)
         self.stop.call_limit, self.stop.leave_at_once = self._call_limit, self._leave_at_once
         self.stop.install()
@@ -287,6 +288,7 @@ class connect(Generic[C]):
         unreached: list[Failure] | None = None
         hindered: list[Failure] = []
         self._waiting = set(self._stop_sequence())
+        self.stop.is_leaving = True
         self.machine.contain_failures(False)
         try:
             stopping = _error_of(self.machine.cancel_sequences)
@@ -390,7 +392,7 @@ class connect(Generic[C]):
             progress = attempts.add(self._reached(slots, left)) and bool(left)
         still = {failure.path for failure in left}
         late = [failure for failure in first if failure.path not in still]
-        return left, [replace(each, cause=f"reset at a later attempt: {each.cause}") for each in late]
+        return left, [each._replace(cause=f"reset at a later attempt: {each.cause}") for each in late]
 
     def _reached(self, slots: list[int], failures: list[Failure]) -> set[str]:
         """The paths of these actuators but for those that failed."""
@@ -408,7 +410,7 @@ class connect(Generic[C]):
 
     def _finalize(self) -> list[Failure]:
         found = map(self.image.transfer.finalize, reversed(self._initialized))
-        return [replace(failure, cause=f"not finalised: {failure.cause}") for failure in found if failure is not None]
+        return [failure._replace(cause=f"not finalised: {failure.cause}") for failure in found if failure is not None]
 
     def _ask_reports(self) -> None:
         """The report of each driver. One that fails says why in its place: it is no failure of the run."""

@@ -68,6 +68,10 @@ class Equipment:
     """Whether it contains its failures in manual mode only."""
     inhibition: Inhibition | None
     """What keeps its actuators at their defaults during a fault; None: it has none."""
+    referenced: frozenset[int]
+    """The sensors whose reference is lost when they are initialised."""
+    nodes: tuple[int, ...]
+    """The ids of its compound and of all below that."""
     in_fault: bool = False
     reason: Callable[[], str] = str
     """The reason of its fault, put into words when it is asked for; "" if it is not in fault."""
@@ -98,6 +102,9 @@ class Equipment:
         return partial(EquipmentFault, self.path, self.reason)
 
 
+_IS_IN_FAULT = attrgetter("in_fault")
+
+
 def equipment_in(root: Compound) -> list[Compound]:
     """The compounds below the root that are declared equipment, the outer before the inner."""
     compounds = (node for node in walk(root) if isinstance(node, Compound))
@@ -120,6 +127,11 @@ class Containment:
         self._is_manual, self._changed = is_manual, changed
         self.all = [self._equipment(number, each) for number, each in enumerate(equipment_in(root))]
         self._by_id = {id(each.compound): each for each in self.all}
+        self._around: dict[Node, tuple[Equipment, ...]] = {}
+        """What `around` has found."""
+        self._gathering = False
+        self._held: list[Equipment] = []
+        """What has come into fault since `gather` and was not settled yet."""
         self._items: dict[str, Atomic] = {item.path: item for item in image.items} if self.all else {}
         """The objects by path."""
         commands.know([each.inhibition for each in self.all if each.inhibition is not None])
@@ -135,7 +147,9 @@ class Containment:
             interlock = Interlock(lambda: True, [compound], f"{path} is in fault")
             inhibition = Inhibition(interlock, actuators)
         in_manual_only = compound._settings.equipment == IN_MANUAL
-        return Equipment(number, compound, path, [*actuators, *sensors], in_manual_only, inhibition)
+        referenced = frozenset(slot for slot in sensors if getattr(items[slot], "incremental", False))
+        nodes = (id(compound), *map(id, walk(compound)))
+        return Equipment(number, compound, path, [*actuators, *sensors], in_manual_only, inhibition, referenced, nodes)
 
     # Whose failure it is -------------------------------------------------------------------------------
 
@@ -150,8 +164,16 @@ class Containment:
         """The error for what is to be done with an object of equipment in fault."""
         return next((each.error() for each in self.around(node) if each.in_fault), None)
 
-    def around(self, node: Node | None) -> Iterator[Equipment]:
+    def around(self, node: Node | None) -> tuple[Equipment, ...]:
         """The equipment around an object, the innermost first."""
+        if node is None:
+            return ()
+        found = self._around.get(node)
+        if found is None:
+            found = self._around[node] = tuple(self._find_around(node))
+        return found
+
+    def _find_around(self, node: Node | None) -> Iterator[Equipment]:
         while node is not None:
             if (found := self._by_id.get(id(node))) is not None:
                 yield found
@@ -163,9 +185,14 @@ class Containment:
         """Objects have failed: their equipment is in fault. DriverError with those of the machine itself."""
         own: list[Failure] = []
         contained: dict[Equipment, list[Failure]] = {}
+        parent, found = None, None
         for failure in failures:
-            found = self.innermost(self._items[failure.path])
-            (own if found is None else contained.setdefault(found, [])).append(failure)
+            if (item := self._items[failure.path])._parent is not parent:  # most fail beside each other
+                parent, found = item._parent, self.innermost(item)
+            if found is None:
+                own.append(failure)
+            else:
+                contained.setdefault(found, []).append(failure)
         new = {equipment: each for equipment, each in contained.items() if not self.is_in_fault(equipment.compound)}
         self.enter({equipment: partial(_text_of_failures, what, each) for equipment, each in new.items()})
         if own:
@@ -176,38 +203,71 @@ class Containment:
         equipment = self.innermost(part)
         if equipment is None or is_interrupt(error):
             return False
-        text = text_later(error)
+        self._fail(equipment, text_later(error))
+        return True
+
+    def _fail(self, equipment: Equipment, text: Callable[[], str]) -> None:
+        """Put it in fault for an error with this text; told as one of a cleaning up if it is."""
         if self.is_in_fault(equipment.compound):
             event = partial(_cleaning_up_event, self._image.clock.now, equipment.path, text)
             self._commands.events.add(event, logged=True)
-        self.enter({equipment: text})
-        return True
+            return
+        self._hold(equipment, text)
+        if not self._gathering:
+            self._settle_held()
 
     def contain_sequence(self, task: Task, error: BaseException) -> bool:
         """A started sequence has failed: whoever awaits it gets the error. If nobody in the same equipment does, it is
         in fault; False if it is the machine itself."""
-        equipment, awaiting = self.innermost(task.part), filter(None, task.awaited_by)
         if is_interrupt(error):
             return False
-        if any(equipment is None or is_within(each.part, equipment.compound) for each in awaiting):
-            task.error = error
-            return True
-        if not self.contain(task.part, error):
+        equipment = self.innermost(task.part)
+        for each in task.awaited_by:
+            if each is not None and (equipment is None or is_within(each.part, equipment.compound)):
+                task.error = error
+                return True
+        if equipment is None:
             return False
-        task.fail(error)
+        text = text_later(error)
+        self._fail(equipment, text)
+        task.fail(error, text)
         return True
 
     def enter(self, reasons: Mapping[Equipment, str | Callable[[], str]]) -> None:
-        """Put equipment in fault, unless it is. Its actuators are brought to their defaults first."""
-        new = []
+        """Put equipment in fault, unless it is: from now on its actuators cannot be written, and nothing is started in
+        it. Its actuators are brought to their defaults and what is under way in it is ended at once, or after `gather`
+        with the others."""
         for equipment in sorted(reasons, key=attrgetter("number")):  # the outer before the inner
             if not self.is_in_fault(equipment.compound):
-                equipment.enter(reasons[equipment])
-                new.append(equipment)
+                self._hold(equipment, reasons[equipment])
+        if not self._gathering:
+            self._settle_held()
+
+    def _hold(self, equipment: Equipment, reason: str | Callable[[], str]) -> None:
+        """It is in fault, and to be settled."""
+        equipment.enter(reason)
+        self._image.columns.equipment[equipment.number] = EquipmentState.FAULT
+        if equipment.inhibition is not None:
+            self._commands.hold(equipment.inhibition)
+        self._held.append(equipment)
+
+    def gather(self) -> None:
+        """What comes into fault from now on is settled together, with one reset of all its actuators: a cause that many
+        share is no dearer for that."""
+        self._gathering = True
+
+    def settle(self) -> None:
+        """What was gathered is at its defaults, and has ended."""
+        self._gathering = False
+        if self._held:
+            self._settle_held()
+
+    def _settle_held(self) -> None:
+        """The actuators are brought to their defaults first."""
+        new, self._held = self._held, []
         inhibitions = [each.inhibition for each in new if each.inhibition is not None]
         unreached = self._commands.inhibit(inhibitions) if inhibitions else {}
         for equipment in new:
-            self._image.columns.equipment[equipment.number] = EquipmentState.FAULT
             now, path = self._image.clock.now, equipment.path
             self._commands.events.add(partial(_fault_event, now, path, equipment.reason), logged=True, needed=True)
             if unreached and (left := [unreached[slot] for slot in equipment.slots if slot in unreached]):
@@ -215,9 +275,9 @@ class Containment:
         if new:
             self._changed(new)
 
-    def is_in_fault(self, node: Node) -> bool:
+    def is_in_fault(self, node: Node | None) -> bool:
         """Whether equipment around an object is in fault."""
-        return any(each.in_fault for each in self.around(node))
+        return any(map(_IS_IN_FAULT, self.around(node)))
 
     # And back ------------------------------------------------------------------------------------------
 
@@ -225,6 +285,7 @@ class Containment:
         """End the faults of the equipment in a part of the machine and around it; their paths. EquipmentFault, and none
         is cleared, if one of their sensors cannot be read; DriverError if an object cannot be initialised: then its
         equipment, and what is in that, stays in fault."""
+        self._settle_held()
         found = [each for each in self.all if each.in_fault and _concern(each.compound, part)]
         self._read_slow([slot for equipment in found for slot in equipment.slots])
         for equipment in found:
@@ -254,13 +315,12 @@ class Containment:
 
     def _initialize(self, equipment: Equipment) -> Failure | None:
         """Its actuators, and the sensors that had failed; what failed."""
-        image = self._image
+        image, actuators = self._image, self._commands.place
         for slot in equipment.slots:
-            item = image.items[slot]
-            if isinstance(item, Actuator) or slot in image.failed:
+            if slot in actuators or slot in image.failed:
                 if (failure := image.initialize(slot)) is not None:
                     return failure
-                if getattr(item, "incremental", False):
+                if slot in equipment.referenced:
                     image.set_referenced(slot, False)
         return None
 
@@ -272,13 +332,10 @@ class Containment:
         return f"; away, and looked for, is: {', '.join(names)}" if names else ""
 
     def _is_unread(self, slot: int) -> bool:
+        if self._image.quality[slot] != Quality.BAD:
+            return False
         item = self._image.items[slot]
-        return (
-            isinstance(item, Sensor)
-            and item.synchronous
-            and not item._marks
-            and self._image.quality[slot] == Quality.BAD
-        )
+        return isinstance(item, Sensor) and item.synchronous and not item._marks
 
     def _tell(self, equipment: Equipment, text: str) -> None:
         self._commands.events.add(Event(self._image.clock.now, equipment.path, text), logged=True)

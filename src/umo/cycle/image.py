@@ -145,16 +145,16 @@ class Image(Slots):
 
     def _accept_each(self, block: Block, causes: Mapping[int, str], failures: list[Failure]) -> None:
         """The readings of a block one by one; `causes` are those of the slots that failed: the others stand."""
-        for slot, raw in zip(range(block.start, block.stop), block.view, strict=True):
-            if slot in causes:
-                self._fail_input(slot, causes[slot], failures)
-            else:
-                self.raws[slot] = raw
-                self._accept(slot, raw, failures)
+        self._fail_inputs(causes, failures)
+        if len(causes) < block.stop - block.start:
+            for slot, raw in zip(range(block.start, block.stop), block.view.tolist(), strict=True):
+                if slot not in causes:
+                    self.raws[slot] = raw
+                    self._accept(slot, raw, failures)
 
     def _update_rest(self, block: Block, error: BaseException, failures: list[Failure]) -> None:
         causes = dict(self.transfer.block_failed(block, error, inputs=False))
-        for slot, raw in zip(range(block.start, block.stop), block.view, strict=True):
+        for slot, raw in zip(range(block.start, block.stop), block.view.tolist(), strict=True):
             if slot in causes:
                 self._fail_output(slot, causes[slot], failures)
             else:

@@ -241,7 +241,7 @@ class Insistence:
         if self._raised > MAX_RAISED and not self._is_leaving:
             self._is_leaving = True
             _leave_and_exit(number, what, machines)
-        _tell_in_a_line()
+        tell_in_a_line()
         raise Interrupted(what, number)
 
 
@@ -274,9 +274,9 @@ def _leave_and_exit(number: int, what: str, machines: Sequence[SignalledMachine]
     os._exit(ExitStatus.UNREACHED if left else 128 + number)
 
 
-def _tell_in_a_line() -> None:
-    """A program that is ended by `Interrupted` tells it in a line, without a traceback, and ends with the status of its
-    signal."""
+def tell_in_a_line() -> None:
+    """From now on a program that is ended by `Interrupted` tells it in a line, without a traceback, and ends with the
+    status of its signal. A `__del__` that it has ended, which lets no exception out, is told so, too."""
     former = sys.excepthook
     if getattr(former, "tells_interrupted", False):
         return
@@ -292,3 +292,12 @@ def _tell_in_a_line() -> None:
 
     hook.tells_interrupted = True  # type: ignore[attr-defined]
     sys.excepthook = hook
+    ignored = sys.unraisablehook
+
+    def tell_ignored(unraisable: sys.UnraisableHookArgs) -> None:
+        if isinstance(unraisable.exc_value, Interrupted):
+            say_without_waiting(printable(f"umo: {unraisable.exc_value}; it was interrupted there"))
+        else:
+            ignored(unraisable)
+
+    sys.unraisablehook = tell_ignored

@@ -14,7 +14,7 @@ from math import inf, nan
 
 import numpy as np
 
-from umo.objects.scaling import IntArray
+from umo.objects.scaling import FloatArray, IntArray
 
 ENTRY = struct.Struct("<IHHqqd")
 """An entry: slot, kind, error, raw, before, time; 32 bytes."""
@@ -121,16 +121,28 @@ class Journal:
                 before = int(raws[slot])
                 self.add(slot, kind, before if meant is None else meant[number], before, error, time)
             return
-        taken = slots[: self.capacity - self.count]
-        rows = np.zeros(len(taken), ENTRIES)
-        rows["slot"], rows["kind"], rows["error"], rows["time"] = taken, kind, error, time
-        rows["raw"] = rows["before"] = raws[rows["slot"]]
-        if meant is not None:
-            rows["raw"] = meant[: len(taken)]
+        own = raws[np.asarray(slots, np.int64)]
+        self.add_rows(slots, kind, own if meant is None else meant, own, error, time)
+
+    def add_rows(
+        self,
+        slots: Sequence[int],
+        kind: Kind,
+        raws: Sequence[int] | IntArray,
+        before: IntArray,
+        error: ErrorKind = ErrorKind.NONE,
+        times: float | FloatArray = nan,
+    ) -> None:
+        """As `add`, for each of these objects."""
+        count = min(len(slots), self.capacity - self.count)
+        rows = np.zeros(count, ENTRIES)
+        rows["slot"], rows["kind"], rows["error"] = slots[:count], kind, error
+        rows["raw"], rows["before"] = raws[:count], before[:count]
+        rows["time"] = times if isinstance(times, float) else times[:count]
         start = self.count * ENTRY.size
         self.buffer[start : start + rows.nbytes] = rows.tobytes()
-        self.count += len(taken)
-        self.lost += len(slots) - len(taken)
+        self.count += count
+        self.lost += len(slots) - count
 
     @property
     def entries(self) -> bytes:

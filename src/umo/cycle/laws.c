@@ -108,11 +108,11 @@ static PyObject *Law_act(Law *self, PyObject *Py_UNUSED(node))
     return PyObject_CallFunction(self->failed, "i", (int)fault);
 }
 
-/* guard(look): `holds` calls look() first; where that is not True, the result is that of failed(0). */
+/* guard(look): `holds` calls look() first; where that is not True, the result is that of failed(0). None: nothing. */
 static PyObject *Law_guard(Law *self, PyObject *look)
 {
     PyObject *before = self->look;
-    self->look = Py_NewRef(look);
+    self->look = look == Py_None ? NULL : Py_NewRef(look);
     Py_XDECREF(before);
     Py_RETURN_NONE;
 }

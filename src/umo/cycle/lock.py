@@ -67,8 +67,8 @@ class Lock:
         """TaskFailed for a sequence that can never get it."""
         if own.machine is not owner.machine:
             raise TaskFailed(f"{own.name} waits for a Lock that {owner.name} of another machine has")
-        if (why := wait_graph.circle(own, owner)) is not None:
-            raise TaskFailed(f"{own.name} waits for a Lock that {owner.name} has: {why}")
+        if (why := wait_graph.circle(own, owner, "{waiting} waits for a Lock that {target} has")) is not None:
+            raise TaskFailed(why)
 
     def _leave(self, own: Task) -> None:
         """A sequence that waits is cancelled, perhaps after the lock was passed on to it."""

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Coroutine, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, partial
+from operator import attrgetter
 from random import Random
 from time import monotonic_ns
 from types import MethodType
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, Protocol, cast
 
 from umo.cycle.client_commands import Inbox, Lease, Mode
+from umo.cycle.client_experiments import Loops
 from umo.cycle.clock import Clock, WallClock
 from umo.cycle.columns import TAKEN_BY_CLIENT
 from umo.cycle.command_stage import CommandStage
@@ -25,11 +27,11 @@ from umo.drivers.contract import Direction
 from umo.drivers.faults.wrapper import Injection
 from umo.errors import DriverError, EquipmentFault, forget_frames, text_later
 from umo.objects import Action, Atomic, Compound, Node, actions_of, atoms, described, numbers_of, walk
-from umo.objects.laws import laws_in
+from umo.objects.laws import has_loops, laws_in
 from umo.objects.link import Machine
 from umo.objects.stop_order import stop_sequence
 from umo.presentation.run_facts import driven_text, facts_of
-from umo.user_code import attempt, is_interrupt, read_numbers, refuse_exit, told
+from umo.user_code import Raised, attempt, is_interrupt, read_numbers, refuse_exit, told
 from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE
 
 if TYPE_CHECKING:
@@ -39,6 +41,9 @@ SUPERVISES = ("begin", "supervise", "note_faults", "describe")
 """The methods by which a law is a `Supervisor`."""
 INJECTED = "injected_faults"
 """The signal of a run with faults: how many are in effect."""
+
+
+_IS_IN_FAULT = attrgetter("in_fault")
 
 
 def _idle(part: Node) -> None:
@@ -64,8 +69,8 @@ class Commanding(Protocol):
     def progress(self, text: str) -> None:
         """What is at work tells its progress."""
 
-    def end_in(self, compound: Compound, fault: Callable[[], EquipmentFault]) -> list[BaseException]:
-        """End the actions and sequences of one compound; the errors of their cleaning up."""
+    def end_in(self, equipment: Equipment, fault: Callable[[], EquipmentFault]) -> list[BaseException]:
+        """End the actions and sequences of one equipment; the errors of their cleaning up."""
 
     def look(self) -> None:
         """Once per period, before the sequences: take what has come in, go on with what runs."""
@@ -153,10 +158,14 @@ class ConnectedMachine:
         """The numbers that may be changed from outside, by path."""
         self.commands = CommandStage(root, image)
         self.equipment = Containment(root, image, self.commands, lambda: self.is_manual, self._equipment_changed)
-        self.sequences = Sequences(self.equipment.contain_sequence)
+        self.sequences = Sequences(self.equipment)
         self.supervisors: list[Supervisor] = []
         """The laws that look after the sequences of their parts."""
-        for _, path, law in laws_in(root):
+        self.laws: list[tuple[Compound, str, Any]] = []
+        """Its laws with loops when it was connected, each with the compound that has it and its path."""
+        for part, path, law in laws_in(root):
+            if has_loops(law):
+                self.laws.append((part, path, law))
             if _has_all(law, *SUPERVISES):
                 law.begin(path)
                 self.supervisors.append(law)
@@ -187,8 +196,6 @@ class ConnectedMachine:
         self._laws: list[MethodType] = []
         self._laws_are_stale = False
         """Whether equipment was cleared, or has come into fault, since they were chosen."""
-        self._around: dict[int, tuple[Equipment, ...]] = {}
-        """The equipment around the object of each law, by the object's id."""
         self._places: dict[int, list[tuple[list[MethodType], int]]] = {}
         """Where the laws of each equipment stand, by its id; made at its first fault since they were chosen."""
         self._after_laws: list[Callable[[], None]] = []
@@ -260,13 +267,13 @@ class ConnectedMachine:
         return actions_of(self.root)
 
     def action_at(self, path: str) -> Action | None:
-        """An action by its path; one on a loop (`umo.cycle.client_experiments`) is among `actions` from then on.
-        PathError for one on no law."""
-        if path not in self.actions:
-            from umo.cycle.client_experiments import experiments_on
+        """An action by its path, also one on a loop. PathError for one on no law."""
+        return self.actions.get(path) or self.loops.action(path)
 
-            self.actions.update(experiments_on(self.root, path))
-        return self.actions.get(path)
+    @cached_property
+    def loops(self) -> Loops:
+        """The loops of its laws."""
+        return Loops(self.root, self.laws)
 
     @cached_property
     def books(self) -> dict[str, Book]:
@@ -309,13 +316,8 @@ class ConnectedMachine:
         if part is self.root:
             if self.clients is not None:
                 self.clients.look()
-            for each in self.supervisors:
-                try:
-                    each.supervise()
-                except BaseException as error:
-                    if not self._contain_supervisor(each, error):
-                        refuse_exit(error, "supervise")
-                        raise
+            if self.supervisors:
+                self._supervise()
             self.sequences.advance(self.clock)
             if self.before_laws is not None:
                 self.before_laws()
@@ -335,6 +337,20 @@ class ConnectedMachine:
             failed = {equipment: text_later(error)}
             forget_frames(error)
             self._act_on(laws, failed)
+
+    def _supervise(self) -> None:
+        """The laws that look after the sequences of their parts."""
+        self.equipment.gather()
+        try:
+            for each in self.supervisors:
+                try:
+                    each.supervise()
+                except BaseException as error:
+                    if not self._contain_supervisor(each, error):
+                        refuse_exit(error, "supervise")
+                        raise
+        finally:
+            self.equipment.settle()
 
     def _contain_supervisor(self, law: Supervisor, error: BaseException) -> bool:
         """Its part fails; False if that is the machine itself. While the part is in fault, the law is called all the
@@ -380,14 +396,15 @@ class ConnectedMachine:
     def _equipment_changed(self, changed: Sequence[Equipment]) -> None:
         """It is in fault, or was cleared."""
         self._laws_are_stale = True
-        faults = [(each.compound, each.error_of_this_fault()) for each in changed if each.in_fault]
+        faults = [(each, each.error_of_this_fault()) for each in changed if each.in_fault]
         for equipment in changed if faults else ():
             self._let_idle(equipment)
-        supervisors = {id(law): law for compound, _ in faults for law in self._supervisors_in.get(id(compound), ())}
+        compounds = (id(equipment.compound) for equipment, _ in faults) if self.supervisors else ()
+        supervisors = {id(law): law for each in compounds for law in self._supervisors_in.get(each, ())}
         for law in supervisors.values():
             law.note_faults()
-        for compound, fault in faults:  # the cleaning up of one may clear the others: their reasons were taken before
-            self._end_in(compound, fault)
+        for equipment, fault in faults:  # the cleaning up of one may clear the others: their reasons were taken before
+            self._end_in(equipment, fault)
 
     def _choose_laws(self) -> None:
         """What is called in each period: the laws but those of equipment in fault; then what waits for them."""
@@ -411,11 +428,7 @@ class ConnectedMachine:
         return [self._laws]
 
     def _around_law(self, law: MethodType) -> tuple[Equipment, ...]:
-        found = self._around.get(id(law.__self__))
-        if found is None:
-            node = law.__self__ if isinstance(law.__self__, Node) else None
-            found = self._around[id(law.__self__)] = tuple(self.equipment.around(node))
-        return found
+        return self.equipment.around(law.__self__ if isinstance(law.__self__, Node) else None)
 
     def replace_laws(self, laws: Sequence[MethodType]) -> None:
         """Other functions for the laws of the whole machine, each of the same object, in the same order."""
@@ -424,7 +437,7 @@ class ConnectedMachine:
 
     def _acting_laws(self) -> list[MethodType]:
         around = self._around_law
-        return [law for law in self._overrides(self.root) if not any(each.in_fault for each in around(law))]
+        return [law for law in self._overrides(self.root) if not any(map(_IS_IN_FAULT, around(law)))]
 
     def leave_to_controllers(self, parts: Iterable[Node]) -> None:
         """The laws of these parts are not called here: they run on controllers."""
@@ -447,15 +460,16 @@ class ConnectedMachine:
         for call in calls:
             call()
 
-    def _end_in(self, compound: Compound, fault: Callable[[], EquipmentFault]) -> None:
+    def _end_in(self, equipment: Equipment, fault: Callable[[], EquipmentFault]) -> None:
         """Whatever is under way in equipment that is in fault now."""
-        moved = self._moved_in.get(id(compound), ())
-        raised = [error for node in moved if (error := attempt(node._enter_fault)[1]) is not None]
-        errors = self.sequences.end_in(compound, fault)
+        raised: list[Raised] = []
+        if moved := self._moved_in.get(id(equipment.compound)):
+            raised = [error for node in moved if (error := attempt(node._enter_fault)[1]) is not None]
+        errors = self.sequences.end_in(equipment.nodes, fault) if self.sequences.running else []
         if self.clients is not None:
-            errors += self.clients.end_in(compound, fault)
-        for each in [*raised, *map(told, errors)]:
-            self.events.add(Event(self.clock.now, compound._path, f"{CLEANING_UP}{each.text}"))
+            errors += self.clients.end_in(equipment, fault)
+        for each in [*raised, *map(told, errors)] if raised or errors else ():
+            self.events.add(Event(self.clock.now, equipment.path, f"{CLEANING_UP}{each.text}"))
 
     def update(self, part: Node) -> bool:
         return self.image.update_some(self._slots_of(part).outputs)

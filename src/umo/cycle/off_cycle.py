@@ -248,9 +248,7 @@ class OffCycleImage(Image):
         """What has arrived is in the journal with its time: with these a recording can be replayed."""
         journal = self.transfer.journal
         if journal is not None:
-            columns = (raws.tolist(), before.tolist(), times.tolist())
-            for slot, raw, old, time in zip(range(block.start, block.stop), *columns, strict=True):
-                journal.add(slot, kind, raw, old, time=time)
+            journal.add_rows(range(block.start, block.stop), kind, raws, before, times=times)
 
     def _confirm(self, remote: Remote, block: Block, rows: IntArray) -> None:
         """What the device has accepted, as it was given; what is older than that by its raw integer."""
@@ -297,11 +295,14 @@ class OffCycleImage(Image):
         times = self.columns.times[remote.watched]
         fresh = now - times <= max_age  # not, where it is NaN
         remote.until = float(times.min(initial=np.inf)) + max_age if fresh.all() else -np.inf
-        for slot in remote.watched[~fresh].tolist():
-            if now - self.times[slot] <= BAD_AGES * max_age:
+        failed = []
+        for slot, age in zip(remote.watched[~fresh].tolist(), (now - times[~fresh]).tolist(), strict=True):
+            if age <= BAD_AGES * max_age:
                 self._set_stale(slot)
             else:
-                self._too_old(remote, slot)
+                failed.append(slot)
+        if failed:
+            self._too_old(remote, failed)
         if not fresh.all() and not remote.told_away and now - remote.last > max(LONG_ABSENCE, BAD_AGES * max_age):
             remote.told_away = True
             left_out = remote.limits["away"].admit(now)
@@ -313,10 +314,19 @@ class OffCycleImage(Image):
         if self.quality[slot] == Quality.GOOD:  # what was not good is no better for being old
             self._set_quality(slot, Quality.STALE)
 
-    def _too_old(self, remote: Remote, slot: int) -> None:
-        cause = f"{remote.driver.cause(remote.place[slot])} (limit {duration(BAD_AGES * remote.driver.max_age)})"
-        fail = self._fail_input if self.items[slot].direction is Direction.INPUT else self._fail_output
-        fail(slot, cause, self._failures)
+    def _too_old(self, remote: Remote, slots: Sequence[int]) -> None:
+        """What marks its sensor BAD is said once."""
+        items: Any = self.items
+        bad = int(Quality.BAD)
+        new = [slot for slot in slots if self.quality[slot] != bad or not getattr(items[slot], "_marks", False)]
+        limit = f" (limit {duration(BAD_AGES * remote.driver.max_age)})"
+        found = remote.driver.causes([remote.place[slot] for slot in new])
+        words = {cause: f"{cause}{limit}" for cause in dict.fromkeys(found)}
+        causes = dict(zip(new, map(words.__getitem__, found), strict=True))
+        outputs = {slot: causes.pop(slot) for slot in new if items[slot].direction is Direction.OUTPUT}
+        self._fail_inputs(causes, self._failures)
+        for slot, cause in outputs.items():
+            self._fail_output(slot, cause, self._failures)
 
     def _look_at_orders(self, remote: Remote, now: float) -> None:
         """Which writes of asynchronous actuators were carried out."""
@@ -335,7 +345,7 @@ class OffCycleImage(Image):
                     self.times[slot] = time = float(remote.times[place])
                     self.transfer.note(slot, Kind.CONFIRMED, time=time)
             elif late > BAD_AGES * driver.max_age:
-                self._too_old(remote, slot)
+                self._too_old(remote, [slot])
                 if self.quality[slot] == Quality.BAD:
                     del remote.awaited[slot]
             elif late > driver.max_age:

@@ -8,7 +8,9 @@ from typing import Any, Concatenate, TypeVar
 
 from umo.cycle.connect import connect
 from umo.cycle.frame import Observer
-from umo.errors import DeclarationError
+from umo.cycle.insisting import tell_in_a_line
+from umo.cycle.stopping import in_main_thread, signal_name
+from umo.errors import DeclarationError, Interrupted
 from umo.objects import Compound, DigitalSensor, children
 from umo.objects.compound import check_machine
 from umo.text import cut_repr
@@ -30,10 +32,12 @@ def run(
 ) -> Any:
     """Connect the machine, run the application's sequence to its end and disconnect safely. Returns its result.
 
-    Without an application the machine's `control` runs until SIGINT or SIGTERM. After a signal the result is
-    None. Errors of the application, the control code and the devices are raised after the actuators have been
-    reset to their defaults. Each of the `options` is handed to all who take one of its name: the application and the
-    drivers, as for `umo run` and `umo.start`; OptionError if nobody does. `acknowledge` as for `connect`.
+    Without an application the machine's `control` runs until a signal. SIGINT (Ctrl-C), SIGTERM and SIGHUP end the run
+    between two periods: `umo.errors.Interrupted`, a KeyboardInterrupt, is raised when the actuators have been reset; in
+    another thread than the main one the result is None, as signals are the main thread's. Errors of the application,
+    the control code and the devices are raised after the actuators have been reset to their defaults. Each of the
+    `options` is handed to all who take one of its name: the application and the drivers, as for `umo run` and
+    `umo.start`; OptionError if nobody does. `acknowledge` as for `connect`.
     """
     check_machine("run", machine)
     _timer_of(machine)
@@ -43,7 +47,12 @@ def run(
     connection = connect(machine, wiring, acknowledge=acknowledge, **shares.wiring)
     with connection as m:
         connection.machine.observers.extend(watching)
-        return drive(m, application, **shares.application)
+        result = drive(m, application, **shares.application)
+    if connection.stop.signal is not None and in_main_thread():
+        tell_in_a_line()
+        name = signal_name(connection.stop.signal)
+        raise Interrupted(f"stopped by {name}; every actuator is at its default", connection.stop.signal)
+    return result
 
 
 def drive(m: C, application: Application[C] | None = None, **options: Any) -> Any:

@@ -10,11 +10,12 @@ import inspect
 import linecache
 import math
 import sys
-from collections.abc import Callable, Coroutine, Generator
+from collections.abc import Callable, Coroutine, Generator, Iterable
+from enum import Enum
 from functools import partial
 from operator import attrgetter
 from types import CodeType, CoroutineType, FrameType, coroutine
-from typing import Any, TypeVar, cast
+from typing import Any, Protocol, TypeVar, cast
 
 from umo.cycle import wait_graph
 from umo.cycle.clock import Clock
@@ -22,11 +23,44 @@ from umo.cycle.wait_graph import Waiter
 from umo.duration import seconds as in_seconds
 from umo.errors import Cancelled, TaskFailed, TimeExpired, forget_frames, text_later, text_of
 from umo.objects import Node
-from umo.objects.paths import walk
 from umo.text import add_note, cut_repr, in_brackets, place_among, shown_path, str_of
 from umo.user_code import refuse_exit
 
 Sequence = Coroutine[Any, Any, Any]
+
+
+class Containing(Protocol):
+    """What becomes of sequences that have failed (`umo.cycle.equipment.Containment`)."""
+
+    def contain_sequence(self, task: Task, error: BaseException) -> bool:
+        """One has failed; whether the machine goes on."""
+
+    def is_in_fault(self, node: Node | None) -> bool:
+        """Whether nothing in this part of the machine goes on."""
+
+    def gather(self) -> None:
+        """What fails from now on is settled together."""
+
+    def settle(self) -> None:
+        """The outputs of what has failed go to their defaults, and what is under way there is ended."""
+
+
+class _Uncontained:
+    """No failure is contained."""
+
+    def contain_sequence(self, task: Task, error: BaseException) -> bool:
+        return False
+
+    def is_in_fault(self, node: Node | None) -> bool:
+        return False
+
+    def gather(self) -> None:
+        """Nothing fails."""
+
+    def settle(self) -> None:
+        """Nothing has failed."""
+
+
 Adopting = TypeVar("Adopting", bound=Callable[..., Any])
 
 
@@ -266,8 +300,8 @@ class Task(Waiter):
         """TaskFailed if another sequence cannot await this one."""
         if awaiting.machine is not self.machine:
             raise TaskFailed(f"{awaiting.name} cannot await {self.name}, which another machine has started")
-        if (why := wait_graph.circle(awaiting, self)) is not None:
-            raise TaskFailed(f"{awaiting.name} awaits {self.name}: {why}")
+        if (why := wait_graph.circle(awaiting, self, "{waiting} awaits {target}")) is not None:
+            raise TaskFailed(why)
 
     @property
     def machine(self) -> object:
@@ -387,9 +421,9 @@ class Task(Waiter):
         """Whether it has failed, whoever awaited it was cancelled before he took the error, and nobody else knows."""
         return self.error is not None and self._failure is None and not self.awaited_by
 
-    def fail(self, error: BaseException) -> None:
-        """It has ended with this error, which lets go of its frames."""
-        self.error, self._failure = error, text_later(error)
+    def fail(self, error: BaseException, text: Callable[[], str] | None = None) -> None:
+        """It has ended with this error, which lets go of its frames. `text` gives the text of it."""
+        self.error, self._failure = error, text or text_later(error)
         forget_frames(error)
 
     def _begin(self) -> None:
@@ -406,6 +440,42 @@ class Task(Waiter):
     @property
     def name(self) -> str:
         return f"sequence {getattr(self._sequence, '__qualname__', self._sequence)}"
+
+    @property
+    def details(self) -> str:
+        number = cast(Task, self.lineage[-1]).number
+        told = [_arguments(self._sequence), f"started as no. {number}"]
+        if self.parent is not None:
+            told.append(f"part {'.'.join(map(str, reversed(self._places_among_parts)))}")
+        return ", ".join(filter(None, told))
+
+    @property
+    def _places_among_parts(self) -> list[int]:
+        """Its place among those that run in parallel, from 1; then that of the one around it, and so on."""
+        pairs = zip(self.lineage, self.lineage[1:], strict=False)
+        found = [(each, around.waits_for) for each, around in pairs]
+        return [
+            parts.tasks.index(each) + 1
+            for each, parts in found
+            if isinstance(parts, wait_graph.ParallelParts) and each in parts.tasks
+        ]
+
+
+def _arguments(sequence: object) -> str:
+    """What an `async def` function was called with, as far as that is short: objects of the machine, numbers, texts."""
+    frame: FrameType | None = getattr(sequence, "cr_frame", None)
+    if frame is None:
+        return ""
+    code, values = frame.f_code, frame.f_locals
+    names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
+    shown = {name: _argument(values[name]) for name in names if name in values}
+    return ", ".join(f"{name}={text}" for name, text in shown.items() if text)
+
+
+def _argument(value: object) -> str:
+    if isinstance(value, Node):
+        return value._path
+    return cut_repr(value) if isinstance(value, str | int | float | Enum) else ""
 
 
 def _dropped(sequence: Any) -> bool:
@@ -471,15 +541,10 @@ def _is_settled(task: Task) -> bool:
 
 
 class Sequences:
-    """All sequences that run side by side on one machine. `contain` is told of one that has failed; whether the machine
-    goes on."""
+    """All sequences that run side by side on one machine. `faults` is told of those that have failed."""
 
-    def __init__(
-        self,
-        contain: Callable[[Task, BaseException], bool] = lambda task, error: False,
-        current: CurrentTask | None = None,
-    ) -> None:
-        self._contain = contain
+    def __init__(self, faults: Containing | None = None, current: CurrentTask | None = None) -> None:
+        self._faults = faults or _Uncontained()
         self.current = current or CurrentTask()
         self._tasks: dict[Task, None] = {}
         """In the order started."""
@@ -509,14 +574,14 @@ class Sequences:
 
     def others(self) -> Sequences:
         """Other sequences of the same machine, for which there is none yet."""
-        return Sequences(self._contain, self.current)
+        return Sequences(self._faults, self.current)
 
     def task(self, sequence: Sequence, part: Any = None) -> Task:
         """A sequence of this machine that somebody else advances."""
         return Task(sequence, part, current=self.current)
 
     def start(self, sequence: Sequence, part: Any = None) -> Task:
-        task = Task(sequence, part, self._contain, self._end, current=self.current)
+        task = Task(sequence, part, self._faults.contain_sequence, self._end, current=self.current)
         self._number += 1
         task.number = self._number
         self._tasks[task] = None
@@ -532,21 +597,24 @@ class Sequences:
         return end() if self.end_within is None else self.end_within(end)
 
     def advance(self, tick: Clock, clock: Clock | None = None) -> None:
-        """One step of each that has this clock, in the order started. The first error that is not contained is raised;
-        it cancels nothing else."""
+        """One step of each that has this clock, in the order started; none where another one has just failed. The first
+        error that is not contained is raised; it cancels nothing else."""
         if not self._tasks or self.paused:
             return
         if self._advancing:
             raise TaskFailed("a sequence called `control` of the root; only the cycle may call it, once per period")
+        faults, some_failed = self._faults, False
         self._advancing = True
+        faults.gather()
         try:
             for task in list(self._tasks):  # what they start begins with the next period
-                if task.clock is not clock or task.paused:
+                if task.clock is not clock or task.paused or (some_failed and faults.is_in_fault(task.part)):
                     continue
                 try:
                     over = task.advance(tick) and _is_settled(task)
                 except BaseException as error:
-                    if not self._contain(task, error):
+                    some_failed = True
+                    if not faults.contain_sequence(task, error):
                         self._remove(task)
                         task.error = error  # its text is asked for by who needs it: it may take long
                         raise
@@ -555,14 +623,17 @@ class Sequences:
                     self._remove(task)
         finally:
             self._advancing = False
+            faults.settle()
 
-    def end_in(self, compound: Node, fault: Callable[[], BaseException]) -> list[BaseException]:
-        """Cancel those of one compound, the last started first; whoever awaits one gets the fault. The errors of their
-        cleaning up."""
+    def end_in(self, nodes: Iterable[int], fault: Callable[[], BaseException]) -> list[BaseException]:
+        """Cancel those of the objects with these ids, the last started first; whoever awaits one gets the fault. The
+        errors of their cleaning up."""
         if not self._tasks:
             return []
-        parts = (self._tasks_of.get(id(node)) for node in (compound, *walk(compound)))
-        found = sorted((task for tasks in parts if tasks for task in tasks), key=attrgetter("number"))
+        of_part = self._tasks_of
+        found = sorted((task for node in nodes for task in of_part.get(node, ())), key=attrgetter("number"))
+        if not found:
+            return []
         ended = [task for task in found if not task.done]
         for task in ended:
             task.fail(fault())
@@ -580,6 +651,7 @@ class Sequences:
             tasks, self._tasks, self._tasks_of = list(self._tasks), {}, {}
             errors += cancel_all(tasks)
             untold = [task for task in tasks if task.error is not None and task.is_untold]
-            errors += [task.error for task in untold if task.error and not self._contain(task, task.error)]
+            contain = self._faults.contain_sequence
+            errors += [task.error for task in untold if task.error and not contain(task, task.error)]
         if errors:
             raise with_notes(errors[0], errors[1:])

@@ -320,6 +320,32 @@ class Slots:
         else:
             self._fail(slot, cause, failures)
 
+    def _fail_inputs(self, causes: Mapping[int, str], failures: list[Failure]) -> None:
+        """The same of many, such as all that a driver reads."""
+        items: Any = self.items
+        plain, marked = [], []
+        for slot, cause in causes.items():
+            item = items[slot]
+            if item._max_age is not None:
+                self._fail_input(slot, cause, failures)
+            elif not item._marks:
+                plain.append(slot)
+            elif self.quality[slot] != Quality.BAD:
+                marked.append(slot)
+        if not (plain or marked):
+            return
+        self.failed.update(plain)
+        self.columns.quality[plain + marked] = Quality.BAD
+        self.sampled_good = None
+        for slot in plain + marked:
+            if (block := self._block_of[slot]) is not None:
+                block.unsettled.add(slot)
+        failure, now, told = self.transfer.failure, self.clock.now, self._next_log
+        failures += [failure(slot, causes[slot]) for slot in plain]
+        if due := [slot for slot in marked if now >= told.get(slot, 0.0)]:
+            told.update(dict.fromkeys(due, now + MARKED_LOG_INTERVAL))
+            self._marked += [(slot, causes[slot]) for slot in due]
+
     def _log_marked(self) -> None:
         """Log together what was marked BAD together: a thousand lines would take longer than a period."""
         if self._marked:
@@ -347,10 +373,11 @@ class Slots:
         return item.synchronous and self.transfer.is_unknown(slot)
 
     def _fail(self, slot: int, cause: str, failures: list[Failure]) -> None:
-        self._keep_unsent(slot)
-        self._set_quality(slot, Quality.BAD)
         if self.items[slot].direction is Direction.INPUT:
             self.failed.add(slot)
+        else:
+            self._keep_unsent(slot)
+        self._set_quality(slot, Quality.BAD)
         failures.append(self.transfer.failure(slot, cause))
 
     def _keep_unsent(self, slot: int) -> None:

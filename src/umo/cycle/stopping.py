@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 from collections.abc import Callable, Sequence
@@ -25,7 +26,7 @@ def signal_name(number: int) -> str:
         return f"signal {number}"
 
 
-_flags: dict[StopFlag, bool] = {}  # every connected machine's, and whether it was connected in the main thread
+_flags: dict[StopFlag, None] = {}  # every connected machine's
 _before: dict[int, Any] = {}  # the handlers from before the first of those
 _insistence: list[Insistence] = []  # one, from the first signal to the end of the last machine
 
@@ -42,6 +43,14 @@ class StopFlag:
         self.requested = False
         self.signal: int | None = None
         self._to_come = {"first signal": True}
+        self.title = "a machine"
+        """What the machine is called."""
+        self.pid = 0
+        """The process in which the machine is connected."""
+        self.thread: threading.Thread = threading.main_thread()
+        """The thread in which it is connected."""
+        self.is_leaving = False
+        """Whether its actuators are being reset at its end."""
         self.time_over = False
         """Whether a `TimeLimit` has requested it."""
         self.end_wait: Callable[[], object] = lambda: None
@@ -58,18 +67,24 @@ class StopFlag:
         """Start listening."""
         self.requested, self.signal, self.time_over = False, None, False
         self._to_come = {"first signal": True}
-        _flags[self] = _in_main_thread()
-        if _flags[self] and not _before:
+        self.pid, self.thread, self.is_leaving = os.getpid(), threading.current_thread(), False
+        _flags[self] = None
+        if self.is_of_main_thread and not _before:
             _before.update({number: signal.signal(number, _caught) for number in SIGNALS})
 
     def restore(self) -> None:
         """Stop listening. The last machine that disconnects restores the signal handlers."""
         _flags.pop(self, None)
-        if _in_main_thread() and not any(_flags.values()):
+        if in_main_thread() and not any(flag.is_of_main_thread for flag in connected()):
             _insistence.clear()
             while _before:
                 number, handler = _before.popitem()
                 signal.signal(number, signal.SIG_DFL if handler is None else handler)
+
+    @property
+    def is_of_main_thread(self) -> bool:
+        """Whether the machine is connected in the main thread."""
+        return self.thread is threading.main_thread()
 
     def is_first_signal(self) -> bool:
         """Whether no signal of the operating system's has come before: True once. In one step: one may interrupt the
@@ -97,12 +112,22 @@ class TimeLimit:
 
 def request_stop(number: int | None = None) -> None:
     """Ask every connected machine of this process to stop, as a signal does."""
-    for flag in tuple(_flags):
+    for flag in connected():
         flag.request(number)
 
 
+def connected() -> tuple[StopFlag, ...]:
+    """Those of the machines that are connected in this process, in whatever thread."""
+    return tuple(_flags)
+
+
+def usual_handler(number: int) -> object:
+    """The handler of a signal while no machine is connected."""
+    return _before.get(number, signal.getsignal(number))
+
+
 def _caught(number: int, frame: FrameType | None) -> None:
-    found = [flag for flag, is_of_main_thread in _flags.items() if is_of_main_thread]
+    found = [flag for flag in connected() if flag.is_of_main_thread]
     first = [flag.is_first_signal() for flag in found]
     request_stop(number)
     if any(first):
@@ -116,5 +141,5 @@ def _caught(number: int, frame: FrameType | None) -> None:
         )
 
 
-def _in_main_thread() -> bool:
+def in_main_thread() -> bool:
     return threading.current_thread() is threading.main_thread()

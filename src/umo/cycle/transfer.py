@@ -77,6 +77,12 @@ class Transfer:
         if (timer_wire := wired.timer_wire) is not None:  # a paced timer stands in the place of its driver
             driver = timer_wire.driver
             self._names.setdefault(id(driver), self._names.get(id(getattr(driver, "timer", None)), "timer"))
+        self._known = [(wire.item.path, wire.channel.text, self._names.get(id(wire.driver), "")) for wire in wires]
+        """Path, text of the channel and name of the driver of each object."""
+        self._slots_of: dict[int, list[int]] = {}
+        """The objects of each driver, by its id."""
+        for slot, wire in enumerate(wires):
+            self._slots_of.setdefault(id(wire.driver), []).append(slot)
         self._memory = np.zeros(len(wires), np.int64) if raws is None else raws
         self.raws: Any = self._memory.data  # a memoryview: quicker than numpy's items
         """The raw value that each object last had at the hardware."""
@@ -163,9 +169,8 @@ class Transfer:
 
     def exchange(self, driver: Driver[Any], callee: Any) -> None:
         """Let calls of this driver go to `callee` from now on."""
-        for slot, wire in enumerate(self.wires):
-            if wire.driver is driver:
-                self._callees[slot] = callee
+        for slot in self._slots_of.get(id(driver), ()):
+            self._callees[slot] = callee
         for block in self._blocks:
             if block.driver is driver:
                 self._bind(block)
@@ -189,6 +194,7 @@ class Transfer:
         """Let no call reach a driver any longer: in its place `instead` is called, which does not return."""
         self.on_call = self.tick = instead
         self.wires = self._callees = _Refused(instead)
+        self._slots_of = {}
         if self.absences is not None:
             self.absences.refuse(instead)
         for block in self._blocks:
@@ -344,7 +350,8 @@ class Transfer:
         the raw integers that were to be written; None: it was read. `time` is for the journal."""
         self._mark(driver, error, written is not None, whole=not isinstance(error, ChannelsFailed))
         causes, whole = error.causes if isinstance(error, ChannelsFailed) else {}, cause_of_failure(error)
-        named = [(slot, causes[text]) for slot in slots if (text := self.wires[slot].channel.text) in causes]
+        known = self._known if causes else ()
+        named = [(slot, causes[text]) for slot in slots if (text := known[slot][1]) in causes] if known else []
         failed = named or [(slot, whole) for slot in slots]
         if self.journal is not None:
             numbers = [slot for slot, _ in failed]
@@ -358,8 +365,8 @@ class Transfer:
 
     def failure(self, slot: int, cause: str) -> Failure:
         """One object failed."""
-        wire = self.wires[slot]
-        return Failure(wire.item.path, wire.channel.text, cause, self._names[id(wire.driver)])
+        path, channel, driver = self._known[slot]
+        return Failure(path, channel, cause, driver)
 
     def _is_late(self, driver: Driver[Any]) -> bool:
         return self.now() - self._late.get(id(driver), -inf) < LATE_TIME + 2 * driver.timeout
@@ -392,7 +399,7 @@ class Transfer:
 
     def note_look(self, driver: Driver[Any], found: bool | None) -> None:
         """Into the journal: what a look for a driver that is away has found."""
-        slot = next(slot for slot, wire in enumerate(self.wires) if wire.driver is driver and slot != self.timer)
+        slot = next(slot for slot in self._slots_of[id(driver)] if slot != self.timer)
         self.note(slot, Kind.LOOKED, raw=-1 if found is None else int(found))
 
     def by_driver(self, slots: Iterable[int]) -> list[tuple[Driver[Any], list[int]]]:

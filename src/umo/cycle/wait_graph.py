@@ -9,10 +9,11 @@ limit, and one of which `first` or `unless` may let go, unless that cancels the 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from typing import Any, NamedTuple, Protocol
 
-from umo.text import some
+from umo.text import in_brackets, some
 
 
 class Claimed(Protocol):
@@ -58,6 +59,11 @@ class Waiter(ABC):
         """What it is called in messages."""
 
     @property
+    @abstractmethod
+    def details(self) -> str:
+        """What tells it apart from others of this name."""
+
+    @property
     def shown(self) -> Waiter:
         """The sequence that messages name for it: one of umo's own functions stands for the one that runs it."""
         return self
@@ -72,13 +78,23 @@ class Waiter(ABC):
         return found
 
 
-def circle(waiting: Waiter, target: Waiter) -> str | None:
-    """Why a sequence that begins to wait for another one would wait for ever, in words; None: it would not."""
+def circle(waiting: Waiter, target: Waiter, wait: str) -> str | None:
+    """Why a sequence that begins to wait for another one would wait for ever, in a sentence; None: it would not.
+    `wait`: the beginning of the sentence, such as "{waiting} awaits {target}"."""
     stuck = _stuck_behind(waiting)
     if target not in stuck:
         return None
-    words = some(_words_from(target, waiting, stuck))
-    return f"it would wait for itself{words and f' ({words})'}"
+    names = _names(stuck | {waiting, target})
+    begun = wait.format(waiting=names[waiting], target=names[target])
+    words = some(_words_from(target, waiting, stuck, names))
+    return f"{begun}: it would wait for itself{words and f' ({words})'}"
+
+
+def _names(waiters: Iterable[Waiter]) -> dict[Waiter, str]:
+    """What they are called in one message: those of one name with their details."""
+    asked = {each: None for waiter in waiters for each in (waiter, waiter.shown)}
+    shared = Counter(each.name for each in {each.shown for each in asked})
+    return {each: each.name + (in_brackets(each.details) if shared[each.name] > 1 else "") for each in asked}
 
 
 def _stuck_behind(waiting: Waiter) -> set[Waiter]:
@@ -124,25 +140,30 @@ def _is_stuck(each: Waiter, stuck: set[Waiter]) -> bool:
     return target in stuck and target is not each
 
 
-def _words_from(target: Waiter, waiting: Waiter, stuck: set[Waiter]) -> list[str]:
+def _words_from(target: Waiter, waiting: Waiter, stuck: set[Waiter], names: Mapping[Waiter, str]) -> list[str]:
     """The shortest way from the one to the other, as sentences."""
     ways: dict[Waiter, list[str]] = {target: []}
     for each in (queue := [target]):
         if each is waiting:
             break
-        for other, words in _steps(each):
+        for other, words in _steps(each, names):
             if other in stuck and other not in ways:
                 ways[other] = [*ways[each], words] if words else ways[each]
                 queue.append(other)
     return ways.get(waiting, [])
 
 
-def _steps(each: Waiter) -> Iterator[tuple[Waiter, str]]:
-    awaited, name = each.waits_for, each.shown.name
+def _steps(each: Waiter, names: Mapping[Waiter, str]) -> Iterator[tuple[Waiter, str]]:
+    awaited, name = each.waits_for, _called(each.shown, names)
     if isinstance(awaited, ParallelParts):
         for part in awaited.tasks:
-            yield part, "" if part.shown is each.shown else f"{name} runs {part.shown.name}"
+            yield part, "" if part.shown is each.shown else f"{name} runs {_called(part.shown, names)}"
     elif isinstance(awaited, Waiter):
-        yield awaited, f"{name} awaits {awaited.name}"
+        yield awaited, f"{name} awaits {_called(awaited, names)}"
     elif awaited is not None and awaited._owner is not None:
-        yield awaited._owner, f"{name} waits for a Lock that {awaited._owner.name} has"
+        yield awaited._owner, f"{name} waits for a Lock that {_called(awaited._owner, names)} has"
+
+
+def _called(each: Waiter, names: Mapping[Waiter, str]) -> str:
+    """Its name; of one that is on no circle, as it is."""
+    return names.get(each, each.name)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import re
+import select
 import socket
 import stat
 import struct
@@ -20,7 +21,7 @@ from pathlib import Path
 
 from umo.errors import FramesError
 from umo.frames.memory import RunDescriptors
-from umo.system import descriptor_passing, folders
+from umo.system import descriptor_passing, folders, processes
 from umo.system.folders import is_own
 from umo.system.processes import is_used
 
@@ -29,10 +30,16 @@ MAX_ADDRESS_BYTES = 107
 """Bytes of a socket's address (unix(7), sun_path)."""
 MAX_WAITING = 64
 """Clients that may wait for an answer at once."""
-ANSWER_TIMEOUT = 1.0
-"""s that a client waits for the descriptors."""
+ANSWER_TIMEOUT = 10.0
+"""Time in s that a client waits for the descriptors of a process that lives: a busy computer may let it wait."""
+STOPPED_TIMEOUT = 1.0
+"""Time in s that a client waits for a process that was stopped by a signal, and for one that has ended."""
 CONNECT_PAUSE = 0.005
-"""s to the next try of a client while too many others wait."""
+"""Time in s to the next try of a client while too many others wait."""
+ANSWER_LOOK_INTERVAL = 0.1
+"""Time in s between two looks at the process that is asked."""
+GUARDIAN_NAMES = ("umo guardian", "umo standby")
+"""Names of the processes that answer for their child, which has made the socket."""
 ACCEPT_PAUSE = 0.1
 """s from a client that could not be accepted to the next, in a thread."""
 ROOT = 0
@@ -157,7 +164,7 @@ class FrameServer:
 
     def _answer(self, client: socket.socket) -> None:
         with client, suppress(OSError):
-            if _peer(client) in (ROOT, os.getuid()):
+            if _maker_and_user(client)[1] in (ROOT, os.getuid()):
                 descriptor_passing.send(client, GREETING, self.ends)
 
     def close(self) -> None:
@@ -175,15 +182,19 @@ class FrameServer:
 def receive(path: Path) -> RunDescriptors:
     """The descriptors of the run whose socket this is. FramesError if there are none to be had."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as here:
-        here.settimeout(ANSWER_TIMEOUT)
+        here.settimeout(STOPPED_TIMEOUT)
         try:
             with _address(path) as address:
                 _connect(here, address)
-            if (user := _peer(here)) not in (ROOT, os.getuid()) and os.getuid() != ROOT:
+            maker, user = _maker_and_user(here)
+            if user not in (ROOT, os.getuid()) and os.getuid() != ROOT:
                 raise FramesError(f"{path} is another user's (uid {user})")
+            _wait_for_answer(here, path, maker)
             data, files = descriptor_passing.receive(here, len(GREETING) + 1, len(RunDescriptors._fields))
         except TimeoutError:
-            raise FramesError(f"{path}: the guardian of this run does not answer; it may be stopped") from None
+            raise FramesError(
+                f"{path}: too many others wait for an answer of this run; its guardian may be stopped"
+            ) from None
         except OSError as error:
             raise FramesError(f"no frames at {path}: {error.strerror or error}") from None
     if data != GREETING or len(files) != len(RunDescriptors._fields):
@@ -195,7 +206,7 @@ def receive(path: Path) -> RunDescriptors:
 
 def _connect(here: socket.socket, address: str) -> None:
     """Connect within the socket's time. While too many wait already, the kernel refuses at once (unix(7), EAGAIN)."""
-    until = time.monotonic() + ANSWER_TIMEOUT
+    until = time.monotonic() + STOPPED_TIMEOUT
     while True:
         try:
             return here.connect(address)
@@ -203,6 +214,35 @@ def _connect(here: socket.socket, address: str) -> None:
             if time.monotonic() > until:
                 raise TimeoutError from None
             time.sleep(CONNECT_PAUSE)
+
+
+def _wait_for_answer(here: socket.socket, path: Path, maker: int) -> None:
+    """Wait for the answer of a process that lives; FramesError if it was stopped, has ended, or does not answer in
+    time. `maker`: the process that has made the socket, 0 where it cannot be told."""
+    ready = select.poll()
+    ready.register(here, select.POLLIN)
+    begun = heard = time.monotonic()
+    while not ready.poll(ANSWER_LOOK_INTERVAL * 1e3):
+        now = time.monotonic()
+        title, pid = _asked(maker)
+        state = processes.state(pid) if pid else ""
+        if state not in processes.STOPPED + processes.ENDED:
+            heard = now
+        elif now - heard > STOPPED_TIMEOUT:
+            what = "has ended" if state in processes.ENDED else "is stopped"
+            raise FramesError(f"{path}: the {title} of this run {what} and does not answer (pid {pid})")
+        if now - begun > ANSWER_TIMEOUT:
+            of = f" (pid {pid})" if pid else ""
+            raise FramesError(f"{path}: the {title} of this run{of} has not answered for {ANSWER_TIMEOUT:g} s")
+
+
+def _asked(maker: int) -> tuple[str, int]:
+    """Who answers clients, in words, and its number: the guardian of the process that has made the socket, else that
+    one itself. 0: it cannot be told."""
+    guardian = processes.parent_of(maker) if maker else 0
+    if guardian and processes.name_of(guardian) in GUARDIAN_NAMES:
+        return "guardian", guardian
+    return "process", maker
 
 
 def is_socket(path: Path) -> bool:
@@ -238,7 +278,8 @@ def _address(path: Path) -> Iterator[str]:
         os.close(place)
 
 
-def _peer(connection: socket.socket) -> int:
-    """The user at the other end, as the kernel knows it."""
-    _, user, _ = struct.unpack("iII", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
-    return int(user)
+def _maker_and_user(connection: socket.socket) -> tuple[int, int]:
+    """The process at the other end, which may have left the socket to another one since, and its user, as the kernel
+    knows them."""
+    pid, user, _ = struct.unpack("iII", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+    return int(pid), int(user)

@@ -88,16 +88,16 @@ EVENT_ROW = np.dtype(
 """An event (`umo.cycle.events`): texts are UTF-8 and cut to their places. The checksum is the CRC-32 of its `sequence`,
 and of all that follows."""
 
-_EVENT = struct.Struct("<dQQ" + "".join(f"{EVENT_ROW[i].itemsize}s" for i in range(5, 9)))
+_TEXT_SIZES = [EVENT_ROW[name].itemsize for name in ("who", "path", "asked", "text")]
+_EVENT = struct.Struct("<dQQ" + "".join(f"{size}s" for size in _TEXT_SIZES))
 EVENT_BODY = 16
 """Offset in a row of what follows the checksum."""
 
 
 def pack_event(memory: Any, at: int, event: Event, sequence: int) -> None:
     """Write an event to its row at `at`, but for the `sequence` itself, which completes it."""
-    texts = (event.who, event.path, event.asked, event.text)
-    places = (cut(text, EVENT_ROW[5 + i].itemsize) for i, text in enumerate(texts))
-    body = _EVENT.pack(event.time, event.command, event.state, *places)
+    texts = map(cut, (event.who, event.path, event.asked, event.text), _TEXT_SIZES)
+    body = _EVENT.pack(event.time, event.command, event.state, *texts)
     memory[at + 8 : at + EVENT_BODY + len(body)] = event_checksum(sequence, body).to_bytes(8, "little") + body
 
 
@@ -107,7 +107,8 @@ def event_checksum(sequence: int, body: bytes) -> int:
 
 def cut(text: str, size: int) -> bytes:
     """The text cut to so many bytes, without half a character at the end."""
-    return text.encode(errors="replace")[:size].decode(errors="ignore").encode()
+    found = text.encode(errors="replace")
+    return found if len(found) <= size else found[:size].decode(errors="ignore").encode()
 
 
 Column = tuple[str, str, int, str]

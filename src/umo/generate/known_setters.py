@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,10 +24,22 @@ BEFORE = "setup", "__init__", "__post_init__", "__new__", "__set_name__", "__ini
 SETTERS = "setattr", "delattr", "__setattr__", "__delattr__"
 WHOLE = "vars", "globals", "locals"
 """Functions that give a namespace as a dict."""
+PARTS = "__dict__", "__class__", "__bases__", "__code__", "__defaults__", "__kwdefaults__", "cell_contents"
+"""Attributes that change several names at once, or what a function does."""
+RUNNERS = "exec", "eval"
+UNFOLLOWED = *RUNNERS, "__set__", "__delete__", "__func__"
+"""What may set any name, or calls a method with another object."""
+FOLLOWED_CALLED = (*SETTERS, *WHOLE)
+"""What is followed where it is called, and only there."""
+ONLY_COMPARED = "isinstance", "issubclass", "super", "cast"
+"""Functions that do nothing with a class that they are given."""
 READERS = "print", "len", "dict", "list", "tuple", "set", "sorted", "repr", "str", "iter", "isinstance", "any", "all"
 """Functions that do not change the dict that they are given."""
-KEEPERS = (ast.Assign, ast.AnnAssign, ast.NamedExpr, ast.Return, ast.Yield, ast.Tuple, ast.List, ast.Set, ast.Dict,
-           ast.IfExp, ast.BoolOp, ast.Lambda, ast.withitem, ast.AugAssign)  # fmt: skip
+READING = "items", "keys", "values", "get", "copy", "__contains__", "__getitem__", "__len__", "__iter__"
+"""Methods of a dict that do not change it."""
+READ_IN = (ast.Subscript, ast.Compare, ast.For, ast.AsyncFor, ast.comprehension, ast.Expr, ast.FormattedValue, ast.If,
+           ast.While, ast.UnaryOp, ast.BinOp, ast.Starred, ast.YieldFrom)  # fmt: skip
+"""Where a dict stands that is only read, or of which one name is set."""
 ANY = ""
 """The name of a setting that may be of any name."""
 
@@ -43,6 +55,25 @@ class Setting(NamedTuple):
     line: int
     function: int
     """The first line of the function; 0: none."""
+    method: str = ""
+    """The name of the method in which `self` is set."""
+    is_before: bool = False
+    """Whether that runs before a machine is translated, and counts only where it is called again."""
+
+
+class Read(NamedTuple):
+    """What is found in one file."""
+
+    settings: tuple[Setting, ...]
+    classes: frozenset[str] = frozenset()
+    imported: frozenset[tuple[str, str]] = frozenset()
+    """Other names of what is imported, and its own."""
+    methods: frozenset[tuple[str, str]] = frozenset()
+    """What is asked for a method, by its last name, and the method, but for `Base.method(self)`."""
+    values: frozenset[str] = frozenset()
+    """Names that stand as values: what is done with a class among them is not followed."""
+    again: frozenset[str] = frozenset()
+    """Functions of BEFORE that something else asks for."""
 
 
 def settings_of(known: KnownValues, machine: Compound) -> Iterator[Untranslatable]:
@@ -58,9 +89,13 @@ def settings_of(known: KnownValues, machine: Compound) -> Iterator[Untranslatabl
     names = list(known.names.values())
     places = {(code.co_filename, code.co_firstlineno) for code in known.codes()}
     told = set[tuple[str, int]]()
-    for path, module in _files(machine, known):
-        for each in _settings(path):
-            if (each.file, each.function) in places:
+    files = [(path, module, _read(path)) for path, module in _files(machine, known)]
+    given = _given_others([each for *_, each in files])
+    again = {name for *_, each in files for name in each.again}
+    for path, module, read in files:
+        for each in read.settings:
+            each = each._replace(kind="") if given(each) else each
+            if (each.file, each.function) in places or (each.is_before and each.method not in again):
                 continue
             for name in names if each.name == ANY else (n for n in names if n.name == each.name):
                 if (path, each.line) not in told and _is_meant(each, name):
@@ -119,17 +154,21 @@ def _files(machine: Any, known: KnownValues) -> Iterator[tuple[str, str]]:
 
 
 @cache
-def _parsed(path: str, changed: float) -> tuple[Setting, ...]:
+def _parsed(path: str, changed: float) -> Read:
     tree = ast.parse(Path(path).read_text("utf-8"))
-    return tuple(_Search(path).of(tree))
+    classes = frozenset(each.name for each in ast.walk(tree) if isinstance(each, ast.ClassDef))
+    renamed = (each for each in ast.walk(tree) if isinstance(each, ast.alias) and each.asname is not None)
+    imported = frozenset((str(each.asname), each.name) for each in renamed)
+    methods, values, again = frozenset(_methods(tree)), frozenset(_values(tree, tree)), frozenset(_again(tree))
+    return Read(tuple(_Search(path).of(tree)), classes, imported, methods, values, again)
 
 
-def _settings(path: str) -> tuple[Setting, ...]:
-    """The settings of one file; none of one that is no Python."""
+def _read(path: str) -> Read:
+    """What is found in one file; nothing in one that is no Python."""
     try:
         return _parsed(path, Path(path).stat().st_mtime)
     except (OSError, SyntaxError, ValueError):
-        return ()
+        return Read(())
 
 
 class _Search:
@@ -139,14 +178,12 @@ class _Search:
         self._file = file
 
     def of(self, tree: ast.AST) -> Iterator[Setting]:
-        others = _given_others(tree)
-        for each in self._in(tree, "", "", 0, frozenset()):
-            yield each._replace(kind="") if each.function in others else each
+        yield from self._in(tree, "", "", 0, frozenset())
 
     def _in(self, node: ast.AST, kind: str, me: str, function: int, outer: frozenset[str]) -> Iterator[Setting]:
         """`me`: the name of `self`; `outer`: names of the module, or of an enclosing function."""
         for each in ast.iter_child_nodes(node):
-            if _is_whole(each) and _keeps(node):
+            if (_is_whole(each) and not _only_reads(node)) or _is_unfollowed(each, node):
                 about = _is_of(each, me)
                 yield Setting(ANY, kind if about else "", self._file, getattr(each, "lineno", 0), function)
             if isinstance(each, ast.ClassDef):
@@ -155,7 +192,7 @@ class _Search:
                 yield from self._in_function(each, kind if isinstance(node, ast.ClassDef) else "", function, me)
             else:
                 yield from self._of_node(each, kind, me, function, outer)
-                yield from self._in(each, kind, me, function, outer)
+                yield from self._in(each, kind, "" if _is_parameter(each, me) else me, function, outer)
 
     def _in_function(
         self, node: ast.FunctionDef | ast.AsyncFunctionDef, kind: str, function: int, me: str
@@ -163,48 +200,92 @@ class _Search:
         first = node.args.posonlyargs + node.args.args
         is_static = any(isinstance(each, ast.Name) and each.id == "staticmethod" for each in node.decorator_list)
         own = first[0].arg if kind and first and not is_static else ""
+        if any(isinstance(each, ast.Name) and each.id == own and _is_set(each) for each in _own_nodes(node)):
+            own = ""  # another object has this name now
         declared = (each for each in _own_nodes(node) if isinstance(each, ast.Global | ast.Nonlocal))
         outer = frozenset(name for each in declared for name in each.names)
         line = min([node.lineno, *(each.lineno for each in node.decorator_list)])
         for each in self._in(node, kind, own, line, outer):
-            if not (node.name in BEFORE and each.kind and each.function == line):
+            if each.function != line:
                 yield each
+            else:
+                is_own = each.kind != ""
+                yield each._replace(method=node.name if is_own else "", is_before=is_own and node.name in BEFORE)
 
     def _of_node(self, node: ast.AST, kind: str, me: str, function: int, outer: frozenset[str]) -> Iterator[Setting]:
         line = getattr(node, "lineno", 0)
-        if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store | ast.Del):
-            yield Setting(node.attr, kind if _is_of(node.value, me) else "", self._file, line, function)
-        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store | ast.Del) and node.id in outer:
+        if isinstance(node, ast.Attribute) and _is_set(node):
+            name = ANY if node.attr in PARTS else node.attr
+            yield Setting(name, kind if _is_of(node.value, me) else "", self._file, line, function)
+        elif isinstance(node, ast.Name) and _is_set(node) and node.id in outer:
             yield Setting(node.id, "", self._file, line, function)
         elif isinstance(node, ast.Call):
             for name, of in _called(node):
                 yield Setting(name, kind if _is_of(of, me) else "", self._file, line, function)
-        elif isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Store | ast.Del) and _is_whole(node.value):
+        elif isinstance(node, ast.Subscript) and _is_set(node) and _is_whole(node.value):
             key = node.slice
             name = key.value if isinstance(key, ast.Constant) and isinstance(key.value, str) else ANY
             yield Setting(name, kind if _is_of(node.value, me) else "", self._file, line, function)
 
 
-def _given_others(tree: ast.AST) -> set[int]:
-    """First lines of methods whose `self` may be any object: `Class.method(other)` calls them."""
-    called = {
-        (each.func.value.id, each.func.attr)
-        for each in ast.walk(tree)
-        if isinstance(each, ast.Call) and isinstance(each.func, ast.Attribute) and isinstance(each.func.value, ast.Name)
-        if not (each.args and isinstance(each.args[0], ast.Name) and each.args[0].id == "self")
-    }
-    methods = [
-        (kind.name, each)
-        for kind in ast.walk(tree)
-        if isinstance(kind, ast.ClassDef)
-        for each in kind.body
-        if isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef)
-    ]
-    return {
-        min([each.lineno, *(one.lineno for one in each.decorator_list)])
-        for kind, each in methods
-        if (kind, each.name) in called
-    }
+def _given_others(files: list[Read]) -> Callable[[Setting], bool]:
+    """Tells of a setting of `self` whether that may be any object, as a class is asked for its method
+    (`Class.method(other)`), or is a value, and so may be asked anywhere."""
+    classes = {"type", "__class__", "cls", *(name for each in files for name in each.classes)}
+    values = {name for each in files for name in each.values}
+    imported = {pair for each in files for pair in each.imported}
+    classes |= {name for name, of in imported if of in classes}
+    values |= {of for name, of in imported if name in values}
+    methods = {method for each in files for of, method in each.methods if of in classes}
+    return lambda each: each.method in methods or each.kind in values
+
+
+def _methods(tree: ast.AST) -> Iterator[tuple[str, str]]:
+    above = {id(each) for kind in ast.walk(tree) if isinstance(kind, ast.ClassDef) for each in _of_bases(kind)}
+    for each in ast.walk(tree):
+        if isinstance(each, ast.Attribute) and isinstance(each.ctx, ast.Load) and id(each) not in above:
+            yield _last(each.value), each.attr
+
+
+def _values(node: ast.AST, around: ast.AST) -> Iterator[str]:
+    """The last names of what is not called, asked for an attribute, a base class, or in an annotation."""
+    if isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Load):
+        is_called = isinstance(around, ast.Call) and around.func is node
+        if not is_called and not isinstance(around, ast.Attribute | ast.ClassDef | ast.ExceptHandler):
+            yield _last(node)
+    for name, each in ast.iter_fields(node):
+        if name in ("annotation", "returns") or (name == "args" and _called_name(node) in ONLY_COMPARED):
+            continue
+        for one in each if isinstance(each, list) else [each]:
+            if isinstance(one, ast.AST):
+                yield from _values(one, node)
+
+
+def _again(node: ast.AST) -> Iterator[str]:
+    """The functions of BEFORE that are asked for elsewhere than in one of them."""
+    for each in ast.iter_child_nodes(node):
+        if isinstance(each, ast.FunctionDef) and each.name in BEFORE:
+            continue
+        if isinstance(each, ast.Attribute) and isinstance(each.ctx, ast.Load) and each.attr in BEFORE:
+            yield each.attr
+        yield from _again(each)
+
+
+def _of_bases(kind: ast.ClassDef) -> Iterator[ast.AST]:
+    """Where methods of a class call those of its bases: `Base.method(self)`."""
+    bases = set(map(_last, kind.bases))
+    for each in ast.walk(kind):
+        if isinstance(each, ast.Call) and isinstance(each.func, ast.Attribute) and _last(each.func.value) in bases:
+            first = each.args[0] if each.args else None
+            if isinstance(first, ast.Name) and first.id == "self":
+                yield each.func
+
+
+def _last(node: ast.AST) -> str:
+    """The last name of what is asked for something: `a.b` is b, `type(x)` is type; "": it has none."""
+    if isinstance(node, ast.Call):
+        return "type" if isinstance(node.func, ast.Name) and node.func.id == "type" else ""
+    return node.id if isinstance(node, ast.Name) else node.attr if isinstance(node, ast.Attribute) else ""
 
 
 def _own_nodes(function: ast.AST) -> Iterator[ast.AST]:
@@ -215,16 +296,30 @@ def _own_nodes(function: ast.AST) -> Iterator[ast.AST]:
             yield from _own_nodes(each)
 
 
+def _called_name(node: ast.AST) -> str:
+    return _last(node.func) if isinstance(node, ast.Call) else ""
+
+
 def _called(node: ast.Call) -> Iterator[tuple[str, ast.AST | None]]:
     """The names that a call sets, and of what; None: it is not seen."""
-    func = node.func
-    called = func.id if isinstance(func, ast.Name) else func.attr if isinstance(func, ast.Attribute) else ""
-    if called in SETTERS:
-        yield _named(called, func, node)
-    elif called == "exec":
+    if (called := _called_name(node)) in SETTERS:
+        yield _named(called, node.func, node)
+    elif called == "reload" and (isinstance(node.func, ast.Name) or _last(node.func.value) == "importlib"):  # type: ignore[attr-defined]
         yield ANY, None
-    elif isinstance(func, ast.Attribute) and _is_whole(func.value) and _changes(func.attr):
-        yield ANY, func.value
+
+
+def _is_unfollowed(node: ast.AST, around: ast.AST) -> bool:
+    """Whether this may set any name: a setter that is no call, but a value, has another name, or stands in a text."""
+    if isinstance(node, ast.alias):
+        return node.name in (*FOLLOWED_CALLED, *UNFOLLOWED)
+    if isinstance(node, ast.Constant):
+        plain = (*WHOLE, *RUNNERS) if _called_name(around) == "getattr" else ()
+        return node.value in (*SETTERS, *UNFOLLOWED[len(RUNNERS) :], *PARTS, *plain)
+    if not (isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Load)):
+        return False
+    if isinstance(around, ast.Call) and around.func is node:
+        return _last(node) in UNFOLLOWED
+    return _last(node) in (*FOLLOWED_CALLED, *UNFOLLOWED)
 
 
 def _named(called: str, func: ast.AST, node: ast.Call) -> tuple[str, ast.AST | None]:
@@ -248,18 +343,24 @@ def _is_of(node: ast.AST | None, me: str) -> bool:
     return isinstance(node, ast.Name) and node.id == me != ""
 
 
-def _keeps(node: ast.AST) -> bool:
-    """Whether what stands in this node is known under another name after it."""
+def _is_set(node: ast.Name | ast.Attribute | ast.Subscript) -> bool:
+    return isinstance(node.ctx, ast.Store | ast.Del)
+
+
+def _is_parameter(function: ast.AST, name: str) -> bool:
+    """Whether a function in one line has this name for what it is given."""
+    return isinstance(function, ast.Lambda) and any(each.arg == name for each in function.args.args)
+
+
+def _only_reads(node: ast.AST) -> bool:
+    """Whether a dict that stands in this node is only read there, and has no other name after it."""
     if isinstance(node, ast.Call):
-        return not (isinstance(node.func, ast.Name) and node.func.id in READERS)
+        return isinstance(node.func, ast.Name) and node.func.id in READERS
+    if isinstance(node, ast.Attribute):
+        return node.attr in READING
     if isinstance(node, ast.keyword):
-        return node.arg is not None
-    return isinstance(node, KEEPERS)
-
-
-def _changes(method: str) -> bool:
-    """Whether a method of a dict changes it."""
-    return method in ("update", "pop", "popitem", "setdefault", "clear", "__setitem__", "__delitem__", "__ior__")
+        return node.arg is None
+    return isinstance(node, READ_IN)
 
 
 def _is_whole(node: ast.AST) -> bool:

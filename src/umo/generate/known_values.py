@@ -222,6 +222,7 @@ class KnownValues:
         self._told.setdefault((id(owner), name), known)
 
     def _class(self, kind: type, name: str, known: KnownName) -> None:
+        self.attributes[id(kind), "__mro__"] = kind, "__mro__", kind.__mro__, known
         for each in kind.__mro__:
             if _changes(each):
                 self.classes.setdefault(each, Namespace(each)).names.setdefault(name, vars(each).get(name, ABSENT))
@@ -270,7 +271,8 @@ class KnownValues:
     # Whether it still is -------------------------------------------------------------------------------
 
     def changes(self) -> Iterator[KnownName]:
-        """The names whose values are others now. What is equal, but another object, is taken over."""
+        """The names whose values are others now. What is equal, but another object, is taken over, and so is what
+        nothing reads."""
         for space in (*self.objects.values(), *self.classes.values()):
             if space.kind is not None and type(space.owner) is not space.kind:
                 yield KnownName(space.owner, "__class__", space.kind, "", 0)
@@ -279,9 +281,9 @@ class KnownValues:
                 found = now.get(name, ABSENT)
                 if found is value:
                     continue
-                if same(value, found):
+                if same(value, found) or self._is_hidden(space.owner, name):
                     space.names[name] = found
-                elif not self._is_hidden(space.owner, name):
+                else:
                     yield self._told[id(space.owner), name]
         for key, content in self.contents.items():
             if not content.holds():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from enum import Enum
 from typing import Any
 
@@ -12,8 +12,8 @@ from umo.objects.paths import walk
 
 PLAIN = (bool, int, float, str, Enum)
 """The types of what a wiring can set."""
-NO_LAW = (*PLAIN, Node, type)
-"""The types of attributes that are no laws."""
+NO_LAW = (Node, *PLAIN, type)
+"""The types of attributes that are no laws; most are parts."""
 
 
 def laws_of(node: Compound) -> Iterator[tuple[str, Any]]:
@@ -22,12 +22,29 @@ def laws_of(node: Compound) -> Iterator[tuple[str, Any]]:
     for name, value in vars(node).items():
         if name.startswith("_") or isinstance(value, NO_LAW):
             continue
-        found: Iterable[tuple[str, Any]] = [(name, value)]
-        if isinstance(value, list | tuple):
-            found = ((f"{name}.{number}", each) for number, each in enumerate(value))
-        elif isinstance(value, dict):
-            found = ((f"{name}.{key}", each) for key, each in value.items())
-        yield from (each for each in found if not isinstance(each[1], NO_LAW))
+        if isinstance(value, list | tuple | dict):
+            each = value.items() if isinstance(value, dict) else enumerate(value)
+            yield from [(f"{name}.{key}", law) for key, law in each if not isinstance(law, NO_LAW)]
+        else:
+            yield name, value
+
+
+def has_loops(law: Any) -> bool:
+    """Whether it is a control law, on whose loops there are experiments (`umo.control.experiment`)."""
+    return all(callable(getattr(law.__class__, name, None)) for name in ("experiments", "loops"))
+
+
+def law_named(node: Compound, name: str) -> Any:
+    """The law that `laws_of` gives with this name; None: there is none."""
+    attribute, _, key = name.partition(".")
+    value = None if attribute.startswith("_") else vars(node).get(attribute)
+    if isinstance(value, list | tuple):
+        value = value[int(key)] if key.isdecimal() and int(key) < len(value) else None
+    elif isinstance(value, dict):
+        value = next((law for each, law in value.items() if str(each) == key), None)
+    elif key:
+        return None
+    return None if isinstance(value, NO_LAW) else value
 
 
 def laws_in(root: Compound) -> Iterator[tuple[Compound, str, Any]]:

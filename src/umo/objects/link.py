@@ -116,6 +116,10 @@ class Machine(Protocol):
     @property
     def random(self) -> Random: ...
     @property
+    def laws(self) -> Sequence[tuple[Any, str, Any]]:
+        """The laws with loops of the machine as it was connected, each with the compound that has it and its path."""
+
+    @property
     def current_task(self) -> Task | None:
         """The started sequence that takes a step, or is cancelled, at this moment; None: none does."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from math import inf, isfinite
 from sys import float_info
@@ -51,17 +51,25 @@ class Range:
             raise RangeError(f"{name}: {value!r} is not a whole number")
         return int(number)
 
+    def admits(self, values: Sequence[object]) -> bool:
+        """Whether `check` takes each of them."""
+        low, high = max(self.minimum, -float_info.max), min(self.maximum, float_info.max)
+        return {*map(type, values)} <= {int, float} and all(low <= value <= high for value in values)  # type: ignore[operator]
+
     def checked(self, name: str, value: object) -> float:
         """The value as it is, an int or a float that a float can express; RangeError as `check`."""
-        unit = f" {self.unit}" if self.unit else ""
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise RangeError(f"{name}: {value!r} is not a number{unit and ' in' + unit}")
+            raise RangeError(f"{name}: {value!r} is not a number{self._in_unit}")
         if not -float_info.max <= value <= float_info.max:
             what = repr(value) if isinstance(value, float) else "an integer beyond all floats"
-            raise RangeError(f"{name}: {what} is not a number{unit and ' in' + unit}")
+            raise RangeError(f"{name}: {what} is not a number{self._in_unit}")
         if not self.minimum <= value <= self.maximum:
             raise RangeError(f"{name}: {measure(value, self.unit)} is {self._outside(value)}")
         return value
+
+    @property
+    def _in_unit(self) -> str:
+        return f" in {self.unit}" if self.unit else ""
 
     def _outside(self, value: float) -> str:
         if isfinite(self.minimum) and isfinite(self.maximum):

@@ -97,7 +97,7 @@ class RecipeBook(Generic[R]):
         known = list(self.recipes)
         if recipe.name not in self.recipes:
             return 1 + 2 * len(known)
-        same = recipe.values == self.recipes[recipe.name].values
+        same = recipe == self.recipes[recipe.name]
         return 1 + known.index(recipe.name) + (0 if same else len(known))
 
     def describe(self) -> dict[str, Any]:

@@ -15,17 +15,22 @@ from umo.text import did_you_mean
 _MEASURE = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:(?<=\s)|(?![\d.]))(\S.*?)\s*")
 ANY = Range("", -inf, inf)
 SEQUENCES = (list, tuple, Sequence)
+_PLAIN = {float, int, bool, str}
 
 
-def value_for(hint: Any, given: Any) -> Any:
-    """The value as this type; RangeError, StateError or DeclarationError if it is not one."""
-    kind, limits = parts_of(hint)
+def value_for(hint: Any, given: Any, *, units: bool = True) -> Any:
+    """The value as this type; RangeError, StateError or DeclarationError if it is not one. `units`: whether a number
+    may be a text with a unit; a unit that was not met before takes 1 ms."""
+    return _value(*parts_of(hint), given, units)
+
+
+def _value(kind: Any, limits: Range | None, given: Any, units: bool) -> Any:
+    if kind is float or kind is int:
+        return _number(kind, limits or ANY, given, units)
     if (origin := get_origin(kind)) in SEQUENCES:
-        return _items(kind, origin, limits, given)
+        return _items(kind, origin, limits, given, units)
     if isinstance(kind, type) and issubclass(kind, Enum):
         return _member(kind, given)
-    if kind in (float, int):
-        return _number(kind, limits or ANY, given)
     if kind in (bool, str):
         if type(given) is not kind:
             raise StateError(f"must be {'true or false' if kind is bool else 'a text'}, not {given!r}")
@@ -58,20 +63,23 @@ def plain(value: Any) -> Any:
     """A value as JSON has it: an Enum as the name of its member, a tuple as a list."""
     if isinstance(value, Enum):
         return value.name
-    return [plain(each) for each in value] if isinstance(value, tuple | list) else value
+    if isinstance(value, tuple | list):
+        return [each if type(each) in _PLAIN else plain(each) for each in value]
+    return value
 
 
-def _items(kind: Any, origin: Any, limits: Range | None, given: Any) -> Any:
+def _items(kind: Any, origin: Any, limits: Range | None, given: Any, units: bool) -> Any:
     if not isinstance(given, list | tuple):
         raise StateError(f"must be a list, not {given!r}")
-    kinds = get_args(kind)
-    if origin is not tuple or kinds[-1] is Ellipsis:
-        kinds = (kinds[0],) * len(given)
-    if len(kinds) != len(given):
-        raise StateError(f"must be a list of {len(kinds)}, not of {len(given)}")
-    values = [
-        value_for(Annotated[each, limits] if limits else each, one) for each, one in zip(kinds, given, strict=True)
-    ]
+    parts = [(of, own or limits) for of, own in map(parts_of, get_args(kind)) if of is not Ellipsis]
+    if origin is not tuple or get_args(kind)[-1] is Ellipsis:
+        of, range_ = parts[0]
+        if of is float and (range_ or ANY).admits(given):  # a client may send hundreds
+            return list(map(float, given)) if origin is list else tuple(map(float, given))
+        parts = parts[:1] * len(given)
+    if len(parts) != len(given):
+        raise StateError(f"must be a list of {len(parts)}, not of {len(given)}")
+    values = [_value(*part, one, units) for part, one in zip(parts, given, strict=True)]
     return values if origin is list else tuple(values)
 
 
@@ -85,7 +93,10 @@ def _member(kind: type[Enum], given: Any) -> Enum:
     raise StateError(f"{given!r} is not one of {', '.join(known)}{near}")
 
 
-def _number(kind: type, limits: Range, given: Any) -> float | int:
+def _number(kind: type, limits: Range, given: Any, units: bool) -> float | int:
+    if isinstance(given, str) and not units:
+        unit = f" in {limits.unit}" if limits.unit else ""
+        raise RangeError(f"{given[:60]!r} is not a number{unit}; what is sent has no units")
     number = _converted(given, limits.unit) if isinstance(given, str) else given
     try:
         return limits.check_whole("", number) if kind is int else limits.check("", number)

@@ -73,8 +73,11 @@ class Recipe:
 R = TypeVar("R", bound=Recipe)
 
 
-def recipe_of(kind: type[R], name: str, given: Mapping[str, Any], file: str = "recipe", text: str = "") -> R:
-    """The recipe with these values; RecipeError with all mistakes, with lines where `text` is that of the file."""
+def recipe_of(
+    kind: type[R], name: str, given: Mapping[str, Any], file: str = "recipe", text: str = "", *, units: bool = True
+) -> R:
+    """The recipe with these values; RecipeError with all mistakes, with lines where `text` is that of the file.
+    `units`: whether numbers may be texts with units."""
     mistakes: list[tuple[float, Mistake]] = []
     values: dict[str, Any] = {}
     hints = hints_of(kind)  # type: ignore[arg-type]
@@ -96,7 +99,7 @@ def recipe_of(kind: type[R], name: str, given: Mapping[str, Any], file: str = "r
             mistake(key, "is missing")
             continue
         try:
-            values[key] = value_for(hints[key], value)
+            values[key] = value_for(hints[key], value, units=units or key not in given)
         except UmoError as error:
             mistake(key, str(error) if key in given else f"its default: {error}")
     if mistakes:
@@ -106,14 +109,14 @@ def recipe_of(kind: type[R], name: str, given: Mapping[str, Any], file: str = "r
 
 
 def recipe_from_content(kind: type[R], name: str, content: str) -> R:
-    """The recipe with the values in a text of JSON; RecipeError."""
+    """The recipe with the values in a text of JSON, numbers in the units of their fields; RecipeError."""
     try:
         given = json.loads(content)
     except (ValueError, RecursionError) as error:
         raise RecipeError(f"recipe {name} is refused: its content cannot be read: {error}") from None
     if not isinstance(given, dict):
         raise RecipeError(f"recipe {name} is refused: its content is not a table")
-    return recipe_of(kind, name, given)
+    return recipe_of(kind, name, given, units=False)
 
 
 def read_recipes(kind: type[R], place: Path) -> dict[str, R]:

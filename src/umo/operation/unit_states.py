@@ -201,6 +201,7 @@ class UnitStates:
             self._enter(self.model.commands[CLEAR][self.model.aborted])
         if self._state is self.model.aborting and self.part.cycle.manual:  # no sequence runs
             self._fail()
+            return
         while self._has_ended():
             then = self.model.acting[self._state]
             if then is self.model.aborted:

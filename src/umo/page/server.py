@@ -27,6 +27,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
+from umo.errors import Interrupted
 from umo.page import unauthenticated
 from umo.page.access_control import AccessControl, names_in
 from umo.page.feed import Feed
@@ -34,6 +35,7 @@ from umo.page.session import InitialStation, Session
 from umo.page.subscriptions import HistoryPart, csv_of, in_worker
 from umo.page.unauthenticated import HttpConnection, UnauthenticatedConnections
 from umo.page.watched_run import described_twin
+from umo.text import in_brackets, shown_path
 
 if TYPE_CHECKING:
     from umo.page.fleet_feed import FleetFeed
@@ -195,6 +197,10 @@ class Server(uvicorn.Server):
             self._ready()
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """The second signal ends the serving without a word to the pages; a further one, code that does not end."""
+        if self.force_exit:
+            place = "" if frame is None else f"{shown_path(frame.f_code.co_filename)}:{frame.f_lineno}"
+            raise Interrupted(f"the page does not end{in_brackets(place)}", sig)
         self.force_exit, self.should_exit = self.should_exit, True
 
     def feed_ended(self, task: asyncio.Task[None]) -> None:

@@ -202,6 +202,7 @@ class Watched:
             restrictions = frame["restrictions"]
             reasons = {slot: reader.inhibited(frame, slot) for slot in np.flatnonzero(restrictions).tolist()}
             told["by_client"] = [reader.paths[slot] for slot in reasons if restrictions[slot] == TAKEN_BY_CLIENT]
+            told["taken"] = int(frame["taken"])
             told["inhibited"] = {
                 reader.paths[slot]: why
                 for slot, why in reasons.items()

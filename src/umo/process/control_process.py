@@ -45,7 +45,7 @@ from umo.remote.queue import Receiver
 from umo.system import realtime
 from umo.system.device_record import DeviceClaim
 from umo.system.processes import adjust_oom_score, identity, name_process, parent_of_this
-from umo.system.streams import late, lost_lines, never_wait, say_without_waiting, send_waiting
+from umo.system.streams import late, limit_waits, lost_lines, never_wait, say_without_waiting, send_waiting
 from umo.text import Moment, in_brackets
 
 RESUMING_TIMEOUT = 0.1
@@ -391,8 +391,7 @@ def drive_and_report(control: Control, traces: IO[bytes]) -> int:
     for number in SIGNALS:  # until the machine is connected
         signal.signal(number, control.take_note)
     control.wait_for_admission()
-    if control.keeps_time:
-        never_wait()
+    never_wait() if control.keeps_time else limit_waits()
     faulthandler.register(WHERE_SIGNAL, file=traces, all_threads=False)
     outcome = control.run()
     outcome = control.reset_if_alone(outcome)

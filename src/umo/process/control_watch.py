@@ -35,15 +35,9 @@ class ControlWatch:
     def is_dead(self, within: float = 0.0) -> bool:
         """Whether it has ended: its connections are closed then. One that sticks in the kernel, in a call of its
         device, counts as dead after a while: it cannot be waited for. Gives the guardian's signs of life meanwhile."""
-        until = monotonic() + within
         self._unkillable_from = self._unkillable_from or monotonic() + DEATH_TIMEOUT
         self._run_state.watch()
-        while not self.process.ended:
-            self._run_state.watch()
-            if monotonic() >= until:
-                return monotonic() >= self._unkillable_from
-            sleep(0.0005)
-        return True
+        return self._run_state.wait(lambda: self.process.ended, within) or monotonic() >= self._unkillable_from
 
     def ending(self) -> str:
         """How it ended, in words. To be asked when it was killed: it waits for its end."""

@@ -7,8 +7,9 @@ Nothing here raises. After an error there may be no black box, and the run may n
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from contextlib import suppress
-from time import monotonic, sleep, time
+from time import monotonic, time
 
 from umo.errors import FramesError, text_of
 from umo.frames import Reader
@@ -17,7 +18,7 @@ from umo.frames.frame_server import FrameServer, new_path
 from umo.frames.memory import RunDescriptors
 from umo.latency import blackbox
 from umo.system import realtime
-from umo.system.processes import Child
+from umo.system.processes import Child, wait_until
 from umo.text import Moment
 
 BLACK_BOX_INTERVAL = 10.0
@@ -113,17 +114,19 @@ class FrameWatcher:
                 return Moment.at(float(frame["time"]))
         return ""
 
-    def finish(self) -> None:
-        """At the end: finish the black boxes that are written or wanted, and remove a ring that is left."""
-        until = monotonic() + BLACK_BOX_TIMEOUT
+    def finish(self, wait: Callable[[Callable[[], bool], float], object] = wait_until) -> None:
+        """At the end: finish the black boxes that are written or wanted, and remove a ring that is left. `wait` waits
+        until something is so, up to so many s."""
         if self._box_due is not None and not self._wanted_reason:
             self.keep(blackbox.MISSED_PERIOD)
-        self._reap()
-        while self._child is not None and monotonic() < until:
-            sleep(0.001)
-            self._reap()
+        wait(self._is_at_rest, BLACK_BOX_TIMEOUT)
         if self.frames is not None:
             self.frames[1].close()
+
+    def _is_at_rest(self) -> bool:
+        """Whether no black box is being written."""
+        self._reap()
+        return self._child is None
 
     def _attach(self) -> bool:
         """Whether there are frames to be kept."""

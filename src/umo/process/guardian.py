@@ -43,7 +43,7 @@ from umo.system import realtime
 from umo.system.device_record import INSPECT, DeviceClaim
 from umo.system.processes import adjust_oom_score, carry_out, flush, name_process
 from umo.system.realtime import CorePlace
-from umo.system.streams import keep_open, log_on_lines
+from umo.system.streams import late, never_wait, send_waiting
 from umo.text import in_brackets, some
 
 OOM_SCORE_CHANGE = -500
@@ -56,8 +56,7 @@ MAX_DEAF_LOOKS = 3
 
 def main(file: int, job_file: int) -> int:
     """A guardian process from its job to its exit status."""
-    keep_open()  # what is printed, here or in the control process, cannot end a run
-    log_on_lines()
+    never_wait()  # what is printed, here or in the control process, can neither end a run nor hold it up
     name_process("umo guardian")
     adjust_oom_score(OOM_SCORE_CHANGE)
     for number in SIGNALS:
@@ -260,6 +259,8 @@ class Guardian:
         self._try(self._watcher.look)
         self._try(lambda: self._keeper.look(self._watcher.reader))
         self._try(self._service.look)
+        if late:  # what is printed
+            send_waiting()
         if not self._is_standby:
             self._try(self._standby.look)
             self._try(self._look_at_resetter)

@@ -18,7 +18,7 @@ import signal
 from collections.abc import Callable
 from enum import IntEnum
 from pathlib import Path
-from time import monotonic, sleep
+from time import monotonic
 from typing import Any
 
 from umo.frames import Reader
@@ -38,8 +38,6 @@ LAST_TIMEOUT = 5.0
 """Timeout in s at the end of a run for the last values."""
 FIRST_PAUSE, MAX_PAUSE = 0.1, 5.0
 """Time in s from one replacement of a keeper to the next: it doubles."""
-LOOK_INTERVAL = 0.001
-"""Time in s between two looks for the keeper's end."""
 OOM_SCORE_CHANGE = 600
 """Change of the keeper's score, from the guardian's: where memory runs out, it goes before all that resets."""
 NO_FOLDER = "nothing is kept: there is no folder for what outlives a run"
@@ -114,8 +112,7 @@ class Keeper:
         for _ in range(2):  # the second takes the place of one that was killed
             if not self._cells[Told.FINISHED] and self._has_ended():
                 self._fork(reader)
-            while not self._has_ended() and monotonic() < until:
-                sleep(LOOK_INTERVAL)
+            self._run_state.wait(self._has_ended, until - monotonic())
         self._tell_history("its last changes are missing")
         finished, error = self._cells[Told.FINISHED], self._cells[Told.ERROR]
         self._end()
@@ -165,7 +162,7 @@ class Keeper:
     def _end(self) -> None:
         """Make sure that it has ended. One that is blocked in a call of the kernel ends after that."""
         if (process := self._process) is not None:
-            process.end(DEATH_TIMEOUT / 10)
+            self._run_state.end_process(process, DEATH_TIMEOUT / 10)
             self._child = None
 
 

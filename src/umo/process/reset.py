@@ -45,8 +45,14 @@ DEATH_TIMEOUT = 5.0
 """Time in s that a killed process may take to end."""
 SPARE_DESCRIPTORS = 16
 """Number of descriptors that the child on standby keeps free for the drivers."""
+NO_TIME = "no time was left"
+"""The cause where the time of an attempt was over."""
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """The signals that ask a run to stop. A process that resets, or waits to do so, ignores them."""
+
+
+class _TimeIsOver(Exception):
+    """The time of an attempt in this process is over: no further call begins."""
 
 
 class Resetter:
@@ -59,16 +65,18 @@ class Resetter:
         guard: Callable[[], object] = lambda: None,
         give_up: Callable[[Sequence[str]], object] = lambda paths: None,
         fork: Callable[[bool], int] = lambda first: os.fork(),
+        end: Callable[[Child, float], object] = Child.end,
     ) -> None:
         """`guard` is called in the child that resets. `give_up` is told the paths that an attempt has not reached: a
         worker process that serves one of them is ended, and the next attempt opens its device. `fork` forks the child
-        that stands by: the first one, or one that takes the place of another that has begun to work."""
+        that stands by: the first one, or one that takes the place of another that has begun to work. `end` ends it,
+        and waits so many s for that."""
         by_item = {id(wire.item): wire for wire in wired.wires}
         self._names = {id(driver): name for name, driver in wired.drivers.items()}
         self._wires = [by_item[id(item)] for item in stop_sequence(machine)]
         self._wired = wired
         self._transfer = Transfer(self._wires, wired)
-        self._guard, self._give_up, self._fork_reserve = guard, give_up, fork
+        self._guard, self._give_up, self._fork_reserve, self._end = guard, give_up, fork, end
         self.in_reserve: Callable[[], bool] = lambda: False
         """Function that is called in the child on standby every `RESERVE_INTERVAL` s while it waits; True: it is not
         to wait any longer."""
@@ -136,7 +144,7 @@ class Resetter:
         """The machine ended safely: no reset is needed."""
         child, self._reserve, self._next_fork = self._reserve, None, inf
         if child is not None:
-            child.end(DEATH_TIMEOUT)
+            self._end(child, DEATH_TIMEOUT)
 
     def reset(
         self,
@@ -214,7 +222,7 @@ class Resetter:
             if self._begin(group):
                 self._follow(is_dead, limit, until)
             else:
-                self._work_here(group, is_dead, limit)
+                self._work_here(group, is_dead, limit, until)
         self._attempt_number += 1
         for number in numbers:
             reached = self._state.reached(number)
@@ -272,7 +280,7 @@ class Resetter:
                 self._state.declare_dead()
             silent = self._state.silence > limit
             if not why and (silent or monotonic() > until):
-                why = f"a call did not return within {limit:g} s" if silent else "no time was left"
+                why = f"a call did not return within {limit:g} s" if silent else NO_TIME
                 given_up = monotonic() + DEATH_TIMEOUT
                 child.send(signal.SIGKILL)
             sleep(LOOK_INTERVAL)
@@ -289,20 +297,25 @@ class Resetter:
             self._stuck_drivers.add(id(self._wires[self._state.at].driver))
             self._state.note(self._state.at, Reached.NO, why)
 
-    def _work_here(self, numbers: list[int], is_dead: Callable[[], bool], limit: float) -> None:
-        """No child can be had: in this process; a call that does not return is interrupted by an alarm."""
+    def _work_here(self, numbers: list[int], is_dead: Callable[[], bool], limit: float, until: float) -> None:
+        """No child can be had: in this process, up to `until`. A call that does not return, or is under way then, is
+        interrupted by an alarm."""
 
         def interrupt(number: int, frame: FrameType | None) -> None:
-            raise DeviceTimeout(f"a call did not return within {limit:g} s")
+            silent = f"a call did not return within {limit:g} s"
+            raise DeviceTimeout(silent if monotonic() < until else NO_TIME)
 
         def look() -> None:
-            signal.setitimer(signal.ITIMER_REAL, limit, limit)
+            left = until - monotonic()
+            signal.setitimer(signal.ITIMER_REAL, min(limit, left) if left > 0 else limit, limit)
             if is_dead():
                 self._state.declare_dead()
 
         before = signal.signal(signal.SIGALRM, interrupt)
         try:
-            self._bring_to_defaults(numbers, look)
+            self._bring_to_defaults(numbers, look, until)
+        except _TimeIsOver:
+            self._untried_cause = NO_TIME
         except BaseException as error:
             self._blame(text_of(error))
         finally:
@@ -351,9 +364,8 @@ class Resetter:
         self._bring_to_defaults(numbers, lambda: None)
         return 0
 
-    def _bring_to_defaults(self, numbers: Sequence[int], look: Callable[[], object]) -> None:
-        """Open, initialise, reset once the old process is dead, again when what was under way is done; close."""
-        state = self._state
+    def _bring_to_defaults(self, numbers: Sequence[int], look: Callable[[], object], until: float = inf) -> None:
+        """Open, bring to the defaults, close. From `until` on no call begins but those that close."""
         transfer = self._transfer
         for driver in self._wired.drivers.values():
             if isinstance(driver, OffCycle):
@@ -361,36 +373,46 @@ class Resetter:
                 driver.end()  # its worker sends nothing by itself any more, even if the old process cannot be killed
 
         def call() -> None:
-            state.beat()
+            self._state.beat()
             look()
 
         transfer.on_call = call
-        opened = self._open(numbers)
-        ready = [number for number in numbers if self._driver_of(number) in opened]
-        reached = self._pass(ready, "initialize")
-        while not state.dead:
+        opened: list[str] = []
+        reached: list[int] = []
+        try:
+            self._open(numbers, opened, until)
+            reached = self._reset_opened([n for n in numbers if self._driver_of(n) in opened], call, until)
+        finally:
+            for number in reversed(reached):
+                transfer.finalize(number)
+            for name in reversed(opened):
+                with suppress(BaseException):
+                    transfer.close(name)
+
+    def _reset_opened(self, numbers: list[int], call: Callable[[], object], until: float) -> list[int]:
+        """Initialise, reset once the old process is dead, and again when what was under way is done; those that were
+        reached."""
+        reached = self._pass(numbers, "initialize", until)
+        while not self._state.dead:
             call()
+            _look_at_time(until)
             sleep(LOOK_INTERVAL)
-        reached = self._pass(reached, "reset")
+        reached = self._pass(reached, "reset", until)
         if reached:
             wait_for(settling(self._wired), sleep, call)
-            reached = self._pass(reached, "reset", Reached.YES)
-        state.begin(-1)  # whatever happens from here on, they are at their defaults
-        for number in reversed(reached):
-            transfer.finalize(number)
-        for name in reversed(opened):
-            with suppress(BaseException):
-                transfer.close(name)
+            reached = self._pass(reached, "reset", until, Reached.YES)
+        self._state.begin(-1)  # whatever happens from here on, they are at their defaults
+        return reached
 
     def _driver_of(self, number: int) -> str:
         return self._names[id(self._wires[number].driver)]
 
-    def _open(self, numbers: Sequence[int]) -> list[str]:
-        """The drivers that could be opened; the actuators of the others are noted."""
-        opened = []
+    def _open(self, numbers: Sequence[int], opened: list[str], until: float) -> None:
+        """Open the drivers, and list those that could be; the actuators of the others are noted."""
         for name in dict.fromkeys(map(self._driver_of, numbers)):
             mine = [number for number in numbers if self._driver_of(number) == name]
             self._wired.drivers[name].timeout = self._timeout(name)
+            _look_at_time(until)
             self._state.begin(mine[0])
             try:
                 self._transfer.open(name)
@@ -401,17 +423,23 @@ class Resetter:
                     self._transfer.close(name)
                 continue
             opened.append(name)
-        return opened
 
     def _pass(
-        self, numbers: list[int], segment: Literal["initialize", "reset"], reached: Reached = Reached.ONCE
+        self,
+        numbers: list[int],
+        segment: Literal["initialize", "reset"],
+        until: float,
+        reached: Reached = Reached.ONCE,
     ) -> list[int]:
         """One segment for each; those that were reached. This counts only if the old process is dead. What was not
         tried, as its driver had timed out, stays so."""
         done = []
-        for number, failure in self._transfer.bring_to_default(
-            numbers, segment, self._state.begin, patient=self._tries_all
-        ):
+
+        def begin(number: int) -> None:
+            _look_at_time(until)
+            self._state.begin(number)
+
+        for number, failure in self._transfer.bring_to_default(numbers, segment, begin, patient=self._tries_all):
             if failure is not None:
                 self._state.note(number, Reached.NO, f"{failure.driver}: {failure.cause}")
                 continue
@@ -419,6 +447,11 @@ class Resetter:
             if self._state.dead:
                 self._state.note(number, reached)
         return done
+
+
+def _look_at_time(until: float) -> None:
+    if monotonic() > until:
+        raise _TimeIsOver
 
 
 def _ending(number: int) -> str:

@@ -51,7 +51,9 @@ class RunEnd:
         self._watcher = watcher
         self.title = "guardian"
         self._workers, self._keeper = workers, keeper
-        self.resetter = Resetter(plan.machine, plan.wired, self._begin_reset, workers.end_those_of, self._fork_reserve)
+        self.resetter = Resetter(
+            plan.machine, plan.wired, self._begin_reset, workers.end_those_of, self._fork_reserve, run_state.end_process
+        )
         self._spares = [os.open(os.devnull, os.O_RDONLY) for _ in range(SPARE_DESCRIPTORS)]
 
     def hand_over(self) -> None:
@@ -109,7 +111,7 @@ class RunEnd:
         while self._spares:
             with suppress(OSError):  # control code may have closed it
                 os.close(self._spares.pop())
-        self._run_state.gone(DEATH_TIMEOUT, Who.RESET)  # the child of one that has died
+        self._run_state.wait(lambda: self._run_state.gone(0.0, Who.RESET), DEATH_TIMEOUT)  # the child of a dead one
         lasting = self._plan.wired.process.reset_for
         return self.resetter.reset(lasting, is_dead=is_dead, said=said)
 
@@ -135,7 +137,7 @@ class RunEnd:
         with suppress(Exception):
             outcome.unkept = self._keeper.finish(self._watcher.reader)
         with suppress(Exception):
-            self._watcher.finish()
+            self._watcher.finish(self._run_state.wait)
         self._channel.send("ended", outcome=outcome.dump())
         self._run_state.note_told()
         tell_final_message(self._channel, self._plan.name, outcome)

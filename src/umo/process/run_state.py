@@ -13,12 +13,14 @@ import errno
 import mmap
 import os
 import select
+import signal
 import time
+from collections.abc import Callable
 from enum import IntEnum
 
 from umo.cycle.stage import Stage
 from umo.errors import UmoError
-from umo.system.processes import STOPPED, Child, ProcessHandle, state
+from umo.system.processes import STOPPED, Child, ProcessHandle, start_of, state, wait_until
 from umo.system.shared_cells import HEAD, SharedText
 
 MUTEX_BYTES = 64
@@ -95,14 +97,15 @@ class RunState:
     def __init__(self, workers: int = 0) -> None:
         self._libc = ctypes.CDLL(None, use_errno=True)
         count = len(Who) + workers
-        first = PIDS_AT + 8 * count
+        first = PIDS_AT + 2 * 8 * count
         self._memory = mmap.mmap(-1, first + MUTEX_BYTES * count)  # anonymous and shared
         places = range(first, first + MUTEX_BYTES * count, MUTEX_BYTES)
         self._locks = [ctypes.c_char.from_buffer(self._memory, at) for at in places]
         self._held: dict[int, int] = {}
         """The locks that this process holds, each with its pid: a process that is forked holds none of them."""
         self._cells = memoryview(self._memory)[:REPORT_AT].cast("q")
-        self._pids = memoryview(self._memory)[PIDS_AT:first].cast("q")
+        numbers = memoryview(self._memory)[PIDS_AT:first].cast("q")
+        self._pids, self._starts = numbers[:count], numbers[count:]
         self._report = SharedText(self._memory, REPORT_AT, REPORT_BYTES)
         self._outcome = SharedText(self._memory, OUTCOME_AT, REPORT_BYTES)
         attributes = ctypes.create_string_buffer(64)
@@ -131,7 +134,7 @@ class RunState:
             why = self._not_holding(pid, held)
             os.close(held)
             if why:
-                Child(pid).end(END_TIMEOUT)
+                self.end_process(Child(pid), END_TIMEOUT)
                 raise NotBegun(f"a process that was forked {why}")
             return pid
         os.close(held)
@@ -162,7 +165,9 @@ class RunState:
         """Take a lock: from now on the others detect the death of this thread. It does not wait for a former holder
         that cannot be killed; whether it was taken."""
         taken = self._is_ours(who, self._lock_until(who, HOLD_LIMIT))
-        if taken:  # a number is written by the holder of the lock alone
+        if taken:  # numbers are written by the holder of the lock alone
+            self._pids[who] = 0
+            self._starts[who] = start_of(os.getpid())
             self._pids[who] = self._held[who] = os.getpid()
         return taken
 
@@ -177,13 +182,15 @@ class RunState:
         return self._held.get(who) == os.getpid()
 
     def process(self, who: int) -> ProcessHandle | None:
-        """The living holder of a lock; None: there is none. That it holds the lock after its descriptor was opened
-        proves that its number was not another process's meanwhile."""
-        pid = int(self._pids[who])
+        """The living holder of a lock; None: there is none, or it has just taken the lock. That it holds the lock after
+        its descriptor was opened proves that its number was not another process's meanwhile; the time of its start,
+        that the number is not one that a dead holder has left."""
+        pid, started = int(self._pids[who]), int(self._starts[who])
         if not pid or self.gone(0.0, who):
             return None
         handle = ProcessHandle(pid)
-        return None if self.gone(TEST_TIME, who) or int(self._pids[who]) != pid else handle
+        is_holder = not started or start_of(pid) == started
+        return handle if is_holder and not self.gone(TEST_TIME, who) and int(self._pids[who]) == pid else None
 
     def is_able(self, who: int) -> bool:
         """Whether the holder of a lock lives and can act: it was neither stopped nor killed."""
@@ -193,7 +200,17 @@ class RunState:
     def end(self, who: int, within: float) -> bool:
         """Kill the holder of a lock, if there is one, and wait up to `within` s for its end; whether it has ended."""
         process = self.process(who)
-        return process.end(within) if process is not None else self.gone(within, who)
+        return self.wait(lambda: self.gone(0.0, who), within) if process is None else self.end_process(process, within)
+
+    def end_process(self, process: ProcessHandle, within: float) -> bool:
+        """Kill a process, and wait up to `within` s for its end; whether it has ended."""
+        process.send(signal.SIGKILL)
+        return self.wait(lambda: process.ended, within)
+
+    def wait(self, is_so: Callable[[], bool], within: float) -> bool:
+        """Wait up to `within` s until this is so; whether it is. The only way in which a guardian waits for another
+        process, or whoever takes its place: it gives its signs of life meanwhile."""
+        return wait_until(is_so, within, self.watch)
 
     def gone(self, within: float, who: int = Who.CONTROL) -> bool:
         """Wait up to `within` s for the holder of a lock to die; whether it did. True too if nobody ever held it."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable
-from time import monotonic, sleep
+from time import monotonic
 
 from umo.errors import text_of
 from umo.process.messages import MessageSocket
@@ -95,7 +95,7 @@ class Standby:
         """End it: the run is over, recorded and told."""
         child, self._child = self._child, None
         if child is not None:
-            child.end(DEATH_TIMEOUT)
+            self._run_state.end_process(child, DEATH_TIMEOUT)
 
     # The standby guardian ------------------------------------------------------------------------------
 
@@ -114,10 +114,7 @@ class Standby:
     def _make_sure(self) -> None:
         """End the guardian, and wait for it and its child: only the control process may still write to a device."""
         self._guardian.send(signal.SIGKILL)
-        until = monotonic() + DEATH_TIMEOUT
-        while not (self._guardian.ended and self._run_state.gone(0.0, Who.RESET)) and monotonic() < until:
-            self._run_state.watch()
-            sleep(0.0005)
+        self._run_state.wait(lambda: self._guardian.ended and self._run_state.gone(0.0, Who.RESET), DEATH_TIMEOUT)
 
     # The reserve ---------------------------------------------------------------------------------------
 

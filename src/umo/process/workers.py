@@ -224,10 +224,10 @@ class Workers:
         of another guardian's the lock proves which process it is."""
         who = worker(group.number)
         if group.child is not None and group.child.is_own:
-            group.child.end(DEATH_TIMEOUT)
+            self._run_state.end_process(group.child, DEATH_TIMEOUT)
         else:
             self._run_state.end(who, DEATH_TIMEOUT)
-        self._run_state.gone(1.0, who)
+        self._run_state.wait(lambda: self._run_state.gone(0.0, who), 1.0)
 
 
 def _how(status: int | None) -> str:

@@ -98,7 +98,7 @@ def meant_by(name: str, found: Sequence[Reader]) -> list[Reader]:
     in this folder; else, unless it is a path, those of the stations of this name, wherever their folders are."""
     if name.isdigit() and not os.path.isdir(name):
         return [reader for reader in found if str(reader.about["pid"]) == name]
-    place = os.path.realpath(name)
+    place = real_path(name)
     here = [reader for reader in found if reader.about["place"] == place]
     if here or is_path(name):
         return here
@@ -118,7 +118,15 @@ def several_runs(name: str, fitting: Sequence[Reader]) -> str:
 
 def station_name(text: str) -> str:
     """The name of a station in a folder, also where that is a link that leads nowhere."""
-    return os.path.basename(os.path.realpath(text))
+    return os.path.basename(real_path(text))
+
+
+def real_path(text: str) -> str:
+    """The path without links. It stays as it is where there is no working directory any more: somebody removed it."""
+    try:
+        return os.path.realpath(text)
+    except FileNotFoundError:
+        return os.path.normpath(text)
 
 
 def readers(said: Callable[[str], object] = lambda text: None) -> list[Reader]:

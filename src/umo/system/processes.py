@@ -23,8 +23,8 @@ from umo.text import printable
 HASH_SEED = "PYTHONHASHSEED"
 """Environment variable of the order of sets of texts, which a process takes at its start."""
 PR_SET_NAME = 15
-FLAGS, START, PROCESSOR, PRIORITY = 6, 19, 36, 37
-"""Places in proc_pid_stat(5), counted from the state: flags, starttime, processor, rt_priority."""
+PARENT, FLAGS, START, PROCESSOR, PRIORITY = 1, 6, 19, 36, 37
+"""Places in proc_pid_stat(5), counted from the state: ppid, flags, starttime, processor, rt_priority."""
 BOOT = Path("/proc/sys/kernel/random/boot_id")
 KERNEL_THREAD, EXITING = 0x200000, 0x4
 """Flags of proc_pid_stat(5): PF_KTHREAD, PF_EXITING."""
@@ -33,7 +33,7 @@ STOPPED, ENDED = "Tt", "ZX"
 SIGKILL_PENDING = re.compile(r"^S\w\wPnd:\t[0-9a-f]*[13579bdf][0-9a-f]{2}$", re.M)
 """A line of proc_pid_status(5), SigPnd or ShdPnd: the masks of pending signals, of which SIGKILL is the ninth bit."""
 LOOK_INTERVAL = 0.0005
-"""Time in s between two looks for the end of a process."""
+"""Time in s between two looks at another process."""
 MAX_NAME_BYTES = 15
 """Bytes of the name of a process (prctl(2), PR_SET_NAME)."""
 
@@ -101,12 +101,7 @@ class ProcessHandle:
     def end(self, within: float) -> bool:
         """Kill it, and wait up to `within` s for its end; False if it has not ended: it is blocked in the kernel."""
         self.send(signal.SIGKILL)
-        until = monotonic() + within
-        while not self.ended:
-            if monotonic() > until:
-                return False
-            sleep(LOOK_INTERVAL)
-        return True
+        return wait_until(lambda: self.ended, within)
 
 
 class Child(ProcessHandle):
@@ -147,6 +142,17 @@ class Child(ProcessHandle):
                 if pid and not os.WIFSTOPPED(status):
                     self._waited, self.status = True, status
         return self._waited
+
+
+def wait_until(is_so: Callable[[], bool], within: float, meanwhile: Callable[[], object] = lambda: None) -> bool:
+    """Wait up to `within` s until this is so; whether it is. `meanwhile` is called between two looks."""
+    until = monotonic() + within
+    while not is_so():
+        if monotonic() >= until:
+            return False
+        meanwhile()
+        sleep(LOOK_INTERVAL)
+    return True
 
 
 def known(pid: int, text: str) -> ProcessHandle | None:
@@ -215,11 +221,22 @@ def state(pid: int) -> str:
     return (_stat(pid) or ["X"])[0]
 
 
+def parent_of(pid: int) -> int:
+    """The number of the parent of a process; 0 where there is none, or it cannot be told."""
+    fields = _stat(pid)
+    return int(fields[PARENT]) if len(fields) > PARENT else 0
+
+
 def _start_time(pid: int) -> str:
     """Clock ticks since the start of the computer, as text; empty where there is no such process, or it cannot be
     told."""
     fields = _stat(pid)
     return fields[START] if len(fields) > START else ""
+
+
+def start_of(pid: int) -> int:
+    """Clock ticks since the start of the computer at the start of a process; 0 where that cannot be told."""
+    return int(_start_time(pid) or 0)
 
 
 def identity(pid: int) -> str:

@@ -1,9 +1,11 @@
 """stdout and stderr that can neither end a run nor hold it up.
 
 If the reader ends, the disk is full or a stream is closed, Python would raise BrokenPipeError or OSError from any
-print, also from one in control code. Here the text is dropped without an exception. Where a loop keeps its periods in
-real time, no write waits either: what a full pipe, a stopped terminal or a slow journal does not take is kept in
-bounded memory, and dropped and counted beyond that.
+print, also from one in control code. Here the text is dropped without an exception.
+
+A full pipe, a stopped terminal or a slow journal is waited for without a limit only by commands that hold nothing: its
+reader may be a pager. A loop in real time never waits, nor does a guardian: what is not taken is kept in bounded
+memory, and dropped and counted beyond that. What else holds a machine or serves others waits for a limited time.
 """
 
 from __future__ import annotations
@@ -15,46 +17,81 @@ import select
 import socket
 import stat
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import partial
+from math import inf
+from time import monotonic, sleep
 from typing import Any, TextIO
 
 CLEAR_LINE = "\r\x1b[2K"
 """Text that clears the line of a terminal: that of a run's progress may stand there."""
 
 
-class _Descriptor(io.FileIO):
-    """A descriptor that accepts all text and drops what it cannot write."""
-
-    def write(self, data: object) -> int:
-        size = memoryview(data).nbytes  # type: ignore[arg-type]
-        try:
-            written = super().write(data)  # type: ignore[arg-type]
-        except OSError:
-            return size
-        return size if written is None else written  # None: it would block
-
-
 MAX_WAITING = 1 << 18
 """Number of bytes that wait for a slow reader at most."""
-late: set[_Unwaiting] = set()
-"""The streams of this process in which text waits."""
+READER_TIMEOUT = 10.0
+"""Time in s that a command which holds a machine waits for a reader that takes nothing, once for each stream."""
+RETRY_PAUSE = 0.001
+"""Time in s to the next try where a stream was ready and took nothing."""
 MAX_LINE = 3000
 """Number of bytes of a line of the log at most: a pipe that takes anything takes so much at once (PIPE_BUF is 4096)."""
 
 
-class _Unwaiting(_Descriptor):
-    """A descriptor that accepts all text and never waits. `lost` counts the lines that were dropped."""
+class _Stream(io.FileIO):
+    """A descriptor that accepts all text and drops what it cannot write. `lost` counts the lines that were dropped as
+    they were not taken in time."""
 
-    def __init__(self, number: int) -> None:
+    def __init__(self, number: int, patience: float = inf) -> None:
         super().__init__(number, "w", closefd=False)
+        self.patience = patience
+        """Time in s that a write waits for a reader that takes nothing; what is left over then waits in memory, and
+        nothing is waited for any more until the reader takes something. 0: no write waits; inf: each does."""
         self.lost = 0
         self._waiting = bytearray()
-        self._send, self._let_go = _sender(number)
+        self._is_stalled = False
+        """Whether the reader has taken nothing for as long as is waited."""
+        self._sender: tuple[Callable[[bytes], int], Callable[[], None]] | None = None
+
+    def set_patience(self, seconds: float) -> None:
+        """From now on a write waits for so long; also for a reader that has not taken anything in an earlier one."""
+        self.patience, self._is_stalled = seconds, False
 
     def write(self, data: object) -> int:
-        text = bytes(memoryview(data))  # type: ignore[arg-type]
+        text = memoryview(data).cast("B")  # type: ignore[arg-type]
+        if self.patience == inf and not self._waiting:
+            try:
+                written = super().write(text)
+            except OSError:
+                return len(text)
+            return len(text) if written is None else written  # None: it would block
+        for begin in range(0, len(text), MAX_WAITING):
+            self._write_part(bytes(text[begin : begin + MAX_WAITING]))
+        return len(text)
+
+    def close(self) -> None:
+        if not self.closed:
+            late.discard(self)
+            if self._sender is not None:
+                self._sender[1]()
+        super().close()
+
+    def send_waiting(self) -> None:
+        """Send what the reader takes now, or in time; then the number of the lines that were lost, if any were."""
+        self._send_in_time()
+        if self.lost and not self._waiting:
+            self._waiting += f"\numo: {lost_lines(self.lost)}\n".encode()
+            self.lost = 0
+            self._send_some()
+        if not self._waiting:
+            late.discard(self)
+
+    def forget_waiting(self) -> None:
+        """In a process that was forked: what waits is the other one's to send."""
+        self._waiting.clear()
+        self.lost = 0
+
+    def _write_part(self, text: bytes) -> None:
         self.send_waiting()
         if self.lost or len(self._waiting) + len(text) > MAX_WAITING:
             self.lost += text.count(b"\n") or 1
@@ -63,34 +100,39 @@ class _Unwaiting(_Descriptor):
             self.send_waiting()
         if self._waiting:
             late.add(self)
-        return len(text)
 
-    def close(self) -> None:
-        if not self.closed:
-            late.discard(self)
-            self._let_go()
-        super().close()
+    def _send_in_time(self) -> None:
+        """Send what the reader takes until it has taken nothing for `patience` s."""
+        until = monotonic() + self.patience
+        while self._send_some() and not self._is_stalled:
+            left, before = until - monotonic(), len(self._waiting)
+            if left <= 0:
+                self._is_stalled = True
+            elif is_ready(self.fileno(), left):
+                if self._send_some() == before:
+                    sleep(RETRY_PAUSE)
+                else:
+                    until = monotonic() + self.patience
 
-    def send_waiting(self) -> None:
-        """Send what the reader takes now; then the number of the lines that were lost, if any were."""
-        self._send_some()
-        if self.lost and not self._waiting:
-            self._waiting += f"\numo: {lost_lines(self.lost)}\n".encode()
-            self.lost = 0
-            self._send_some()
-        if not self._waiting:
-            late.discard(self)
-
-    def _send_some(self) -> None:
+    def _send_some(self) -> int:
+        """Send what is taken at once; the number of bytes that are left."""
+        if self._sender is None:
+            self._sender = _sender(self.fileno())
         while self._waiting:
             try:
-                taken = self._send(bytes(self._waiting[: select.PIPE_BUF]))
+                taken = self._sender[0](bytes(self._waiting[: select.PIPE_BUF]))
             except BlockingIOError:
-                return
+                break
             except OSError:  # nobody reads it any more
                 self._waiting.clear()
-                return
+                break
             del self._waiting[:taken]
+            self._is_stalled &= not taken
+        return len(self._waiting)
+
+
+late: set[_Stream] = set()
+"""The streams of this process in which text waits."""
 
 
 def lost_lines(count: int) -> str:
@@ -121,25 +163,48 @@ def _sender(number: int) -> tuple[Callable[[bytes], int], Callable[[], None]]:
     return write_if_ready, lambda: None
 
 
-def is_ready(number: int) -> bool:
-    """Whether a descriptor takes some bytes at once."""
+def is_ready(number: int, timeout: float = 0.0) -> bool:
+    """Whether a descriptor takes some bytes at once, or within so many s."""
     poll = select.poll()
     poll.register(number, select.POLLOUT)
-    return bool(poll.poll(0))
+    return bool(poll.poll(None if timeout == inf else timeout * 1e3))
 
 
 def never_wait() -> None:
-    """Let stdout and stderr of this process drop what is not taken in time, for a loop in real time."""
-    for name, number in (("stdout", 1), ("stderr", 2)):
-        before = getattr(sys, name)
-        setattr(sys, name, _wrapped(_Unwaiting(number), before))
-    if isinstance(logging.lastResort, logging.StreamHandler):
-        logging.lastResort.stream = sys.stderr
+    """Let stdout and stderr of this process drop what is not taken in time: for a loop in real time, and a guardian."""
+    if _raw(sys.stdout) is None or _raw(sys.stderr) is None:
+        keep_open()
+        log_on_lines()
+    limit_waits(0.0)
+
+
+def limit_waits(patience: float | None = None) -> None:
+    """Let writes to stdout and stderr wait so many s (None: `READER_TIMEOUT`) for a reader that takes nothing, where
+    `keep_open` has made these streams: for what holds a machine or serves others."""
+    for stream in (sys.stdout, sys.stderr):
+        if (raw := _raw(stream)) is not None:
+            with suppress(OSError, ValueError):
+                stream.flush()
+            raw.set_patience(READER_TIMEOUT if patience is None else patience)
+
+
+@contextmanager
+def without_waiting() -> Iterator[None]:
+    """In the block no write waits for its reader; what was not taken meanwhile is sent after it, within the time that
+    was set before."""
+    before = [(raw, raw.patience) for raw in map(_raw, (sys.stdout, sys.stderr)) if raw is not None]
+    limit_waits(0.0)
+    try:
+        yield
+    finally:
+        for raw, patience in before:
+            raw.set_patience(patience)
+        send_waiting()
 
 
 def send_waiting() -> int:
-    """After `never_wait`: send what waits, as far as it is taken now; the number of lines that were lost and could not
-    be told."""
+    """Send what waits, as far as it is taken now, or in time; the number of lines that were lost and could not be
+    told."""
     return sum(_send_waiting(stream) for stream in (sys.stdout, sys.stderr))
 
 
@@ -153,10 +218,19 @@ def _send_waiting(stream: Any) -> int:
     return raw.lost + raw._waiting.count(b"\n")
 
 
-def _raw(stream: Any) -> _Unwaiting | None:
+def _raw(stream: Any) -> _Stream | None:
     raw = getattr(getattr(stream, "buffer", None), "raw", None)
-    return raw if isinstance(raw, _Unwaiting) else None
+    return raw if isinstance(raw, _Stream) else None
 
+
+def _forget_waiting() -> None:
+    for stream in tuple(late):
+        stream.forget_waiting()
+    late.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget_waiting)
 
 _unlogged = 0
 """Number of lines of the log that were dropped since the last one that was taken."""
@@ -188,7 +262,7 @@ def _handlers(log: logging.Logger) -> list[logging.Handler]:
 
 def _would_wait(stream: Any) -> bool:
     """Whether a line written to a stream may have to wait: that of a descriptor that takes nothing now."""
-    if stream is None or _raw(stream) is not None:
+    if stream is None or ((raw := _raw(stream)) is not None and raw.patience < inf):
         return False
     try:
         return not is_ready(stream.fileno())
@@ -210,13 +284,12 @@ def keep_open() -> None:
 def say_without_waiting(text: str) -> None:
     """A line on stderr if it is taken at once: nothing waits for a stopped terminal or a pipe that nobody reads."""
     with suppress(OSError):
-        flags = os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK | os.O_NOCTTY
-        file = os.open("/proc/self/fd/2", flags)  # opened again: O_NONBLOCK must not change the stream of others
+        send, let_go = _sender(2)
         try:
-            begin = "\n" if os.isatty(file) else ""  # the line of a run's progress, or a prompt, may stand there
-            os.write(file, f"{begin}{text}\n".encode(errors="backslashreplace"))
+            begin = "\n" if os.isatty(2) else ""  # the line of a run's progress, or a prompt, may stand there
+            send(f"{begin}{text}\n".encode(errors="backslashreplace"))
         finally:
-            os.close(file)
+            let_go()
 
 
 def log_on_lines() -> None:
@@ -230,10 +303,10 @@ def log_on_lines() -> None:
 def _steady(number: int, before: TextIO | None) -> TextIO:
     with suppress(OSError, ValueError, AttributeError):
         before.flush()  # type: ignore[union-attr]
-    return _wrapped(_Descriptor(number, "w", closefd=False), before)
+    return _wrapped(_Stream(number), before)
 
 
-def _wrapped(raw: _Descriptor, before: TextIO | None) -> TextIO:
+def _wrapped(raw: _Stream, before: TextIO | None) -> TextIO:
     encoding = "utf-8" if before is None else before.encoding
     lines = any(getattr(before, name, False) for name in ("line_buffering", "write_through"))
     # a name that is not UTF-8 is shown with its bytes, not refused

@@ -33,7 +33,7 @@ def chosen(known: Sequence[str], wanted: Iterable[str], where: str) -> list[int]
     either. Each once, in the order wanted; all if none is. PathError for one that names nothing."""
     places: dict[int, None] = {}
     for path in wanted:
-        found = [place for place, name in enumerate(known) if is_below(path, name)]
+        found = places_below(path, known)
         if not found:
             near = did_you_mean(path, [*known, *dict.fromkeys(map(generalised, known))])
             raise PathError(f"no object or signal {path!r}{near} in {where}")
@@ -126,12 +126,12 @@ def _numbered(entry: Entry, number: int) -> Entry:
     return entry.model_copy(update={"channel": entry.channel.replace(NUMBER, str(place))})
 
 
-def is_below(path: str, name: str) -> bool:
-    """Whether a name is the path itself or in the compound at the path."""
-    if ANY not in path:
-        return name == path or name.startswith(f"{path}.")
-    depth = path.count(".") + 1
-    return matches(path, ".".join(name.split(".")[:depth]))
+def places_below(path: str, names: Iterable[str]) -> list[int]:
+    """The places among some names of those that are the path itself, or in the compound at the path; it may be a
+    pattern."""
+    parts = ("[^.]*" if part == ANY else re.escape(part) for part in path.split("."))
+    is_below = re.compile(r"\.".join(parts) + r"(?:\.|\Z)").match
+    return [place for place, name in enumerate(names) if is_below(name)]
 
 
 def counted(message: str, more: int) -> str:

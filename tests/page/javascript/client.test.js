@@ -64,6 +64,29 @@ test("what the machine has let go of by itself is held no longer", async () => {
   assert.equal(client.holds("run"), false);
 });
 
+test("which actuators are held the values say, whatever events tell of their end", async () => {
+  const { feed, client, told, answer } = page();
+  feed._text({ type: "description", name: "belt", run: "r1", objects: ["a", "b"].map((path) => ({ path, actuator: true })), signals: [] });
+  const state = (taken, ...byClient) => told({ type: "state", time: 2, taken, by_client: byClient, events: [] });
+  const held = () => ["a", "b"].filter((path) => client.holds(path)).join("");
+  for (const path of ["a", "b"]) {
+    client.hold(path);
+    client.ask({ do: "write", path, value: 1 });
+  }
+  await state(3);
+  assert.equal(held(), "ab");  // neither has come to the machine
+  await answer(1, "done", 4);
+  await answer(2, "done", 5);
+  await state(3);
+  assert.equal(held(), "ab");  // of a period before
+  await state(5, "a", "b");
+  assert.equal(held(), "ab");
+  await told({ type: "state", time: 3, taken: 5, by_client: ["b"], events: [{ time: 3, path: "", state: "cancelled", command: 0, text: "emergency stop: 2 released: a and c" }] });
+  assert.equal(held(), "b");
+  await state(5);
+  assert.equal(held(), "");
+});
+
 test("of a command without an answer nobody knows whether it was carried out; one that was not sent is refused", async () => {
   const { feed, client } = page();
   const asked = client.ask({ do: "call", path: "home" });

@@ -268,9 +268,13 @@ class OffCycle(Driver[Any]):
 
     def cause(self, number: int) -> str:
         """Why a channel has no new value."""
+        return self.causes([number])[0]
+
+    def causes(self, numbers: Sequence[int]) -> list[str]:
+        """The same of several."""
         exchange = self.exchange
         if self.worker is not None and self.worker.is_gone():
-            return "its worker process has ended"
+            return ["its worker process has ended"] * len(numbers)
         if exchange.cells[Cell.AWAY_SINCE] != NEVER:
-            return f"its device is away: {exchange.cause(-1)}"
-        return exchange.cause(number) or "no value has come in time"
+            return [f"its device is away: {exchange.cause(-1)}"] * len(numbers)
+        return [exchange.cause(number) or "no value has come in time" for number in numbers]

@@ -115,8 +115,8 @@ export class Client {
 
   _onState() {
     const { number = 0, holder = "" } = this.feed.state?.lease ?? {};
-    for (const { path, state, command } of this.feed.events) {  // the machine has let go by itself
-      if (state === "cancelled" && this._held.get(path)?.command === command) this._drop(path);
+    for (const path of [...this._held.keys()]) {
+      if (this._hasEnded(path)) this._drop(path);
     }
     if (this.leased) this.feed.touch([...this._held.keys()]);
     else if (this._number !== null && (number > this._number || (number === this._number && !holder))) {
@@ -125,6 +125,15 @@ export class Client {
       this._lost();
     }
     this._changed();
+  }
+
+  /** Whether the machine has let go of what is held by itself: of an actuator the values say so, of an action the end of its command. @param {string} path */
+  _hasEnded(path) {
+    const { by_client: byClient = [], taken = 0 } = this.feed.state ?? {};
+    const command = this._held.get(path)?.command ?? null;
+    if (command === null || byClient.includes(path)) return false;
+    if (this.feed.entries.some((entry) => entry.path === path)) return taken >= command;
+    return this.feed.events.some((event) => event.state === "cancelled" && event.path === path && event.command === command);
   }
 
   /** @param {Asked} entry */

@@ -154,7 +154,10 @@ declare namespace Page {
     inhibited?: Record<string, string>;
     /** Equipment in fault: the reason, by path. */
     faults?: Record<string, string>;
+    /** Paths of the actuators that a client has taken. */
     by_client?: string[];
+    /** Number of the last command that the machine had taken in the period that is shown. */
+    taken?: number;
     alarms?: Alarm[];
     mode?: string;
     tuned?: Record<string, number | null>;

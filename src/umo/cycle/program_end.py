@@ -1,0 +1,80 @@
+"""The end of a program in which machines are still connected: their outputs go to their defaults first.
+
+Python freezes the threads that are left when the program is over, daemon threads and those whose end was not waited
+for, wherever they are. A machine in one of them is asked to stop before that, and leaves in its thread. One that does
+not leave in time, or was left connected by the main thread, is reset by the main thread.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import signal
+import threading
+from collections.abc import Callable, Sequence
+from time import monotonic, sleep
+
+from umo.cycle.stopping import SIGNALS, StopFlag, connected, in_main_thread, signal_name, usual_handler
+from umo.errors import DeclarationError
+from umo.system.streams import say_without_waiting
+from umo.text import printable, some
+
+STOPPING_TIMEOUT = 10.0
+"""Time in s that a machine has to begin to leave, in addition to that of a call that hangs."""
+LEAVING_TIMEOUT = 60.0
+"""Time in s that a machine has to leave once it has begun to."""
+LOOK_INTERVAL = 0.005
+"""Time in s between two looks."""
+
+
+def end_machines() -> None:
+    """Stop the machines of this process that are still connected, and wait for their resets."""
+    machines = [flag for flag in connected() if flag.pid == os.getpid()]
+    threads = [flag for flag in machines if not flag.is_of_main_thread]
+    for flag in threads:
+        flag.request()
+    try:
+        for flag in threads:
+            _wait_for(flag)
+    except BaseException:  # a further signal: nothing is waited for any more
+        pass
+    for flag in machines:
+        if flag in connected():
+            _leave(flag)
+
+
+def _wait_for(flag: StopFlag) -> None:
+    begun = monotonic()
+    while flag in connected() and flag.thread.is_alive():
+        if monotonic() - begun > (LEAVING_TIMEOUT if flag.is_leaving else STOPPING_TIMEOUT + flag.call_limit()):
+            return
+        sleep(LOOK_INTERVAL)
+
+
+def _leave(flag: StopFlag) -> None:
+    """Reset it from here; what its thread does afterwards reaches no device."""
+    left: Sequence[str]
+    try:
+        left = flag.leave_at_once()
+    except BaseException as error:
+        left = [f"all outputs of a machine ({type(error).__name__})"]
+    flag.restore()
+    end = f"not reached: {some(left)}" if left else "every actuator is at its default"
+    say_without_waiting(printable(f"umo: the program has ended while {flag.title} was connected; {end}"))
+
+
+def check_thread(has_devices: bool, handler: Callable[[int], object] = usual_handler) -> None:
+    """DeclarationError where a machine with devices is to be connected in another thread than the main one, and a
+    signal would end the program on the spot, its outputs as they are."""
+    if in_main_thread() or not has_devices:
+        return
+    if deadly := [signal_name(number) for number in SIGNALS if handler(number) is signal.SIG_DFL]:
+        raise DeclarationError(
+            f"in thread {threading.current_thread().name!r}: {' and '.join(deadly)} would end this program and leave "
+            "the outputs as they are, as Python handles signals in the main thread alone; write there, before the "
+            f"thread is started: signal.signal(signal.{deadly[0]}, signal.default_int_handler)"
+            f"{', for each' if len(deadly) > 1 else ''}; or use umo.start, which has a guardian"
+        )
+
+
+atexit.register(end_machines)
