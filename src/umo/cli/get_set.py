@@ -51,9 +51,9 @@ def get_values(name: str, wiring: str | None, paths: list[str], unit: str | None
     for item in items:
         converted(TableRow(described(item), 1.0), unit)  # before a device is opened
     file = station.wiring(wiring)
-    limit_waits()
     wired = resolve(machine, file)
     wires = {wire.item: wire for wire in wired.wires}
+    limit_waits()
     connection = connect(machine, wired, acknowledge=acknowledge)
     _announce(connection, station, file, "reading")
     width = max(map(len, paths))
