@@ -240,7 +240,7 @@ def test_it_stops_in_the_control_code_with_the_machine_and_its_parts_by_name(con
     assert "complete()\n-> await until(lambda: unit.state in" in said  # where the sequence stands
     assert "<Conveyor: sorter, timer>" in said and "<Sorter" in said
     stack = said.split("(replay)")[4]
-    assert "application.py(43)main()" in stack and "cli" not in stack
+    assert "application.py(44)main()" in stack and "cli" not in stack
 
 
 @pytest.mark.full

@@ -174,8 +174,8 @@ def _value_metrics(machine: Declaration, changes: Changes) -> Iterator[Metric]:
             continue
         about = [machine.station, item.path, item.kind.value]
         if item.states:
-            for each, name in item.states.items():
-                state.add_metric([*about, name], float(each == number))
+            for name in dict.fromkeys(item.states.values()):  # a series that is there twice spoils the scrape
+                state.add_metric([*about, name], float(name == item.state_of(number)))
         elif item.kind in NUMBERS:
             value.add_metric([*about, item.unit], number)
     yield from (value, state, quality)
