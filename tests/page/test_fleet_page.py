@@ -38,6 +38,9 @@ class Rig:
 @contextmanager
 def gateway_of(frames: Path, port: int, folder: Path) -> Iterator[Callable[[], subprocess.Popen[str]]]:
     begun: list[subprocess.Popen[str]] = []
+    roles = folder / "gateway" / "umo" / "roles.toml"  # nothing proves the name of a client of this network
+    roles.parent.mkdir(parents=True, exist_ok=True)
+    roles.write_text('[unverified]\nfleet = "operate"\n')
 
     def begin() -> subprocess.Popen[str]:
         words = ["fleet", "serve", "--site", "cell7", "--commands", "--listen", f"tcp/127.0.0.1:{port}"]
