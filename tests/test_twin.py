@@ -7,6 +7,7 @@ import math
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -350,8 +351,8 @@ def test_a_declaration_that_does_not_fit_is_told_to_the_page(umo: Callable[..., 
     (place / "twin.py").write_text(
         "from umo.twin import Body, Slide, Twin\ndef twin(m): return Twin([Body('x', drives=[Slide('nothing')])])\n"
     )
-    layout = layout_of(find(place).machine(), place=str(place))
-    assert describe(SimpleNamespace(is_elsewhere=False, reader=SimpleNamespace(layout=layout)), None) == {
+    layout = layout_of(find(place).machine())
+    assert describe(SimpleNamespace(is_elsewhere=False, own_twin=partial(twin_of, layout, place)), None) == {
         "error": "twin: body 'x': no object or signal 'nothing'"
     }
 
