@@ -69,7 +69,7 @@ class Attacked:
         await self.other.monitor(mine, "cell.position", ClientHandle=1, QueueSize=10, Filter=deaf)
 
     def attack(self, user: str | None, requests: list[Any]) -> None:
-        self._loop.run_until_complete(asyncio.wait_for(self._attack(user, requests), 60.0))
+        self._loop.run_until_complete(asyncio.wait_for(self._attack(user, requests), 3 * FIRST))
 
     async def _attack(self, user: str | None, requests: list[Any]) -> None:
         async with self.rig.client(user) as client:
@@ -84,8 +84,8 @@ class Attacked:
             self._fails = not self._fails
             self.rig.machine.set("cell.position", OSError("unplugged") if self._fails else 7)
             self.rig.machine.set("cell.level", raw)
-            await until(lambda: self.heard.of(0)[-1][0] == raw / 2)
-            await until(lambda: (self.heard.of(1)[-1][1] == "BadDeviceFailure") is self._fails)
+            await until(lambda: self.heard.of(0)[-1][0] == raw / 2, FIRST)
+            await until(lambda: (self.heard.of(1)[-1][1] == "BadDeviceFailure") is self._fails, FIRST)
         assert not sender.wrong, sender.wrong
         assert not any("has failed" in each for each in self.rig.said), self.rig.said
 
