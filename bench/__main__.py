@@ -55,7 +55,7 @@ def main() -> int:
     console = Console()
     console = Console(width=max(console.width, 140), highlight=False)
     if options.kills:
-        return show.run(console, quick=options.quick, only=options.only, seed=options.seed)
+        return show.run(console, quick=options.quick, only=options.only, seed=options.seed, jobs=options.jobs)
     if options.against:
         return against.run(console, options.against, options.only, options.pairs)
     rounds = QUICK_ROUNDS if options.quick else ROUNDS
@@ -201,6 +201,7 @@ def _options() -> argparse.Namespace:
     )
     parser.add_argument("--markdown", action="store_true", help="--bounds: print the rows of docs/bounds.md")
     parser.add_argument("--seed", type=int, default=campaign.SEED, help="of --kills and --fleet: other random moments")
+    parser.add_argument("--jobs", type=int, default=1, help="tries of --kills at a time; default: 1")
     return parser.parse_args()
 
 

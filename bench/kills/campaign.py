@@ -87,23 +87,21 @@ def measure(
     share: float = 1.0,
     seed: int = SEED,
     said: Callable[[Try], object] = lambda one: None,
+    jobs: int = 1,
 ) -> list[Row]:
-    """Try them, in turns, so that a busy hour of this computer hits all alike. `said` hears of every try."""
+    """Try them, in turns, so that a busy hour of this computer hits all alike; `jobs` of them at a time. `said` hears
+    of every try."""
     rows = {kind.name: Row(kind) for kind in kinds}
-    with _usual_signals(), ThreadPoolExecutor() as later:
-        waiting: list[Future[Try]] = []
-        for kind, number in _turns(kinds, counts(kinds, share)):
-            waiting.append(_try(kind, number, seed, later))
-            while waiting and waiting[0].done():
-                _note(waiting.pop(0).result(), rows, said)
-        for one in waiting:
-            _note(one.result(), rows, said)
+    with _usual_signals(), ThreadPoolExecutor() as later, ThreadPoolExecutor(jobs) as trying:
+        turns = _turns(kinds, counts(kinds, share))
+        try:
+            for one in [trying.submit(_try, kind, number, seed, later) for kind, number in turns]:
+                found = one.result().result()
+                rows[found.kind].tries.append(found)
+                said(found)
+        finally:
+            trying.shutdown(cancel_futures=True)
     return list(rows.values())
-
-
-def _note(one: Try, rows: dict[str, Row], said: Callable[[Try], object]) -> None:
-    rows[one.kind].tries.append(one)
-    said(one)
 
 
 def _turns(kinds: Sequence[Kind], numbers: dict[str, int]) -> Iterator[tuple[Kind, int]]:

@@ -18,7 +18,7 @@ QUICK = 0.03
 """The share of the full numbers: about one try of each kind."""
 
 
-def run(console: Console, *, quick: bool, only: str = "", seed: int = campaign.SEED) -> int:
+def run(console: Console, *, quick: bool, only: str = "", seed: int = campaign.SEED, jobs: int = 1) -> int:
     """The whole campaign; the exit status, 1 if anything was unsafe or not as it must be."""
     if (why := box.missing()) is not None:
         console.print(f"not measured: {why}")
@@ -34,7 +34,9 @@ def run(console: Console, *, quick: bool, only: str = "", seed: int = campaign.S
     share = QUICK if quick else 1.0
     numbers = campaign.counts(kinds, share)
     total, seconds = sum(numbers.values()), campaign.expected(kinds, numbers)
-    console.print(f"{total} tries of {len(kinds)} kinds, about {duration(seconds)}; {platform.machine()}, seed {seed}")
+    console.print(
+        f"{total} tries of {len(kinds)} kinds, about {duration(seconds / jobs)}; {platform.machine()}, seed {seed}"
+    )
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("kills", total=total)
@@ -44,7 +46,7 @@ def run(console: Console, *, quick: bool, only: str = "", seed: int = campaign.S
             if one.unsafe or one.wrong:
                 console.print(str(one), markup=False, highlight=False, soft_wrap=True)
 
-        rows = campaign.measure(kinds, share, seed, said)
+        rows = campaign.measure(kinds, share, seed, said, jobs)
     console.print(grid(rows))
     unsafe, wrong = (sum(len(getattr(row, what)) for row in rows) for what in ("unsafe", "wrong"))
     if oldest := max(one.kept_age for row in rows for one in row.tries):
