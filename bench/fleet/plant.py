@@ -72,6 +72,9 @@ class FleetPlant:
         self.faces = [self._face(number) for number in range(real)]
         self.scrapers = [self._scraper(number) for number in range(real)]
         self.carried_out = folder / "carried_out"
+        roles = Path(environment(folder / f"computer{self.alone}")["XDG_CONFIG_HOME"]) / "umo" / "roles.toml"
+        roles.parent.mkdir(exist_ok=True)
+        roles.write_text('[unverified]\nfleet = "maintain"\n')  # nothing proves a client's name on one computer
         own = ("fleet", "serve", "--commands", "--site", OWN, "--listen", OWN_ADDRESS)
         self.own_gateway = self.part("gateway with commands", self.alone, *UMO, *own)
         self.own_station = self.python("station", self.alone, "bench.fleet.station", str(self.carried_out))
