@@ -13,7 +13,7 @@ from umo.drivers import Driver, DriverError
 from umo.drivers.contract import Channel
 from umo.errors import StopError
 from umo.objects.stop_order import stop_sequence
-from umo.process.reset import Resetter
+from umo.process.reset import ATTEMPT_PAUSE, Resetter
 from umo.states import OnOff, PassFail
 from umo.testing import Scripted, VirtualTimer, periods, put
 from umo.wiring import resolve
@@ -309,6 +309,6 @@ def test_the_guardian_tries_a_silent_device_once_an_attempt_and_at_the_end_all_o
     silent, quick = Opened(calls), Slow(calls)
     quick.silent = False
     wiring = wired(m, quick, entries={path: {"driver": "slow"} for path in RIGHT}, slow=silent)
-    left = Resetter(m, resolve(m, wiring)).reset(0.0)
+    left = Resetter(m, resolve(m, wiring)).reset(0.9 * ATTEMPT_PAUSE)  # as long again for what was not tried
     assert calls == [RIGHT[0], *["valve", *REST] * 2, *RIGHT[1:], RIGHT[0]]  # and once more: it may answer by now
     assert left == dict.fromkeys(RIGHT, "slow: no answer")

@@ -442,7 +442,7 @@ def test_a_compiled_run_is_replayed_in_python(umo: Umo, tmp_path: Path) -> None:
     assert "[parameters]" in wiring.read_text()
     with observed():
         assert umo("run", "tank", "--no-plot", "--record", "tank.mcap").exit_code == 0
-    replayed = umo("replay", "tank.mcap")
+    replayed = umo("replay", "tank.mcap", "tank")
     assert replayed.exit_code == 0 and replayed.stdout.startswith("identical: 831 periods")
 
 

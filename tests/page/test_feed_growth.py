@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -28,7 +29,8 @@ def test_rings_that_cannot_be_read_are_forgotten_when_they_have_gone(monkeypatch
             await feed.search()
             assert list(feed._refused) == [there[0].name]
 
-    asyncio.run(work())
+    with ThreadPoolExecutor(1) as thread:  # Playwright's loop may be running in this one
+        thread.submit(asyncio.run, work()).result()
 
 
 def test_a_mirror_that_nobody_saw_is_closed_and_begins_anew_when_it_is_opened_again(

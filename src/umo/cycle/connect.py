@@ -41,8 +41,8 @@ from umo.wiring.wired import apply_parameters
 C = TypeVar("C", bound=Compound)
 
 _ENTERING = threading.Lock()
-_ENTERED: set[int] = set()
-"""Ids of the machines that are connected or being connected."""
+_ENTERED: dict[int, Compound] = {}
+"""The machines that are connected or being connected, by their ids, which nothing else has while they stand here."""
 
 
 class connect(Generic[C]):
@@ -134,11 +134,11 @@ class connect(Generic[C]):
         with _ENTERING:
             if id(self.root) in _ENTERED:
                 raise DeclarationError(f"{type(self.root).__name__} is already connected")
-            _ENTERED.add(id(self.root))
+            _ENTERED[id(self.root)] = self.root
         try:
             self._enter()
         except BaseException:
-            _ENTERED.discard(id(self.root))
+            _ENTERED.pop(id(self.root), None)
             raise
         return self.root
 
@@ -215,7 +215,7 @@ class connect(Generic[C]):
         finally:
             if error is not None:
                 _date(error, moment)
-            _ENTERED.discard(id(self.root))
+            _ENTERED.pop(id(self.root), None)
 
     def _moment(self) -> Moment | None:
         """The time of the run; None before its first period."""

@@ -6,12 +6,14 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
 from umo.cycle.frame import Frame
 from umo.cycle.insisting import Insistence, SignalledMachine
+from umo.errors import Interrupted
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
 if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # ignored: under nohup
@@ -139,6 +141,24 @@ def _caught(number: int, frame: FrameType | None) -> None:
         _insistence[0].insist(
             number, frame, [SignalledMachine(flag.call_limit(), flag.leave_at_once) for flag in found]
         )
+
+
+@contextmanager
+def raising_signals() -> Iterator[None]:
+    """In the block, what would end the program on the spot raises `Interrupted` in the main thread: outputs that other
+    threads drive can still be reset. In another thread nothing is changed."""
+    deadly = [number for number in SIGNALS if signal.getsignal(number) is signal.SIG_DFL] if in_main_thread() else []
+    for number in deadly:
+        signal.signal(number, _raise)
+    try:
+        yield
+    finally:
+        for number in deadly:
+            signal.signal(number, signal.SIG_DFL)
+
+
+def _raise(number: int, frame: FrameType | None) -> None:
+    raise Interrupted(signal_name(number), number)
 
 
 def in_main_thread() -> bool:

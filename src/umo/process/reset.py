@@ -173,15 +173,17 @@ class Resetter:
                 told = True
                 said(f"not reached yet, retrying for up to {lasting:g} s: {summary(left)}")
             self._prepare_next(is_dead)
-        self._try_last(monotonic() + lasting, is_dead)
+        self._try_last(lasting, is_dead)
         return self._left()
 
-    def _try_last(self, until: float, is_dead: Callable[[], bool]) -> None:
+    def _try_last(self, lasting: float, is_dead: Callable[[], bool]) -> None:
         """The attempts when the time is over. What no attempt came to, as others of its driver had timed out, is tried
-        one by one, until `until`."""
+        one by one, for `lasting` s."""
         self._is_last = progress = True
+        until = inf
         while progress and self._due():
             self._prepare_next(is_dead)
+            until = min(until, monotonic() + lasting)
             untried = [number for number in self._due() if number not in self._results]
             self._tries_all = True
             progress = bool(untried) and self._run(untried, is_dead, until)

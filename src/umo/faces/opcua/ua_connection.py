@@ -127,11 +127,12 @@ class Processor(UaProcessor):
         session: Any = self.session or self.iserver.lookup_external_session(header.AuthenticationToken)
         if session is None:
             return await self._log_in(typeid, header, sequence, body)
-        before, session.name = session.name, self.name
+        before = session.name, session.socket
+        session.name, session.socket = self.name, self._transport.get_extra_info("socket")
         try:
             answered = await self._log_in(typeid, header, sequence, body)
         except BaseException:
-            session.name = before
+            session.name, session.socket = before
             raise
         if session.processor is not self:
             session.publisher.requests.clear()

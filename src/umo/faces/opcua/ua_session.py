@@ -45,6 +45,8 @@ class UaSession(InternalSession):
         super().__init__(*given, external=external, **more)
         self.processor: Any = None
         """Its connection."""
+        self.socket: Any = None
+        """The socket of the connection on which it was activated last, or is being."""
         self.publisher = Publisher(self._send, self.iserver.monitoring.clock)
         self.view = Browsing(self.aspace)
         self.most = 0
@@ -77,7 +79,7 @@ class UaSession(InternalSession):
             raise ServiceError(ua.StatusCodes.BadIdentityChangeNotSupported)
         if after.user is not None:
             name = after.user.name
-            is_owner = is_own(self.transport.get_extra_info("socket") if self.transport is not None else None)
+            is_owner = is_own(self.socket)
             user = User(name, True, is_owner, lambda: self._is_of(name))
             holder = User(name, True, is_owner, lambda: self._is_of(name) and self._is_heard())
             self.user = Client(UserRole.User, name, user, holder)

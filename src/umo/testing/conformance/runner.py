@@ -11,6 +11,7 @@ from threading import Thread
 from time import monotonic
 from typing import Any, TypeVar
 
+from umo.cycle.stopping import raising_signals
 from umo.drivers.contract import Driver
 from umo.errors import Failure, StopError, text_of
 from umo.presentation.durations import duration
@@ -58,10 +59,22 @@ def conform(
     before the driver was imported (`process_snapshot.state`), if more than `make` is to be judged.
 
     Outputs are driven within the limits of the subject, and are at their defaults at the end, also after an exception
-    or Ctrl-C. A rule that fails does not keep the others from being tried, unless the driver hangs (a call that
+    or a signal. A rule that fails does not keep the others from being tried, unless the driver hangs (a call that
     does not return within four times its timeout and 2 s) or the device does not answer any more.
     """
-    rules = chosen_rules(only)
+    with raising_signals():
+        return _conform(subject, chosen_rules(only), minutes, cycles, progress, plan, before)
+
+
+def _conform(
+    subject: Subject,
+    rules: Sequence[Rule],
+    minutes: float,
+    cycles: int | None,
+    progress: OnProgress | None,
+    plan: OnPlan | None,
+    before: State | None,
+) -> Certificate:
     context = RuleContext(subject, cycles, Budget(60 * minutes, rules))
     context.begin(before)
     driver = subject.make()
