@@ -177,6 +177,7 @@ def test_a_dead_device_ends_the_attempts(time: Time) -> None:
 
 def test_the_attempts_of_a_reset_in_this_process_have_an_end(time: Time, monkeypatch: pytest.MonkeyPatch) -> None:
     """What none has come to is tried one by one for as long again; then follows one more."""
+    monkeypatch.setattr(reset.signal, "setitimer", lambda *given: None)  # the alarm is of real time
     device = Device(time, [Outage(-1.0, 1e9, "silent", breaks=False)], began=time.now)
     opened, closed = list[float](), list[float]()
     monkeypatch.setattr(device, "open", lambda: opened.append(time.now))
