@@ -79,6 +79,7 @@ def test_what_an_application_returns_cannot_change_how_a_run_ends(tmp_path: Path
     assert_safe(cells)
 
 
+@pytest.mark.full
 def test_an_exception_that_is_shown_slowly_does_not_count_as_hanging(tmp_path: Path, cells: Cells) -> None:
     outcome = Run(process_box.wiring(tmp_path / "box", process={"hang_timeout": "1 s"}), "fails_slowly").outcome()
     assert outcome.failure is not None

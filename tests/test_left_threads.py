@@ -24,17 +24,19 @@ def test_threads_that_are_left_are_told_by_name_and_place(capfd: pytest.CaptureF
     for each in threads:
         each.start()
     try:
-        assert left_threads() == threads[:1]
+        assert [each for each in left_threads() if each in threads] == threads[:1]  # others of this process may be idle
         tell_threads(patience=0.0)
         told = capfd.readouterr().err
-        assert told.startswith("umo: done, but for a thread that the application has left: logger")
+        assert (
+            told.startswith("umo: done, but for ") and " that the application has left: " in told and "logger" in told
+        )
         assert told.endswith("; Ctrl-C ends it\n")
     finally:
         release.set()
         for each in threads:
             each.join()
     tell_threads(patience=0.0)
-    assert capfd.readouterr().err == ""
+    assert "logger" not in capfd.readouterr().err
 
 
 APPLICATION = """

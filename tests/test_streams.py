@@ -104,6 +104,7 @@ def clocked(tank: Path) -> Path:
 @pytest.mark.parametrize(
     "command", first(1, [">/dev/full 2>&1", "2>&1 | head -1; exit ${PIPESTATUS[0]}", "<&- >&- 2>&-"])
 )
+@pytest.mark.full
 def test_a_run_in_processes_of_its_own_goes_on_too(clocked: Path, command: str) -> None:
     assert run(clocked, f"umo run clocked {command}").returncode == 0
 

@@ -331,6 +331,7 @@ STEPS = st.lists(st.sampled_from(["sample", "part", "motor", "probe", "relay", "
 @pytest.mark.usefixtures("each_way")
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150)
 @given(before=STEPS, after=STEPS, seed=st.integers(0, 9))
+@pytest.mark.full
 def test_from_a_frame_back_over_its_journal_stands_what_the_whole_machine_sampled(
     before: list[str], after: list[str], seed: int
 ) -> None:

@@ -48,6 +48,7 @@ def test_a_seed_gives_the_same_program_and_every_hazard_has_its_turn() -> None:
 
 @needs_a_compiler
 @pytest.mark.slow
+@pytest.mark.full
 def test_a_program_that_is_different_is_found_and_reduced(monkeypatch: pytest.MonkeyPatch) -> None:
     """As one would be where the translator took `<` for `<=`."""
     from umo.generate import expression_code

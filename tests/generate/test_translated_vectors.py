@@ -18,6 +18,7 @@ pytestmark = needs_a_compiler
 
 
 @pytest.mark.parametrize("seed", some(lambda seed: seed < 1, range(4)))
+@pytest.mark.full
 def test_vectors_are_equal_to_the_bit_whatever_is_missed_fails_or_is_inhibited(seed: int, tmp_path: Path) -> None:
     random, machine, box, steps = Random(seed), bays(), Fragile(), 10_000 if seed else 300
     missed = [random.choice((0, 0, 0, 0, 0, 0, 2, 5)) for _ in range(steps)]

@@ -211,6 +211,7 @@ def peak(work: Callable[[], object]) -> int:
         tracemalloc.stop()
 
 
+@pytest.mark.full
 def test_the_memory_for_a_few_columns_does_not_grow_with_all_objects(
     umo: Umo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -48,6 +48,7 @@ def stops(text: str) -> list[int]:
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_it_goes_to_a_period_back_and_forth(conveyor: Path) -> None:
     lines = "back 100\nto 3 s\nstep\nstep 10\nto 100\nto 3000\nback 5000\nq\n"
     said = session(conveyor, lines, "--at", "2500")

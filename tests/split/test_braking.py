@@ -61,6 +61,7 @@ def silent(theta: Theta, periods: int = 1_000) -> list[Period]:
     return found
 
 
+@pytest.mark.full
 def test_an_axis_that_moves_brakes_within_its_limits_and_then_outputs_go_to_defaults(theta: Theta) -> None:
     assert cruising(theta).setpoint.velocity == pytest.approx(40.0)
     found = silent(theta)

@@ -101,6 +101,7 @@ def test_what_fails_alone_does_so_on_the_controller_until_it_is_cleared(
         assert next(each for each in record if heats(each)).mode == RUNNING
 
 
+@pytest.mark.full
 def test_after_the_line_was_away_the_part_is_started_again(tmp_path: Path) -> None:
     with controller_of(WHOLE.program(tmp_path)) as controller:
         line, record = BadLine(controller.port, 1, share=0.0), controller.recorded()

@@ -87,6 +87,7 @@ def test_another_rate_within_the_part_is_refused() -> None:
 
 
 @needs_a_compiler
+@pytest.mark.full
 def test_the_period_of_a_part_is_that_of_its_controller(tmp_path: Path) -> None:
     options = {"cycle": "5 ms"}
     with (

@@ -8,5 +8,10 @@ def main() -> None:
     keep_open()
     log_on_lines()
     from umo.cli.app import app
+    from umo.cli.left_threads import prepare_end
 
-    app()
+    try:
+        app()
+    except SystemExit as ended:
+        prepare_end(ended.code if isinstance(ended.code, int) else int(ended.code is not None))
+        raise

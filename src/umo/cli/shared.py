@@ -24,7 +24,6 @@ from umo.system.processes import HASH_SEED
 from umo.text import cut_words, did_you_mean, in_brackets, place_of
 
 from .console import err
-from .left_threads import prepare_end
 
 F = TypeVar("F", bound=Callable[..., Any])
 USUAL_STATUS = "0 done; 1 the machine, a device or code failed; 2 a mistake, told on stderr; 130 Ctrl-C"
@@ -72,7 +71,6 @@ class CommandLine(TyperGroup):
                 raise
             err.print(in_a_line(error), soft_wrap=True)
             status = ExitStatus.MISTAKE
-        prepare_end(int(status or 0))
         sys.exit(status or 0)
 
 
