@@ -84,8 +84,10 @@ class Attacked:
             self._fails = not self._fails
             self.rig.machine.set("cell.position", OSError("unplugged") if self._fails else 7)
             self.rig.machine.set("cell.level", raw)
-            await until(lambda: self.heard.of(0)[-1][0] == raw / 2, FIRST)
-            await until(lambda: (self.heard.of(1)[-1][1] == "BadDeviceFailure") is self._fails, FIRST)
+            await until(lambda: [each[0] for each in self.heard.of(0)[-1:]] == [raw / 2], FIRST)
+            await until(
+                lambda: [each[1] == "BadDeviceFailure" for each in self.heard.of(1)[-1:]] == [self._fails], FIRST
+            )
         assert not sender.wrong, sender.wrong
         assert not any("has failed" in each for each in self.rig.said), self.rig.said
 
