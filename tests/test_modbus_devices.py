@@ -8,14 +8,14 @@ import select
 import threading
 import time
 import tty
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
-import numpy as np
 import pytest
 
-from helpers.peers.modbus_device import PATIENT, Peer, running
+from helpers.opened_modbus import Start, read, starting, write
+from helpers.peers.modbus_device import PATIENT
 from helpers.peers.modbus_map import holding
 from umo import Compound, DigitalSensor, Quality, connect
 from umo.drivers.modbus import Modbus
@@ -28,33 +28,12 @@ from pymodbus.framer import FramerRTU
 from umo.drivers.modbus import tcp, unit
 
 HASTY = 0.05
-Start = Callable[..., tuple[Modbus, Peer]]
 
 
 @pytest.fixture
 def start() -> Iterator[Start]:
-    """start(*faults, **options): an open driver and its device of libmodbus."""
-    with ExitStack() as stack:
-
-        def start(*faults: str, **options: Any) -> tuple[Modbus, Peer]:
-            peer = stack.enter_context(running(0, *faults))
-            driver = Modbus(port=peer.port, **options)
-            driver.timeout = PATIENT
-            driver.open()
-            stack.callback(driver.close)
-            return driver, peer
-
+    with starting() as start:
         yield start
-
-
-def read(driver: Modbus, *texts: str) -> list[int]:
-    out = np.full(len(texts), -99, np.int64)
-    driver.read_many([driver.channel(text) for text in texts], out)
-    return out.tolist()
-
-
-def write(driver: Modbus, raws: dict[str, int]) -> None:
-    driver.write_many([driver.channel(text) for text in raws], np.array(list(raws.values()), np.int64))
 
 
 # An adapter that repeats what is sent -------------------------------------------------------------------

@@ -7,7 +7,7 @@ import asyncio
 import struct
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from helpers.peers.modbus_device import PATIENT, Peer, running
+from helpers.opened_modbus import Start, opened, read, starting, write
+from helpers.peers.modbus_device import PATIENT
 from helpers.peers.modbus_map import holding
 from helpers.tiers import first
 from umo import BinaryActuator, BinarySensor, Compound, DigitalSensor, check, connect
@@ -32,40 +33,12 @@ from umo.testing import periods
 
 pytest.importorskip("pymodbus")
 FLOATS = 480  # of modbus_peer: 238.7 in the four orders
-Start = Callable[..., tuple[Modbus, Peer]]
 
 
 @pytest.fixture
 def start() -> Iterator[Start]:
-    """start(*faults, **options): an open driver and its device of libmodbus."""
-    with ExitStack() as stack:
-
-        def start(*faults: str, **options: Any) -> tuple[Modbus, Peer]:
-            peer = stack.enter_context(running(0, *faults))
-            return stack.enter_context(opened(peer.port, **options)), peer
-
+    with starting() as start:
         yield start
-
-
-@contextmanager
-def opened(port: int, **options: Any) -> Iterator[Modbus]:
-    driver = Modbus(port=port, **options)
-    driver.timeout = PATIENT
-    driver.open()
-    try:
-        yield driver
-    finally:
-        driver.close()
-
-
-def read(driver: Modbus, *texts: str) -> list[int]:
-    out = np.full(len(texts), -99, np.int64)
-    driver.read_many([driver.channel(text) for text in texts], out)
-    return out.tolist()
-
-
-def write(driver: Modbus, raws: dict[str, int]) -> None:
-    driver.write_many([driver.channel(text) for text in raws], np.array(list(raws.values()), np.int64))
 
 
 # Orders of bytes ----------------------------------------------------------------------------------------

@@ -3,34 +3,20 @@ are left out for a time."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
-from helpers.peers.modbus_device import PATIENT, Peer, running
+from helpers.opened_modbus import Start, starting
 from umo.drivers.modbus import Modbus
 from umo.drivers.modbus import driver as modbus
 from umo.errors import ChannelsFailed, DriverError
 
-Start = Callable[..., tuple[Modbus, Peer]]
-
 
 @pytest.fixture
 def start() -> Iterator[Start]:
-    """start(*faults, **options): an open driver and its device."""
-    with ExitStack() as stack:
-
-        def start(*faults: str, **options: Any) -> tuple[Modbus, Peer]:
-            peer = stack.enter_context(running(0, *faults))
-            driver = Modbus(port=peer.port, **options)
-            driver.timeout = PATIENT
-            driver.open()
-            stack.callback(driver.close)
-            return driver, peer
-
+    with starting() as start:
         yield start
 
 

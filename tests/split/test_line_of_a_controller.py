@@ -8,13 +8,12 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from time import monotonic
 
 import pytest
 
 from helpers.generating import needs_a_compiler
-from helpers.split_parts import ZONE, RunningController, controller_of
+from helpers.split_parts import RunningController
 from umo.drivers.streams import Host
 from umo.errors import DriverError
 from umo.split.link_bodies import FrameKind, hello, request, welcome_of
@@ -28,17 +27,6 @@ pytestmark = [
 LIMIT = 20.0
 """s"""
 REFUSED = bytes([FrameKind.REFUSED])
-
-
-@pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return ZONE.program(tmp_path_factory.mktemp("zone"))
-
-
-@pytest.fixture
-def controller(program: Path) -> Iterator[RunningController]:
-    with controller_of(program) as found:
-        yield found
 
 
 class Greeter:

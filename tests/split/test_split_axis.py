@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,6 @@ from helpers.split_parts import (
     EmulatedBoard,
     Recorded,
     RunningController,
-    controller_of,
     emulated_controller,
     kill_hosts,
 )
@@ -36,12 +34,6 @@ pytestmark = [needs_a_compiler, pytest.mark.full]
 @pytest.fixture(scope="module")
 def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return THETA.program(tmp_path_factory.mktemp("theta"))
-
-
-@pytest.fixture
-def controller(program: Path) -> Iterator[RunningController]:
-    with controller_of(program) as found:
-        yield found
 
 
 def move(

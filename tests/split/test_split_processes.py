@@ -5,32 +5,19 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Iterator
 from contextlib import suppress
-from pathlib import Path
 
 import pytest
 
 from helpers.generating import needs_a_compiler
 from helpers.runs import Run
-from helpers.split_parts import HOST_GONE, TIMEOUT_PERIODS, ZONE, RunningController, controller_of
+from helpers.split_parts import HOST_GONE, TIMEOUT_PERIODS, ZONE, RunningController
 from umo.cycle import transfer
 
 pytestmark = [
     needs_a_compiler,
     pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux"),
 ]
-
-
-@pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return ZONE.program(tmp_path_factory.mktemp("zone"))
-
-
-@pytest.fixture
-def controller(program: Path) -> Iterator[RunningController]:
-    with controller_of(program) as found:
-        yield found
 
 
 @pytest.fixture(autouse=True)

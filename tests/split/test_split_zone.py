@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -29,17 +29,6 @@ from umo.cycle.connect import connect
 pytestmark = needs_a_compiler
 PEAK, RAMP = 110.0, 4.0
 EVERY_KILL = pytest.param(100, marks=pytest.mark.full)
-
-
-@pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return ZONE.program(tmp_path_factory.mktemp("zone"))
-
-
-@pytest.fixture
-def controller(program: Path) -> Iterator[RunningController]:
-    with controller_of(program) as found:
-        yield found
 
 
 def heat(
