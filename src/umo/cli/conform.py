@@ -13,6 +13,7 @@ from typing import Any
 
 from rich.table import Table
 
+from umo.cycle.stopping import SIGNALS
 from umo.cycle.transfer import UNCONTROLLED_TIMEOUT
 from umo.drivers import Direction, Driver
 from umo.drivers.faults.wrapper import bare
@@ -26,6 +27,7 @@ from umo.process.station import Station, StationError, find
 from umo.signature import signature_of
 from umo.system.device_record import DeviceClaim
 from umo.system.packages import station_of
+from umo.system.signal_handling import handling
 from umo.system.streams import limit_waits
 from umo.testing.conformance import Certificate, Input, Output, PtyTap, Subject, Tap, TcpTap, all_rules, conform
 from umo.testing.conformance.process_snapshot import State, state
@@ -36,7 +38,7 @@ from umo.wiring.run_options import maker_of
 
 from .console import err, out, say
 from .progress_line import OneLine
-from .shared import handling, interrupt_once
+from .shared import interrupt_once
 from .station_options import machine_of
 from .values import check_file
 
@@ -70,7 +72,7 @@ def conform_wiring(target: str, wiring: str | None, choice: Choice, arguments: S
     certificate_file = None if choice.json is None else choice.json.absolute()  # whatever folder a driver changes to
     station, wiring = _station(target, wiring)
     machine = machine_of(station, arguments)
-    with handling(interrupt_once):  # nothing interrupts the way to the defaults
+    with handling(interrupt_once, SIGNALS):  # nothing interrupts the way to the defaults
         certificate = _proved(station, station.wiring(wiring), machine, choice)
     out.print(certificate.table())
     if certificate_file is not None:

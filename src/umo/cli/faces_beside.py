@@ -15,13 +15,14 @@ from time import monotonic
 from types import TracebackType
 from typing import Any
 
+from umo.cycle.stopping import SIGNALS
 from umo.errors import Mistake, OptionError, WiringError, text_of
 from umo.process.job import Plan
 from umo.process.start import ONE_THREAD
 from umo.system import notify
+from umo.system.signal_handling import handling
 
 from .console import say
-from .shared import handling
 
 FIRST_PAUSE, MAX_PAUSE = 1.0, 60.0
 """Time in s after which a process that has ended is started again: it doubles, until one has lived for the longest."""
@@ -163,7 +164,7 @@ class FacesBeside:
         if self._process is None:
             return
         assert self._process.stdout is not None
-        with handling(signal.SIG_IGN), self._process.stdout, suppress(subprocess.TimeoutExpired):
+        with handling(signal.SIG_IGN, SIGNALS), self._process.stdout, suppress(subprocess.TimeoutExpired):
             self._process.terminate()
             try:
                 self._process.wait(END_TIMEOUT)

@@ -9,6 +9,7 @@ from typing import Any
 from umo.cycle.fault_log import FaultLog
 from umo.cycle.frame import Signal
 from umo.cycle.stage import Progress
+from umo.cycle.stopping import SIGNALS
 from umo.errors import text_of
 from umo.frames import Reader
 from umo.frames.reader import progress_of
@@ -16,13 +17,13 @@ from umo.objects import Atomic, Compound, atoms
 from umo.process import Started
 from umo.process.job import Job
 from umo.process.outcome import Outcome
+from umo.system.signal_handling import handling
 from umo.system.streams import without_waiting
 
 from .console import say
 from .faces_beside import FacesBeside
 from .ps import readers
 from .record_beside import RecordBeside
-from .shared import handling
 
 POLL_TIMEOUT = 0.05
 """s between two looks at the frames."""
@@ -72,7 +73,7 @@ def follow(
         faces.is_ending = True
         started.ask_to_stop(number)
 
-    with without_waiting(), faces, recorder, Started(job, is_service=True) as started, handling(stop):
+    with without_waiting(), faces, recorder, Started(job, is_service=True) as started, handling(stop, SIGNALS):
         told, begun, lost = 0, None, 0
         while True:
             outcome = started.outcome

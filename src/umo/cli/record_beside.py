@@ -18,14 +18,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from umo.cycle.stopping import SIGNALS
 from umo.errors import OptionError, text_of
 from umo.exit_status import ExitStatus
 from umo.frames import Reader
 from umo.process.start import ONE_THREAD
 from umo.system import descriptor_passing, notify
+from umo.system.signal_handling import handling
 
 from .console import say
-from .shared import handling
 
 SUFFIX = ".mcap"
 READY, FRAMES = b"ready", b"frames"
@@ -169,7 +170,7 @@ class RecordBeside:
             self._channel.close()
         if (process := self._process) is None:
             return
-        with handling(signal.SIG_IGN):
+        with handling(signal.SIG_IGN, SIGNALS):
             until = time.monotonic() + END_TIMEOUT
             while process.poll() is None and time.monotonic() < until:
                 self._tell_lines()

@@ -14,7 +14,7 @@ from typing import Any
 
 from umo.cycle import Frame, connect, drive
 from umo.cycle.run import result_of
-from umo.cycle.stopping import TimeLimit
+from umo.cycle.stopping import SIGNALS, TimeLimit
 from umo.cycle.trace import Statistics, Trace
 from umo.errors import Interrupted, text_of
 from umo.exit_status import ExitStatus
@@ -24,6 +24,7 @@ from umo.process.job import Job, Plan
 from umo.process.outcome import Failed, Outcome, plain, plain_reports
 from umo.process.start import FIXED_HASHES, LINUX
 from umo.system.processes import HASH_SEED
+from umo.system.signal_handling import handling
 from umo.system.streams import limit_waits, lost_lines, send_waiting
 
 from .console import err, out, say
@@ -34,7 +35,7 @@ from .progress_line import RunProgressLine
 from .record_beside import SUFFIX, RecordBeside, RecordOrder, order_of
 from .record_virtual import RecordedVirtual
 from .run_folder import RUNS, NotRecorded, RunFolder, RunSummary, TraceFile, whole
-from .shared import begin_again, handling, interrupt_once
+from .shared import begin_again, interrupt_once
 from .values import check_file
 
 STILL_TIME = 600.0
@@ -98,7 +99,7 @@ def _run_station(job: Job, record: Record, full_traceback: bool, serve: bool) ->
         if folder is not None and not len(trace.rows):
             folder.discard()
         raise
-    with handling(signal.SIG_IGN):  # the run is over: its record is written whole
+    with handling(signal.SIG_IGN, SIGNALS):  # the run is over: its record is written whole
         if result.outcome.failure is not None and not result.statistics.periods:
             if folder is not None:
                 folder.discard()
@@ -258,7 +259,7 @@ def _leave_behind(folder: RunFolder, result: RunSummary, trace: Trace, title: st
 def _plot(title: str, trace: Trace, folder: RunFolder) -> str:
     """Draw the plot, which takes seconds; what it does not show. A failure, or Ctrl-C, costs the plot alone."""
     try:
-        with whole(folder.path / "plot.png") as file, handling(interrupt_once):
+        with whole(folder.path / "plot.png") as file, handling(interrupt_once, SIGNALS):
             say("drawing the plot; Ctrl-C leaves it out (--no-plot: always)")
             from .plot import save_plot
 

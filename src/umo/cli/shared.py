@@ -7,8 +7,7 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import partial, wraps
 from pathlib import Path
 from types import FrameType
@@ -30,7 +29,6 @@ USUAL_STATUS = "0 done; 1 the machine, a device or code failed; 2 a mistake, tol
 """Exit statuses of most commands (docs/command-line.md)."""
 NEGATIVE = re.compile(r"-\.?\d")
 """The beginning of a negative number, with or without a unit. No option begins so."""
-Handler = Callable[[int, FrameType | None], object] | signal.Handlers
 
 
 class Subcommand(TyperCommand):
@@ -219,17 +217,6 @@ def finite(value: float | None) -> float | None:
     if value is not None and not math.isfinite(value):
         raise typer.BadParameter(f"{value} is not a finite number of seconds")
     return value
-
-
-@contextmanager
-def handling(handler: Handler) -> Iterator[None]:
-    """Have this handler called for each of these signals in the block; `signal.SIG_IGN`: they are passed over."""
-    before = {number: signal.signal(number, handler) for number in SIGNALS}
-    try:
-        yield
-    finally:
-        for number, former in before.items():
-            signal.signal(number, signal.SIG_DFL if former is None else former)
 
 
 def interrupt_once(number: int, frame: FrameType | None) -> None:

@@ -30,6 +30,7 @@ from typing import Any, NamedTuple, NoReturn
 from umo.errors import Interrupted
 from umo.exit_status import ExitStatus
 from umo.system.processes import flush
+from umo.system.signal_handling import handling
 from umo.system.streams import say_without_waiting
 from umo.text import LIBRARY, STATIONS, UMO, in_brackets, place_among, printable, some
 
@@ -176,12 +177,8 @@ def asked_by_signals(ask: Callable[[], object]) -> Iterator[None]:
         asked = True
         ask()
 
-    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
+    with handling(handler, (signal.SIGINT, signal.SIGTERM)):
         yield
-    finally:
-        for number, former in before.items():
-            signal.signal(number, signal.SIG_DFL if former is None else former)
 
 
 class SignalledMachine(NamedTuple):

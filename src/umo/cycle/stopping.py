@@ -14,6 +14,7 @@ from typing import Any
 from umo.cycle.frame import Frame
 from umo.cycle.insisting import Insistence, SignalledMachine
 from umo.errors import Interrupted
+from umo.system.signal_handling import handling
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
 if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # ignored: under nohup
@@ -148,13 +149,8 @@ def raising_signals() -> Iterator[None]:
     """In the block, what would end the program on the spot raises `Interrupted` in the main thread: outputs that other
     threads drive can still be reset. In another thread nothing is changed."""
     deadly = [number for number in SIGNALS if signal.getsignal(number) is signal.SIG_DFL] if in_main_thread() else []
-    for number in deadly:
-        signal.signal(number, _raise)
-    try:
+    with handling(_raise, deadly):
         yield
-    finally:
-        for number in deadly:
-            signal.signal(number, signal.SIG_DFL)
 
 
 def _raise(number: int, frame: FrameType | None) -> None:
