@@ -678,13 +678,17 @@ def test_a_command_may_have_terminators_of_its_own() -> None:
     got: list[bytes] = []
 
     def serve(server: socket.socket) -> None:
+        answers = {b"\x05": b"7;", b"B?\n": b"2\n", b"C?!": b"C=3\n", b"A 4\r": b"", b"S?\r": b"ok\r"}
         client, _ = server.accept()
+        left = b""
         with client:
             while data := client.recv(100):
-                got.append(data)
-                answers = {b"\x05": b"7;", b"B?\n": b"2\n", b"C?!": b"C=3\n", b"S?\r": b"ok\r"}
-                if data in answers:
-                    client.sendall(answers[data])
+                left += data  # two messages may come in one piece
+                while known := [each for each in answers if left.startswith(each)]:
+                    got.append(known[0])
+                    left = left.removeprefix(known[0])
+                    client.sendall(answers[known[0]])
+        got.append(left)
 
     channels: dict[str, Any] = {
         "gauge": {"ask": "\x05", "terminator": "", "answer_terminator": ";"},
