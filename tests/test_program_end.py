@@ -130,6 +130,28 @@ def test_a_process_that_was_forked_leaves_the_machine_alone_at_its_end() -> None
         assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0
 
 
+@pytest.mark.parametrize("drives", [True, False])
+def test_a_process_that_control_code_forked_drives_no_device_of_a_machine_without_a_guardian(
+    drives: bool, capfd: pytest.CaptureFixture[str]
+) -> None:
+    machine, board = bench(), Board("a board of its own")
+    with connect(machine, on(board, machine)):
+        calls = len(board.calls)
+        pid = os.fork()
+        if pid == 0:
+            try:
+                if drives:
+                    machine.valve.write(OnOff.ON)
+                    machine.update()
+            finally:
+                os._exit(3 if len(board.calls) == calls else 4)
+        assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == (1 if drives else 3)
+        machine.update()
+        assert len(board.calls) > calls
+    told = f"control code forked process {pid}, which was ended when it was to drive the machine too"
+    assert (told in capfd.readouterr().err) is drives
+
+
 def in_thread(call: Callable[[], object]) -> BaseException | None:
     """What it raises in another thread."""
     errors: list[BaseException] = []

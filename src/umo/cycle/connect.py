@@ -25,7 +25,7 @@ from umo.cycle.off_cycle import image_of
 from umo.cycle.program_end import check_thread
 from umo.cycle.rated_machine import machine_of
 from umo.cycle.restoring import restore
-from umo.cycle.stopping import StopFlag
+from umo.cycle.stopping import StopFlag, end_forked
 from umo.cycle.transfer import UNCONTROLLED_TIMEOUT, settling, wait_for
 from umo.drivers.faults.wrapper import bare
 from umo.errors import DeclarationError, DriverError, Failure, StopError, text_of
@@ -126,6 +126,12 @@ class connect(Generic[C]):
         if hasattr(self, "machine"):
             self.image.refuse(instead)
 
+    def _stand_aside(self, device_claim: DeviceClaim) -> None:
+        """In a process that was forked: the devices are not its own, and it ends as soon as it would use one."""
+        self.refuse(lambda *_: end_forked(self.stop.title))
+        with suppress(OSError):
+            device_claim.hold.release()
+
     def driver(self, name: str) -> Any:
         """The open driver of that name in the wiring, of the class that the wiring names."""
         return bare(self.wired.drivers[name])
@@ -157,6 +163,8 @@ class connect(Generic[C]):
         name = self.stop.title = type(self.root).__name__
         device_claim = self.device_claim or DeviceClaim(self.wired.devices, name, acknowledge=self._acknowledge)
         self.stop.call_limit, self.stop.leave_at_once = self._call_limit, self._leave_at_once
+        if self.device_claim is None and self.wired.hardware:
+            self.stop.stand_aside = partial(self._stand_aside, device_claim)
         self.stop.install()
         try:
             for wire in self.wired.wires:

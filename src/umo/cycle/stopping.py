@@ -9,12 +9,13 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any
+from typing import Any, NoReturn
 
 from umo.cycle.frame import Frame
 from umo.cycle.insisting import Insistence, SignalledMachine
 from umo.errors import Interrupted
 from umo.system.signal_handling import handling
+from umo.system.streams import say_without_waiting
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
 if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # ignored: under nohup
@@ -65,6 +66,8 @@ class StopFlag:
         self.leave_at_once: Callable[[], Sequence[str]] = lambda: ()
         """Function that brings the machine's outputs to their defaults in the midst of the user's code, and returns
         the paths of those that were not reached."""
+        self.stand_aside: Callable[[], object] = lambda: None
+        """Function that is called in a process that was forked from this one: the machine is not its own."""
 
     def install(self) -> None:
         """Start listening."""
@@ -122,6 +125,24 @@ def request_stop(number: int | None = None) -> None:
 def connected() -> tuple[StopFlag, ...]:
     """Those of the machines that are connected in this process, in whatever thread."""
     return tuple(_flags)
+
+
+def end_forked(title: str) -> NoReturn:
+    """The end of a process that the user's code forked, where it would use a device of the machine with this title."""
+    say_without_waiting(
+        f"umo: {title}: control code forked process {os.getpid()}, which was ended when it was to drive the machine "
+        "too; start programs with subprocess"
+    )
+    os._exit(1)
+
+
+def _stand_aside() -> None:
+    for flag in connected():
+        flag.stand_aside()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_stand_aside)
 
 
 def usual_handler(number: int) -> object:

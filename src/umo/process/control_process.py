@@ -12,7 +12,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from math import inf
 from time import monotonic, sleep
 from types import MappingProxyType
-from typing import IO, Any, NoReturn
+from typing import IO, Any
 
 from umo.cycle import Frame, connect, drive
 from umo.cycle.cache_warming import wait_busily
@@ -22,7 +22,7 @@ from umo.cycle.events import CommandState
 from umo.cycle.machine import ConnectedMachine
 from umo.cycle.run import result_of
 from umo.cycle.stage import Stage
-from umo.cycle.stopping import SIGNALS, TimeLimit, request_stop
+from umo.cycle.stopping import SIGNALS, TimeLimit, end_forked, request_stop
 from umo.errors import FramesError, StopError, text_of
 from umo.frames import Ring, published
 from umo.frames.client_memory import ClientMemory
@@ -46,7 +46,7 @@ from umo.remote.queue import Receiver
 from umo.system import realtime
 from umo.system.device_record import DeviceClaim
 from umo.system.processes import adjust_oom_score, identity, name_process, parent_of_this
-from umo.system.streams import late, limit_waits, lost_lines, never_wait, say_without_waiting, send_waiting
+from umo.system.streams import late, limit_waits, lost_lines, never_wait, send_waiting
 from umo.text import Moment, in_brackets
 
 RESUMING_TIMEOUT = 0.1
@@ -115,15 +115,8 @@ class Control:
         if self._stands_in:
             return
 
-        def end(*_: object) -> NoReturn:
-            say_without_waiting(
-                f"umo: {self._plan.name}: control code forked process {os.getpid()}, which was ended when it was to "
-                "drive the machine too; start programs with subprocess"
-            )
-            os._exit(1)
-
         if self._connection is not None:
-            self._connection.refuse(end)
+            self._connection.refuse(lambda *_: end_forked(self._plan.name))
         for give_up in (self._device_claim.hold.release, self._channel.close, self._leave_frames):
             with suppress(OSError):  # control code has closed its descriptor
                 give_up()
