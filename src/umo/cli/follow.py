@@ -50,6 +50,7 @@ class RingFrame:
         self.number, self.missed = int(row["number"]), int(row["missed"])
         self.time, self.execution = float(row["time"]), float(row["execution"]) * 1e-9
         self.values, self.quality, self.signal_values = row["values"], row["quality"], row["signals"]
+        self.alarms = row["alarms"]
         self.progress = progress_of(row)
 
 

@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from umo.alarms.alarm_log import AlarmLog, AlarmOfRun
+from umo.alarms.declaration import Priority
 from umo.cycle.trace import Trace
 from umo.frames.layout import describe_signals
 from umo.objects.description import described
@@ -24,6 +26,12 @@ MAX_POINTS = 4000
 """Points of a curve, at most: a picture has hardly more than a thousand columns."""
 MAX_PANELS, MAX_ROWS = 10, 30
 """Panels and rows of binary objects, at most: a figure is at most 23 inches high."""
+ALARM_COLOURS = {
+    Priority.LOW: "#4682b4",
+    Priority.MEDIUM: "#e6a700",
+    Priority.HIGH: "#e8590c",
+    Priority.CRITICAL: "#b00020",
+}
 MAX_NAMED, MAX_LINES = 8, 40
 """Curves of a panel that have names, and that are drawn one by one, at most; more become a band."""
 WIDTH, MIN_HEIGHT = 16.0, 10.0
@@ -66,11 +74,12 @@ class Curves:
     notes: list[tuple[float, str]]
     where: str = "all are in trace.csv"
     """Where what found no room is."""
+    alarms: AlarmLog | None = None
 
     @classmethod
-    def of(cls, trace: Trace) -> Curves:
+    def of(cls, trace: Trace, alarms: AlarmLog | None = None) -> Curves:
         about = [*map(described, trace.items), *describe_signals(trace.signals)]
-        return cls(trace.rows, [Curve.of(each, 3 + i) for i, each in enumerate(about)], trace.notes)
+        return cls(trace.rows, [Curve.of(each, 3 + i) for i, each in enumerate(about)], trace.notes, alarms=alarms)
 
 
 @dataclass
@@ -95,8 +104,8 @@ def save_plot(trace: Trace | Curves, path: Path, title: str) -> str:
 
 
 def draw(drawn: Trace | Curves, title: str) -> tuple[Any, str]:
-    """A panel for each unit and for each family of like objects, a strip of bars for the binary objects: the figure,
-    and what found no room in it, which it says too."""
+    """A panel for each unit and for each family of like objects, a strip of bars for the binary objects and one for the
+    alarms that were raised: the figure, and what found no room in it, which it says too."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -107,7 +116,11 @@ def draw(drawn: Trace | Curves, title: str) -> tuple[Any, str]:
     left_out = [shown.path for panel in panels[MAX_PANELS:] for shown in panel.curves]
     left_out += [shown.path for group in strip[MAX_ROWS:] for shown in group]
     panels, strip = panels[:MAX_PANELS], strip[:MAX_ROWS]
-    heights = [2.0] * len(panels) + [0.3 * len(strip) + 0.5] * bool(strip) or [2.0]
+    alarms = _alarm_groups(trace.alarms)
+    left_out += [each.path for group in alarms[MAX_ROWS:] for each in group]
+    number, alarms = len(curves) + sum(map(len, alarms)), alarms[:MAX_ROWS]
+    strips = [0.3 * len(rows) + 0.5 for rows in (strip, alarms) if rows]
+    heights = [2.0] * len(panels) + strips or [2.0]
     figure = Figure(figsize=(WIDTH, max(0.75 * sum(heights), MIN_HEIGHT)), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title, ha="left", x=0.01, parse_math=False)
@@ -115,10 +128,12 @@ def draw(drawn: Trace | Curves, title: str) -> tuple[Any, str]:
     for axis, panel in zip(axes, panels, strict=False):
         _curves(axis, trace, panel)
     if strip:
-        _strip(axes[-1], trace, strip)
+        _strip(axes[len(panels)], trace, strip)
+    if alarms:
+        _alarms(axes[-1], trace, alarms)
     _phases(axes, trace)
     _missed(axes, trace)
-    rest = f"{len(left_out)} of {len(curves)}: {some(left_out)}" if left_out else ""
+    rest = f"{len(left_out)} of {number}: {some(left_out)}" if left_out else ""
     hint = f"\nnot shown: {rest} ({trace.where})" if rest else ""
     axes[-1].set_xlabel(f"time in s on the cycle's clock{hint}", parse_math=False)
     return figure, rest
@@ -204,6 +219,37 @@ def _strip(axis: Any, trace: Curves, strip: list[list[Curve]]) -> None:
     axis.set_yticks(range(len(strip)), labels, fontsize=8, parse_math=False)
     axis.set_ylim(-0.6, len(strip) - 0.4)
     axis.set_xlim(time[0], max(time[-1], time[0] + 1e-9))
+    axis.grid(axis="x", alpha=0.3)
+
+
+def _alarm_groups(log: AlarmLog | None) -> list[list[AlarmOfRun]]:
+    """The alarms that were raised, the most important first: families together, the others one by one."""
+    raised = [] if log is None else log.raised
+    groups: list[list[AlarmOfRun]] = []
+    for places in families(each.path for each in raised).values():
+        members = [raised[place] for place in places]
+        groups += [members] if len(members) >= FOLDED_FROM else [[each] for each in members]
+    return groups
+
+
+def _alarms(axis: Any, trace: Curves, groups: list[list[AlarmOfRun]]) -> None:
+    """A row for each alarm that was raised, or for a family of them; a bar wherever it was active."""
+    assert trace.alarms is not None
+    first, last = trace.rows[0, 0], trace.rows[-1, 0]
+    labels = []
+    for row, group in enumerate(reversed(groups)):
+        paths, priority = {each.path for each in group}, max(each.priority for each in group)
+        spans = [each for each in trace.alarms.spans if each.path in paths]
+        ends = [last if each.cleared is None else each.cleared for each in spans]
+        bars = [(each.raised, max(end - each.raised, 0.0)) for each, end in zip(spans, ends, strict=True)]
+        colour = ALARM_COLOURS[priority]  # with an edge: the shortest can be seen, too
+        axis.broken_barh(bars, (row - 0.38, 0.76), facecolors=colour, edgecolors=colour, alpha=0.8 / len(group) + 0.2)
+        labels.append(f"{_short(folded([each.path for each in group]))} ({priority})")
+    axis.set_yticks(range(len(groups)), labels, fontsize=8, parse_math=False)
+    axis.set_ylim(-0.6, len(groups) - 0.4)
+    axis.set_xlim(first, max(last, first + 1e-9))
+    kept = len(trace.alarms.spans)
+    axis.set_ylabel("alarms" if kept == trace.alarms.number else f"alarms\nthe last {kept:,} times")
     axis.grid(axis="x", alpha=0.3)
 
 

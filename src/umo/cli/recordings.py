@@ -87,7 +87,7 @@ def plot(file: Path, wanted: WhatIsWanted, target: Path | None) -> int:
     check_picture(target)
     with Recording(file) as recording, OneLine(err) as line:
         values = _values(recording, wanted)
-        drawn = _drawn(values, line)
+        drawn = _drawn(values, line, with_alarms=not wanted.paths)
         if not len(drawn.rows):
             raise FramesError(f"{file} has no values at these times")
         about = recording.about
@@ -101,9 +101,11 @@ def plot(file: Path, wanted: WhatIsWanted, target: Path | None) -> int:
     return 0
 
 
-def _drawn(values: Any, line: OneLine) -> Any:
-    """About `MAX_ROWS` rows of the recording at most, and its progress."""
+def _drawn(values: Any, line: OneLine, with_alarms: bool) -> Any:
+    """About `MAX_ROWS` rows of the recording at most, its progress, and when its alarms were active."""
     import numpy as np
+
+    from umo.alarms.alarm_log import AlarmLog
 
     from .plot import Curve, Curves
 
@@ -111,6 +113,7 @@ def _drawn(values: Any, line: OneLine) -> Any:
     stride, first = max(1, -(-values.periods // most)), 0
     parts: list[Any] = []
     notes: list[tuple[float, str]] = []
+    alarms = AlarmLog(values.layout.alarms if with_alarms else ())
     for frames, _ in values.parts():
         kept = frames["missed"] > 0
         kept[(-first) % stride :: stride] = True
@@ -119,13 +122,15 @@ def _drawn(values: Any, line: OneLine) -> Any:
             text = frames["progress"][place].decode(errors="replace")
             if not notes or notes[-1][1] != text:
                 notes.append((float(frames["time"][place]), text))
+        if with_alarms:
+            alarms.add_frames(frames)
         if len(chosen):
             before = np.column_stack([chosen["time"], chosen["missed"], chosen["execution"] * 1e-3])
             parts.append(np.hstack([before, values.of(chosen)]))
         line.show(float(frames["time"][-1]), "reading", values.share(float(frames["time"][-1])))
     curves = [Curve.of(about, 3 + i) for i, about in enumerate(values.entries)]
     rows = np.concatenate(parts) if parts else np.zeros((0, 3 + len(curves)))
-    return Curves(rows, curves, notes, "umo export writes all")
+    return Curves(rows, curves, notes, "umo export writes all", alarms)
 
 
 def _values(recording: Any, wanted: WhatIsWanted) -> Any:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from umo.cycle import Frame, connect, drive
+from umo.cycle.alarming import alarm_log
 from umo.cycle.run import result_of
 from umo.cycle.stopping import SIGNALS, TimeLimit
 from umo.cycle.trace import Statistics, Trace
@@ -147,8 +148,10 @@ def _run(
     """The run itself, with what is told of it; whether it was recorded as asked. Its error is in the result; the
     actuators are reset. `faces`: served in real time only."""
     result = RunSummary(Statistics(), injected=() if plan.wired.injection is None else plan.wired.injection.texts)
+    result.alarms = alarm_log(plan.machine)
     with RunProgressLine(err) as shown:
-        observers: list[Any] = [result.statistics, trace, shown, *([] if parts is None else [parts])]
+        optional = [each for each in (result.alarms, parts) if each is not None]
+        observers: list[Any] = [result.statistics, trace, shown, *optional]
         if not _has_processes(plan):
             with RecordedVirtual(order) as recorded:
                 _drive(plan, result, observers, recorded)
@@ -250,20 +253,20 @@ def _write_summary(result: RunSummary, summary: Path) -> bool:
 def _leave_behind(folder: RunFolder, result: RunSummary, trace: Trace, title: str) -> None:
     """Fill the folder of the run; with a title draw the plot. Say what is in it."""
     folder.save(result, trace)
-    rest = _plot(title, trace, folder) if title and len(trace.rows) else ""
+    rest = _plot(title, trace, result, folder) if title and len(trace.rows) else ""
     files = (("trace", "csv"), ("plot", "png"))
     kept = [name for name, end in files if (folder.path / f"{name}.{end}").exists()]
     out.print(f"{' and '.join(kept) or 'results'}: {folder.path}{rest}", soft_wrap=True)
 
 
-def _plot(title: str, trace: Trace, folder: RunFolder) -> str:
+def _plot(title: str, trace: Trace, result: RunSummary, folder: RunFolder) -> str:
     """Draw the plot, which takes seconds; what it does not show. A failure, or Ctrl-C, costs the plot alone."""
     try:
         with whole(folder.path / "plot.png") as file, handling(interrupt_once, SIGNALS):
             say("drawing the plot; Ctrl-C leaves it out (--no-plot: always)")
-            from .plot import save_plot
+            from .plot import Curves, save_plot
 
-            rest = save_plot(trace, file, title)
+            rest = save_plot(Curves.of(trace, result.alarms), file, title)
         return f"; the plot does not show {rest}" if rest else ""
     except KeyboardInterrupt:
         say("the plot was left out")

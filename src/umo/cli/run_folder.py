@@ -17,12 +17,12 @@ from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
 from umo.cycle import Frame
-from umo.cycle.fault_log import FaultLog
+from umo.cycle.fault_log import KEPT_FAULTS, FaultLog
 from umo.cycle.stage import Progress
 from umo.cycle.trace import Statistics, Trace, lines
 from umo.errors import UmoError, text_of
@@ -32,10 +32,13 @@ from umo.presentation.run_facts import clock_text
 from umo.process.job import Plan
 from umo.process.outcome import Outcome
 from umo.system.processes import identity
-from umo.text import printable
+from umo.text import others, printable
 from umo.wiring.json_values import as_plain
 
 from .console import say
+
+if TYPE_CHECKING:
+    from umo.alarms.alarm_log import AlarmLog
 
 RUNS = Path("runs")
 TRACE_PAUSE = 1.0
@@ -59,6 +62,8 @@ class RunSummary:
     injected: Sequence[str] = ()
     """Faults that were injected on purpose."""
     equipment_faults: FaultLog = field(default_factory=FaultLog)
+    alarms: AlarmLog | None = None
+    """None: the machine has no alarms."""
 
     @property
     def realtime_factor(self) -> float | None:
@@ -81,6 +86,7 @@ class RunSummary:
             "stopped_by": self.outcome.stopper,
             "progress": self.progress._asdict(),
             "equipment_faults": self._faults(),
+            "alarms": self._alarms(),
             "periods": statistics.periods,
             "missed_periods": statistics.missed,
             "period_us": {
@@ -101,7 +107,7 @@ class RunSummary:
             table.add_row("injected fault", fault)
         if self.progress.total:
             table.add_row("progress", f"{self.progress.done} of {self.progress.total}, {self.progress.text}")
-        for name, value in self._fault_rows():
+        for name, value in (*self._fault_rows(), *self._alarm_rows()):
             table.add_row(name, value)
         statistics = self.statistics
         why = " (why: `umo why`)" if statistics.missed else ""
@@ -146,6 +152,37 @@ class RunSummary:
             yield fault.path, _text(str(fault))
         if earlier := faults.number - len(shown):
             yield "", f"and {earlier} earlier"
+
+    def _alarms(self) -> dict[str, Any]:
+        """The alarms as plain data: those that were raised, and the last times for which they were active."""
+        log = self.alarms
+        if log is None:
+            return {"raised": 0, "active": [], "each": {}, "last": []}
+        each = {
+            alarm.path: {
+                "text": alarm.text,
+                "priority": str(alarm.priority),
+                "raised": alarm.raised,
+                "active_s": round(alarm.active_s(log.now), 9),
+                "state": str(alarm.state),
+            }
+            for alarm in log.raised
+        }
+        last = [asdict(span) for span in list(log.spans)[-KEPT_FAULTS:]]
+        return {"raised": log.number, "active": log.active, "each": each, "last": last}
+
+    def _alarm_rows(self) -> Iterator[tuple[str, str]]:
+        """How often alarms were raised, and the most important of them."""
+        log = self.alarms
+        if log is None or not log.number:
+            return
+        active = len(log.active)
+        yield "alarms", f"{log.number} raised, {f'{active} active at the end' if active else 'all cleared'}"
+        shown = log.raised[:MAX_SHOWN]
+        for alarm in shown:
+            yield alarm.path, _text(alarm.in_words(log.now))
+        if more := len(log.raised) - len(shown):
+            yield "", f"and {others(more)}"
 
 
 def rows(name: str, data: Any) -> Iterator[tuple[str, str]]:

@@ -18,6 +18,7 @@ from umo.presentation.durations import duration
 
 if TYPE_CHECKING:
     from umo.alarms import AlarmEngine, DeclaredAlarm
+    from umo.alarms.alarm_log import AlarmLog
     from umo.cycle.command_stage import CommandStage
     from umo.cycle.equipment import Equipment
 
@@ -31,6 +32,15 @@ def declared_alarms(root: Compound) -> list[DeclaredAlarm]:
     from umo.alarms import alarms_of
 
     return alarms_of(root, partial(_own_alarms, root))
+
+
+def alarm_log(root: Compound) -> AlarmLog | None:
+    """An observer that keeps when the alarms of a machine are active; None: it has none."""
+    if not (declared := declared_alarms(root)):
+        return None
+    from umo.alarms.alarm_log import AlarmLog
+
+    return AlarmLog([each.describe() for each in declared])
 
 
 def engine_of(

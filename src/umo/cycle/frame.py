@@ -71,6 +71,8 @@ class Frame:
         """The value of each object."""
         self.raws: Any = image.raws
         self.quality: Any = image.quality
+        self.alarms: Any = image.columns.alarms
+        """The number of the `AlarmState` of each alarm, in the order of frames."""
         self.signals = signals
         """Numbers of the control code that are shown beside the objects."""
         self.signal_values: list[float] = []
