@@ -21,7 +21,7 @@ from umo.cycle.trace import Trace
 from umo.testing import Scripted, periods
 
 Umo = Callable[..., Result]
-STATION = '''
+STATION = """
 from umo import Compound, DigitalActuator, DigitalSensor
 from umo.alarms import Alarm, High, Priority
 
@@ -40,8 +40,8 @@ def machine() -> Press:
         heater=DigitalActuator("V", default=0.0, minimum=0.0, maximum=10.0, resolution=0.5),
         timer=DigitalSensor("sampling_period", minimum=0, maximum=99_999, resolution=1, synchronous=False),
     )
-'''
-APPLICATION = '''
+"""
+APPLICATION = """
 from umo.control import wait
 
 
@@ -49,7 +49,7 @@ async def main(m, left: float = 0.0):
     for volts in (8.0, 3.0, 8.0, left):
         m.heater.write(volts)
         await wait("1 s")
-'''
+"""
 
 
 @pytest.fixture

@@ -13,8 +13,10 @@ from umo.cycle.alarming import declared_alarms, turn_text
 from umo.cycle.inhibition import interlocks_of
 from umo.errors import Mistake, OptionError, WiringError
 from umo.exit_status import ExitStatus
+from umo.frames import Reader
 from umo.objects import Compound, actions_of, numbers_of
 from umo.presentation.durations import duration
+from umo.process.source_files import changed_files, changed_text
 from umo.process.station import Station
 from umo.text import cut_words, some
 from umo.twin.declared import declared_by
@@ -25,6 +27,7 @@ from umo.wiring.wired import Wired
 from .console import err, out
 from .faces_beside import faces_of, names_in
 from .record_beside import settings_in
+from .ps import readers
 from .station_options import machine_of
 
 
@@ -41,9 +44,20 @@ def check_station(station: Station, wiring: str | None, every: bool = False, arg
     check_recipes(machine)
     files = list(station.wirings.values()) if every and station.wirings else [station.wiring(wiring)]
     statuses = [_check_wiring(machine, file) for file in files]
+    for reader in running_in(station.path):
+        if changed := changed_text(changed_files(reader.about)):
+            out.print(f"note: {station.name} is running (pid {reader.about['pid']}): {changed}", soft_wrap=True)
     if others := [name for name, file in station.wirings.items() if file not in files]:
         out.print(f"not looked at: {', '.join(others)} (-w NAME, or --all)", soft_wrap=True)
     return max(statuses)
+
+
+def running_in(folder: Path) -> Iterator[Reader]:
+    """The runs of the station in a folder that go on."""
+    for reader in readers():
+        with reader:
+            if reader.about["place"] == str(folder):
+                yield reader
 
 
 def check_recipes(machine: Compound) -> None:

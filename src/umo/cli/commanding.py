@@ -20,6 +20,7 @@ from umo.objects.description import converted
 from umo.presentation.digits import number_text, setting_text
 from umo.presentation.rows import quality_of, sentence_of, value_of
 from umo.presentation.value_text import shown_unit, span, value_text
+from umo.process.source_files import changed_files, changed_text
 from umo.remote import HeldLease, RemoteStation
 from umo.remote.remote_objects import RemoteObject, call_action
 from umo.system.processes import user_name
@@ -232,6 +233,8 @@ def get_running(reader: Reader, paths: Sequence[str], unit: str | None) -> None:
             out.print(sentence_of(row, width), soft_wrap=True)
         about = reader.about
         say(f"read from the frames of {about['station']}, which is running (pid {about['pid']})")
+        if changed := changed_text(changed_files(about)):
+            say(changed)
 
 
 def _object(station: RemoteStation, path: str) -> RemoteObject:

@@ -15,6 +15,7 @@ from umo.frames import Reader
 from umo.frames.reader import progress_of
 from umo.presentation.rows import ANY
 from umo.presentation.run_facts import ALARMS, FREE, IN_FAULT, fault_texts, since
+from umo.process.source_files import changed_files, changed_text
 from umo.remote import search
 from umo.system.device_lock import is_held
 from umo.system.device_record import Ended, all_standing
@@ -25,6 +26,8 @@ from .console import out, plain_table, say
 
 COLUMNS = ("station", "pid", "since", "state", "mode", "period", "periods", "missed")
 """Facts that `umo ps` shows in its table; the longer ones stand in lines below it."""
+CHANGED = "changed"
+"""Name of the fact that tells which files have changed on disk since the run has read them."""
 
 
 def ps(as_json: bool) -> None:
@@ -68,6 +71,8 @@ def _remark(data: dict[str, Any], facts: dict[str, str], ambiguous: bool) -> Non
     for title in ("progress", "lease", "driven", ALARMS):
         if facts.get(title) and facts[title] != FREE:
             out.print(f"{name}: {title}: {facts[title]}", soft_wrap=True)
+    if facts[CHANGED]:
+        out.print(f"{name}: {facts[CHANGED]}", style="yellow", soft_wrap=True)
     if states := [f"{path} {state}" for path, state in data["states"].items()]:
         out.print(f"{name}: states: {some(states)}", soft_wrap=True)
     faults: dict[str, str] = data["in_fault"]
@@ -129,7 +134,7 @@ def standing() -> list[Ended]:
 
 def _told(reader: Reader) -> tuple[dict[str, Any], dict[str, str]]:
     """A run as data, and what is said of it."""
-    about, frame = reader.about, reader.latest()
+    about, frame, changed = reader.about, reader.latest(), changed_files(reader.about)
     data = {
         "station": about["station"],
         "wiring": about["wiring"],
@@ -144,6 +149,7 @@ def _told(reader: Reader) -> tuple[dict[str, Any], dict[str, str]]:
         "period_s": about["period"],
         "periods": reader.head,
         "missed": reader.missed,
+        "changed": [printable(each.path) for each in changed],
         "states": {printable(path): printable(state) for path, state in reader.unit_states(frame).items()},
         "in_fault": {printable(path): printable(reason) for path, reason in reader.faults(frame).items()},
         "alarms": [
@@ -152,7 +158,8 @@ def _told(reader: Reader) -> tuple[dict[str, Any], dict[str, str]]:
         ],
     }
     said = {"station": reader.title, "pid": str(about["pid"]), "since": since(about["started"], reader.lasted)}
-    return data, said | {"periods": f"{reader.head:,}"} | reader.facts(frame)
+    said |= {"periods": f"{reader.head:,}", CHANGED: changed_text(changed)}
+    return data, said | reader.facts(frame)
 
 
 def _table(found: list[dict[str, str]]) -> Table:

@@ -23,6 +23,7 @@ from umo.presentation.durations import duration
 from umo.presentation.rows import TableRow, declared_of
 from umo.presentation.run_facts import fault_texts
 from umo.presentation.value_text import SIGNS, WORDS, as_shown
+from umo.process.source_files import changed_files, changed_text
 from umo.scope.history import History
 from umo.text import printable
 from umo.twin import declares_twin, place_of, twin_of
@@ -73,6 +74,8 @@ class Watched:
         """The number of the state that was made last."""
         self.box = BoxInWords()
         """The newest black box of this run."""
+        self.changed = ""
+        """Which files have changed on disk since the run has read them, in words; empty: none."""
         self.ending: Ending | None = None
         """End of the run; None: it has not ended, or its end is still being found out."""
         self.over = False
@@ -139,6 +142,7 @@ class Watched:
     def look_around(self) -> None:
         """See what lies on the disk of this run: its newest black box, and how it ended. For a thread."""
         self.box = newest_box(self.reader.about, self.box)
+        self.changed = "" if self.over else changed_text(changed_files(self.reader.about))
         if self.over:
             found = ending_of(self.reader.about, self._last_event, self.box)
             if found is None and time.monotonic() - self._ended > ENDING_TIME:
@@ -205,6 +209,7 @@ class Watched:
         facts = {"station": reader.title, "state": "", "end": self.ending.text if self.ending else ""}
         facts |= {"control" if name == "lease" else name: text for name, text in reader.facts(frame).items()}
         facts["execution"] = "" if frame is None else duration(int(frame["execution"]) * 1e-9)
+        facts["changed"] = self.changed
         facts["not seen"] = f"{reader.lost:,} periods" if reader.lost else ""
         return facts | {"pid": str(self.about["pid"])}
 
@@ -253,6 +258,7 @@ class Watched:
     def line(self) -> dict[str, Any]:
         told = {"name": self.name, "station": self.station, "place": self.place}
         told |= {"stage": str(self.stage), "wiring": self.about["wiring"]}
+        told |= {"changed": self.changed} if self.changed else {}
         return told | self._trouble() | ({} if self.ending is None else {"ending": self.ending._asdict()})
 
     def _trouble(self) -> dict[str, Any]:

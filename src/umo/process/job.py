@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from umo.cycle.run import Application
 from umo.errors import DeclarationError
 from umo.objects import actions_of, numbers_of
+from umo.process.source_files import source_files
 from umo.process.station import declared, find
 from umo.user_code import told_as
 from umo.wiring import Wired, distribute_options, resolve
@@ -108,8 +109,17 @@ class Plan:
             self.name, self.place = type(self.machine).__name__, Path(job.script or inspect.getfile(make))
         actions_of(self.machine), numbers_of(self.machine)  # DeclarationError
         self.wired: Wired = resolve(self.machine, self.wiring, shares.wiring)
+        self.sources = self._sources()
+        """The hashes of the files that were read for it (`source_files`): as soon as they have been read."""
         self.prepared: PreparedLaws | None = None
         """The machine's laws, where they are compiled (`umo.process.compiling`)."""
+
+    def _sources(self) -> dict[str, str]:
+        return source_files(self.place, self.wiring, self.machine)
+
+    def all_sources(self) -> dict[str, str]:
+        """The same with those of modules that were imported later, as by `setup`."""
+        return self._sources() | self.sources
 
     @property
     def wiring_name(self) -> str:

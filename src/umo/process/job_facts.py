@@ -67,6 +67,7 @@ def _facts(plan: Plan, kept: Mapping[str, Any]) -> dict[str, Any]:
             "platform": f"{sys.platform} {platform.release()} {platform.machine()}",
         },
         "files": files_hash(plan.place),
+        "sources": plan.all_sources(),
         "host": platform.node(),
         "hash_seed": os.environ.get(HASH_SEED),
     }

@@ -172,4 +172,5 @@ const LINE = { name: "press", station: "press", place: "", stage: "running", wir
 test("the list of stations tells what is wrong in each, the faults first", () => {
   assert.deepEqual(troublesOf({ ...LINE, faults: ["z: a fault"], alarms: ["tank.full: too full"] }), [["failed", "✕ z: a fault"], ["warn", "▲ tank.full: too full"]]);
   assert.deepEqual(troublesOf(LINE), []);
+  assert.deepEqual(troublesOf({ ...LINE, changed: "it runs the former a.py" }), [["warn", "▲ it runs the former a.py"]]);
 });

@@ -143,9 +143,10 @@ function announce(text) {
 function onState() {
   const { state } = feed;
   if (!state) return;
-  const { progress, missed, mode, driven } = state.facts;
+  const { progress, missed, mode, driven, changed } = state.facts;
   const parts = [progress, `missed ${missed}`, mode, driven && `driven: ${driven}`];
   if (state.mode) parts.push(`control: ${client.leased ? "you" : client.holder || "nobody"}`);
+  if (changed) parts.push(`▲ ${changed}`);
   setText(summary, parts.filter(Boolean).join(" · "));
   showFaults(state.faults);
   const why = forbidden(state.inhibited, state.faults).map((reason) => `⊘ ${reason}`).join("; ");

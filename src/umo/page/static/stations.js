@@ -17,8 +17,9 @@ export function sentenceOf(line, lines) {
 }
 
 /** What is wrong in a run, each with its class: the faults first. @param {Page.Line} line @returns {[string, string][]} */
-export function troublesOf({ faults = [], alarms = [] }) {
-  return [...faults.map((text) => /** @type {[string, string]} */ (["failed", `✕ ${text}`])), ...alarms.map((text) => /** @type {[string, string]} */ (["warn", `▲ ${text}`]))];
+export function troublesOf({ faults = [], alarms = [], changed = "" }) {
+  const told = [...faults.map((text) => /** @type {[string, string]} */ (["failed", `✕ ${text}`])), ...alarms.map((text) => /** @type {[string, string]} */ (["warn", `▲ ${text}`]))];
+  return changed ? [...told, ["warn", `▲ ${changed}`]] : told;
 }
 
 /** Another run of the station of an ended run, which is not over; null: there is none. @param {Page.Line[]} lines @param {string} name */

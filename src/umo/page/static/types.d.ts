@@ -174,7 +174,7 @@ declare namespace Page {
 
   interface Line { name: string; station: string; place: string; stage: string; wiring: string; ending?: Ending;
     /** Equipment in fault and alarms of a run that goes on, in words. */
-    faults?: string[]; alarms?: string[] }
+    faults?: string[]; alarms?: string[]; changed?: string }
 
   /** A station of a fleet (umo/page/fleet_feed.py). */
   interface FleetRow {

@@ -1,0 +1,107 @@
+"""The files that a run has read: its code, its wiring and its recipes, and which of them have changed on disk since.
+
+A run hashes them once, when it has read them, and publishes the hashes in its description. Who asks compares: the loop
+does not look at the disk.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from umo.objects import Compound
+from umo.text import INSTALLED, is_users, printable, shown_path, some
+
+MAX_FILE_BYTES = 8 << 20
+"""Bytes of a larger file that count: a run waits for the hashes."""
+
+
+def source_files(place: Path, wiring: object, machine: Compound) -> dict[str, str]:
+    """The hash of each file that this process has read for a run, by its absolute path: the wiring if it is a file,
+    recipes, and every module that is neither umo's, nor Python's, nor of an installed package. `place`: the folder of
+    the station, whose own modules count wherever it is installed, or its script. A file that cannot be read does not
+    count."""
+    folder = place.resolve()
+    files = [str(wiring.resolve())] if isinstance(wiring, Path) else []
+    files += [str(file) for file in _recipes(machine)]
+    files += sorted({file for file in _modules() if is_users(file) or _is_in(file, folder)})
+    return {file: found for file in files if (found := _hash(file))}
+
+
+class ChangedFile(NamedTuple):
+    path: str
+    """Below the folder of the station, else absolute, or relative to the current folder if that is shorter."""
+    is_gone: bool
+
+
+def changed_files(about: Mapping[str, Any]) -> list[ChangedFile]:
+    """The files of a run that are not on disk as it has read them, by what its frames tell of it (`Reader.about`).
+    None of a run on another computer, or one that has published no hashes."""
+    job = about.get("job")
+    known = job.get("sources") if isinstance(job, Mapping) and job.get("host") == platform.node() else None
+    found = []
+    for file, was in known.items() if isinstance(known, Mapping) else ():
+        now = _hash(file)
+        if now != was:
+            found.append(ChangedFile(_shown(file, str(about.get("place", ""))), not now))
+    return found
+
+
+def changed_text(changed: Sequence[ChangedFile]) -> str:
+    """The same in words: `it runs the former control.py, which has changed on disk since the start; the next run takes
+    it as it is now`; empty: nothing has changed."""
+    if not changed:
+        return ""
+    names = some([f"{each.path} (gone)" if each.is_gone else each.path for each in changed])
+    has, them = ("has", "it as it is") if len(changed) == 1 else ("have", "them as they are")
+    text = f"it runs the former {names}, which {has} changed on disk since the start; the next run takes {them} now"
+    return printable(text)
+
+
+def _modules() -> Iterator[str]:
+    for module in list(sys.modules.values()):
+        file = getattr(module, "__file__", None)
+        if isinstance(file, str) and file.endswith((".py", ".so")):
+            yield str(Path(file).resolve()) if not Path(file).is_absolute() else file
+
+
+def _is_in(file: str, folder: Path) -> bool:
+    """Whether it is a file of the folder, and of no package that is installed in it."""
+    before, inside, name = file.partition(f"{folder}/")
+    return bool(inside) and not before and not any(part in f"/{name}" for part in INSTALLED)
+
+
+def _recipes(machine: Compound) -> Iterator[Path]:
+    if "umo.operation.recipe_book" not in sys.modules:
+        return
+    from umo.operation.recipe_book import books_of
+
+    for book in books_of(machine).values():
+        place = book.place.resolve()
+        yield from sorted(place.glob("*.toml")) if place.is_dir() else [place]
+
+
+def _hash(file: str) -> str:
+    """SHA-256 in hex, its first 32 digits; empty if the file cannot be read."""
+    try:
+        stat = Path(file).stat()
+        return _hash_of(file, stat.st_mtime_ns, stat.st_size, stat.st_ino)
+    except (OSError, ValueError):
+        return ""
+
+
+@lru_cache(maxsize=1000)
+def _hash_of(file: str, *version: int) -> str:
+    """The content is read again only where time, size or place of the file are others: the page asks every second."""
+    with Path(file).open("rb") as stream:
+        return hashlib.sha256(stream.read(MAX_FILE_BYTES)).hexdigest()[:32]
+
+
+def _shown(file: str, place: str) -> str:
+    path = Path(file)
+    return path.relative_to(place).as_posix() if place and path.is_relative_to(place) else shown_path(file)

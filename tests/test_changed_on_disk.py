@@ -1,0 +1,184 @@
+"""A station whose wiring, code or recipes on disk differ from what runs is told by whoever asks, with the files."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import Result
+
+from umo import connect, published
+from umo.frames import Reader
+from umo.process.job import Job, Plan
+from umo.process.job_facts import job_facts
+from umo.process.source_files import ChangedFile, changed_files, changed_text
+from umo.system import packages
+from umo.testing import periods
+
+Umo = Callable[..., Result]
+OBJECTS = """
+from .laws import GAIN
+from umo import Compound, DigitalActuator, DigitalSensor
+
+
+class Press(Compound):
+    heater: DigitalActuator
+    timer: DigitalSensor
+
+    def setup(self):
+        from . import later  # imported when the machine is connected
+
+
+def machine():
+    return Press(
+        heater=DigitalActuator("V", default=0.0, minimum=0.0, maximum=10.0, resolution=0.5),
+        timer=DigitalSensor("sampling_period", minimum=0, maximum=99_999, resolution=1, synchronous=False),
+    )
+"""
+WIRING = """[wire]
+"heater" = { driver = "simulated" }
+"timer" = { driver = "simulated", period = "10 ms" }
+"""
+FORMER = "it runs the former {}, which has changed on disk since the start; the next run takes it as it is now"
+
+
+@pytest.fixture
+def press(umo: Umo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The folder of a station that runs in this process, as `umo run --realtime` publishes it."""
+    folder = tmp_path / "press"
+    (folder / "wiring").mkdir(parents=True)
+    files = {
+        "objects.py": OBJECTS,
+        "laws.py": "GAIN = 1.0\n",
+        "later.py": "",
+        "unused.py": "",
+        "wiring/rig.toml": WIRING,
+    }
+    for name, text in files.items():
+        (folder / name).write_text(text)
+    for name in [name for name in packages.sys.modules if name.startswith(packages.PREFIX)]:
+        monkeypatch.delitem(packages.sys.modules, name)
+    plan = Plan(Job(station=str(folder)))
+    connection = connect(plan.machine, plan.wired)
+    with (
+        connection as machine,
+        published(connection, plan.name, plan.wiring_name, place=plan.place, job=job_facts(plan)) as ring,
+    ):
+        periods(machine, 3)
+        assert ring.path is not None
+        yield folder
+
+
+def running() -> Reader:
+    from umo.remote.search import find_running
+
+    return find_running("press")
+
+
+def changed() -> list[ChangedFile]:
+    with running() as reader:
+        return changed_files(reader.about)
+
+
+def test_a_run_tells_the_files_that_it_has_read_and_no_others(press: Path) -> None:
+    with running() as reader:
+        known = reader.about["job"]["sources"]
+    own = {Path(file).relative_to(press).as_posix() for file in known if Path(file).is_relative_to(press)}
+    assert own == {"objects.py", "laws.py", "later.py", "wiring/rig.toml"}
+    assert not any("site-packages" in file for file in known)
+    assert not any(file.endswith("umo/cycle/connect.py") for file in known)
+
+
+def test_a_file_that_was_touched_or_written_as_it_was_tells_nothing(press: Path) -> None:
+    assert changed() == []
+    os.utime(press / "laws.py", (1, 1))
+    (press / "wiring" / "rig.toml").write_text(WIRING)
+    (press / "unused.py").write_text("more = 1")
+    assert changed() == []
+
+
+@pytest.mark.parametrize("name", ["wiring/rig.toml", "objects.py", "laws.py", "later.py"])
+def test_a_file_that_was_changed_is_named(press: Path, name: str) -> None:
+    before = (press / name).read_text()
+    (press / name).write_text(f"{before}# changed\n")
+    assert changed() == [ChangedFile(name, False)]
+    (press / name).write_text(before)
+    assert changed() == []
+
+
+def test_a_file_of_the_same_length_and_time_is_seen_to_differ_by_its_content(press: Path) -> None:
+    file = press / "laws.py"
+    times = file.stat().st_atime_ns, file.stat().st_mtime_ns
+    (press / "new.py").write_text("GAIN = 2.0\n")
+    os.utime(press / "new.py", ns=times)
+    (press / "new.py").replace(file)  # as an editor does
+    assert changed() == [ChangedFile("laws.py", False)]
+
+
+def test_a_file_that_is_gone_is_told_so(press: Path) -> None:
+    (press / "laws.py").unlink()
+    assert changed() == [ChangedFile("laws.py", True)]
+    assert changed_text(changed()) == FORMER.format("laws.py (gone)")
+
+
+def test_a_run_on_another_computer_is_not_compared_with_this_disk(press: Path) -> None:
+    (press / "laws.py").unlink()
+    with running() as reader:
+        about = dict(reader.about)
+    assert changed_files(about | {"job": about["job"] | {"host": "another"}}) == []
+    assert changed_files({name: fact for name, fact in about.items() if name != "job"}) == []
+    assert changed_files(about | {"job": {"error": "it could not be told"}}) == []
+
+
+def said(result: Result) -> str:
+    assert result.exit_code == 0, result.output
+    return " ".join(f"{result.stdout} {result.stderr}".split())
+
+
+def test_ps_get_and_check_tell_it(umo: Umo, press: Path) -> None:
+    commands: list[tuple[str, ...]] = [("ps",), ("get", "press", "heater"), ("check", "press")]
+    assert not any("former" in said(umo(*words)) for words in commands)
+    (press / "laws.py").write_text("GAIN = 2.0\n")
+    assert f"press: {FORMER.format('laws.py')}" in said(umo("ps"))
+    assert FORMER.format("laws.py") in said(umo("get", "press", "heater"))
+    assert f"note: press is running (pid {os.getpid()}): {FORMER.format('laws.py')}" in said(umo("check", "press"))
+    (listed,) = json.loads(umo("ps", "--json").stdout)["running"]
+    assert listed["changed"] == ["laws.py"]
+
+
+def test_several_files_are_told_in_one_sentence(press: Path) -> None:
+    for name in ("laws.py", "wiring/rig.toml"):
+        (press / name).write_text("# changed")
+    assert changed_text(changed()) == (
+        "it runs the former wiring/rig.toml and laws.py, which have changed on disk since the start; "
+        "the next run takes them as they are now"
+    )
+
+
+def test_the_page_tells_it(press: Path) -> None:
+    from umo.page.watched_run import Watched
+
+    def told(watched: Watched) -> Any:
+        watched.look_around()
+        watched.read()
+        watched.number += 1
+        return json.loads(watched.state(full=True))["facts"]["changed"], watched.line().get("changed")
+
+    watched = Watched(running())
+    try:
+        assert told(watched) == ("", None)
+        (press / "laws.py").write_text("GAIN = 2.0\n")
+        assert told(watched) == (FORMER.format("laws.py"),) * 2
+    finally:
+        watched.close()
+
+
+def test_the_recipes_that_a_machine_has_read_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = Plan(Job(station="batch"))
+    recipes = [Path(file).name for file in plan.sources if "/recipes" in file]
+    assert recipes
+    assert any(file.endswith("batch/control.py") for file in plan.sources)  # it ships with umo, and is a station
