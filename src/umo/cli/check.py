@@ -26,8 +26,8 @@ from umo.wiring.wired import Wired
 
 from .console import err, out
 from .faces_beside import faces_of, names_in
-from .record_beside import settings_in
 from .ps import readers
+from .record_beside import settings_in
 from .station_options import machine_of
 
 
