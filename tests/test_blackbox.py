@@ -218,7 +218,7 @@ def test_a_failed_end_is_kept_though_another_box_was_just_kept_or_is_being_writt
 
 
 def test_a_miss_shortly_before_the_end_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(frame_watcher, "AFTERMATH", 1000.0)
+    monkeypatch.setattr("umo.latency.blackbox.AFTERMATH", 1000.0)
     with watched([0, 0, 5]) as (seen, m):
         periods(m, 3)
         seen.look()
@@ -232,7 +232,7 @@ def test_an_end_is_kept_though_nobody_looked_before_it() -> None:
 
 
 def test_misses_are_kept_once_in_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(frame_watcher, "AFTERMATH", 0.0)
+    monkeypatch.setattr("umo.latency.blackbox.AFTERMATH", 0.0)
     with watched([0, 0, 5, 5, 5]) as (seen, m):
         seen.look()
         for _ in range(5):

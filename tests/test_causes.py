@@ -20,7 +20,7 @@ from umo.cli.why import why
 from umo.frames import Reader
 from umo.frames.layout import Layout
 from umo.latency import blackbox
-from umo.latency.causes import Cause, Evidence, MissCause, explain_all, split
+from umo.latency.causes import Cause, Evidence, MissCause, always_slow, explain_all, sentences, split
 from umo.system import realtime
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
@@ -246,3 +246,81 @@ def test_the_first_rows_have_no_past() -> None:
     frames = frames_with(1)
     assert [verdict.row for verdict in explain_all(frames, LAYOUT)] == [1]
     assert Evidence(frames, LAYOUT).explain(1).cause is Cause.UNKNOWN
+
+
+# Always too slow ----------------------------------------------------------------------------------------
+
+TEN_MS = Layout((), ("timer", "sample io", "control", "update io", "control oven"), {"period": 0.01})
+
+
+def slow_frames(late: float = 1.0, count: int = 100, first: int = 0, **phases: float) -> Any:
+    """Periods of 10 ms, of which so many, from the row `first` on, take these times in ms; `oven` is a part of its own.
+    The timer returns at once where they do."""
+    frames = np.zeros(count, TEN_MS.dtype)
+    slow = (np.arange(count) % 100 < 100 * late) & (np.arange(count) >= first)
+    names = {"sample": 1, "control": 2, "update": 3, "oven": 4}
+    for name, place in names.items():
+        usual = 0.02 if name == "control" else 0.0
+        frames["phases"][:, place] = np.where(slow, phases.get(name, usual), usual) * MS
+    frames["execution"] = frames["phases"].sum(axis=1)
+    frames["missed"][1:] = slow[:-1]
+    frames["wake"] = np.where(frames["missed"] > 0, 5 * MS, 30_000)
+    lasted = np.where(slow, frames["execution"], 10 * MS)
+    frames["began"] = np.append(0, np.cumsum(lasted)[:-1])
+    frames["counted"] = np.arange(count)
+    return frames
+
+
+@pytest.mark.parametrize("late", [1.0, 0.9, 0.6, 0.3, 0.02])
+def test_control_code_that_is_too_slow_is_named_however_often_it_is(late: float) -> None:
+    verdicts = explain_all(slow_frames(late, control=15.0), TEN_MS)
+    assert verdicts
+    assert {verdict.cause for verdict in verdicts} == {Cause.CONTROL}, verdicts
+    assert verdicts[-1].text == "control code took 15 ms"
+
+
+@pytest.mark.parametrize(
+    ("phases", "told"),
+    [
+        ({"control": 15.0}, "control code 15 ms"),
+        ({"control": 4.0, "oven": 9.0}, "control code of oven 9 ms, control code 4 ms"),
+        ({"sample": 8.0, "control": 3.0}, "driver io (sample) 8 ms, control code 3 ms"),
+        ({"update": 12.0}, "driver io (update) 12 ms"),
+    ],
+)
+def test_what_is_always_too_slow_is_told_with_the_times_of_its_parts(phases: dict[str, float], told: str) -> None:
+    said = always_slow(slow_frames(1.0, **phases), TEN_MS)
+    assert said == f"too slow for the period of 10 ms: 100% of 99 periods are late; usual times: {told}"
+    assert sentences(slow_frames(1.0, **phases), TEN_MS, [], 3) == [said]
+
+
+def test_what_has_become_slow_is_told_as_soon_as_most_periods_are_late() -> None:
+    assert always_slow(slow_frames(1.0, first=70, control=15.0), TEN_MS) == ""
+    assert always_slow(slow_frames(1.0, first=40, control=15.0), TEN_MS).endswith("control code 15 ms")
+
+
+def test_control_code_that_hardly_fits_is_told_before_it_is_late() -> None:
+    frames = slow_frames(1.0, control=9.0)
+    frames["missed"][:] = 0
+    assert always_slow(frames, TEN_MS) == (
+        "hardly within the period of 10 ms: 0% of 99 periods are late; usual times: control code 9 ms"
+    )
+
+
+def test_control_code_that_others_keep_from_running_is_told_so() -> None:
+    frames = slow_frames(1.0, control=15.0)
+    frames["run_queue_wait"] = np.arange(100) * 9 * MS
+    assert always_slow(frames, TEN_MS).endswith("control code 15 ms; for 9 ms of that other processes used the core")
+    assert {verdict.cause for verdict in explain_all(frames, TEN_MS)[2:]} == {Cause.PREEMPTED}
+
+
+def test_late_periods_that_took_no_time_and_few_periods_are_not_said_to_be_slow() -> None:
+    frames = slow_frames(1.0, control=0.02)
+    assert (frames["missed"][1:] == 1).all()
+    assert always_slow(frames, TEN_MS) == ""
+    assert always_slow(slow_frames(1.0, count=5, control=15.0), TEN_MS) == ""
+    assert always_slow(slow_frames(1.0, control=15.0), Layout((), TEN_MS.phases, {})) == ""
+
+
+def test_a_black_box_holds_several_periods_after_a_missed_one_if_they_are_not_long() -> None:
+    assert [blackbox.aftermath(period) for period in (0.0, 0.001, 0.01, 0.05, 1.0)] == [0.05, 0.05, 0.2, 1.0, 1.0]

@@ -17,7 +17,8 @@ import umo as umo_package
 from helpers.recorded import block_at_random, decoded, layout_of
 from umo.latency.blackbox import KEPT_PERIODS
 from umo.recording import BlackBox, Block, Recording
-from umo.recording.black_boxes import AFTERMATH, INTERVAL, BlackBoxes
+from umo.latency.blackbox import AFTERMATH
+from umo.recording.black_boxes import INTERVAL, BlackBoxes
 from umo.recording.copying import thin
 from umo.recording.protobuf_channels import ProtobufChannels
 from umo.recording.recording_file import RecordingFile

@@ -19,6 +19,11 @@ from umo.text import time_of_day
 
 KEPT_PERIODS = 1000
 MAX_BOXES = 10
+AFTERMATH = 0.05
+"""Time in s after a missed period that its black box holds as well."""
+AFTERMATH_PERIODS, LONGEST_AFTERMATH = 20, 1.0
+"""Number of periods after it that the black box holds, too, if they take at most so many s: what is always too slow is
+seen by several."""
 SUFFIX = ".box"
 UNFINISHED_AGE = 3600.0
 """Age in s from which a file that is not finished is nobody's any more."""
@@ -67,6 +72,11 @@ def _content(reader: Reader, frames: Frames, reason: str) -> bytearray:
     journal = np.frombuffer(content, ENTRY, len(entries), places.journal)
     journal[np.arange(begin, begin + len(entries)) % max(len(entries), 1)] = entries
     return content
+
+
+def aftermath(period: float) -> float:
+    """Time in s after a missed period at which its black box is written."""
+    return max(AFTERMATH, min(AFTERMATH_PERIODS * period, LONGEST_AFTERMATH))
 
 
 def boxes(folder: Path) -> list[Path]:

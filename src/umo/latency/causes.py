@@ -1,8 +1,9 @@
 """Finds the cause of a missed period from its frames.
 
 A tick is missed between one return of the timer and the next call of it: the period before the frame that reports it
-woke late, or took too long. The part of that period with the largest excess over its usual time (the median of all
-frames at hand) is where the time went; the counters of the operating system and of the interpreter say why.
+woke late, or took too long. The part of that period with the largest excess over its usual time (the median of the
+periods at hand that ended in time; 0 if none did) is where the time went; the counters of the operating system and of
+the interpreter say why.
 """
 
 from __future__ import annotations
@@ -26,6 +27,14 @@ MIN_FAULT_TIME = 500.0
 """ns that a page fault without the disk takes, at least."""
 FAULT_SHARE = 0.1
 SOME_FAULTS = 8
+ALWAYS_SHARE = 0.5
+"""Share of the periods that are late from which on the station is always too slow."""
+ALWAYS_PERIODS = 10
+"""Number of periods at least, and of late ones, for that."""
+FULL_SHARE = 0.8
+"""Share of a period from which on its usual time leaves little room."""
+TOLD_SHARE = 0.1
+"""Share of a period from which on a part is named in that case."""
 AFTER = "after"
 WAKE = "wake"
 
@@ -65,7 +74,8 @@ class Evidence:
         self._missed = frames["missed"].tolist()
         self._counted = frames["counted"].tolist()
         parts = split(frames, layout)
-        excess = np.array([times - np.median(times) for times in parts.values()])
+        usual = _medians(parts, np.append(frames["missed"][1:] == 0, False))
+        excess = np.array([times - usual[name] for name, times in parts.items()])
         self._longest = [list(parts)[number] for number in excess.argmax(axis=0)]
         """The part of each period with the largest excess over its usual time."""
         self._excess = excess.max(axis=0).tolist()
@@ -76,23 +86,25 @@ class Evidence:
         """ns above the usual from which a period may have cost a tick."""
 
     def explain(self, row: int) -> MissCause:
-        """Explain why periods were missed at this row; UNKNOWN at the first two rows, whose past is not at hand."""
+        """Explain why periods were missed at this row; UNKNOWN where the period that caused it is not at hand, or one
+        of the first two whose counts are not, unless a part of it took longer than a whole period."""
         first, excess, part = row, 0.0, ""
-        while first >= 2:
+        while first >= 1:
             before = first - 1
             excess, part = self._excess[before], self._longest[before]
             if not self._missed[before] or excess >= self._tick:
                 break
             first = before  # one long period can miss several ticks
         cause, text = Cause.UNKNOWN, "the periods before it are not in this file"
-        if first >= 2:
+        is_known = first >= 2 or (first == 1 and 0.0 < 2 * self._tick <= excess)
+        if is_known:
             end = first if part == AFTER else first - 1  # the counters are read when a frame is being written
             while end + 1 < len(self._counted) and self._counted[end] == self._counted[end - 1]:
                 end += 1  # they were not read for this one
             happened = {name: int(values[end]) for name, values in self._counts.items()}
             cause, text = _judge(part, excess, float(self._parts[part][first - 1]), happened)
         still = "still late: " if first < row else ""
-        return MissCause(row, self._missed[row], cause, still + text, excess * 1e-9 if first >= 2 else 0.0)
+        return MissCause(row, self._missed[row], cause, still + text, excess * 1e-9 if is_known else 0.0)
 
 
 def explain_all(frames: Frames, layout: Layout) -> list[MissCause]:
@@ -105,12 +117,13 @@ def explain_all(frames: Frames, layout: Layout) -> list[MissCause]:
 
 
 def sentences(frames: Frames, layout: Layout, verdicts: list[MissCause], most: int) -> list[str]:
-    """The last verdicts, up to `most`, and how often each cause occurred in all.
+    """What is always too slow, the last verdicts, up to `most`, and how often each cause occurred in all.
 
     `2 periods missed before 3.456 s (period 3456): control code took 2.1 ms`.
     """
     period = float(layout.about.get("period", 0.0))
-    lines = []
+    always = always_slow(frames, layout)
+    lines = [always] if always else []
     for verdict in verdicts[-most:]:
         row = frames[verdict.row]
         missed = f"{verdict.missed} period{'s' * (verdict.missed > 1)} missed"
@@ -121,6 +134,44 @@ def sentences(frames: Frames, layout: Layout, verdicts: list[MissCause], most: i
     return lines
 
 
+def always_slow(frames: Frames, layout: Layout) -> str:
+    """What usually takes too long, where the period is too short for it: `too slow for the period of 10 ms: 98 % of 500
+    periods are late; usually control code takes 12 ms, driver io (sample) 4 ms`. Empty: the usual times leave room."""
+    period, count = float(layout.about.get("period", 0.0)) * 1e9, len(frames) - 1
+    late = np.append(frames["missed"][1:] > 0, False)
+    is_slow = late.sum() >= max(ALWAYS_PERIODS, ALWAYS_SHARE * count)
+    medians = _medians(split(frames, layout), late if is_slow else np.append(np.full(count, True), False))
+    if not is_slow:  # what is left of the period is spent there
+        medians |= {WAKE: 0.0, AFTER: 0.0}
+    total = sum(medians.values())
+    if count < ALWAYS_PERIODS or period <= 0.0 or total < (period if is_slow else FULL_SHARE * period):
+        return ""
+    told = sorted((part for part in medians if medians[part] >= TOLD_SHARE * period), key=lambda part: -medians[part])
+    times = ", ".join(f"{_name(part)} {duration(round(medians[part] * 1e-9, 6))}" for part in told)
+    slow = "too slow for" if is_slow else "hardly within"
+    what = f"{slow} the period of {duration(period * 1e-9)}: {late.sum() / count:.0%} of {count} periods are late"
+    text = f"{what}; usual times: {times}"
+    waited = float(np.median(counts(frames)["run_queue_wait"][late])) if is_slow else 0.0
+    if waited < TOLD_SHARE * total:
+        return text
+    return f"{text}; for {duration(round(waited * 1e-9, 6))} of that other processes used the core"
+
+
+def _medians(parts: PhaseTimes, chosen: npt.NDArray[np.bool_]) -> dict[str, float]:
+    """The median of each part in these rows, in ns; 0 where there are none."""
+    return {name: float(np.median(times[chosen])) if chosen.any() else 0.0 for name, times in parts.items()}
+
+
+def _name(part: str) -> str:
+    """A part of a period in words: `control code of oven`, `driver io (sample)`."""
+    kind, _, of = part.partition(" ")
+    if kind == CONTROL:
+        return f"control code{' of' * bool(of)} {of}".rstrip()
+    if of:
+        return f"driver {of} ({'it is away, and was tried' if kind == TRY else kind})"
+    return "waking up" if part == WAKE else "observers and the frame"
+
+
 def split(frames: Frames, layout: Layout) -> PhaseTimes:
     """The parts of each period's time in ns: waking up, the phases, what came after `update`. Tries of a driver are
     left out where there were none."""
@@ -129,7 +180,8 @@ def split(frames: Frames, layout: Layout) -> PhaseTimes:
     parts = {name: times for name, times in parts.items() if not name.startswith(f"{TRY} ") or times.any()}
     known = frames["wake"] >= 0
     waiting = phases[:, layout.phases.index("timer")]
-    parts = {WAKE: np.where(known, frames["wake"], np.where(frames["missed"] > 0, 0, waiting)).astype(float), **parts}
+    woke = np.where(known, frames["wake"], waiting)  # it did not sleep before a period that was late already
+    parts = {WAKE: np.where(frames["missed"] > 0, 0, woke).astype(float), **parts}
     called = frames["began"][1:] - waiting[1:]
     after = called - (frames["began"][:-1] + frames["execution"][:-1])
     parts[AFTER] = np.append(after, 0.0)
@@ -163,10 +215,10 @@ def _judge(part: str, excess: float, took: float, counted: dict[str, int]) -> tu
     waited = " (it slept or waited)" if counted["voluntary_switches"] > 1 else ""
     kind, _, driver = part.partition(" ")
     if kind == CONTROL:
-        return Cause.CONTROL, f"control code{' of' * bool(driver)} {driver}".rstrip() + f" took {lasted}{waited}"
+        return Cause.CONTROL, f"{_name(part)} took {lasted}{waited}"
     if driver:
-        what = "it is away, and was tried" if kind == TRY else kind
-        return Cause.DRIVER, f"driver {driver} took {lasted} ({what})"
+        name, _, what = _name(part).partition(" (")
+        return Cause.DRIVER, f"{name} took {lasted} ({what}"
     if part == WAKE:
         text = f"the timer woke {lasted} late, but no other process used the core: interrupts, or the host of this VM"
         return Cause.WAKE, text

@@ -23,8 +23,6 @@ from umo.text import Moment
 
 BLACK_BOX_INTERVAL = 10.0
 """Time in s from one black box of a missed period to the next at least."""
-AFTERMATH = 0.05
-"""Time in s after a missed period that its black box holds as well."""
 BLACK_BOX_TIMEOUT = 5.0
 """Timeout in s at the end of a run for a black box that is being written."""
 
@@ -73,7 +71,7 @@ class FrameWatcher:
         return self._reader if self._attach() else None
 
     def look(self) -> None:
-        """Answer clients. Write a black box `AFTERMATH` s after a missed period."""
+        """Answer clients. Write a black box some time after a missed period (`blackbox.aftermath`)."""
         self._reap()
         if not self._attach():
             return
@@ -83,7 +81,7 @@ class FrameWatcher:
         if self._reader.missed > self._missed:
             self._missed = self._reader.missed
             if now >= self._next_box:
-                self._box_due = self._box_due or now + AFTERMATH
+                self._box_due = self._box_due or now + blackbox.aftermath(self._reader.about["period"])
         if self._box_due is not None and now >= self._box_due:
             self._next_box = now + BLACK_BOX_INTERVAL
             self.keep(blackbox.MISSED_PERIOD)

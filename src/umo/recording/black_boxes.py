@@ -15,13 +15,12 @@ import numpy as np
 from umo.errors import text_of
 from umo.frames.layout import USAGE, Layout
 from umo.frames.reader import Frames
-from umo.latency.blackbox import KEPT_PERIODS, MISSED_PERIOD
+from umo.latency.blackbox import KEPT_PERIODS, MISSED_PERIOD, aftermath
 from umo.latency.causes import explain_all, sentences
 from umo.recording.block import BlackBox, Block
 
-INTERVAL, AFTERMATH = 10.0, 0.05
-"""s from one black box of a missed period to the next at least, and of the time after it that is in it: as the
-guardian's."""
+INTERVAL = 10.0
+"""Time in s from one black box of a missed period to the next at least, as from one of the guardian's."""
 MAX_LINES = 3
 """Missed periods that are explained, the last ones."""
 FIELDS = ("number", "time", "missed", "began", "wake", "execution", *(name for name, *_ in USAGE), "counted", "phases")
@@ -49,7 +48,8 @@ class BlackBoxes:
         self._layout = layout
         self._kept: _Window | None = None
         self._next = -np.inf
-        self._aftermath = round(AFTERMATH / float(layout.about.get("period") or 0.001))
+        period = float(layout.about.get("period") or 0.001)
+        self._aftermath = round(aftermath(period) / period)
         self._missed = 0
 
     def added(self, blocks: Sequence[Block], end: str = "") -> list[Block]:
