@@ -15,9 +15,8 @@ from typer.testing import Result
 
 import umo as umo_package
 from helpers.recorded import block_at_random, decoded, layout_of
-from umo.latency.blackbox import KEPT_PERIODS
+from umo.latency.blackbox import AFTERMATH, KEPT_PERIODS
 from umo.recording import BlackBox, Block, Recording
-from umo.latency.blackbox import AFTERMATH
 from umo.recording.black_boxes import INTERVAL, BlackBoxes
 from umo.recording.copying import thin
 from umo.recording.protobuf_channels import ProtobufChannels
