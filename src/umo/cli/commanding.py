@@ -31,6 +31,7 @@ from .console import err, out, say
 from .kept import save_tuned, toml_line
 from .progress_line import OneLine
 from .ps import attach, how_ended, how_to_clear
+from .running_names import not_an_object
 from .values import argument, number, state
 
 PICTURE_PAUSE = 0.05
@@ -250,6 +251,8 @@ def _object(station: RemoteStation, path: str) -> RemoteObject:
 
 def _no_object(station: RemoteStation, path: str, known: Sequence[str]) -> PathError:
     """Why a path names nothing of what is known: the nearest of it, or what there is below the path."""
+    if what := not_an_object(path, station.reader.layout, str(station.reader.about["station"])):
+        return PathError(what)
     try:
         item = station[path]
     except AttributeError:

@@ -17,7 +17,6 @@ from umo.frames import Reader
 from umo.objects import Actuator, Atomic, Binary, Compound, DigitalActuator, DigitalSensor
 from umo.objects.description import converted, described, row_of
 from umo.objects.paths import children
-from umo.objects.paths import find as object_at
 from umo.presentation.rows import TableRow, quality_of, raw_of, sentence_of, value_of
 from umo.presentation.value_text import measure, span, value_text
 from umo.process.start import LINUX
@@ -33,6 +32,7 @@ from umo.wiring.wired import Wire
 from .commanding import get_running, set_running
 from .console import err, out, say
 from .ps import attach, readers
+from .running_names import object_of
 from .station_options import machine_and_words, machine_of
 from .values import number, state
 
@@ -47,7 +47,7 @@ def get_values(name: str, wiring: str | None, paths: list[str], unit: str | None
         return
     station = _station(name)
     machine, paths = machine_and_words(station, paths)
-    items = [_atomic(machine, path) for path in paths]
+    items = [_atomic(machine, path, station.name) for path in paths]
     for item in items:
         converted(TableRow(described(item), 1.0), unit)  # before a device is opened
     file = station.wiring(wiring)
@@ -92,7 +92,7 @@ def set_value(
         return set_running(running, path, text, hold, over)
     station = _station(name)
     machine = machine_of(station, arguments)
-    item = _atomic(machine, path)
+    item = _atomic(machine, path, station.name)
     if not isinstance(item, Actuator):
         raise PathError(f"{path} is a sensor; only actuators can be set")
     file = station.wiring(wiring)
@@ -216,8 +216,8 @@ def _loop(m: Compound, hold: float | None, pause: float, again: Callable[[], obj
         m.update()
 
 
-def _atomic(machine: Compound, path: str) -> Any:
-    item: Any = object_at(machine, path)
+def _atomic(machine: Compound, path: str, name: str) -> Any:
+    item = object_of(machine, path, name)
     if not isinstance(item, Atomic):
         raise PathError(f"{path} is a compound object; name one of its parts: {', '.join(children(item))}")
     return item
