@@ -234,6 +234,12 @@ def get_running(reader: Reader, paths: Sequence[str], unit: str | None) -> None:
             out.print(sentence_of(row, width), soft_wrap=True)
         about = reader.about
         say(f"read from the frames of {about['station']}, which is running (pid {about['pid']})")
+        if inspected := [str(row.about["path"]) for row in rows if row.about.get("inspected")]:
+            name = about["station"]
+            say(
+                f"what the circuit holds for {some(inspected)}, such as registers in each order of their bytes, is read "
+                f"while it does not run: `umo stop {name}`, then `umo get {name} {' '.join(inspected)}`"
+            )
         if changed := changed_text(changed_files(about)):
             say(changed)
 

@@ -18,15 +18,18 @@ from umo.cycle.machine import ConnectedMachine
 from umo.cycle.phases import Phases
 from umo.cycle.stage import Stage
 from umo.cycle.stopping import signal_name
+from umo.drivers.contract import Driver
 from umo.errors import FramesError, text_of
 from umo.frames.frame_server import FrameServer, new_path
-from umo.frames.layout import Layout, describe_objects, describe_signals
+from umo.frames.layout import Layout, describe_signals
 from umo.frames.memory import RunDescriptors
 from umo.frames.ring import Ring
-from umo.objects import MachineNumber
+from umo.objects import Atomic, DigitalSensor, MachineNumber
+from umo.objects.description import described
 from umo.system.processes import HASH_SEED
 from umo.text import in_brackets, place_of
 from umo.user_code import attempt
+from umo.wiring.wired import Wire
 
 PLAIN_TYPES = (str, int, float, bool, type(None))
 """Types of arguments of exceptions whose text is umo's or Python's own work."""
@@ -67,7 +70,7 @@ def published(
         phases = Phases(machine.image, connection.wired.drivers, machine.parts)
         undo.callback(phases.remove)
         layout = Layout(
-            describe_objects(machine.image.items),
+            tuple(map(_object, machine.image.items, machine.image.wires)),
             tuple(phases.names),
             about | {"options": dict(options)} | _about(connection) | ({"job": dict(job)} if job else {}),
             describe_signals(machine.frame.signals, machine.kept),
@@ -102,6 +105,16 @@ def published(
         else:
             end()
         phases.remove()
+
+
+def _object(item: Atomic, wire: Wire) -> dict[str, Any]:
+    """The description of an object. `inspected`: whether the driver of a number tells what the circuit holds for it,
+    which it does only where it is asked: not in a period."""
+    driver = wire.driver
+    while isinstance(inner := getattr(driver, "driver", None), Driver):  # off the cycle, or with injected faults
+        driver = inner
+    tells = isinstance(item, DigitalSensor) and type(driver).inspect is not Driver.inspect
+    return described(item) | ({"inspected": True} if tells else {})
 
 
 def _start(number: MachineNumber) -> float | None:
