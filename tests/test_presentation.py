@@ -25,7 +25,7 @@ from umo.objects import Digital, Quality, atoms
 from umo.objects.description import converted, described
 from umo.objects.scaling import to_raw, to_value
 from umo.objects.units import check_unit, same_unit
-from umo.presentation.digits import digits_of, number_text, scale_texts, setting_text
+from umo.presentation.digits import digits_of, number_text, scale_texts, setting_text, with_short_numbers
 from umo.presentation.durations import duration, lasting
 from umo.presentation.rows import TableRow
 from umo.presentation.run_facts import facts_of
@@ -225,18 +225,46 @@ def test_facts_of_a_run_come_from_elsewhere_and_do_not_command_the_terminal() ->
     assert facts_of("running", "manual")["lease"] == "free"
 
 
+# Numbers in texts ---------------------------------------------------------------------------------------
+
+TEXTS = [
+    ("0.30000000000000004", "0.3"),
+    ("[120.30000000000001, 1.5, -0.1]", "[120.3, 1.5, -0.1]"),
+    ('{"mean": 3.3333333333333335e-05, "n": 12345678901234567890}', '{"mean": 3.33333e-5, "n": 12345678901234567890}'),
+    ("version 1.2.3 of a1.30000000000000004b", "version 1.2.3 of a1.30000000000000004b"),
+    ("12.34567 mm, 0.000000000000123456 s", "12.34567 mm, 0.000000000000123456 s"),
+]
+"""Texts, and how they are shown."""
+
+
+@pytest.mark.parametrize(("text", "shown"), TEXTS)
+def test_a_float_to_the_last_bit_is_shown_as_people_read_it(text: str, shown: str) -> None:
+    assert with_short_numbers(text) == shown
+    assert with_short_numbers(shown) == shown
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_a_float_in_a_text_is_at_most_fifteen_digits_long_and_near_to_what_it_was(value: float) -> None:
+    shown = with_short_numbers(f"x = {value!r}, or so")
+    number = shown.removeprefix("x = ").removesuffix(", or so")
+    assert float(number) == pytest.approx(value, rel=1e-5)
+    if "." in number:
+        assert len(number.partition("e")[0].replace(".", "").strip("-0")) <= 15
+
+
 # The page --------------------------------------------------------------------------------------------------
 
 DRIVER = """
-import { duration, lasting, numberText, scaleTexts, valueText } from "%s";
+import { duration, lasting, numberText, scaleTexts, valueText, withShortNumbers } from "%s";
 import { readFileSync } from "node:fs";
-const { numbers, scales, values, seconds } = JSON.parse(readFileSync(0, "utf8"));
+const { numbers, scales, values, seconds, texts } = JSON.parse(readFileSync(0, "utf8"));
 console.log(JSON.stringify({
   numbers: numbers.map(([value, digits]) => numberText(value, digits)),
   scales: scales.map(scaleTexts),
   values: values.map(([about, found]) => valueText(about, ...found)),
   durations: seconds.map(duration),
   lasting: seconds.map(lasting),
+  texts: texts.map(withShortNumbers),
 }));
 """
 
@@ -288,6 +316,7 @@ def test_the_page_shows_what_python_shows() -> None:
         "scales": scales,
         "values": [(about, plain(found)) for about, found in values],
         "seconds": seconds,
+        "texts": (texts := [text for text, _ in TEXTS] + [f"x: {value!r}" for value in seconds[:1000]]),
     }
     done = subprocess.run(
         [node, "--input-type=module", "-e", DRIVER % MODULE.as_uri()],
@@ -295,6 +324,7 @@ def test_the_page_shows_what_python_shows() -> None:
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     page = json.loads(done.stdout)
+    assert page["texts"] == list(map(with_short_numbers, texts))
     different = [
         (value, digits, mine, its)
         for (value, digits), its in zip(numbers, page["numbers"], strict=True)

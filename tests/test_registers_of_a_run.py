@@ -16,8 +16,8 @@ from umo.testing import Scripted, periods
 
 Umo = Callable[..., Result]
 HINT = (
-    "what the circuit holds for encoder, such as registers in each order of their bytes, is read while it does not run: "
-    "`umo stop press`, then `umo get press encoder`"
+    "what the circuit holds for encoder, such as registers in each order of their bytes, is read while it does not "
+    "run: `umo stop press`, then `umo get press encoder`"
 )
 
 

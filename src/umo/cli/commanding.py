@@ -237,8 +237,8 @@ def get_running(reader: Reader, paths: Sequence[str], unit: str | None) -> None:
         if inspected := [str(row.about["path"]) for row in rows if row.about.get("inspected")]:
             name = about["station"]
             say(
-                f"what the circuit holds for {some(inspected)}, such as registers in each order of their bytes, is read "
-                f"while it does not run: `umo stop {name}`, then `umo get {name} {' '.join(inspected)}`"
+                f"what the circuit holds for {some(inspected)}, such as registers in each order of their bytes, is "
+                f"read while it does not run: `umo stop {name}`, then `umo get {name} {' '.join(inspected)}`"
             )
         if changed := changed_text(changed_files(about)):
             say(changed)

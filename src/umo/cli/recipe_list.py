@@ -11,6 +11,7 @@ from umo.objects import actions_of
 from umo.operation.recipe_book import RecipeBook, books_of
 from umo.operation.recipe_values import unit_of
 from umo.operation.recipes import Recipe
+from umo.presentation.digits import with_short_numbers
 from umo.presentation.value_text import value_text
 from umo.process.station import Station
 from umo.remote.remote_objects import call_action
@@ -78,4 +79,4 @@ def _text(recipe: Recipe, key: str, value: Any) -> str:
     """A value with its unit."""
     shown = ", ".join(map(str, value)) if isinstance(value, list) else str(value)
     hints = hints_of(type(recipe))  # type: ignore[arg-type]
-    return f"{shown} {unit_of(hints[key])}".rstrip()
+    return f"{with_short_numbers(shown)} {unit_of(hints[key])}".rstrip()

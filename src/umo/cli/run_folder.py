@@ -26,7 +26,7 @@ from umo.cycle.fault_log import KEPT_FAULTS, FaultLog
 from umo.cycle.stage import Progress
 from umo.cycle.trace import Statistics, Trace, lines
 from umo.errors import UmoError, text_of
-from umo.presentation.digits import NO_VALUE, number_text
+from umo.presentation.digits import NO_VALUE, number_text, with_short_numbers
 from umo.presentation.durations import duration
 from umo.presentation.run_facts import clock_text
 from umo.process.job import Plan
@@ -197,7 +197,8 @@ def rows(name: str, data: Any) -> Iterator[tuple[str, str]]:
 def _text(value: Any) -> str:
     if value is None:
         return NO_VALUE
-    text = number_text(value) if isinstance(value, float) and isfinite(value) else printable(str(value))
+    is_number = isinstance(value, float) and isfinite(value)
+    text = number_text(value) if is_number else with_short_numbers(printable(str(value)))
     return text if len(text) <= MAX_VALUE_LENGTH else f"{text[:MAX_VALUE_LENGTH]}..."
 
 

@@ -6,12 +6,15 @@ resolution is then exact (0.25), and never an exponent. What has none gets six s
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from functools import lru_cache
 from math import floor, inf, isfinite, log10
 
 NO_VALUE = "-"
 SIGNIFICANT_DIGITS = 6
+SURE_DIGITS = 15
+"""Digits that every float has: others follow only where it is written to the last bit."""
 MAX_DIGITS = 99
 """Digits after the point, at most: a browser can show 100, and one more is looked at."""
 FEW_STEPS = 1e4
@@ -76,7 +79,20 @@ def scale_texts(levels: Sequence[float]) -> list[str]:
 
 def setting_text(value: float) -> str:
     """A number that is set, with all digits that a float surely has; an integer with all that it has."""
-    return f"{value:.15g}" if isinstance(value, float) else str(value)
+    return f"{value:.{SURE_DIGITS}g}" if isinstance(value, float) else str(value)
+
+
+_WITH_POINT = re.compile(r"(?<![\w.])-?(\d+\.\d+)(?:e[-+]?\d+)?(?![\w.])")
+
+
+def with_short_numbers(text: str) -> str:
+    """A text in which a number has more digits than a float surely has (0.30000000000000004), such as a result as
+    JSON, with the digits that a number by itself is shown with (0.3). For people: programs take the text as it is."""
+    return _WITH_POINT.sub(lambda found: number_text(float(found[0])) if _is_long(found[1]) else found[0], text)
+
+
+def _is_long(digits: str) -> bool:
+    return len(digits.replace(".", "").lstrip("0")) > SURE_DIGITS
 
 
 def _without_zeros(text: str) -> str:

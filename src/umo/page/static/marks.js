@@ -1,6 +1,6 @@
 /** What happened: in words, of which kind, and where it stands on the time axis. */
 
-import { clockText } from "./presentation.js";
+import { clockText, withShortNumbers } from "./presentation.js";
 
 const MARK_DISTANCE = 26;  // CSS pixels within which marks are one: there is room for its count
 const REACH = 10;  // CSS pixels beside a mark at which it is told
@@ -20,7 +20,7 @@ const ORDER = /** @type {Page.Mark["kind"][]} */ (Object.keys(KINDS));
 export function sentence(event) {
   const { time, path = "", text = "", who = "", asked = "", state = "" } = event;
   const when = typeof time === "number" ? clockText(time) : "";
-  const what = [path, asked, state && state !== "none" ? state : "", text].filter(Boolean).join(": ");
+  const what = [path, asked, state && state !== "none" ? state : "", withShortNumbers(text)].filter(Boolean).join(": ");
   return [when, what, who ? `(${who})` : ""].filter(Boolean).join(" ");
 }
 

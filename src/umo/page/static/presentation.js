@@ -40,6 +40,14 @@ export function numberText(value, digits = null) {
   return withoutZeros(fixed(value, Math.max(SIGNIFICANT_DIGITS - 1 - exponent, 0)));
 }
 
+const WITH_POINT = /(?<![\w.])-?(\d+\.\d+)(?:e[-+]?\d+)?(?![\w.])/g;
+const SURE_DIGITS = 15;  // that every float has
+
+/** A text whose numbers with more digits than a float surely has (0.30000000000000004) are shown as a number by itself is (0.3). @param {string} text */
+export function withShortNumbers(text) {
+  return text.replace(WITH_POINT, (found, digits) => (digits.replace(".", "").replace(/^0+/, "").length > SURE_DIGITS ? numberText(Number(found)) : found));
+}
+
 /** The numbers beside a scale, evenly spaced: six significant digits; where these do not do, as many as the step has. @param {number[]} levels @returns {string[]} */
 export function scaleTexts(levels) {
   const step = levels.length > 1 ? Number(Math.abs(levels[1] - levels[0]).toPrecision(6)) : Infinity;
