@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import errno
 import inspect
 import os
 import re
@@ -38,11 +39,17 @@ class Moment(str):
 
 
 def str_of(error: BaseException) -> str:
-    """`str(error)`, whatever its `__str__` does."""
+    """`str(error)`, whatever its `__str__` does; where a limit of the operating system is the cause, with the command
+    that shows and raises it."""
     try:
-        return str(error)
+        text = str(error)
     except BaseException:
         return "its text cannot be shown"
+    return f"{text} (`ulimit -n` shows and raises the number)" if _is_out_of_descriptors(error) else text
+
+
+def _is_out_of_descriptors(error: BaseException) -> bool:
+    return isinstance(error, OSError) and error.errno == errno.EMFILE
 
 
 def add_note(error: BaseException, note: str) -> None:

@@ -13,6 +13,7 @@ from umo.cycle.stopping import signal_name
 from umo.errors import AcknowledgeRequired, Interrupted, RecipeError, StopError, UmoError, WiringError
 from umo.exit_status import ExitStatus
 from umo.process.station import StationError
+from umo.system.descriptors import TooFewDescriptors
 from umo.text import Moment, in_a_line, in_brackets, place_of, printable, str_of
 from umo.user_code import as_json
 
@@ -29,6 +30,7 @@ USER_ERRORS = (
     StationError,
     errors.FramesError,
     errors.CommandRefused,
+    TooFewDescriptors,
 )
 MAX_LENGTH = 12_000
 """Length of a traceback, a message or a result at most, characters."""

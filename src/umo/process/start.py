@@ -29,7 +29,7 @@ from umo.process.job import Job, reference
 from umo.process.messages import MessageSocket
 from umo.process.outcome import Failed, Outcome
 from umo.remote.search import station_name
-from umo.system import notify
+from umo.system import descriptors, notify
 from umo.system.device_record import INSPECT
 from umo.system.processes import ENDED, HASH_SEED, STOPPED, ProcessHandle, known
 from umo.system.realtime import Refusal
@@ -106,6 +106,7 @@ class Started:
         """`is_service`: this program is only there for the run, which speaks for it to a service manager."""
         if not LINUX:
             raise DriverError("umo.start needs Linux; virtual time works everywhere")
+        descriptors.ensure()
         self.pid: int | None = None
         """The control process, once it is running."""
         self.frames: Reader | None = None

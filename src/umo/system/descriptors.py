@@ -1,0 +1,45 @@
+"""Whether this process, and those that it starts, may open as many files as a run in real time needs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from umo.errors import UmoError
+
+NEEDED = 64
+"""Descriptors for the processes of a run: each has up to 50 (memory, locks, pipes, sockets of the others), beside those
+that its drivers open."""
+
+USUAL = 1024
+"""What most systems allow."""
+
+
+class TooFewDescriptors(UmoError, OSError):
+    """A process may not open as many files as a run needs."""
+
+
+def _limits() -> tuple[int, int]:
+    import resource  # of Unix
+
+    return resource.getrlimit(resource.RLIMIT_NOFILE)
+
+
+def _set(soft: int, hard: int) -> None:
+    import resource
+
+    resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+def ensure(limits: Callable[[], tuple[int, int]] = _limits, set_limits: Callable[[int, int], object] = _set) -> None:
+    """Let this process open as many files as a run needs, as far as it may by itself; TooFewDescriptors with what to do
+    where it may not. A limit below 0 is none."""
+    soft, hard = limits()
+    if soft < 0 or soft >= NEEDED:
+        return
+    if 0 <= hard < NEEDED:
+        raise TooFewDescriptors(
+            f"a run in real time needs {NEEDED} open files in a process, and more for drivers with many connections; "
+            f"{soft} are allowed here: `ulimit -n {USUAL}` in a new terminal, then start it there (of a service: "
+            f"LimitNOFILE={USUAL})"
+        )
+    set_limits(USUAL if hard < 0 else min(USUAL, hard), hard)
