@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,13 +16,16 @@ import numpy as np
 import pytest
 
 from helpers import process_box
+from helpers.machines import Bench, bench, wired
 from helpers.runs import Run
+from umo import connect, published
 from umo.cli.why import why
 from umo.frames import Reader
 from umo.frames.layout import Layout
 from umo.latency import blackbox
 from umo.latency.causes import Cause, Evidence, MissCause, always_slow, explain_all, sentences, split
 from umo.system import realtime
+from umo.testing import Scripted, VirtualTimer
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
 
@@ -324,3 +328,31 @@ def test_late_periods_that_took_no_time_and_few_periods_are_not_said_to_be_slow(
 
 def test_a_black_box_holds_several_periods_after_a_missed_one_if_they_are_not_long() -> None:
     assert [blackbox.aftermath(period) for period in (0.0, 0.001, 0.01, 0.05, 1.0)] == [0.05, 0.05, 0.2, 1.0, 1.0]
+
+
+class Busy(Bench):
+    """Its control code takes 3 ms in each period of 1 ms."""
+
+    def control(self) -> None:
+        until = time.monotonic_ns() + 3 * MS
+        while time.monotonic_ns() < until:
+            pass
+
+
+def test_umo_why_of_control_code_that_is_always_too_slow(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    machine = bench(Busy)
+    connection = connect(machine, wired(machine, Scripted(), clock=VirtualTimer([0] + [3] * 30)))
+    with connection as m, published(connection, "busy", "rig") as ring:
+        for _ in range(15):
+            m.timer.read()
+            m.sample()
+            m.control()
+            m.update()
+        assert ring.path is not None
+        with Reader(ring.path) as reader:
+            blackbox.save(reader, tmp_path / "a.box", blackbox.MISSED_PERIOD)
+    assert why(None, False, tmp_path / "a.box") == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "too slow for the period of 1 ms: 100% of 14 periods are late; usual times: control code 3" in said
+    assert "unknown" not in said
+    assert "python -m cProfile -s tottime $(which umo) run busy" in said

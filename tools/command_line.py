@@ -45,7 +45,7 @@ a station, such as `--seed 7`, are the station's own options: `umo run STATION -
 | `trace.csv` | a row a period, in a long run every 2nd, 4th, ...; `nan`: BAD; it grows during a run in real time |
 | `trace-000001.csv`, ... | with `--keep SIZE`: every period of the last time, in parts, of SIZE in all |
 | `summary.json` | status, failure, and what the table at the end shows, as data; in real time from the beginning |
-| `plot.png` | the trace as a picture (`--no-plot` draws none, Ctrl-C leaves it out) |
+| `plot.png` | the trace and the alarms as a picture (`--no-plot` draws none, Ctrl-C leaves it out) |
 | `failure.txt` | the whole traceback of a run that failed |
 
 Each file is whole or not there. A run whose `umo run` was killed leaves a trace that ends before the run did, and a

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,12 +15,13 @@ from umo.errors import FramesError
 from umo.frames import Reader
 from umo.frames.layout import USAGE
 from umo.latency import blackbox
-from umo.latency.causes import AFTER, WAKE, counts, explain_all, sentences, split
+from umo.latency.causes import AFTER, WAKE, Cause, always_slow, counts, explain_all, sentences, split
 from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
 from umo.presentation.run_facts import clock_text, title
 from umo.remote.search import frames_at, reading, station_name
-from umo.text import Moment, did_you_mean, printable
+from umo.system.packages import SHIPPED
+from umo.text import Moment, did_you_mean, printable, shown_path
 
 from .console import out
 from .ps import attach, how_to_clear
@@ -32,6 +34,8 @@ PERIODS_BEFORE = 2
 """Periods shown before the one that reports the miss."""
 MAX_VERDICTS = 10
 """Missed periods that are explained, the last ones."""
+PROFILED = "which function takes the time, in virtual time (docs/howto-late-periods.md):"
+"""Heading of the command that tells it."""
 PART_TITLES = {WAKE: "waking up", AFTER: "after update"}
 
 
@@ -93,9 +97,17 @@ def _report(reader: Reader, file: Path, now: bool) -> None:
         out.print(_usual(reader, frames))
         return
     for line in sentences(frames, reader.layout, verdicts, MAX_VERDICTS):
-        out.print(line, style="bold")
+        out.print(line, style="bold", soft_wrap=True)
+    if verdicts[-1].cause is Cause.CONTROL and always_slow(frames, reader.layout):
+        out.print(f"{PROFILED} python -m cProfile -s tottime $(which umo) run {_station(about)}", soft_wrap=True)
     out.print(_around(reader, frames, verdicts[-1].row))
     out.print(str(file), style="dim")
+
+
+def _station(about: Mapping[str, Any]) -> str:
+    """The station of a run as it is given in the command line: a folder that is not of umo by its path."""
+    place = Path(str(about.get("place", "")))
+    return str(about["station"]) if place.parent in (Path(), SHIPPED) else shown_path(str(place))
 
 
 def _report_recording(file: Path) -> None:
