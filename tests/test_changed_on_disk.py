@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -60,8 +62,8 @@ def press(umo: Umo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator
     }
     for name, text in files.items():
         (folder / name).write_text(text)
-    for name in [name for name in packages.sys.modules if name.startswith(packages.PREFIX)]:
-        monkeypatch.delitem(packages.sys.modules, name)
+    for name in [name for name in sys.modules if name.startswith(packages.PREFIX)]:
+        monkeypatch.delitem(sys.modules, name)
     plan = Plan(Job(station=str(folder)))
     connection = connect(plan.machine, plan.wired)
     with (
@@ -182,3 +184,15 @@ def test_the_recipes_that_a_machine_has_read_count(tmp_path: Path, monkeypatch: 
     recipes = [Path(file).name for file in plan.sources if "/recipes" in file]
     assert recipes
     assert any(file.endswith("batch/control.py") for file in plan.sources)  # it ships with umo, and is a station
+
+
+class Lazy(ModuleType):
+    """A module that is imported as soon as it is asked for anything, as LazyLoader of importlib makes them."""
+
+    def __getattribute__(self, name: str) -> object:
+        raise AssertionError(f"asked for {name}")
+
+
+def test_a_module_that_waits_for_its_import_is_not_imported_by_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "lazy_for_this_test", Lazy("lazy_for_this_test"))
+    assert Plan(Job(station="conveyor")).sources

@@ -43,6 +43,7 @@ def test_a_run_places_all_parts_and_leaves_trace_plot_and_summary(umo, tmp_path:
     assert "part 1 of 1: picking" in result.stderr
     summary = json.loads((tmp_path / "sum.json").read_text())
     assert set(summary) == {
+        "alarms",
         "state",
         "status",
         "failure",

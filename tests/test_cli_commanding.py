@@ -140,7 +140,7 @@ def test_an_action_is_called_with_units_and_waited_for(conveyor: umo.Started) ->
             "no object 'sorter.belt.setpont' (did you mean 'sorter.belt.setpoint'?)",
         ),
         (["get", "conveyor", "sorter.lenght"], "no object 'sorter.lenght' (did you mean 'sorter.length'?)"),
-        (["get", "conveyor", "sorter.push"], "sorter.push is not an object"),
+        (["get", "conveyor", "sorter.push"], "sorter.push is an action: `umo call conveyor sorter.push`"),
         (["set", "conveyor", "sorter.length", "3"], "sorter.length is a number that is shown: it cannot be set"),
         (["set", "conveyor", "sorter.window", "3"], "sorter.window is a number: `umo tune` changes it"),
         (["acknowledge", "conveior"], "'conveior' neither runs nor has stopped unsafely"),

@@ -7,9 +7,11 @@ does not look at the disk.
 from __future__ import annotations
 
 import hashlib
+import os
 import platform
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -64,10 +66,13 @@ def changed_text(changed: Sequence[ChangedFile]) -> str:
 
 
 def _modules() -> Iterator[str]:
+    """The absolute paths of the modules that have been imported. None of them is asked: one that is imported later, when
+    it is used, stays so."""
     for module in list(sys.modules.values()):
-        file = getattr(module, "__file__", None)
-        if isinstance(file, str) and file.endswith((".py", ".so")):
-            yield str(Path(file).resolve()) if not Path(file).is_absolute() else file
+        with suppress(AttributeError):
+            file = object.__getattribute__(module, "__dict__").get("__file__")
+            if isinstance(file, str) and file.endswith((".py", ".so")):
+                yield file if os.path.isabs(file) else os.path.abspath(file)
 
 
 def _is_in(file: str, folder: Path) -> bool:

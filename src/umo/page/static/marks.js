@@ -20,7 +20,7 @@ const ORDER = /** @type {Page.Mark["kind"][]} */ (Object.keys(KINDS));
 export function sentence(event) {
   const { time, path = "", text = "", who = "", asked = "", state = "" } = event;
   const when = typeof time === "number" ? clockText(time) : "";
-  const what = [path, asked, state && state !== "none" ? state : "", withShortNumbers(text)].filter(Boolean).join(": ");
+  const what = withShortNumbers([path, asked, state && state !== "none" ? state : "", text].filter(Boolean).join(": "));
   return [when, what, who ? `(${who})` : ""].filter(Boolean).join(" ");
 }
 
