@@ -101,7 +101,7 @@ def plot(file: Path, wanted: WhatIsWanted, target: Path | None) -> int:
     return 0
 
 
-def _drawn(values: Any, line: OneLine, with_alarms: bool) -> Any:
+def _drawn(values: Any, line: OneLine, with_alarms: bool = False) -> Any:
     """About `MAX_ROWS` rows of the recording at most, its progress, and when its alarms were active."""
     import numpy as np
 

@@ -15,7 +15,7 @@ from umo.errors import FramesError
 from umo.frames import Reader
 from umo.frames.layout import USAGE
 from umo.latency import blackbox
-from umo.latency.causes import AFTER, WAKE, Cause, always_slow, counts, explain_all, sentences, split
+from umo.latency.causes import AFTER, CONTROL_CODE, WAKE, always_slow, counts, explain_all, sentences, split
 from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
 from umo.presentation.run_facts import clock_text, title
@@ -98,7 +98,7 @@ def _report(reader: Reader, file: Path, now: bool) -> None:
         return
     for line in sentences(frames, reader.layout, verdicts, MAX_VERDICTS):
         out.print(line, style="bold", soft_wrap=True)
-    if verdicts[-1].cause is Cause.CONTROL and always_slow(frames, reader.layout):
+    if CONTROL_CODE in always_slow(frames, reader.layout):
         out.print(f"{PROFILED} python -m cProfile -s tottime $(which umo) run {_station(about)}", soft_wrap=True)
     out.print(_around(reader, frames, verdicts[-1].row))
     out.print(str(file), style="dim")

@@ -37,6 +37,7 @@ TOLD_SHARE = 0.1
 """Share of a period from which on a part is named in that case."""
 AFTER = "after"
 WAKE = "wake"
+CONTROL_CODE = "control code"
 
 PhaseTimes = dict[str, npt.NDArray[np.float64]]
 
@@ -166,7 +167,7 @@ def _name(part: str) -> str:
     """A part of a period in words: `control code of oven`, `driver io (sample)`."""
     kind, _, of = part.partition(" ")
     if kind == CONTROL:
-        return f"control code{' of' * bool(of)} {of}".rstrip()
+        return f"{CONTROL_CODE}{' of' * bool(of)} {of}".rstrip()
     if of:
         return f"driver {of} ({'it is away, and was tried' if kind == TRY else kind})"
     return "waking up" if part == WAKE else "observers and the frame"

@@ -66,8 +66,8 @@ def changed_text(changed: Sequence[ChangedFile]) -> str:
 
 
 def _modules() -> Iterator[str]:
-    """The absolute paths of the modules that have been imported. None of them is asked: one that is imported later, when
-    it is used, stays so."""
+    """The absolute paths of the modules that have been imported. None of them is asked: one that is to be imported when
+    it is used stays so."""
     for module in list(sys.modules.values()):
         with suppress(AttributeError):
             file = object.__getattribute__(module, "__dict__").get("__file__")
