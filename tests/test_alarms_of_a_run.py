@@ -13,11 +13,13 @@ import pytest
 from typer.testing import Result
 
 from helpers.machines import sensor, timer, wired
-from umo import Compound, DigitalSensor, connect
+from umo import Compound, DigitalSensor, connect, published
 from umo.alarms import Alarm, AlarmState, High, Low, Priority
 from umo.alarms.alarm_log import KEPT_SPANS, AlarmLog
+from umo.cli.follow import RingFrame
 from umo.cycle.alarming import alarm_log
 from umo.cycle.trace import Trace
+from umo.frames import Reader
 from umo.testing import Scripted, periods
 
 Umo = Callable[..., Result]
@@ -160,6 +162,32 @@ def test_the_log_of_an_alarm_that_flickers_for_ever_is_bounded_and_counts_all() 
     for number in range(2 * KEPT_SPANS + 20):
         log(Row(float(number), AlarmState.NORMAL if number % 2 else AlarmState.ACKNOWLEDGED, AlarmState.NORMAL))
     assert (log.number, len(log.spans), log.alarms[0].cleared_s) == (KEPT_SPANS + 10, KEPT_SPANS, KEPT_SPANS + 10)
+
+
+def test_frames_of_a_recording_and_of_a_run_in_real_time_give_the_same_log(tmp_path: Path) -> None:
+    machine = Tank(timer=timer(), level=sensor(resolution=1.0))
+    log, connection = alarm_log(machine), connect(machine, wired(machine, Scripted({"level": [90, 90, 50, 2, 2, 90]})))
+    assert log is not None
+    with connection as m, published(connection, "vat") as ring:
+        connection.machine.observers.append(log)
+        assert ring.path is not None
+        with Reader(ring.path) as reader:
+            periods(m, 6)
+            frames = reader.last(6)
+            of_frames, followed, seen = (
+                AlarmLog(reader.layout.alarms),
+                AlarmLog(reader.layout.alarms),
+                RingFrame(machine),
+            )
+            seen.order(reader)
+            of_frames.add_frames(frames[:3])
+            of_frames.add_frames(frames[3:])
+            for row in frames:
+                seen.show(row)
+                followed(seen)
+    assert [each.path for each in log.spans] == ["full", "empty", "full"]
+    assert log.spans == of_frames.spans == followed.spans
+    assert log.alarms == of_frames.alarms == followed.alarms
 
 
 # The plot -----------------------------------------------------------------------------------------------

@@ -353,6 +353,7 @@ def test_umo_why_of_control_code_that_is_always_too_slow(tmp_path: Path, capsys:
             blackbox.save(reader, tmp_path / "a.box", blackbox.MISSED_PERIOD)
     assert why(None, False, tmp_path / "a.box") == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert re.search(r"too slow for the period of 1 ms: 100% of 14 periods are late; usual times: control code \d", said)
+    slow = r"too slow for the period of 1 ms: 100% of 14 periods are late; usual times: control code \d"
+    assert re.search(slow, said)
     assert "unknown" not in said
     assert "python -m cProfile -s tottime $(which umo) run busy" in said

@@ -13,7 +13,10 @@ from typing import Any
 import pytest
 from typer.testing import Result
 
+import umo as umo_package
+from helpers.waiting import until
 from umo import connect, published
+from umo.cycle.stage import Stage
 from umo.frames import Reader
 from umo.process.job import Job, Plan
 from umo.process.job_facts import job_facts
@@ -196,3 +199,19 @@ class Lazy(ModuleType):
 def test_a_module_that_waits_for_its_import_is_not_imported_by_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "lazy_for_this_test", Lazy("lazy_for_this_test"))
     assert Plan(Job(station="conveyor")).sources
+
+
+@pytest.mark.full
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
+def test_a_run_in_processes_of_its_own_tells_the_files_that_these_have_read(tmp_path: Path) -> None:
+    (tmp_path / "press").mkdir()
+    for name, text in {"objects.py": OBJECTS, "laws.py": "GAIN = 1.0\n", "later.py": ""}.items():
+        (tmp_path / "press" / name).write_text(text)
+    with umo_package.start(tmp_path / "press", realtime=True) as started:
+        until(lambda: started.stage is Stage.RUNNING and started.frames is not None)
+        assert started.frames is not None
+        about = started.frames.about
+        assert changed_files(about) == []
+        (tmp_path / "press" / "later.py").write_text("a = 1")
+        (tmp_path / "press" / "laws.py").write_text("GAIN = 2.0\n")
+        assert {each.path for each in changed_files(about)} == {"later.py", "laws.py"}

@@ -45,7 +45,7 @@ def test_a_limit_that_the_process_may_raise_is_raised(limits: tuple[int, int], s
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes of their own need Linux")
-@pytest.mark.slow
+@pytest.mark.full
 def test_umo_run_with_few_descriptors_ends_with_that_as_a_mistake(tmp_path: Path) -> None:
     umo = "from umo.cli import main; main()"
     words = [sys.executable, "-c", umo, "run", "conveyor", "--realtime", "--until", "1 s"]
