@@ -59,13 +59,13 @@ def search(feed: Any) -> None:
 
 @contextmanager
 def running(
-    name: str = "press", count: int = 50, box: Scripted | None = None, place: Path | None = None
+    name: str = "press", count: int = 50, box: Scripted | None = None, place: Path | None = None, **facts: Any
 ) -> Iterator[Callable[[int], None]]:
-    """A station that this process publishes; the function runs more of its periods of 1 ms."""
+    """A station that this process publishes; the function runs more of its periods of 1 ms. `facts`: of what is run."""
     m = bench()
     wiring = wired(m, box or Scripted({"encoder": range(1, 100_000)}), clock=VirtualTimer())
     connection = connect(m, wiring)
-    with connection, published(connection, name, "rig", place=place):
+    with connection, published(connection, name, "rig", place=place, job=facts):
         periods(m, count)
         yield lambda more: periods(m, more)
 

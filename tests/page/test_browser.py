@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import platform
 import re
 import signal
 import threading
@@ -12,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from umo.process import source_files
 from umo.testing import Scripted
 
 from .conftest import PATIENCE, alarming, eventually, running, serving, viewing
@@ -30,6 +32,21 @@ def test_the_values_on_the_page_are_those_of_the_station(page: Any) -> None:
         eventually(lambda: cell(page, "encoder", "raw") == "58")
         assert cell(page, "valve", "value") == "OFF"
         assert page.locator('tr[data-path="encoder"] .quality').get_attribute("aria-label") == "good"
+
+
+def test_files_that_have_changed_on_disk_are_named_and_the_values_stay_those_of_now(page: Any, tmp_path: Path) -> None:
+    file = tmp_path / "control.py"
+    file.write_text("a = 1")
+    known = {str(file): source_files.digest_of(str(file))}
+    with running(place=tmp_path, host=platform.node(), sources=known) as step, serving() as served:
+        page.goto(served.url + "#view=machine&raw=1")
+        eventually(lambda: cell(page, "encoder", "raw") == "51")
+        assert "former" not in page.locator("#summary").inner_text()
+        file.write_text("a = 2")
+        eventually(lambda: "▲ it runs the former control.py" in page.locator("#summary").inner_text())
+        assert "former control.py" in page.locator('[data-fact="changed"]').inner_text()
+        eventually(lambda: step(1) or not page.locator("body.stale").count())  # it is no reason to take values for old
+        assert page.locator("#summary").is_visible()
 
 
 def test_the_token_does_not_stay_in_the_address(page: Any) -> None:

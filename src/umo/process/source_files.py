@@ -32,7 +32,7 @@ def source_files(place: Path, wiring: object, machine: Compound) -> dict[str, st
     files = [str(wiring.resolve())] if isinstance(wiring, Path) else []
     files += [str(file) for file in _recipes(machine)]
     files += sorted({file for file in _modules() if is_users(file) or _is_in(file, folder)})
-    return {file: found for file in files if (found := _hash(file))}
+    return {file: found for file in files if (found := digest_of(file))}
 
 
 class ChangedFile(NamedTuple):
@@ -48,7 +48,7 @@ def changed_files(about: Mapping[str, Any]) -> list[ChangedFile]:
     known = job.get("sources") if isinstance(job, Mapping) and job.get("host") == platform.node() else None
     found = []
     for file, was in known.items() if isinstance(known, Mapping) else ():
-        now = _hash(file)
+        now = digest_of(file)
         if now != was:
             found.append(ChangedFile(_shown(file, str(about.get("place", ""))), not now))
     return found
@@ -91,17 +91,17 @@ def _recipes(machine: Compound) -> Iterator[Path]:
         yield from sorted(place.glob("*.toml")) if place.is_dir() else [place]
 
 
-def _hash(file: str) -> str:
+def digest_of(file: str) -> str:
     """SHA-256 in hex, its first 32 digits; empty if the file cannot be read."""
     try:
         stat = Path(file).stat()
-        return _hash_of(file, stat.st_mtime_ns, stat.st_size, stat.st_ino)
+        return _digest_of(file, stat.st_mtime_ns, stat.st_size, stat.st_ino)
     except (OSError, ValueError):
         return ""
 
 
 @lru_cache(maxsize=1000)
-def _hash_of(file: str, *version: int) -> str:
+def _digest_of(file: str, *version: int) -> str:
     """The content is read again only where time, size or place of the file are others: the page asks every second."""
     with Path(file).open("rb") as stream:
         return hashlib.sha256(stream.read(MAX_FILE_BYTES)).hexdigest()[:32]
