@@ -234,7 +234,8 @@ def get_running(reader: Reader, paths: Sequence[str], unit: str | None) -> None:
             out.print(sentence_of(row, width), soft_wrap=True)
         about = reader.about
         say(f"read from the frames of {about['station']}, which is running (pid {about['pid']})")
-        if inspected := [str(row.about["path"]) for row in rows if row.about.get("inspected")]:
+        inspected = [str(row.about["path"]) for row in rows if row.about.get("inspected")]
+        if inspected and "site" not in about:  # on another computer it is asked for there
             name = about["station"]
             say(
                 f"what the circuit holds for {some(inspected)}, such as registers in each order of their bytes, is "
