@@ -215,3 +215,17 @@ def test_a_run_in_processes_of_its_own_tells_the_files_that_these_have_read(tmp_
         (tmp_path / "press" / "later.py").write_text("a = 1")
         (tmp_path / "press" / "laws.py").write_text("GAIN = 2.0\n")
         assert {each.path for each in changed_files(about)} == {"later.py", "laws.py"}
+
+
+def test_a_file_that_changes_while_the_devices_are_opened_has_changed_and_a_module_imported_then_counts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, text in {"objects.py": OBJECTS, "laws.py": "GAIN = 1.0\n", "later.py": "", "device.py": ""}.items():
+        (tmp_path / name).write_text(text)
+    plan = Plan(Job(station=str(tmp_path)))
+    (tmp_path / "laws.py").write_text("GAIN = 2.0\n")
+    monkeypatch.setitem(sys.modules, "device_of_this_test", module := ModuleType("device_of_this_test"))
+    module.__file__ = str(tmp_path / "device.py")
+    about = {"place": str(tmp_path), "job": job_facts(plan)}
+    assert str(tmp_path / "device.py") in about["job"]["sources"]
+    assert [each.path for each in changed_files(about)] == ["laws.py"]
