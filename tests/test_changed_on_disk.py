@@ -226,6 +226,6 @@ def test_a_file_that_changes_while_the_devices_are_opened_has_changed_and_a_modu
     (tmp_path / "laws.py").write_text("GAIN = 2.0\n")
     monkeypatch.setitem(sys.modules, "device_of_this_test", module := ModuleType("device_of_this_test"))
     module.__file__ = str(tmp_path / "device.py")
-    about = {"place": str(tmp_path), "job": job_facts(plan)}
+    about: dict[str, Any] = {"place": str(tmp_path), "job": job_facts(plan)}
     assert str(tmp_path / "device.py") in about["job"]["sources"]
     assert [each.path for each in changed_files(about)] == ["laws.py"]
