@@ -8,7 +8,7 @@ import inspect
 import linecache
 import sys
 from itertools import islice
-from types import CoroutineType, FrameType
+from types import CoroutineType, FrameType, FunctionType
 from typing import Any
 
 from umo.objects import Atomic
@@ -20,6 +20,8 @@ from umo.text import cut_repr, is_own
 def check_condition(function: str, condition: object) -> None:
     """TypeError for what cannot be asked in each period, such as the result of a comparison, and for a sequence. For
     `function` itself, an `async def`: it looks for the call in the code around it."""
+    if type(condition) is FunctionType and not condition.__code__.co_flags & inspect.CO_COROUTINE:
+        return  # nearly always
     if not callable(condition) or isinstance(condition, type):
         source = _first_argument(function, sys._getframe(1).f_back)
         instead = _instead(function, condition, source)

@@ -73,7 +73,7 @@ class _Watch:
         self._former: Callable[[Any], object] = _pass_over
         self._collecting = False
         """Whether the garbage collector is at work: what it lets go has nothing to do with the code at that place."""
-        self._debugger: Any = None
+        self.debugger: Any = None
         """What has traced the thread before an error was raised."""
 
     def begin(self, thread: int) -> None:
@@ -88,9 +88,9 @@ class _Watch:
         if not self._threads:
             setattr(warnings, _FUNNEL, self._former)
             gc.callbacks.remove(self._note_collecting)
-        if self._debugger is not None and sys.gettrace() is None:
-            sys.settrace(self._debugger)
-        self._debugger = None
+        if self.debugger is not None and sys.gettrace() is None:
+            sys.settrace(self.debugger)
+        self.debugger = None
 
     def _note_collecting(self, phase: str, info: object) -> None:
         self._collecting = phase == "start"
@@ -103,9 +103,9 @@ class _Watch:
         tracing = sys.gettrace()
         if isinstance(getattr(tracing, "__self__", None), _Pending):
             return  # of several the first is told
-        self._debugger = self._debugger or tracing
+        self.debugger = self.debugger or tracing
         _close_given(coroutine)
-        _Pending(_error(coroutine, origin), frame, partial(self._former, coroutine)).wait_in(frame)
+        _Pending(_text(coroutine, origin), frame, partial(self._former, coroutine)).wait_in(frame)
 
 
 def _pass_over(coroutine: object) -> None:
@@ -165,13 +165,13 @@ def _origin(coroutine: Any) -> CodePlace | None:
     return CodePlace(*places[0])
 
 
-def _error(coroutine: Any, origin: CodePlace) -> NotAwaited:
+def _text(coroutine: Any, origin: CodePlace) -> str:
     name, code = coroutine.__name__, coroutine.cr_code
     if is_own(origin.file):  # umo has called what it takes for a plain function
         place = shown_place(CodePlace(code.co_filename, code.co_firstlineno, "<module>"))
-        return NotAwaited(f"{place}: `{name}` is a sequence, and what calls it does not wait: write `def {name}`")
+        return f"{place}: `{name}` is a sequence, and what calls it does not wait: write `def {name}`"
     call = _call_in(linecache.getline(origin.file, origin.line), name)
-    return NotAwaited(
+    return (
         f"{shown_place(origin)}: nobody awaits `{call}`, so nothing of it is done; write `await` before it, or, where "
         "that is no sequence, `cycle.start(...)` around it"
     )
@@ -194,8 +194,8 @@ def _call_in(line: str, name: str) -> str:
 class _Pending:
     """An error that is raised when a frame goes on. A debugger that traces this thread traces no longer."""
 
-    def __init__(self, error: NotAwaited, frame: FrameType, warn: Callable[[], object]) -> None:
-        self._error, self._warn = error, warn
+    def __init__(self, text: str, frame: FrameType, warn: Callable[[], object]) -> None:
+        self._text, self._warn = text, warn
         self._handled = sys.exc_info()[1]
         self._is_certain = _instruction(frame) in _DROPS
         """Whether the sequence was let go in the normal course, not since an error has ended what had it."""
@@ -215,11 +215,9 @@ class _Pending:
             return self._look
         frame.f_trace = None
         if not has_ended and self._is_failing(frame, event):
-            sys.settrace(None)
-            if self._is_certain:
-                self._warn()
+            self._give_up()
         elif expects:
-            raise self._error
+            raise NotAwaited(self._text)
         else:
             self._go_out(frame)
         return None
@@ -240,7 +238,12 @@ class _Pending:
         while outer is not None and outer.f_code not in _EXPECTING and is_own(outer.f_code.co_filename):
             outer = outer.f_back
         if outer is None:
-            sys.settrace(None)
-            self._warn()
+            self._give_up()
         else:
             self.wait_in(outer)
+
+    def _give_up(self) -> None:
+        """Another error is raised, or there is nobody to raise this one to: Python warns as usual."""
+        sys.settrace(_WATCH.debugger)
+        if self._is_certain:
+            self._warn()
