@@ -11,7 +11,7 @@ import pytest
 from helpers.machines import Bench, bench
 from umo import Compound, Interlock, connect, run
 from umo.alarms import Alarm
-from umo.control import ServoAxis, together, unless, until, wait
+from umo.control import Lock, ServoAxis, timeout, together, unless, until, wait
 from umo.drivers import Channel, Driver
 from umo.errors import DeclarationError, text_of
 from umo.operation import PackML, Procedure
@@ -258,3 +258,42 @@ def test_sequences_of_ones_own_are_as_free_as_before():
 
     with connect(bench(Right)) as m:
         assert m.cycle.connected
+
+
+# Blocks and awaits -----------------------------------------------------------------------------------
+
+
+async def a_plain_with(m: Any) -> None:
+    with timeout("1 s"):  # type: ignore[attr-defined]
+        await m.fill()
+
+
+async def a_plain_lock(m: Any) -> None:
+    with m.lock:
+        await m.fill()
+
+
+async def an_await_without_a_call(m: Any) -> None:
+    await m.fill
+
+
+async def an_await_of_a_part(m: Any) -> None:
+    await m.valve
+
+
+@pytest.mark.parametrize(
+    ("application", "text"),
+    [
+        (a_plain_with, "a timeout is entered by `async with`, in a sequence"),
+        (a_plain_lock, "a Lock is entered by `async with`, in a sequence"),
+        (an_await_without_a_call, "object method can't be used in 'await' expression: it is not called; write `await"),
+        (an_await_of_a_part, "expression; a sequence can await only the functions of umo.control"),
+    ],
+)
+def test_a_block_or_an_await_of_the_wrong_kind_is_told_with_its_line(application: Any, text: str):
+    machine = bench(Tank)
+    machine.lock = Lock()
+    with pytest.raises(TypeError) as caught:
+        run(machine, None, application)
+    assert text in str(caught.value)
+    assert f"in {application.__name__})" in text_of(caught.value)

@@ -16,6 +16,8 @@ from umo.cli.code_check import mistakes_in
 from umo.process.station import Station, find, shipped
 from umo.system import packages
 
+Told = dict[str, list[str]]
+"""What is told of each code."""
 OBJECTS = '''
 from collections.abc import Mapping, Sequence
 from typing import Annotated
@@ -102,9 +104,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import time
+
 import umo.control
 from umo import control
-from umo.control import first, move_together, next_period, together, unless, until, wait
+from umo.control import Lock, first, move_together, next_period, timeout, together, unless, until, wait
 from umo.states import PassFail
 
 if TYPE_CHECKING:
@@ -133,12 +137,16 @@ def made(folder: Path, code: str = "pass", *, helper: str = "pass", parameter: s
     return find(folder)
 
 
+def forget_modules(known: set[str]) -> None:
+    for name in [each for each in sys.modules if each.startswith(packages.PREFIX) and each not in known]:
+        del sys.modules[name]
+
+
 @pytest.fixture(autouse=True)
 def modules_as_before() -> Iterator[None]:
     known = set(sys.modules)
     yield
-    for name in [each for each in sys.modules if each.startswith(packages.PREFIX) and each not in known]:
-        del sys.modules[name]
+    forget_modules(known)
 
 
 def told(station: Station) -> list[str]:
@@ -146,6 +154,27 @@ def told(station: Station) -> list[str]:
     machine = station.machine()
     station.module("application")
     return [str(each).rpartition("/")[2] for each in mistakes_in(station, machine)]
+
+
+@pytest.fixture(scope="module")
+def in_functions(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Told]:
+    """What is told of each of these mistakes. They stand in functions of one station."""
+    codes = [*NOT_AWAITED, *(code for code, _ in (*THROUGH, *OTHERS))]
+    folder = tmp_path_factory.mktemp("stations")
+    station = made(folder / "all", "await wait('1 ms')")
+    file = folder / "all" / "application.py"
+    lines = [(0, "")]
+    for code in codes:
+        function = f"\n\nasync def mistaken(m: Cell):\n    {code.replace(chr(10), chr(10) + '    ')}\n"
+        file.write_text(file.read_text() + function)
+        lines.append((len(file.read_text().splitlines()), code))
+    found: dict[str, list[str]] = {code: [] for code in codes}
+    for each in told(station):
+        place, _, text = each.partition(": ")
+        line = int(place.partition(":")[2])
+        found[next(code for last, code in lines if line <= last)].append(text)
+    yield found
+    forget_modules(set())
 
 
 NOT_AWAITED = [
@@ -175,31 +204,37 @@ NOT_AWAITED = [
 
 
 @pytest.mark.parametrize("call", NOT_AWAITED)
-def test_a_sequence_that_nobody_awaits_is_found_with_its_line(tmp_path: Path, call: str):
-    (found,) = told(made(tmp_path / "cell", call))
+def test_a_sequence_that_nobody_awaits_is_found(in_functions: Told, call: str):
+    (found,) = in_functions[call]
     assert found == (
-        f"application.py:16: nobody awaits `{call}`, so nothing of it is done; write `await` before it, or, where that "
-        "is no sequence, `cycle.start(...)` around it"
+        f"nobody awaits `{call}`, so nothing of it is done; write `await` before it, or, where that is no sequence, "
+        "`cycle.start(...)` around it"
     )
 
 
-@pytest.mark.parametrize(
-    ("code", "call"),
-    [
-        ("for each in m.zones:\n    each.blink()", "each.blink()"),
-        ("for each in m.named.values():\n    each.blink()", "each.blink()"),
-        ("axis = m.z\naxis.move_to(3.0)", "axis.move_to(3.0)"),
-        ("filled = m.fill()", "m.fill()"),
-        ("m.filling = m.fill()", "m.fill()"),
-        ("async def inner():\n    pass\ninner()", "inner()"),
-        ("if m.ready.read() is PassFail.PASS:\n    m.fill()", "m.fill()"),
-        ("try:\n    m.fill()\nfinally:\n    pass", "m.fill()"),
-        ("m.z.move_to(\n    80.0\n)", "m.z.move_to( 80.0 )"),
-    ],
-)
-def test_it_is_found_through_names_loops_and_blocks(tmp_path: Path, code: str, call: str):
-    (found,) = told(made(tmp_path / "cell", code))
+THROUGH = [
+    ("for each in m.zones:\n    each.blink()", "each.blink()"),
+    ("for each in m.named.values():\n    each.blink()", "each.blink()"),
+    ("axis = m.z\naxis.move_to(3.0)", "axis.move_to(3.0)"),
+    ("filled = m.fill()", "m.fill()"),
+    ("m.filling = m.fill()", "m.fill()"),
+    ("async def inner():\n    pass\ninner()", "inner()"),
+    ("if m.ready.read() is PassFail.PASS:\n    m.fill()", "m.fill()"),
+    ("try:\n    m.fill()\nfinally:\n    pass", "m.fill()"),
+    ("m.z.move_to(\n    80.0\n)", "m.z.move_to( 80.0 )"),
+]
+"""The same behind names, loops and blocks."""
+
+
+@pytest.mark.parametrize(("code", "call"), THROUGH)
+def test_it_is_found_through_names_loops_and_blocks(in_functions: Told, code: str, call: str):
+    (found,) = in_functions[code]
     assert f"nobody awaits `{call}`" in found
+
+
+def test_the_line_is_that_of_the_call(tmp_path: Path):
+    (found,) = told(made(tmp_path / "cell", "await m.fill()\nm.fill()"))
+    assert found.startswith("application.py:19: nobody awaits `m.fill()`")
 
 
 def test_it_is_found_in_functions_laws_and_states(tmp_path: Path):
@@ -221,38 +256,52 @@ def test_it_is_found_in_functions_laws_and_states(tmp_path: Path):
     ]
 
 
-@pytest.mark.parametrize(
-    ("code", "text"),
-    [
-        ("if m.full():\n    pass", "`m.full()` is a sequence, which is always true: write `await m.full()`"),
-        ("while not m.full():\n    pass", "`m.full()` is a sequence, which is always true: write `await m.full()`"),
-        ("full = m.full()\nif full:\n    pass", "`full` is a sequence, which is always true: write `await full`"),
-        ("assert m.now > 1 or m.full()", "`m.full()` is a sequence, which is always true: write `await m.full()`"),
-        ("x = [1 for each in m.zones if each.blink()]\nprint(x)", "`each.blink()` is a sequence, which is always true"),
-        ("if m.full() == 1:\n    pass", "`m.full()` is a sequence, not its result: write `await m.full()`"),
-        ("if m.ready.read:\n    pass", "`m.ready.read` is not called, and a function is always true"),
-        ("if m.level.read is PassFail.PASS:\n    pass", "`m.level.read` is not called, and a function is compared"),
-        ("m.z.home", "`m.z.home` is not called, so nothing of it is done: write `m.z.home()`"),
-        ("m.nearest.helper", "`m.nearest.helper` is not called, so nothing of it is done"),
-        ("await until(m.ready)", "`m.ready` is an object, no function: write `until(lambda: m.ready.read() is ...)`"),
-        ("await until(m.level)", "`m.level` is an object, no function: write `until(lambda: m.level.read() > ...)`"),
-        (
-            "await until(m.level.read() > 3.0)",
-            "`m.level.read() > 3.0` is worked out once, before: write `until(lambda: m.level.read() > 3.0)`",
-        ),
-        (
-            "await unless(not m.ready, m.fill())",
-            "`not m.ready` is worked out once, before: write `unless(lambda: not m.ready)`",
-        ),
-        ("await until(m.full())", "`m.full()` is a sequence, no condition: write `await m.full()`"),
-        ("await until(lambda: m.full())", "`m.full()` is a sequence, which is always true: a condition acts at once"),
-        ("await until(m.full)", "`m.full` is a sequence, which is always true: a condition acts at once"),
-        ("m.cycle.start(m.fill)", "`m.fill` is not called: write `m.fill()`"),
-        ("await together(m.fill(), m.full)", "`m.full` is not called: write `m.full()`"),
-    ],
-)
-def test_other_mistakes_with_sequences_and_functions_are_found(tmp_path: Path, code: str, text: str):
-    (found,) = told(made(tmp_path / "cell", code))
+def test_an_interlock_that_nobody_gets_is_found(tmp_path: Path):
+    guard = "Interlock(lambda: True, [self.zones[0].lamp], 'never')"
+    (found,) = told(made(tmp_path / "cell", interlocks=guard))
+    assert f"`{guard}` alone does nothing: write `yield {guard}`" in found
+
+
+OTHERS = [
+    ("if m.full():\n    pass", "`m.full()` is a sequence, which is always true: write `await m.full()`"),
+    ("while not m.full():\n    pass", "`m.full()` is a sequence, which is always true: write `await m.full()`"),
+    ("full = m.full()\nif full:\n    pass", "`full` is a sequence, which is always true: write `await full`"),
+    ("assert m.now > 1 or m.full()", "`m.full()` is a sequence, which is always true: write `await m.full()`"),
+    ("x = [1 for each in m.zones if each.blink()]\nprint(x)", "`each.blink()` is a sequence, which is always true"),
+    ("if m.full() == 1:\n    pass", "`m.full()` is a sequence, not its result: write `await m.full()`"),
+    ("if m.ready.read:\n    pass", "`m.ready.read` is not called, and a function is always true"),
+    ("if m.level.read is PassFail.PASS:\n    pass", "`m.level.read` is not called, and a function is compared"),
+    ("m.z.home", "`m.z.home` is not called, so nothing of it is done: write `m.z.home()`"),
+    ("m.nearest.helper", "`m.nearest.helper` is not called, so nothing of it is done"),
+    ("await until(m.ready)", "`m.ready` is an object, no function: write `until(lambda: m.ready.read() is ...)`"),
+    ("await until(m.level)", "`m.level` is an object, no function: write `until(lambda: m.level.read() > ...)`"),
+    (
+        "await until(m.level.read() > 3.0)",
+        "`m.level.read() > 3.0` is worked out once, before: write `until(lambda: m.level.read() > 3.0)`",
+    ),
+    (
+        "await unless(not m.ready, m.fill())",
+        "`not m.ready` is worked out once, before: write `unless(lambda: not m.ready)`",
+    ),
+    ("await until(m.full())", "`m.full()` is a sequence, no condition: write `await m.full()`"),
+    ("await until(lambda: m.full())", "`m.full()` is a sequence, which is always true: a condition acts at once"),
+    ("await until(m.full)", "`m.full` is a sequence, which is always true: a condition acts at once"),
+    ("m.cycle.start(m.fill)", "`m.fill` is not called: write `m.fill()`"),
+    ("await together(m.fill(), m.full)", "`m.full` is not called: write `m.full()`"),
+    ('timeout("1 s")', '`timeout("1 s")` alone does nothing: write `async with timeout("1 s"):`'),
+    ("Lock()", "`Lock()` alone does nothing: write `async with Lock():`"),
+    ("time.sleep(1)", "`time.sleep(1)` stops the whole machine: write `await wait(...)` in a sequence"),
+    (
+        "while m.level.read() < 3.0:\n    print(m.now)",
+        "`m.level.read() < 3.0` stays what it is while no period passes: write `await until(lambda: ...)`",
+    ),
+]
+"""What else is found, and what is told of it."""
+
+
+@pytest.mark.parametrize(("code", "text"), OTHERS)
+def test_other_mistakes_with_sequences_and_functions_are_found(in_functions: Told, code: str, text: str):
+    (found,) = in_functions[code]
     assert text in found
 
 
@@ -294,6 +343,12 @@ helper = str
 helper(m)
 m.zone().helper()
 m.cycle.tell("done")
+while m.level.read() < 3.0:
+    await next_period()
+while m.level.read() < 3.0:
+    break
+async with timeout("1 s"):
+    pass
 """.strip()
 
 
@@ -323,7 +378,7 @@ def test_check_prints_them_and_ends_with_the_status_of_a_mistake(tmp_path: Path,
     made(tmp_path / "cell", "m.fill()\nawait wait('1 ms')")
     result = umo("check", "cell")
     assert result.exit_code == 2
-    assert "application.py:16: nobody awaits `m.fill()`" in " ".join(result.stderr.split())
+    assert "application.py:18: nobody awaits `m.fill()`" in " ".join(result.stderr.split())
     assert "ok: everything simulated" in result.stdout
 
 
@@ -331,4 +386,6 @@ def test_a_run_of_such_a_station_fails_at_the_same_line(tmp_path: Path, umo: Cal
     made(tmp_path / "cell", "m.fill()\nawait wait('1 ms')")
     result = umo("run", "cell", "--no-record", "--no-plot")
     assert result.exit_code == 1
-    assert "application.py:16 in main: nobody awaits `m.fill()`" in " ".join((result.stdout + result.stderr).split())
+    said = " ".join((result.stdout + result.stderr).split())
+    assert "application.py:18 in main: nobody awaits `m.fill()`" in said
+    assert said.endswith("(at 0.001 s)")

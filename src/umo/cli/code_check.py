@@ -5,8 +5,10 @@ told."""
 from __future__ import annotations
 
 import ast
+import builtins
 import inspect
 import sys
+import time
 import tokenize
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -14,7 +16,8 @@ from types import FunctionType, ModuleType
 from typing import Any
 
 from umo.alarms import Alarm
-from umo.control import first, together, unless, until
+from umo.control import Lock, first, timeout, together, unless, until
+from umo.cycle.asked_condition import called_name
 from umo.errors import Mistake
 from umo.objects import Atomic, Compound, Interlock, link
 from umo.objects.atomic import Binary
@@ -36,8 +39,14 @@ from .code_values import (
 CONDITIONS: Mapping[Any, str] = {until: "until", unless: "unless", Interlock: "Interlock"}
 """What takes a condition as its first argument: a function of no arguments."""
 ASKING = (*CONDITIONS, Alarm)
+USELESS: Mapping[Any, str] = {timeout: "async with {}:", Lock: "async with {}:", Interlock: "yield {}"}
+"""What is of no use if nobody has it, and what to write."""
+BLOCKING = (time.sleep, builtins.input)
+"""What waits without letting periods pass."""
 SEQUENCES = (together, first, link.Cycle.start)
 """What takes sequences only."""
+ENDS = (ast.Await, ast.AsyncWith, ast.AsyncFor, ast.Break, ast.Return, ast.Raise, ast.Yield, ast.YieldFrom)
+"""What a loop may wait by, or end by."""
 VALUES = (ast.Compare, ast.BoolOp, ast.UnaryOp, ast.Constant, ast.JoinedStr)
 """Expressions that are no functions."""
 
@@ -120,10 +129,13 @@ class _Check:
     # Sequences -----------------------------------------------------------------------------------------
 
     def _statement(self, node: ast.Expr, scope: NameScope) -> None:
-        if isinstance(self._code.thing(node.value, scope), MadeSequence):
+        made = self._code.thing(node.value, scope)
+        if isinstance(made, MadeSequence):
             self._tell(node.value, NOT_AWAITED)
         elif self._is_function(node.value, scope):
             self._tell(node.value, "`{}` is not called, so nothing of it is done: write `{}()`")
+        elif isinstance(node.value, ast.Call) and isinstance(made, Instance) and made.kind in USELESS:
+            self._tell(node.value, f"`{{}}` alone does nothing: write `{USELESS[made.kind]}`")
 
     def _assigned(self, node: ast.Assign, scope: NameScope) -> None:
         """What a sequence is assigned to is read nowhere."""
@@ -140,12 +152,25 @@ class _Check:
 
     def _returned(self, node: ast.Return, scope: NameScope) -> None:
         """What a law returns goes nowhere."""
-        is_law = getattr(scope.node, "name", "") == "control" and scope.owner is not None
+        is_law = isinstance(scope.node, ast.FunctionDef) and _in_control(scope)
         if is_law and node.value is not None and isinstance(self._code.thing(node.value, scope), MadeSequence):
             self._tell(node.value, NOT_AWAITED)
 
     def _test(self, node: Any, scope: NameScope) -> None:
         self._truth(node.test, scope)
+
+    def _turns(self, node: ast.While, scope: NameScope) -> None:
+        """A loop of a sequence that asks an object and lets no period pass: the value stays what it is."""
+        if not isinstance(scope.node, ast.AsyncFunctionDef):
+            return
+        inside = [each for statement in node.body for each in ast.walk(statement)]
+        calls = (each for each in ast.walk(node.test) if isinstance(each, ast.Call))
+        if not any(isinstance(each, ENDS) for each in inside) and any(self._is_reading(each, scope) for each in calls):
+            self._tell(node.test, "`{}` stays what it is while no period passes: write `await until(lambda: ...)`")
+
+    def _is_reading(self, node: ast.Call, scope: NameScope) -> bool:
+        of = self._code.thing(node.func.value, scope) if isinstance(node.func, ast.Attribute) else None
+        return isinstance(of, Instance) and issubclass(of.kind, Atomic) and called_name(node) == "read"
 
     def _filters(self, node: ast.comprehension, scope: NameScope) -> None:
         for each in node.ifs:
@@ -187,6 +212,8 @@ class _Check:
         function = self._code.thing(node.func, scope)
         value = function.value if isinstance(function, Exactly) else None
         given = [each for each in node.args if not isinstance(each, ast.Starred)]
+        if any(value is each for each in BLOCKING) and _in_control(scope):
+            self._tell(node, "`{}` stops the whole machine: write `await wait(...)` in a sequence")
         if any(value is each for each in SEQUENCES):
             for each in given:
                 if self._is_sequence_function(each, scope):
@@ -227,10 +254,17 @@ _LOOKS: tuple[tuple[Any, Callable[[_Check, Any, NameScope], None]], ...] = (
     (ast.Assign, _Check._assigned),
     (ast.Return, _Check._returned),
     (ast.If | ast.While | ast.IfExp | ast.Assert, _Check._test),
+    (ast.While, _Check._turns),
     (ast.comprehension, _Check._filters),
     (ast.Compare, _Check._compared),
     (ast.Call, _Check._called),
 )
+
+
+def _in_control(scope: NameScope) -> bool:
+    """Whether it is the code of a sequence or a law."""
+    is_law = getattr(scope.node, "name", "") == "control" and scope.owner is not None
+    return is_law or isinstance(scope.node, ast.AsyncFunctionDef)
 
 
 def _is_read(name: ast.Name) -> bool:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections import deque
 
 from umo.cycle import wait_graph
-from umo.cycle.sequences import Task, one_period, own_task
+from umo.cycle.sequences import AsyncBlock, Task, one_period, own_task
 from umo.errors import TaskFailed
 
 
-class Lock:
+class Lock(AsyncBlock):
     """Equipment that several sequences share, such as a scale, for one of them at a time:
 
         def setup(self) -> None:

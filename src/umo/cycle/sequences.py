@@ -15,7 +15,7 @@ from enum import Enum
 from functools import partial
 from operator import attrgetter
 from types import CodeType, CoroutineType, FrameType, coroutine
-from typing import Any, Protocol, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
 from umo.cycle import wait_graph
 from umo.cycle.asked_condition import check_condition
@@ -184,7 +184,19 @@ def _described(condition: Callable[[], bool]) -> str:
     return f"{name} ({shown_path(code.co_filename)}:{code.co_firstlineno})"
 
 
-class timeout:
+class AsyncBlock:
+    """What is entered by `async with`."""
+
+    if not TYPE_CHECKING:
+
+        def __enter__(self):
+            raise TypeError(f"a {type(self).__name__} is entered by `async with`, in a sequence")
+
+        def __exit__(self, *error):
+            """It was not entered."""
+
+
+class timeout(AsyncBlock):
     """A time limit for a block of a sequence:
 
         async with timeout("5 s"):
@@ -350,9 +362,8 @@ class Task(Waiter):
         except BaseException as error:
             self.done = True
             refuse_exit(error, self.name)
-            if isinstance(error, RuntimeError) and str_of(error) == "no running event loop":  # asyncio.sleep, for one
-                mistake = TypeError(f"asyncio cannot be used in a sequence; {AWAITABLE_HINT}")
-                raise mistake.with_traceback(error.__traceback__) from error
+            if meant := _meant(error):
+                raise TypeError(meant).with_traceback(error.__traceback__) from error
             raise
         finally:
             if current is not None:
@@ -480,6 +491,18 @@ class Task(Waiter):
             for each, parts in found
             if isinstance(parts, wait_graph.ParallelParts) and each in parts.tasks
         ]
+
+
+def _meant(error: BaseException) -> str:
+    """What is wrong with an `await`, of which Python tells less; "": something else is wrong."""
+    text = str_of(error) if type(error) in (RuntimeError, TypeError) else ""
+    if text == "no running event loop":  # asyncio.sleep, for one
+        return f"asyncio cannot be used in a sequence; {AWAITABLE_HINT}"
+    if not text.endswith("can't be used in 'await' expression"):
+        return ""
+    if text.startswith(("object method", "object function")):
+        return f"{text}: it is not called; write `await ...()`"
+    return f"{text}; {AWAITABLE_HINT}"
 
 
 def _no_sequence(given: object) -> str:
