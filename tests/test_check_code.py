@@ -382,6 +382,15 @@ def test_check_prints_them_and_ends_with_the_status_of_a_mistake(tmp_path: Path,
     assert "ok: everything simulated" in result.stdout
 
 
+def test_a_machine_whose_setup_forgets_an_await_is_not_made(tmp_path: Path, umo: Callable[..., Result]):
+    station = made(tmp_path / "cell", "await wait('1 ms')")
+    file = station.path / "objects.py"
+    file.write_text(file.read_text().replace("self.on_done = None", "self.on_done = None\n        self.fill()"))
+    result = umo("run", "cell", "--no-record", "--no-plot")
+    assert result.exit_code != 0
+    assert "in setup: nobody awaits `self.fill()`" in " ".join(result.stderr.split())
+
+
 def test_a_run_of_such_a_station_fails_at_the_same_line(tmp_path: Path, umo: Callable[..., Result]):
     made(tmp_path / "cell", "m.fill()\nawait wait('1 ms')")
     result = umo("run", "cell", "--no-record", "--no-plot")

@@ -200,6 +200,17 @@ async def handles_an_error(m: Any) -> None:
             m.fill()
 
 
+async def handles_two_errors(m: Any) -> None:
+    try:
+        raise KeyError
+    except KeyError:
+        try:
+            raise ValueError
+        except ValueError:
+            m.fill()
+        await wait("1 ms")
+
+
 async def in_a_condition(m: Any) -> None:
     await until(lambda: m.full())
 
@@ -214,6 +225,7 @@ ELSEWHERE = [
     (in_another, "m.fill()", "inner"),
     (is_cleaning_up, "m.fill()", "is_cleaning_up"),
     (handles_an_error, "m.fill()", "handles_an_error"),
+    (handles_two_errors, "m.fill()", "handles_two_errors"),
     (in_a_condition, "m.full()", "<lambda>"),
 ]
 
@@ -224,6 +236,22 @@ def test_it_is_an_error_wherever_it_stands(application: Sequence, call: str, nam
     place = refused(bench(Tank), application, call, name)
     assert f":{line_with(application, call)} " in place
     gc.collect()  # what the error has kept
+
+
+def test_of_two_in_a_line_the_first_is_told():
+    names: dict[str, Any] = {}
+    exec(compile("async def main(m):\n    m.full(); m.fill()\n", "of_a_user.py", "exec"), names)
+    with pytest.raises(NotAwaited, match=r"nobody awaits `full\(...\)`"):
+        run(bench(Tank), None, names["main"])
+
+
+def test_what_a_hook_returns_to_umo_is_told_where_the_user_has_called_umo():
+    class Returned(Tank):
+        def setup(self) -> Any:  # type: ignore[override]
+            return self.fill()
+
+    with connect(bench(Tank)), pytest.raises(NotAwaited, match=r"in setup: nobody awaits `self.fill"):
+        bench(Returned)
 
 
 class Calls(Tank):
@@ -373,6 +401,47 @@ async def fails_before_it_awaits(m: Any) -> Any:
     return 1
 
 
+async def catches_the_error(m: Any) -> Any:
+    def fails() -> Any:
+        raise ValueError
+
+    try:
+        await together(m.fill(), fails())
+    except ValueError:
+        await wait("1 ms")
+    return 1
+
+
+async def fails_before_another_awaits(m: Any) -> Any:
+    def fails() -> Any:
+        raise ValueError
+
+    async def inner() -> None:
+        await together(m.fill(), fails())
+
+    try:
+        await inner()
+    except ValueError:
+        await wait("1 ms")
+    return 1
+
+
+async def keeps_the_error(m: Any) -> Any:
+    def fails() -> None:
+        filling = m.fill()
+        raise ValueError(filling is None)
+
+    kept = None
+    try:
+        fails()
+    except ValueError as error:
+        kept = error
+    await wait("1 ms")
+    kept = None
+    await wait("1 ms")
+    return 1 if kept is None else 0
+
+
 async def fails_in_another(m: Any) -> Any:
     async def inner() -> None:
         filling = m.fill()
@@ -405,7 +474,14 @@ async def is_not_begun(m: Any) -> Any:
 
 
 RIGHT = [stores_and_awaits, gathers, starts, is_not_begun]
-INTERRUPTED = [fails_before_it_awaits, fails_in_another, cancels]
+INTERRUPTED = [
+    fails_before_it_awaits,
+    catches_the_error,
+    fails_before_another_awaits,
+    keeps_the_error,
+    fails_in_another,
+    cancels,
+]
 
 
 @pytest.mark.parametrize("application", RIGHT, ids=lambda each: each.__name__)
@@ -481,6 +557,7 @@ def test_other_threads_are_left_alone():
     errors: list[BaseException] = []
 
     def elsewhere() -> None:
+        sys.set_coroutine_origin_tracking_depth(1)
         try:
             never_called(None)
         except BaseException as error:
@@ -494,6 +571,7 @@ def test_other_threads_are_left_alone():
     assert errors == []
 
 
+@pytest.mark.filterwarnings("ignore:coroutine:RuntimeWarning")
 def test_a_debugger_that_traces_the_thread_traces_again_after_the_run():
     def trace(frame: Any, event: str, argument: Any) -> None:
         """Of nothing."""
@@ -504,6 +582,12 @@ def test_a_debugger_that_traces_the_thread_traces_again_after_the_run():
         with contextlib.suppress(NotAwaited):
             run(bench(Tank), None, forgets_own)
         assert sys.gettrace() is trace
+
+        async def application(m: Any) -> Any:
+            await fails_before_another_awaits(m)
+            return sys.gettrace()
+
+        assert run(bench(Tank), None, application) is trace
     finally:
         sys.settrace(former)
 

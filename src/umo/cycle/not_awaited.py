@@ -15,7 +15,8 @@ import linecache
 import opcode
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from threading import get_ident
 from types import CodeType, FrameType
@@ -156,6 +157,16 @@ def hear() -> Callable[[], None]:
     return end
 
 
+@contextmanager
+def heard() -> Iterator[None]:
+    """The same for a block."""
+    end = hear()
+    try:
+        yield
+    finally:
+        end()
+
+
 def _origin(coroutine: Any) -> CodePlace | None:
     """Where it was called; None: that, and what was called, is not of the user's, or not known."""
     code: CodeType | None = getattr(coroutine, "cr_code", None)
@@ -211,8 +222,6 @@ class _Pending:
     def _look(self, frame: FrameType, event: str, argument: Any) -> Any:
         expects = frame.f_code in _EXPECTING or not is_own(frame.f_code.co_filename)
         has_ended = event == "exception" and issubclass(argument[0], StopIteration)  # a sequence, of its own accord
-        if has_ended and expects:
-            return self._look
         frame.f_trace = None
         if not has_ended and self._is_failing(frame, event):
             self._give_up()
