@@ -155,6 +155,27 @@ def test_a_sequence_that_was_not_called_is_named():
             run(bench(Tank), None, application)
 
 
+def test_several_sequences_are_given_by_a_star():
+    async def gathers(m: Any) -> None:
+        await together([m.cycle.start(m.fill()), m.cycle.start(m.fill())])
+
+    with pytest.raises(TypeError, match=r"a list is not a sequence; several are given by a star: `tog"):
+        run(bench(Tank), None, gathers)
+
+
+def test_a_sequence_is_no_result_so_far():
+    async def given(m: Any) -> None:
+        m.cycle.result(m.fill())
+
+    async def asked(m: Any) -> None:
+        m.cycle.result(m.fill)
+
+    with pytest.raises(TypeError, match="`fill` is a sequence, no result: write `await` before its call"):
+        run(bench(Tank), None, given)
+    with pytest.raises(DeclarationError, match=f"the function of a result is a sequence; it must act at once.*{PLACE}"):
+        run(bench(Tank), None, asked)
+
+
 def test_an_application_that_is_no_sequence_is_refused_with_its_place():
     def plain(m: Any) -> None:
         """Nothing."""

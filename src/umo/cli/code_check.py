@@ -17,7 +17,7 @@ from typing import Any
 
 from umo.alarms import Alarm
 from umo.control import Lock, first, timeout, together, unless, until
-from umo.cycle.asked_condition import called_name
+from umo.cycle.sequence_mistakes import called_name
 from umo.errors import Mistake
 from umo.objects import Atomic, Compound, Interlock, link
 from umo.objects.atomic import Binary

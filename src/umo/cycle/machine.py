@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Coroutine, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, partial
+from inspect import iscoroutine
 from operator import attrgetter
 from random import Random
 from time import monotonic_ns
@@ -33,7 +34,7 @@ from umo.objects.laws import has_loops, laws_in
 from umo.objects.link import Machine
 from umo.objects.stop_order import stop_sequence
 from umo.presentation.run_facts import driven_text, facts_of
-from umo.user_code import Raised, attempt, is_interrupt, read_numbers, refuse_exit, told
+from umo.user_code import Raised, attempt, check_acts_at_once, is_interrupt, read_numbers, refuse_exit, told
 from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE
 
 if TYPE_CHECKING:
@@ -542,6 +543,10 @@ class ConnectedMachine:
             self.clients.progress(self.frame.progress.text)
 
     def result(self, so_far: Any) -> None:
+        if iscoroutine(so_far):
+            so_far.close()
+            raise TypeError(f"`{so_far.__name__}` is a sequence, no result: write `await` before its call")
+        check_acts_at_once("the function of a result", so_far)
         self.result_so_far = so_far
 
     def tell(self, path: str, text: str, *, logged: bool = False) -> None:

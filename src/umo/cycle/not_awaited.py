@@ -22,7 +22,7 @@ from threading import get_ident
 from types import CodeType, FrameType
 from typing import Any, TypeVar
 
-from umo.cycle.asked_condition import called_name
+from umo.cycle.sequence_mistakes import called_name
 from umo.errors import NotAwaited
 from umo.text import CodePlace, is_own, shown_place
 

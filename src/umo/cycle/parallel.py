@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple, cast
 
-from umo.cycle.asked_condition import check_condition
 from umo.cycle.not_awaited import expects_errors
+from umo.cycle.sequence_mistakes import check_condition
 from umo.cycle.sequences import Sequence, Task, adopting, cancel_all, one_period, own_task, with_notes
 from umo.cycle.wait_graph import ParallelParts
 from umo.errors import Cancelled

@@ -18,14 +18,14 @@ from types import CodeType, CoroutineType, FrameType, coroutine
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
 from umo.cycle import wait_graph
-from umo.cycle.asked_condition import check_condition
 from umo.cycle.clock import Clock
 from umo.cycle.not_awaited import advances, expects_errors
+from umo.cycle.sequence_mistakes import AWAITABLE_HINT, check_condition, instead_of_sequence, meant_await
 from umo.cycle.wait_graph import Waiter
 from umo.duration import seconds as in_seconds
 from umo.errors import Cancelled, TaskFailed, TimeExpired, forget_frames, text_later, text_of
 from umo.objects import Node
-from umo.text import add_note, cut_repr, in_brackets, place_among, shown_path, str_of
+from umo.text import add_note, cut_repr, in_brackets, place_among, shown_path
 from umo.user_code import refuse_exit
 
 Sequence = Coroutine[Any, Any, Any]
@@ -79,8 +79,6 @@ class _Request:
 _PERIOD = _Request("a wait for the next period")
 _WHO = _Request("a question for the task")
 """It is answered at once, with the `Task` that is advanced."""
-AWAITABLE_HINT = "a sequence can await only the functions of umo.control"
-"""Words of a message: what a sequence can await."""
 _ADOPTING: set[CodeType] = set()
 """The code of the functions that have a started sequence as a part of theirs: it is cancelled with them."""
 
@@ -261,7 +259,7 @@ class Task(Waiter):
         parent: Task | None = None,
     ) -> None:
         if not isinstance(sequence, Coroutine):
-            raise TypeError(_no_sequence(sequence))
+            raise TypeError(instead_of_sequence(sequence))
         super().__init__(parent)
         self._sequence = sequence
         self.part: Any = part if parent is None else parent.part
@@ -362,8 +360,8 @@ class Task(Waiter):
         except BaseException as error:
             self.done = True
             refuse_exit(error, self.name)
-            if meant := _meant(error):
-                raise TypeError(meant).with_traceback(error.__traceback__) from error
+            if text := meant_await(error):
+                raise TypeError(text).with_traceback(error.__traceback__) from error
             raise
         finally:
             if current is not None:
@@ -491,28 +489,6 @@ class Task(Waiter):
             for each, parts in found
             if isinstance(parts, wait_graph.ParallelParts) and each in parts.tasks
         ]
-
-
-def _meant(error: BaseException) -> str:
-    """What is wrong with an `await`, of which Python tells less; "": something else is wrong."""
-    text = str_of(error) if type(error) in (RuntimeError, TypeError) else ""
-    if text == "no running event loop":  # asyncio.sleep, for one
-        return f"asyncio cannot be used in a sequence; {AWAITABLE_HINT}"
-    if not text.endswith("can't be used in 'await' expression"):
-        return ""
-    if text.startswith(("object method", "object function")):
-        return f"{text}: it is not called; write `await ...()`"
-    return f"{text}; {AWAITABLE_HINT}"
-
-
-def _no_sequence(given: object) -> str:
-    """What was given in the place of a sequence, and what to write."""
-    if inspect.iscoroutinefunction(given):
-        name = getattr(given, "__name__", "it")
-        return f"{name} is an `async def` function and was not called: write `{name}()`"
-    if inspect.isasyncgen(given):
-        return f"{given.__name__}() is not a sequence, as there is a `yield` in it"
-    return f"{cut_repr(given)} is not a sequence; call an `async def` function"
 
 
 def _arguments(sequence: object) -> str:

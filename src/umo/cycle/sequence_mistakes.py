@@ -1,5 +1,5 @@
-"""The condition of a wait: a function that is asked in every period. What else was given by mistake is told, with what
-to write instead."""
+"""Mistakes with sequences, put into words: what is no condition of a wait, what is no sequence, what cannot be awaited.
+Each text says what to write instead."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import ast
 import inspect
 import linecache
 import sys
+from collections.abc import Generator
 from itertools import islice
 from types import CoroutineType, FrameType, FunctionType
 from typing import Any
@@ -14,7 +15,34 @@ from typing import Any
 from umo.objects import Atomic
 from umo.objects.atomic import Binary
 from umo.states import TwoState
-from umo.text import cut_repr, is_own
+from umo.text import cut_repr, is_own, str_of
+
+AWAITABLE_HINT = "a sequence can await only the functions of umo.control"
+"""Words of a message: what a sequence can await."""
+
+
+def meant_await(error: BaseException) -> str:
+    """What is wrong with an `await`, of which Python tells less; "": something else is wrong."""
+    text = str_of(error) if type(error) in (RuntimeError, TypeError) else ""
+    if text == "no running event loop":  # asyncio.sleep, for one
+        return f"asyncio cannot be used in a sequence; {AWAITABLE_HINT}"
+    if not text.endswith("can't be used in 'await' expression"):
+        return ""
+    if text.startswith(("object method", "object function")):
+        return f"{text}: it is not called; write `await ...()`"
+    return f"{text}; {AWAITABLE_HINT}"
+
+
+def instead_of_sequence(given: object) -> str:
+    """What was given in the place of a sequence, and what to write."""
+    if inspect.iscoroutinefunction(given):
+        name = getattr(given, "__name__", "it")
+        return f"{name} is an `async def` function and was not called: write `{name}()`"
+    if inspect.isasyncgen(given):
+        return f"{given.__name__}() is not a sequence, as there is a `yield` in it"
+    if isinstance(given, list | tuple | set | frozenset | Generator):
+        return f"a {type(given).__name__} is not a sequence; several are given by a star: `together(*sequences)`"
+    return f"{cut_repr(given)} is not a sequence; call an `async def` function"
 
 
 def check_condition(function: str, condition: object) -> None:
