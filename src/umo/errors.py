@@ -18,6 +18,7 @@ UmoError
 |-- Interlocked (RuntimeError)       an interlock with effect="stop" forbids the write
 |-- CommandRefused (RuntimeError)    a command from outside: without the lease, or not in this mode
 |   `-- LeaseHeld                    another client has the lease
+|-- NotAwaited (TypeError)           a sequence was called and nobody awaits it
 |-- Busy (RuntimeError)              a motion was started on an axis in motion
 |-- TaskFailed                       the machine could not do its work: base of a station's own errors
 |   |-- TimeExpired (TimeoutError)   a condition was not true within its timeout
@@ -248,6 +249,11 @@ class LeaseHeld(CommandRefused):
 
 class Busy(UmoError, RuntimeError):
     """The axis is already in motion."""
+
+
+class NotAwaited(UmoError, TypeError):
+    """A sequence was called, and what the call has made is let go: nobody awaits or starts it, so nothing of it is
+    done."""
 
 
 class TaskFailed(UmoError):

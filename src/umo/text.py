@@ -95,7 +95,7 @@ def raised_at(error: BaseException) -> CodePlace | None:
         trace = error.__traceback__
         while trace is not None:
             file = trace.tb_frame.f_code.co_filename
-            if not _is_own(file):
+            if not is_own(file):
                 found = trace
                 users = users if _is_installed(file) else trace
             trace = trace.tb_next
@@ -111,7 +111,7 @@ def raised_at(error: BaseException) -> CodePlace | None:
 def place_among(frames: Iterable[tuple[str, int, str]]) -> str:
     """`control.py:41 in control`: of some frames, the outermost first, the innermost one that is neither umo's nor
     Python's own; one of an installed package only if there is no other. Empty if there is none."""
-    found = [frame for frame in frames if not _is_own(frame[0])]
+    found = [frame for frame in frames if not is_own(frame[0])]
     users = [frame for frame in found if not _is_installed(frame[0])]
     return shown_place(CodePlace(*(users or found)[-1]) if found else None)
 
@@ -126,11 +126,12 @@ def shown_place(place: CodePlace | None) -> str:
 
 def is_users(file: str) -> bool:
     """Whether a file of code is neither umo's, nor Python's own, nor of an installed package."""
-    return not _is_own(file) and not _is_installed(file)
+    return not is_own(file) and not _is_installed(file)
 
 
 @lru_cache(maxsize=1000)
-def _is_own(file: str) -> bool:
+def is_own(file: str) -> bool:
+    """Whether a file of code is umo's or Python's own."""
     if file.startswith(UMO):
         return not file.startswith(STATIONS)
     return file.startswith(("<frozen ", "<string>")) or (file.startswith(LIBRARY) and not _is_installed(file))

@@ -12,10 +12,13 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from inspect import CO_COROUTINE, iscoroutinefunction, unwrap
 from math import nan
+from types import FunctionType
 from typing import Any, NamedTuple
 
-from umo.errors import Cancelled, Interrupted, TaskFailed, UmoError, forget_frames, text_of
+from umo.errors import Cancelled, DeclarationError, Interrupted, TaskFailed, UmoError, forget_frames, text_of
+from umo.text import CodePlace, in_brackets, is_own, shown_place
 
 MAX_LENGTH = 2000
 """Length of an error's text at most, characters."""
@@ -54,6 +57,39 @@ def told(error: BaseException) -> Raised:
     text = text_of(error)
     forget_frames(error)
     return Raised(type(error), text if len(text) <= MAX_LENGTH else f"{text[:MAX_LENGTH]}...")
+
+
+def check_overrides(cls: type) -> None:
+    """DeclarationError for a sequence in the place of a plain method of umo: what calls that would not await it."""
+    for number, owner in enumerate(cls.__mro__):
+        for name, value in vars(owner).items():
+            if not (isinstance(value, FunctionType) and value.__code__.co_flags & CO_COROUTINE):
+                continue
+            if any(_is_plain(vars(base).get(name)) for base in cls.__mro__[number + 1 :]):
+                starts = "; a sequence is started in it: `self.cycle.start(...)`" if name == "control" else ""
+                place = in_brackets(shown_place(definition(value)))
+                what = f"{cls.__name__}.{name} is a sequence; it must act at once: `def {name}(self)`"
+                raise DeclarationError(f"{what}{starts}{place}")
+
+
+def _is_plain(method: object) -> bool:
+    """Whether it is a method of umo that acts at once."""
+    if not isinstance(method, FunctionType) or method.__code__.co_flags & CO_COROUTINE:
+        return False
+    return is_own(method.__code__.co_filename)
+
+
+def definition(function: Callable[..., Any]) -> CodePlace | None:
+    """The place of a function in the source; None: it is not written in Python."""
+    code = getattr(unwrap(function), "__code__", None)
+    return None if code is None else CodePlace(code.co_filename, code.co_firstlineno, "<module>")
+
+
+def check_acts_at_once(what: str, function: Any) -> None:
+    """DeclarationError for a sequence where a plain function is called: a condition would always be true."""
+    if iscoroutinefunction(function):
+        place = in_brackets(shown_place(definition(function)))
+        raise DeclarationError(f"{what} is a sequence; it must act at once: `def`, not `async def`{place}")
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from umo.duration import seconds
 from umo.errors import DeclarationError
 from umo.states import TwoState
 from umo.text import did_you_mean
+from umo.user_code import check_acts_at_once
 
 MAX_TEXT = 200
 """Length of an alarm's text at most, characters."""
@@ -123,6 +124,7 @@ class Alarm:
             raise DeclarationError(
                 f"the condition of an alarm is a High, Low, Bad, In or a function, not {self.condition!r}"
             )
+        check_acts_at_once("the condition of an alarm", self.condition)
         if not isinstance(self.text, str) or not self.text.strip() or not self.text.isprintable():
             raise DeclarationError(f"the text of an alarm must be one line, not {self.text!r}")
         if len(self.text) > MAX_TEXT:

@@ -29,7 +29,8 @@ def check(
     wiring: WiringName = None,
     every: Annotated[bool, typer.Option("--all", help="Look at every wiring of the station.")] = False,
 ) -> int:
-    """Find every mistake in a wiring, and wrong declarations of the machine, without touching hardware.
+    """Find every mistake in a wiring, wrong declarations of the machine, and sequences in its code that nobody awaits,
+    without touching hardware.
 
     Without -w it looks at the first wiring (simulated), and names those that it did not look at. Options of the machine
     follow the station's name.

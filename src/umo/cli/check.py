@@ -24,6 +24,7 @@ from umo.wiring import check, resolve
 from umo.wiring.process_table import remarks
 from umo.wiring.wired import Wired
 
+from .code_check import mistakes_in
 from .console import err, out
 from .faces_beside import faces_of, names_in
 from .ps import readers
@@ -32,7 +33,8 @@ from .station_options import machine_of
 
 
 def check_station(station: Station, wiring: str | None, every: bool = False, arguments: Sequence[str] = ()) -> int:
-    """Print every mistake in a wiring or in all, or what is wired, and which were not looked at. 2 for one."""
+    """Print every mistake in the code, and in a wiring or in all, or what is wired, and which were not looked at. 2 for
+    one."""
     if every and wiring is not None:
         raise OptionError("give --wiring or --all, not both")
     machine = machine_of(station, arguments)
@@ -42,6 +44,7 @@ def check_station(station: Station, wiring: str | None, every: bool = False, arg
     if (twin := declared_by(station, machine)) is not None:
         twin.describe(machine)
     check_recipes(machine)
+    in_code = reported(mistakes_in(station, machine))
     files = list(station.wirings.values()) if every and station.wirings else [station.wiring(wiring)]
     statuses = [_check_wiring(machine, file) for file in files]
     for reader in running_in(station.path):
@@ -49,7 +52,7 @@ def check_station(station: Station, wiring: str | None, every: bool = False, arg
             out.print(f"note: {station.name} is running (pid {reader.about['pid']}): {changed}", soft_wrap=True)
     if others := [name for name, file in station.wirings.items() if file not in files]:
         out.print(f"not looked at: {', '.join(others)} (-w NAME, or --all)", soft_wrap=True)
-    return max(statuses)
+    return max([*statuses, ExitStatus.MISTAKE] if in_code else statuses)
 
 
 def running_in(folder: Path) -> Iterator[Reader]:

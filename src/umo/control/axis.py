@@ -18,7 +18,7 @@ from umo.control.checks import check_numbers
 from umo.control.inputs import HOMING, Accept, value_of
 from umo.control.profile import Profile
 from umo.cycle.parallel import together
-from umo.cycle.sequences import next_period
+from umo.cycle.sequences import one_period
 from umo.errors import AxisError, Busy, DeclarationError, EquipmentFault, HomingError, RangeError, TaskFailed
 from umo.objects import Actuator, Compound, DigitalSensor, Number, Quality, Range, action
 from umo.objects.link import Task
@@ -286,7 +286,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
         driven = idle = 0.0
         last = best = self.reading
         while until is None or not until():
-            tick = await next_period()
+            tick = await one_period()
             self._check_enabled()
             reading = self.reading
             if self._interrupted:
@@ -322,7 +322,7 @@ class Axis(Compound, numbers=_numbers, equipment="manual"):
             late, corrections = 0.0, 0
             steady = -inf  # how long it has been in the window; -inf: it is not
             while steady < self.window_time:
-                tick = await next_period()
+                tick = await one_period()
                 self._check_enabled()
                 period = tick.dt / tick.ticks  # in missed periods nothing was controlled, and nothing seen
                 if self._arrived(position):

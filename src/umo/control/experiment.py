@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from umo.control.excitation import NOISE_FACTOR, Baseline, RelaySwitching, StepChange, room_for
 from umo.control.loops import ControlLoop, Next
-from umo.cycle.sequences import next_period
+from umo.cycle.sequences import one_period
 from umo.errors import Busy, CommandRefused, RangeError
 from umo.objects import Compound, Range, action
 from umo.presentation.digits import number_text
@@ -110,7 +110,7 @@ class LoopExperiments:
         began = nan_time = -1.0
         try:
             while not (self._ended or self._failed):
-                self._look((await next_period()).period)
+                self._look((await one_period()).period)
                 if self._excitation is not None:
                     began = began if began != nan_time else self._part.now
                     self._part.cycle.progress(self._excitation.progress)

@@ -12,6 +12,7 @@ from random import Random
 from types import TracebackType
 from typing import Any, Generic, NoReturn, TypeVar
 
+from umo.cycle import not_awaited
 from umo.cycle.absence import Absences, in_order
 from umo.cycle.alarming import declared_alarms, engine_of
 from umo.cycle.attempts import Attempts
@@ -167,6 +168,7 @@ class connect(Generic[C]):
             self.stop.stand_aside = partial(self._stand_aside, device_claim)
         self.stop.install()
         try:
+            self._restore.append(not_awaited.hear())
             for wire in self.wired.wires:
                 self._restore.append(wire.apply().apply)  # one by one: the next may fail
             if self.kept:
@@ -363,7 +365,7 @@ class connect(Generic[C]):
             self.afterwards.pop()()
 
     def _give_back(self) -> None:
-        """Calibrations, parameters and signal handlers as they were."""
+        """Calibrations, parameters, signal handlers and what is told of sequences as they were."""
         try:
             for undo in reversed(self._restore):
                 undo()

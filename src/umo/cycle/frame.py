@@ -5,15 +5,17 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from enum import EnumMeta
+from inspect import iscoroutine
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from umo.cycle.image import Image
 from umo.cycle.stage import Progress
+from umo.errors import NotAwaited
 from umo.objects import Atomic, DigitalSensor, MachineNumber
 from umo.objects.numbers import number_in
 from umo.system.streams import log_without_waiting
-from umo.user_code import as_json, attempt
+from umo.user_code import Raised, as_json, attempt
 
 log = logging.getLogger("umo")
 MAX_OBSERVER_TEXT = 200
@@ -97,7 +99,10 @@ Observer = Callable[[Frame], None]
 def show(frame: Frame, observers: list[Observer]) -> None:
     """Call the observers. One that raises is logged and removed; it does not disturb the loop."""
     for observer in tuple(observers):
-        _, error = attempt(observer, frame)
+        result, error = attempt(observer, frame)
+        if result is not None and iscoroutine(result):
+            result.close()
+            error = Raised(NotAwaited, "it is a sequence, and nobody awaits it: an observer acts at once")
         if error is not None:
             observers[:] = [each for each in observers if each is not observer]
             name = as_json(observer, MAX_OBSERVER_TEXT)

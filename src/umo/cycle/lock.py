@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections import deque
 
 from umo.cycle import wait_graph
-from umo.cycle.sequences import Task, next_period, own_task
+from umo.cycle.sequences import AsyncBlock, Task, one_period, own_task
 from umo.errors import TaskFailed
 
 
-class Lock:
+class Lock(AsyncBlock):
     """Equipment that several sequences share, such as a scale, for one of them at a time:
 
         def setup(self) -> None:
@@ -50,7 +50,7 @@ class Lock:
         own.waits_for = self
         try:
             while self._owner is not own:
-                await next_period()
+                await one_period()
                 if self._owner is None:  # those that wait were paused when it was given back
                     self._pass_on()
         except BaseException:

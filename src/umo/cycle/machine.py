@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Coroutine, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, partial
+from inspect import iscoroutine
 from operator import attrgetter
 from random import Random
 from time import monotonic_ns
@@ -19,6 +20,8 @@ from umo.cycle.equipment import CLEANING_UP, Containment, Equipment
 from umo.cycle.events import Event, Events
 from umo.cycle.frame import Frame, Observer, Signal, show, signals_of, velocities
 from umo.cycle.image import Image
+from umo.cycle.not_awaited import expects_errors
+from umo.cycle.piling_up import FEW, PilingUp
 from umo.cycle.restoring import kept_kind
 from umo.cycle.sequences import Sequences, Task
 from umo.cycle.stage import Stage
@@ -31,7 +34,7 @@ from umo.objects.laws import has_loops, laws_in
 from umo.objects.link import Machine
 from umo.objects.stop_order import stop_sequence
 from umo.presentation.run_facts import driven_text, facts_of
-from umo.user_code import Raised, attempt, is_interrupt, read_numbers, refuse_exit, told
+from umo.user_code import Raised, attempt, check_acts_at_once, is_interrupt, read_numbers, refuse_exit, told
 from umo.wiring.wired import AT_NEXT_TICK, AT_ONCE
 
 if TYPE_CHECKING:
@@ -161,6 +164,7 @@ class ConnectedMachine:
         self.commands = CommandStage(root, image)
         self.equipment = Containment(root, image, self.commands, lambda: self.is_manual, self._equipment_changed)
         self.sequences = Sequences(self.equipment)
+        self._piling_up = PilingUp()
         self.supervisors: list[Supervisor] = []
         """The laws that look after the sequences of their parts."""
         self.laws: list[tuple[Compound, str, Any]] = []
@@ -313,6 +317,7 @@ class ConnectedMachine:
         self.commands.evaluate()
         return good
 
+    @expects_errors
     def control(self, part: Node) -> None:
         """Sequences first (the root's alone), then each overridden `control`, a parent before its parts."""
         if part is self.root:
@@ -364,6 +369,7 @@ class ConnectedMachine:
         forget_frames(error)
         return True
 
+    @expects_errors
     def _act_on(self, laws: Iterator[MethodType], failed: dict[Equipment, Callable[[], str]]) -> None:
         """The laws after one that has failed: what equipment contains of their errors keeps no other from acting."""
         while True:
@@ -537,6 +543,10 @@ class ConnectedMachine:
             self.clients.progress(self.frame.progress.text)
 
     def result(self, so_far: Any) -> None:
+        if iscoroutine(so_far):
+            so_far.close()
+            raise TypeError(f"`{so_far.__name__}` is a sequence, no result: write `await` before its call")
+        check_acts_at_once("the function of a result", so_far)
         self.result_so_far = so_far
 
     def tell(self, path: str, text: str, *, logged: bool = False) -> None:
@@ -563,7 +573,13 @@ class ConnectedMachine:
             Task(sequence).cancel()  # it never begins
             raise cast(EquipmentFault, self.fault_of(part))  # no local name: the frame of an error must not refer to it
         by_client = None if self.clients is None else self.clients.at_work
-        return (self.sequences if by_client is None else by_client).start(sequence, part)
+        sequences = self.sequences if by_client is None else by_client
+        task = sequences.start(sequence, part)
+        task.started_in = self.clock.number
+        beside = sequences.of(part)
+        if len(beside) >= FEW and (text := self._piling_up.look(task, beside)):
+            self.tell(part._path, text, logged=True)
+        return task
 
     def skip_ticks(self) -> None:
         """Read the timer before the first period: the ticks until here belong to no period, and none is missed."""

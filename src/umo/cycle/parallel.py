@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple, cast
 
-from umo.cycle.sequences import Sequence, Task, adopting, cancel_all, check_condition, next_period, own_task, with_notes
+from umo.cycle.not_awaited import expects_errors
+from umo.cycle.sequence_mistakes import check_condition
+from umo.cycle.sequences import Sequence, Task, adopting, cancel_all, one_period, own_task, with_notes
 from umo.cycle.wait_graph import ParallelParts
 from umo.errors import Cancelled
 from umo.objects import link
@@ -29,7 +31,7 @@ async def together(*sequences: Sequence | link.Task) -> tuple[Any, ...]:
     own.waits_for = ParallelParts(tasks, any)
     try:
         while running := [task for task in running if not task.advance(tick)]:
-            tick = await next_period()
+            tick = await one_period()
     except BaseException as failure:
         _cancel_after(failure, tasks)
         raise
@@ -54,7 +56,7 @@ async def first(*sequences: Sequence | link.Task) -> First:
     own.waits_for = ParallelParts(tasks, all)
     try:
         while (ended := next((n for n, task in enumerate(tasks) if task.advance(tick)), None)) is None:
-            tick = await next_period()
+            tick = await one_period()
     except BaseException as failure:
         _cancel_after(failure, tasks)
         raise
@@ -65,6 +67,7 @@ async def first(*sequences: Sequence | link.Task) -> First:
     return First(ended, tasks[ended].result)
 
 
+@expects_errors
 @adopting
 async def unless(condition: Callable[[], bool], sequence: Sequence | link.Task) -> bool:
     """Run a sequence unless the condition is, or becomes, true; then it is cancelled. Returns whether it ended by
@@ -81,7 +84,7 @@ async def unless(condition: Callable[[], bool], sequence: Sequence | link.Task) 
         while not condition():
             if task.advance(tick):
                 return True
-            tick = await next_period()
+            tick = await one_period()
     except BaseException as failure:
         _cancel_after(failure, [task])
         raise

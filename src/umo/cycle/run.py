@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine, Iterable, Mapping
+from inspect import isasyncgen
 from pathlib import Path
 from typing import Any, Concatenate, TypeVar
 
 from umo.cycle.connect import connect
 from umo.cycle.frame import Observer
 from umo.cycle.insisting import tell_in_a_line
+from umo.cycle.not_awaited import expects_errors
 from umo.cycle.stopping import in_main_thread, signal_name
 from umo.errors import DeclarationError, Interrupted, text_of
 from umo.objects import Compound, DigitalSensor, children
 from umo.objects.compound import check_machine
-from umo.text import cut_repr
-from umo.user_code import is_interrupt
+from umo.text import cut_repr, in_brackets, shown_place
+from umo.user_code import check_acts_at_once, definition, is_interrupt
 from umo.wiring import distribute_options
 
 C = TypeVar("C", bound=Compound)
@@ -74,6 +76,7 @@ def result_of(returned: Any, connection: connect[Any]) -> Any:
         return f"no result so far: {text_of(error)}"
 
 
+@expects_errors
 def drive(m: C, application: Application[C] | None = None, **options: Any) -> Any:
     """The loop of a connected machine. Ends when the application ends or a stop is requested, which ends the wait for a
     tick. The `options` are those of the application (those of drivers belong to `connect`); OptionError if it does not
@@ -82,7 +85,7 @@ def drive(m: C, application: Application[C] | None = None, **options: Any) -> An
     _check_application(application)
     shares = distribute_options(options, application=application, wiring={})
     timer = _timer_of(m)
-    task = None if application is None else m.cycle.start(application(m, **shares.application))
+    task = None if application is None else m.cycle.start(_sequence_of(application, m, shares.application))
     while m.cycle.running and not (task is not None and task.done):
         if timer.read() < 0:
             break
@@ -90,6 +93,16 @@ def drive(m: C, application: Application[C] | None = None, **options: Any) -> An
         m.control()
         m.update()
     return task.result if task is not None and task.done else None
+
+
+def _sequence_of(application: Application[C], m: C, options: Mapping[str, Any]) -> Coroutine[Any, Any, Any]:
+    """DeclarationError for an application that is a plain function: it has done all its work already."""
+    sequence = application(m, **options)
+    if not isinstance(sequence, Coroutine):
+        name, place = getattr(application, "__name__", "it"), in_brackets(shown_place(definition(application)))
+        why = "there is a `yield` in it" if isasyncgen(sequence) else f"write `async def {name}`"
+        raise DeclarationError(f"{name} is not a sequence, as an application is: {why}{place}")
+    return sequence
 
 
 def _check_application(application: object) -> None:
@@ -102,6 +115,7 @@ def _checked_observers(observers: Iterable[Observer]) -> list[Observer]:
     for each in found:
         if not callable(each):
             raise DeclarationError(f"observers are a list of functions that take a frame, not {cut_repr(observers)}")
+        check_acts_at_once("an observer", each)
     return found
 
 

@@ -10,20 +10,22 @@ import inspect
 import linecache
 import math
 import sys
-from collections.abc import Callable, Coroutine, Generator, Iterable
+from collections.abc import Callable, Collection, Coroutine, Generator, Iterable
 from enum import Enum
 from functools import partial
 from operator import attrgetter
 from types import CodeType, CoroutineType, FrameType, coroutine
-from typing import Any, Protocol, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
 from umo.cycle import wait_graph
 from umo.cycle.clock import Clock
+from umo.cycle.not_awaited import advances, expects_errors
+from umo.cycle.sequence_mistakes import AWAITABLE_HINT, check_condition, instead_of_sequence, meant_await
 from umo.cycle.wait_graph import Waiter
 from umo.duration import seconds as in_seconds
 from umo.errors import Cancelled, TaskFailed, TimeExpired, forget_frames, text_later, text_of
 from umo.objects import Node
-from umo.text import add_note, cut_repr, in_brackets, place_among, shown_path, str_of
+from umo.text import add_note, cut_repr, in_brackets, place_among, shown_path
 from umo.user_code import refuse_exit
 
 Sequence = Coroutine[Any, Any, Any]
@@ -77,8 +79,6 @@ class _Request:
 _PERIOD = _Request("a wait for the next period")
 _WHO = _Request("a question for the task")
 """It is answered at once, with the `Task` that is advanced."""
-AWAITABLE_HINT = "a sequence can await only the functions of umo.control"
-"""Words of a message: what a sequence can await."""
 _ADOPTING: set[CodeType] = set()
 """The code of the functions that have a started sequence as a part of theirs: it is cancelled with them."""
 
@@ -114,9 +114,14 @@ async def own_task(what: str) -> Task:
 
 
 @coroutine
-def next_period() -> Generator[object, Clock, Clock]:
-    """Wait for the next period. Returns the clock: `period` in s, `ticks` consumed (1, or more after a miss)."""
+def one_period() -> Generator[object, Clock, Clock]:
+    """`next_period` for umo's own sequences: quicker, and nobody tells if it is not awaited."""
     return (yield _PERIOD)
+
+
+async def next_period() -> Clock:
+    """Wait for the next period. Returns the clock: `period` in s, `ticks` consumed (1, or more after a miss)."""
+    return await one_period()
 
 
 async def wait(duration: str | float) -> None:
@@ -138,12 +143,7 @@ async def until(condition: Callable[[], bool], timeout: str | float | None = Non
         raise TimeExpired(f"{_described(condition)} {what} within {limit:g} s")
 
 
-def check_condition(function: str, condition: object) -> None:
-    """TypeError for what cannot be asked in each period, such as the result of a comparison."""
-    if not callable(condition):
-        raise TypeError(f"{function}() takes a function, such as `lambda: ...`, not {cut_repr(condition)}")
-
-
+@expects_errors
 @coroutine
 def _pass(
     limit: float, condition: Callable[[], bool] | None = None, stays: float = 0.0
@@ -182,7 +182,19 @@ def _described(condition: Callable[[], bool]) -> str:
     return f"{name} ({shown_path(code.co_filename)}:{code.co_firstlineno})"
 
 
-class timeout:
+class AsyncBlock:
+    """What is entered by `async with`."""
+
+    if not TYPE_CHECKING:
+
+        def __enter__(self):
+            raise TypeError(f"a {type(self).__name__} is entered by `async with`, in a sequence")
+
+        def __exit__(self, *error):
+            """It was not entered."""
+
+
+class timeout(AsyncBlock):
     """A time limit for a block of a sequence:
 
         async with timeout("5 s"):
@@ -247,12 +259,14 @@ class Task(Waiter):
         parent: Task | None = None,
     ) -> None:
         if not isinstance(sequence, Coroutine):
-            raise TypeError(f"{cut_repr(sequence)} is not a sequence; call an `async def` function")
+            raise TypeError(instead_of_sequence(sequence))
         super().__init__(parent)
         self._sequence = sequence
         self.part: Any = part if parent is None else parent.part
         self.number = 0
         """Of a started one: its place in the order started."""
+        self.started_in = 0
+        """The number of the period in which it was started."""
         self._contain, self._end_within = contain, end_within
         self._current = current
         self._begun = False
@@ -308,6 +322,7 @@ class Task(Waiter):
         """What identifies the machine that advances it; None: none does."""
         return cast(Task, self.lineage[-1])._current
 
+    @expects_errors
     def advance(self, tick: Clock | None) -> bool:
         """One step; whether that was the last. The first needs no tick. What the sequence raises comes out here."""
         if self.done:
@@ -330,6 +345,7 @@ class Task(Waiter):
         while expiry := next(filter(None, (each.expires(tick) for each in self.limits)), None):
             self._step(self._sequence.throw, expiry)
 
+    @advances
     def _step(self, resume: Callable[[Any], object], what: object) -> None:
         current = self._current
         if current is not None:
@@ -344,9 +360,8 @@ class Task(Waiter):
         except BaseException as error:
             self.done = True
             refuse_exit(error, self.name)
-            if isinstance(error, RuntimeError) and str_of(error) == "no running event loop":  # asyncio.sleep, for one
-                mistake = TypeError(f"asyncio cannot be used in a sequence; {AWAITABLE_HINT}")
-                raise mistake.with_traceback(error.__traceback__) from error
+            if text := meant_await(error):
+                raise TypeError(text).with_traceback(error.__traceback__) from error
             raise
         finally:
             if current is not None:
@@ -433,8 +448,23 @@ class Task(Waiter):
             raise TypeError(f"{self.name} was started twice; call the `async def` function again for each start")
 
     @property
+    def code(self) -> CodeType | None:
+        """That of its `async def` function; None: it is of another kind."""
+        return getattr(self._sequence, "cr_code", None)
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """What its function was called with, and what it uses of the functions around it; {} when it has ended."""
+        frame: FrameType | None = getattr(self._sequence, "cr_frame", None)
+        if frame is None:
+            return {}
+        code, values = frame.f_code, frame.f_locals
+        names = (*code.co_varnames[: code.co_argcount + code.co_kwonlyargcount], *code.co_freevars)
+        return {name: values[name] for name in names if name in values}
+
+    @property
     def shown(self) -> Waiter:
-        own = self.parent is not None and getattr(self._sequence, "cr_code", None) in _ADOPTING
+        own = self.parent is not None and self.code in _ADOPTING
         return self.parent.shown if own and self.parent is not None else self
 
     @property
@@ -587,6 +617,10 @@ class Sequences:
         self._tasks[task] = None
         self._tasks_of.setdefault(id(part), {})[task] = None
         return task
+
+    def of(self, part: Any) -> Collection[Task]:
+        """Those of one object."""
+        return self._tasks_of.get(id(part), {})
 
     def _remove(self, task: Task) -> None:
         if task in self._tasks:

@@ -17,7 +17,7 @@ import numpy as np
 
 from umo.cycle.columns import ASKED, FREE
 from umo.cycle.events import Event, Paths
-from umo.cycle.sequences import Sequences, next_period
+from umo.cycle.sequences import Sequences, one_period
 from umo.errors import CommandRefused
 from umo.objects import Actuator, Atomic, Compound, atoms, walk
 from umo.text import some
@@ -308,7 +308,7 @@ def _what_drives(
 
 async def _sent() -> None:
     """Let the values that were restored be sent before the application reads them."""
-    await next_period()
+    await one_period()
 
 
 async def _resumed(node: Compound) -> None:

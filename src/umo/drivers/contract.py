@@ -15,6 +15,7 @@ import numpy.typing as npt
 from typing_extensions import TypeVar
 
 from umo.errors import ChannelsFailed, DriverError, text_of
+from umo.user_code import check_overrides
 
 IntArray = npt.NDArray[np.int64]
 INT64 = np.iinfo(np.int64)
@@ -143,6 +144,11 @@ class Driver(ABC, Generic[C]):
     """True if the driver has a timer channel that runs in real time. Default: False."""
     simulates_time: bool = False
     """True if time passes in it by reading its timer channel only, as in a plant: it must be the machine's timer."""
+
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        """DeclarationError for an `async def` in the place of one of these functions."""
+        super().__init_subclass__(**keywords)
+        check_overrides(cls)
 
     # The paper's five segments -------------------------------------------------------------------
 

@@ -31,6 +31,7 @@ from umo.objects.paths import named
 from umo.objects.reaction import Reaction
 from umo.signature import hints_of
 from umo.text import cut_repr
+from umo.user_code import check_overrides
 
 if TYPE_CHECKING:
     from umo.objects.interlock import Interlock
@@ -280,8 +281,7 @@ class Compound(Node):
 
 
 def _check_hooks(cls: type[Compound]) -> None:
-    if inspect.iscoroutinefunction(cls.on_suspend):
-        raise DeclarationError(f"{cls.__name__}.on_suspend is a sequence; it must act at once: `def on_suspend(self)`")
+    check_overrides(cls)
     if not inspect.iscoroutinefunction(cls.on_resume):
         raise DeclarationError(f"{cls.__name__}.on_resume must be a sequence: `async def on_resume(self)`")
 

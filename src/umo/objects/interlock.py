@@ -11,6 +11,8 @@ from umo.objects.actuators import Actuator
 from umo.objects.atomic import Atomic
 from umo.objects.node import Node
 from umo.objects.paths import atoms
+from umo.text import cut_repr
+from umo.user_code import check_acts_at_once
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +58,9 @@ class Interlock:
 
     def __post_init__(self) -> None:
         if not callable(self.condition):
-            raise DeclarationError(f"the condition of an interlock must be a function, not {self.condition!r}")
+            given = cut_repr(self.condition)
+            raise DeclarationError(f"the condition of an interlock must be a function, `lambda: ...`, not {given}")
+        check_acts_at_once("the condition of an interlock", self.condition)
         if not isinstance(self.reason, str) or not self.reason.strip():
             raise DeclarationError(f"the reason of an interlock must be a text, not {self.reason!r}")
         if self.effect not in ("inhibit", "stop"):

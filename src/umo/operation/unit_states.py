@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from enum import IntEnum
 from typing import Any, ClassVar
 
-from umo.control import next_period
+from umo.cycle.sequences import one_period
 from umo.errors import CommandRefused, DeclarationError, TaskFailed
 from umo.objects import Compound, Number, action
 from umo.objects.laws import laws_in
@@ -14,7 +14,7 @@ from umo.objects.link import Task
 from umo.operation.model import ABORT, CLEAR, STOP, StateModel, UnitMode, sequence_name, title
 from umo.operation.resting import Resting
 from umo.operation.unit_checks import check_excluded, check_sequences
-from umo.user_code import attempt, briefly
+from umo.user_code import attempt, briefly, check_overrides
 
 MAX_RESULT_TEXT = 100
 """Length of a wrong result of `refusal` in its message at most, characters."""
@@ -49,6 +49,7 @@ class UnitStates:
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
+        check_overrides(cls)
         if hasattr(cls, "model"):
             check_sequences(cls, cls.model)
             check_excluded(cls, cls.model, cls.excluded)
@@ -100,7 +101,7 @@ class UnitStates:
     async def execute(self) -> None:
         """The work. Its end leads to the next state; by default it does not end."""
         while True:
-            await next_period()
+            await one_period()
 
     # Commands ------------------------------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import umo.errors as errors
 from umo.cycle.stopping import signal_name
-from umo.errors import AcknowledgeRequired, Interrupted, RecipeError, StopError, UmoError, WiringError
+from umo.errors import AcknowledgeRequired, Interrupted, NotAwaited, RecipeError, StopError, UmoError, WiringError
 from umo.exit_status import ExitStatus
 from umo.process.station import StationError
 from umo.system.descriptors import TooFewDescriptors
@@ -174,7 +174,8 @@ def message_of(failure: BaseException) -> str:
     if not isinstance(failure, UmoError | Interrupted):
         text = f"{type(failure).__name__}: {text}" if text else type(failure).__name__
     first, _, more = text.partition("\n")
-    first += in_brackets(_moment(failure), "" if isinstance(failure, Interrupted) else place_of(failure))
+    tells_place = isinstance(failure, Interrupted | NotAwaited)
+    first += in_brackets(_moment(failure), "" if tells_place else place_of(failure))
     if isinstance(failure, WiringError | RecipeError | AcknowledgeRequired) and more:
         return f"{first}\n{more}"
     others = [more, *(note for note in _notes(failure) if not isinstance(note, Moment))]

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from umo.cycle.not_awaited import heard
 from umo.errors import DeclarationError, UmoError, text_of
 from umo.objects import Compound
 from umo.system.packages import MARK, SHIPPED, package_of
@@ -108,7 +109,7 @@ class Station:
 
 def declared(make: Callable[..., Any], what: str, options: Mapping[str, Any]) -> Compound:
     """The machine that a function declares; DeclarationError if it fails or returns something else."""
-    with told_as(DeclarationError, f"{what} failed"):
+    with told_as(DeclarationError, f"{what} failed"), heard():
         root = make(**options)
     if not isinstance(root, Compound):
         raise DeclarationError(f"{what} returned {root!r}, not a Compound")

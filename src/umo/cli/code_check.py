@@ -1,0 +1,271 @@
+"""Mistakes in the code of a station that show late when it runs, or never: a sequence that nobody awaits, a function
+that nobody calls, a condition that is worked out once. Nothing of the code is carried out; what is not certain is not
+told."""
+
+from __future__ import annotations
+
+import ast
+import builtins
+import inspect
+import sys
+import time
+import tokenize
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from types import FunctionType, ModuleType
+from typing import Any
+
+from umo.alarms import Alarm
+from umo.control import Lock, first, timeout, together, unless, until
+from umo.cycle.sequence_mistakes import called_name
+from umo.errors import Mistake
+from umo.objects import Atomic, Compound, Interlock, link
+from umo.objects.atomic import Binary
+from umo.process.station import Station
+from umo.text import shown_path
+
+from .code_values import (
+    Exactly,
+    FunctionNode,
+    InnerFunction,
+    Instance,
+    MadeSequence,
+    ModuleCode,
+    NameScope,
+    Objects,
+    within,
+)
+
+CONDITIONS: Mapping[Any, str] = {until: "until", unless: "unless", Interlock: "Interlock"}
+"""What takes a condition as its first argument: a function of no arguments."""
+ASKING = (*CONDITIONS, Alarm)
+USELESS: Mapping[Any, str] = {timeout: "async with {}:", Lock: "async with {}:", Interlock: "yield {}"}
+"""What is of no use if nobody has it, and what to write."""
+BLOCKING = (time.sleep, builtins.input)
+"""What waits without letting periods pass."""
+SEQUENCES = (together, first, link.Cycle.start)
+"""What takes sequences only."""
+ENDS = (ast.Await, ast.AsyncWith, ast.AsyncFor, ast.Break, ast.Return, ast.Raise, ast.Yield, ast.YieldFrom)
+"""What a loop may wait by, or end by."""
+VALUES = (ast.Compare, ast.BoolOp, ast.UnaryOp, ast.Constant, ast.JoinedStr)
+"""Expressions that are no functions."""
+
+
+def mistakes_in(station: Station, machine: Compound) -> list[Mistake]:
+    """Those in all modules of the station that are imported, in the order of files and lines."""
+    modules = _modules(station)
+    sources = {module: _source(str(module.__file__)) for module in modules}
+    trees = {module: ast.parse(source) for module, source in sources.items()}
+    names, objects, main = _Attributes(trees.values()), Objects(machine, modules), station.main
+    found: list[Mistake] = []
+    for module, tree in trees.items():
+        check = _Check(ModuleCode(module, tree, objects, main), sources[module], names)
+        found += [Mistake(f"{shown_path(str(module.__file__))}:{line}", "", text) for line, text in check.all()]
+    return found
+
+
+def _modules(station: Station) -> list[ModuleType]:
+    """What of the station is imported."""
+    found = {}
+    for module in list(sys.modules.values()):
+        file = getattr(module, "__file__", None)
+        if isinstance(file, str) and file.endswith(".py") and Path(file).resolve().is_relative_to(station.path):
+            found[Path(file).resolve()] = module
+    return [found[file] for file in sorted(found)]
+
+
+def _source(file: str) -> str:
+    with tokenize.open(file) as stream:
+        return stream.read()
+
+
+class _Attributes:
+    """The names of the attributes that are read, and that are assigned, anywhere in the station."""
+
+    def __init__(self, trees: Iterable[ast.Module]) -> None:
+        nodes = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Attribute)]
+        self.read = {node.attr for node in nodes if isinstance(node.ctx, ast.Load)}
+        self.assigned = {node.attr for node in nodes if not isinstance(node.ctx, ast.Load)}
+
+
+class _Check:
+    """Of one module."""
+
+    def __init__(self, code: ModuleCode, source: str, attributes: _Attributes) -> None:
+        self._code, self._source, self._attributes = code, source, attributes
+        self._found: dict[tuple[int, str], None] = {}
+
+    def all(self) -> list[tuple[int, str]]:
+        """Line and text of each."""
+        self._look(NameScope(self._code.tree, None, self._code), None)
+        return sorted(self._found)
+
+    def _tell(self, node: ast.expr, text: str) -> None:
+        self._found[node.lineno, text.replace("{}", self._shown(node))] = None
+
+    def _shown(self, node: ast.expr) -> str:
+        return " ".join((ast.get_source_segment(self._source, node) or ast.unparse(node)).split())
+
+    # What is looked at ---------------------------------------------------------------------------------
+
+    def _look(self, scope: NameScope, in_class: ast.ClassDef | None) -> None:
+        """A module, a function or the body of a class, and the functions in it."""
+        for node in within(scope.node if in_class is None else in_class):
+            for kind, look in _LOOKS:
+                if isinstance(node, kind):
+                    look(self, node, scope)
+            if isinstance(node, FunctionNode | ast.Lambda):
+                self._look(NameScope(node, scope, self._code, self._owner(node, in_class)), None)
+            elif isinstance(node, ast.ClassDef):
+                self._look(scope, node)
+
+    def _owner(self, node: Any, in_class: ast.ClassDef | None) -> type | None:
+        """The class of the first argument of a method."""
+        decorators = {getattr(each, "id", "") for each in getattr(node, "decorator_list", ())}
+        if in_class is None or isinstance(node, ast.Lambda) or decorators & {"staticmethod", "classmethod"}:
+            return None
+        return self._code.class_at(in_class)
+
+    # Sequences -----------------------------------------------------------------------------------------
+
+    def _statement(self, node: ast.Expr, scope: NameScope) -> None:
+        made = self._code.thing(node.value, scope)
+        if isinstance(made, MadeSequence):
+            self._tell(node.value, NOT_AWAITED)
+        elif self._is_function(node.value, scope):
+            self._tell(node.value, "`{}` is not called, so nothing of it is done: write `{}()`")
+        elif isinstance(node.value, ast.Call) and isinstance(made, Instance) and made.kind in USELESS:
+            self._tell(node.value, f"`{{}}` alone does nothing: write `{USELESS[made.kind]}`")
+
+    def _assigned(self, node: ast.Assign, scope: NameScope) -> None:
+        """What a sequence is assigned to is read nowhere."""
+        if not isinstance(self._code.thing(node.value, scope), MadeSequence):
+            return
+        for target in node.targets:
+            if isinstance(target, ast.Name) and not isinstance(scope.node, ast.Module):
+                reads = (each.id for each in ast.walk(scope.node) if isinstance(each, ast.Name) and _is_read(each))
+                if target.id in reads:
+                    return
+            elif not (isinstance(target, ast.Attribute) and target.attr not in self._attributes.read):
+                return
+        self._tell(node.value, NOT_AWAITED)
+
+    def _returned(self, node: ast.Return, scope: NameScope) -> None:
+        """What a law returns goes nowhere."""
+        is_law = isinstance(scope.node, ast.FunctionDef) and _in_control(scope)
+        if is_law and node.value is not None and isinstance(self._code.thing(node.value, scope), MadeSequence):
+            self._tell(node.value, NOT_AWAITED)
+
+    def _test(self, node: Any, scope: NameScope) -> None:
+        self._truth(node.test, scope)
+
+    def _turns(self, node: ast.While, scope: NameScope) -> None:
+        """A loop of a sequence that asks an object and lets no period pass: the value stays what it is."""
+        if not isinstance(scope.node, ast.AsyncFunctionDef):
+            return
+        inside = [each for statement in node.body for each in ast.walk(statement)]
+        calls = (each for each in ast.walk(node.test) if isinstance(each, ast.Call))
+        if not any(isinstance(each, ENDS) for each in inside) and any(self._is_reading(each, scope) for each in calls):
+            self._tell(node.test, "`{}` stays what it is while no period passes: write `await until(lambda: ...)`")
+
+    def _is_reading(self, node: ast.Call, scope: NameScope) -> bool:
+        of = self._code.thing(node.func.value, scope) if isinstance(node.func, ast.Attribute) else None
+        return isinstance(of, Instance) and issubclass(of.kind, Atomic) and called_name(node) == "read"
+
+    def _filters(self, node: ast.comprehension, scope: NameScope) -> None:
+        for each in node.ifs:
+            self._truth(each, scope)
+
+    def _truth(self, node: ast.expr, scope: NameScope) -> None:
+        """It is asked whether it is true."""
+        if isinstance(node, ast.BoolOp):
+            for each in node.values:
+                self._truth(each, scope)
+        elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+            self._truth(node.operand, scope)
+        elif isinstance(self._code.thing(node, scope), MadeSequence):
+            self._tell(node, "`{}` is a sequence, which is always true: write `await {}`")
+        elif self._is_function(node, scope):
+            self._tell(node, "`{}` is not called, and a function is always true: write `{}()`")
+
+    def _compared(self, node: ast.Compare, scope: NameScope) -> None:
+        operands = [node.left, *node.comparators]
+        if any(isinstance(each, ast.Constant) and each.value is None for each in operands):
+            return
+        for each in operands:
+            if isinstance(self._code.thing(each, scope), MadeSequence):
+                self._tell(each, "`{}` is a sequence, not its result: write `await {}`")
+            elif self._is_function(each, scope):
+                self._tell(each, "`{}` is not called, and a function is compared: write `{}()`")
+
+    def _is_function(self, node: ast.expr, scope: NameScope) -> bool:
+        """Whether it is a method that is not called. One that is assigned somewhere may be none."""
+        if not isinstance(node, ast.Attribute) or node.attr in self._attributes.assigned:
+            return False
+        found = self._code.thing(node, scope)
+        of = self._code.thing(node.value, scope)
+        return isinstance(of, Instance) and isinstance(found, Exactly) and isinstance(found.value, FunctionType)
+
+    # Conditions ----------------------------------------------------------------------------------------
+
+    def _called(self, node: ast.Call, scope: NameScope) -> None:
+        function = self._code.thing(node.func, scope)
+        value = function.value if isinstance(function, Exactly) else None
+        given = [each for each in node.args if not isinstance(each, ast.Starred)]
+        if any(value is each for each in BLOCKING) and _in_control(scope):
+            self._tell(node, "`{}` stops the whole machine: write `await wait(...)` in a sequence")
+        if any(value is each for each in SEQUENCES):
+            for each in given:
+                if self._is_sequence_function(each, scope):
+                    self._tell(each, "`{}` is not called: write `{}()`")
+        if given and node.args[0] is given[0] and any(value is each for each in ASKING):
+            name = CONDITIONS.get(value)
+            self._condition(given[0], scope, name if name in ("until", "unless") else "")
+
+    def _is_sequence_function(self, node: ast.expr, scope: NameScope) -> bool:
+        found = self._code.thing(node, scope)
+        if isinstance(found, InnerFunction):
+            return isinstance(found.node, ast.AsyncFunctionDef)
+        return isinstance(found, Exactly) and inspect.iscoroutinefunction(found.value)
+
+    def _condition(self, node: ast.expr, scope: NameScope, function: str) -> None:
+        """`function`: what asks it; "": it is declared, which refuses what is no function."""
+        found = self._code.thing(node, scope)
+        if isinstance(node, ast.Lambda):
+            if isinstance(self._code.thing(node.body, NameScope(node, scope, self._code)), MadeSequence):
+                self._tell(node.body, "`{}` is a sequence, which is always true: a condition acts at once")
+        elif self._is_sequence_function(node, scope):
+            self._tell(node, "`{}` is a sequence, which is always true: a condition acts at once")
+        elif function and isinstance(found, MadeSequence):
+            self._tell(node, "`{}` is a sequence, no condition: write `await {}`")
+        elif function and isinstance(found, Instance) and issubclass(found.kind, Atomic):
+            compared = " is ..." if issubclass(found.kind, Binary) else " > ..."
+            self._tell(node, f"`{{}}` is an object, no function: write `{function}(lambda: {{}}.read(){compared})`")
+        elif function and isinstance(node, VALUES):
+            self._tell(node, f"`{{}}` is worked out once, before: write `{function}(lambda: {{}})`")
+
+
+NOT_AWAITED = (
+    "nobody awaits `{}`, so nothing of it is done; write `await` before it, or, where that is no sequence, "
+    "`cycle.start(...)` around it"
+)
+_LOOKS: tuple[tuple[Any, Callable[[_Check, Any, NameScope], None]], ...] = (
+    (ast.Expr, _Check._statement),
+    (ast.Assign, _Check._assigned),
+    (ast.Return, _Check._returned),
+    (ast.If | ast.While | ast.IfExp | ast.Assert, _Check._test),
+    (ast.While, _Check._turns),
+    (ast.comprehension, _Check._filters),
+    (ast.Compare, _Check._compared),
+    (ast.Call, _Check._called),
+)
+
+
+def _in_control(scope: NameScope) -> bool:
+    """Whether it is the code of a sequence or a law."""
+    is_law = getattr(scope.node, "name", "") == "control" and scope.owner is not None
+    return is_law or isinstance(scope.node, ast.AsyncFunctionDef)
+
+
+def _is_read(name: ast.Name) -> bool:
+    return isinstance(name.ctx, ast.Load)

@@ -1,0 +1,358 @@
+"""What the expressions in a station's code are, as far as that is certain: from annotations, and from the machine that
+the station declares. Nothing of the code is carried out."""
+
+from __future__ import annotations
+
+import ast
+import builtins
+import inspect
+import sys
+from collections.abc import Callable, Coroutine, Iterable, Iterator, Mapping
+from functools import cached_property
+from types import FunctionType, ModuleType, NoneType, UnionType
+from typing import Annotated, Any, NamedTuple, TypeVar, Union, get_args, get_origin
+
+from umo.objects import Compound, walk
+from umo.objects.laws import laws_in
+from umo.signature import evaluated, hints_of
+
+FunctionNode = ast.FunctionDef | ast.AsyncFunctionDef
+ScopeNode = ast.Module | ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
+
+
+class Exactly(NamedTuple):
+    """The very object: a module, a class, a function, something in a module."""
+
+    value: Any
+
+
+class Instance(NamedTuple):
+    """An object of a class."""
+
+    kind: type
+
+
+class Holding(NamedTuple):
+    """What has several of these in it. `keyed`: it is a mapping, and these are its values."""
+
+    each: Thing | None
+    keyed: bool = False
+
+
+class MadeSequence(NamedTuple):
+    """What the call of a sequence has made. `result`: what awaiting it gives."""
+
+    result: Thing | None
+
+
+class InnerFunction(NamedTuple):
+    """A function in another function."""
+
+    node: FunctionNode
+
+
+Thing = Exactly | Instance | Holding | MadeSequence | InnerFunction
+"""What an expression is; None: that is not certain."""
+
+
+class Binding(NamedTuple):
+    """How a name comes by its value in a function. `resolve` tells what that is."""
+
+    how: str
+    node: Any
+
+
+class NameScope:
+    """The names of a module or a function."""
+
+    def __init__(self, node: ScopeNode, around: NameScope | None, code: ModuleCode, owner: type | None = None) -> None:
+        self.node, self.around, self.code, self.owner = node, around, code, owner
+
+    @cached_property
+    def bindings(self) -> dict[str, list[Binding]]:
+        found: dict[str, list[Binding]] = {}
+        if not isinstance(self.node, ast.Module):
+            for name, binding in _bindings(self.node):
+                found.setdefault(name, []).append(binding)
+        return found
+
+    def look_up(self, name: str) -> Thing | None:
+        bindings = self.bindings.get(name)
+        if bindings is not None:
+            found = [self._bound(each) for each in bindings]
+            return found[0] if all(_same(each, found[0]) for each in found) else None
+        return self.code.of_module(name) if self.around is None else self.around.look_up(name)
+
+    def _bound(self, binding: Binding) -> Thing | None:
+        how, node = binding
+        if how == "argument":
+            return self._argument(node)
+        if how == "value":
+            return self.code.thing(node, self)
+        if how == "element":
+            found = self.code.thing(node, self)
+            return found.each if isinstance(found, Holding) and not found.keyed else None
+        if how == "annotation":
+            return self.code.annotated(node, self)
+        return InnerFunction(node) if how == "function" and not node.decorator_list else None
+
+    def _argument(self, node: ast.arg) -> Thing | None:
+        if node.annotation is not None:
+            return self.code.annotated(node.annotation, self)
+        first = [*self.node.args.posonlyargs, *self.node.args.args][:1] if hasattr(self.node, "args") else []
+        if first != [node]:
+            return None
+        if self.owner is not None:
+            return Instance(self.owner)
+        return self.code.first_argument(self.node)
+
+
+def _bindings(scope: Any) -> Iterator[tuple[str, Binding]]:
+    """All names that a function binds, but for those of functions in it."""
+    arguments = scope.args
+    for each in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs):
+        yield each.arg, Binding("argument", each)
+    for each in filter(None, (arguments.vararg, arguments.kwarg)):
+        yield each.arg, Binding("", each)
+    for node in within(scope):
+        yield from _bound_by(node)
+
+
+def _bound_by(node: ast.AST) -> Iterator[tuple[str, Binding]]:
+    if isinstance(node, ast.Assign) and len(node.targets) == 1 and isinstance(node.targets[0], ast.Name):
+        yield node.targets[0].id, Binding("value", node.value)
+    elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+        yield node.target.id, Binding("annotation", node.annotation)
+    elif isinstance(node, ast.For | ast.comprehension) and isinstance(node.target, ast.Name):
+        yield node.target.id, Binding("element", node.iter)
+    elif isinstance(node, FunctionNode):
+        yield node.name, Binding("function", node)
+    elif isinstance(node, ast.ClassDef):
+        yield node.name, Binding("", node)
+    elif isinstance(node, ast.Import | ast.ImportFrom):
+        for alias in node.names:
+            yield (alias.asname or alias.name).partition(".")[0], Binding("", node)
+    elif isinstance(node, ast.ExceptHandler | ast.MatchAs | ast.MatchStar) and node.name:
+        yield node.name, Binding("", node)
+    else:
+        targets = {ast.Assign: "targets", ast.AugAssign: "target", ast.For: "target", ast.NamedExpr: "target"}
+        for each in _names(getattr(node, targets.get(type(node), "optional_vars"), None)):
+            yield each, Binding("", node)
+
+
+def _same(one: Thing | None, other: Thing | None) -> bool:
+    if isinstance(one, Exactly) and isinstance(other, Exactly):
+        return one.value is other.value
+    return type(one) is type(other) and one == other
+
+
+def _names(target: Any) -> Iterator[str]:
+    for one in target if isinstance(target, list) else [target] if target is not None else []:
+        yield from (each.id for each in ast.walk(one) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store))
+
+
+def within(scope: ast.AST) -> Iterator[ast.AST]:
+    """All nodes of a function or module that belong to it and to no function in it; those functions themselves too."""
+    body = scope.body if isinstance(scope.body, list) else [scope.body]  # type: ignore[attr-defined]
+    waiting: list[ast.AST] = body[::-1]
+    while waiting:
+        node = waiting.pop()
+        yield node
+        if not isinstance(node, FunctionNode | ast.Lambda | ast.ClassDef):
+            waiting += list(ast.iter_child_nodes(node))[::-1]
+
+
+class ModuleCode:
+    """One module of a station. `machine`: what the station declares. `main`: its application."""
+
+    def __init__(self, module: ModuleType, tree: ast.Module, known: Objects, main: Any = None) -> None:
+        self._module, self.tree, self._known, self._main = module, tree, known, main
+        self._at_work: set[int] = set()
+
+    def of_module(self, name: str) -> Thing | None:
+        """A name of the module, or of Python. One that is imported for type checkers only is sought in the others."""
+        for names in (vars(self._module), vars(builtins)):
+            if name in names:
+                return Exactly(names[name])
+        found = self._known.classes.get(name)
+        return None if found is None else Exactly(found)
+
+    def class_at(self, node: ast.ClassDef) -> type | None:
+        """The class that a statement of this module makes."""
+        found = vars(self._module).get(node.name)
+        own = isinstance(found, type) and found.__module__ == self._module.__name__ and found.__name__ == node.name
+        return found if own else None
+
+    def first_argument(self, node: Any) -> Thing | None:
+        """Of the application, the machine."""
+        is_main = getattr(getattr(self._main, "__code__", None), "co_firstlineno", 0) == node.lineno
+        here = getattr(self._main, "__module__", "") == self._module.__name__
+        return Instance(type(self._known.machine)) if is_main and here else None
+
+    def annotated(self, node: ast.expr, scope: NameScope) -> Thing | None:
+        """What has this annotation."""
+        names = {**vars(self._known), **self._known.classes, **vars(self._module)}
+        return of_hint(evaluated(ast.unparse(node), names))
+
+    def thing(self, node: ast.expr, scope: NameScope) -> Thing | None:
+        """What an expression is."""
+        work = _EXPRESSIONS.get(type(node))
+        if work is None or id(node) in self._at_work:  # a name that is bound by itself
+            return None
+        self._at_work.add(id(node))
+        try:
+            return work(self, node, scope)
+        finally:
+            self._at_work.discard(id(node))
+
+    def _name(self, node: ast.Name, scope: NameScope) -> Thing | None:
+        return scope.look_up(node.id)
+
+    def _attribute(self, node: ast.Attribute, scope: NameScope) -> Thing | None:
+        of = self.thing(node.value, scope)
+        if isinstance(of, Exactly):
+            if isinstance(of.value, ModuleType):
+                return Exactly(vars(of.value)[node.attr]) if node.attr in vars(of.value) else None
+            if isinstance(of.value, type):
+                found = inspect.getattr_static(of.value, node.attr, None)
+                return None if found is None else Exactly(_plain(found))
+            of = Instance(type(of.value))
+        return self._known.attribute(of.kind, node.attr) if isinstance(of, Instance) else None
+
+    def _subscript(self, node: ast.Subscript, scope: NameScope) -> Thing | None:
+        of = self.thing(node.value, scope)
+        if isinstance(of, Holding):
+            return of if isinstance(node.slice, ast.Slice) else of.each
+        return None
+
+    def _await(self, node: ast.Await, scope: NameScope) -> Thing | None:
+        of = self.thing(node.value, scope)
+        return of.result if isinstance(of, MadeSequence) else None
+
+    def _call(self, node: ast.Call, scope: NameScope) -> Thing | None:
+        if isinstance(node.func, ast.Attribute) and node.func.attr == "values":  # of a mapping of parts
+            of = self.thing(node.func.value, scope)
+            return Holding(of.each) if isinstance(of, Holding) and of.keyed else None
+        function = self.thing(node.func, scope)
+        if isinstance(function, InnerFunction):
+            returns = function.node.returns
+            returned = None if returns is None else self.annotated(returns, scope)
+            return MadeSequence(returned) if isinstance(function.node, ast.AsyncFunctionDef) else returned
+        if not isinstance(function, Exactly):
+            return None
+        if isinstance(function.value, type):
+            return Instance(function.value)
+        if not isinstance(function.value, FunctionType):
+            return None
+        returned = of_hint(_returned(function.value))
+        return MadeSequence(returned) if inspect.iscoroutinefunction(function.value) else returned
+
+
+_EXPRESSIONS: Mapping[type[ast.AST], Callable[..., Thing | None]] = {
+    ast.Name: ModuleCode._name,
+    ast.Attribute: ModuleCode._attribute,
+    ast.Subscript: ModuleCode._subscript,
+    ast.Await: ModuleCode._await,
+    ast.Call: ModuleCode._call,
+}
+
+
+class Objects:
+    """What the station's machine is made of, and the classes of its modules by name."""
+
+    def __init__(self, machine: Compound, modules: list[ModuleType]) -> None:
+        self.machine = machine
+        laws = [law for _, _, law in laws_in(machine)]
+        self._all: list[Any] = [machine, *walk(machine), *laws]
+        found: dict[str, set[type]] = {}
+        for module in modules:
+            for name, value in vars(module).items():
+                if isinstance(value, type):
+                    found.setdefault(name, set()).add(value)
+        self.classes = {name: kinds.pop() for name, kinds in found.items() if len(kinds) == 1}
+
+        self._attributes: dict[tuple[type, str], Thing | None] = {}
+
+    def attribute(self, kind: type, name: str) -> Thing | None:
+        """An attribute of an object of this class."""
+        if (kind, name) not in self._attributes:
+            self._attributes[kind, name] = self._find(kind, name)
+        return self._attributes[kind, name]
+
+    def _find(self, kind: type, name: str) -> Thing | None:
+        of_class = inspect.getattr_static(kind, name, None)
+        if isinstance(of_class, property):
+            return of_hint(_returned(of_class.fget))
+        function = _plain(of_class)
+        if isinstance(function, FunctionType):
+            return Exactly(function) if self._always(kind, name, function) else None
+        of_objects = {_of_value(value) for value in self._values(kind, name)}
+        if len(of_objects) == 1:
+            return of_objects.pop()
+        return of_hint(hints_of(kind).get(name))
+
+    def _always(self, kind: type, name: str, function: FunctionType) -> bool:
+        """Whether no class below has something of another kind in the place of a method, and no object either."""
+        is_sequence = inspect.iscoroutinefunction(function)
+        others = [_plain(inspect.getattr_static(each, name)) for each in _below(kind)]
+        if any(inspect.iscoroutinefunction(each) != is_sequence for each in others):
+            return False
+        return name == "control" or not self._values(kind, name)
+
+    def _values(self, kind: type, name: str) -> list[Any]:
+        """Those of an attribute, of all objects of a class that have it themselves."""
+        own = (getattr(each, "__dict__", {}) for each in self._all if kind in type(each).__mro__)
+        return [each[name] for each in own if name in each]
+
+
+def _below(kind: type) -> Iterator[type]:
+    each: type
+    for each in type.__subclasses__(kind):
+        yield each
+        yield from _below(each)
+
+
+def _plain(found: Any) -> Any:
+    """The function of a method, of whatever kind it is."""
+    return found.__func__ if isinstance(found, staticmethod | classmethod) else found
+
+
+def _returned(function: Any) -> Any:
+    annotations = getattr(function, "__annotations__", {})
+    names = vars(sys.modules.get(getattr(function, "__module__", ""), object))
+    return evaluated(annotations["return"], names) if "return" in annotations else None
+
+
+def _of_value(value: Any) -> Thing | None:
+    """What the value of an attribute is, as data that can be compared."""
+    if value is None or isinstance(value, FunctionType):
+        return None
+    if isinstance(value, tuple | list):
+        kinds = {type(each) for each in value}
+    elif isinstance(value, Mapping):
+        kinds = {type(each) for each in value.values()}
+    else:
+        return Instance(type(value))
+    return Holding(Instance(kinds.pop()) if len(kinds) == 1 else None, isinstance(value, Mapping))
+
+
+def of_hint(hint: Any) -> Thing | None:
+    """What has this annotation."""
+    if isinstance(hint, TypeVar):
+        return of_hint(hint.__bound__)
+    if isinstance(hint, type) and get_origin(hint) is None:
+        return None if hint in (Any, NoneType, object) else Instance(hint)
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return of_hint(arguments[0])
+    if origin in (Union, UnionType):
+        others = [each for each in arguments if each is not NoneType]
+        return of_hint(others[0]) if len(others) == 1 else None
+    if not isinstance(origin, type):
+        return None
+    if issubclass(origin, Coroutine):
+        return MadeSequence(of_hint(arguments[-1]) if arguments else None)
+    if issubclass(origin, Iterable) and origin.__module__ in ("collections.abc", "builtins", "types"):
+        keyed, is_plain = issubclass(origin, Mapping), arguments and (origin is not tuple or arguments[1:] == (...,))
+        return Holding(of_hint(arguments[-1 if keyed else 0]) if is_plain else None, keyed)
+    return Instance(origin)

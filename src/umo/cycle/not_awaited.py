@@ -1,0 +1,258 @@
+"""A sequence that was called and is let go without an `await`: an error in the line that lets go of it.
+
+Python only warns of it, by one function for the whole process, and goes on. While a machine is connected umo stands in
+the place of that function for the thread of the machine. The error is raised in the innermost code that expects errors
+of a user's code, when its next line is to begin or it returns: so it is a failure of that sequence or law, of its
+equipment, or of the run. An error that is under way already comes first: then what it lets go was not forgotten.
+"""
+
+from __future__ import annotations
+
+import ast
+import gc
+import inspect
+import linecache
+import opcode
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from threading import get_ident
+from types import CodeType, FrameType
+from typing import Any, TypeVar
+
+from umo.cycle.sequence_mistakes import called_name
+from umo.errors import NotAwaited
+from umo.text import CodePlace, is_own, shown_place
+
+Raising = TypeVar("Raising", bound=Callable[..., Any])
+_FUNNEL = "_warn_unawaited_coroutine"
+"""The function of `warnings` that Python calls with each coroutine that nobody has awaited."""
+
+
+def _codes(*names: str) -> frozenset[int]:
+    """Some instructions by their numbers; each version of Python has others."""
+    return frozenset(number for name, number in opcode.opmap.items() if name.startswith(names))
+
+
+_DROPS = _codes("POP_TOP")
+"""The instruction that drops the result of a statement."""
+_LEAVES = _codes("RETURN", "YIELD")
+"""Those by which code returns, or waits, without an error."""
+_FORGETS = _codes("STORE", "DELETE")
+"""Those that let go of what a name was: of a sequence, or of an error and all that its frames had."""
+_HANDLES = _codes("POP_EXCEPT", "RERAISE")
+"""Those that let go of an error."""
+_CATCHES = _codes("PUSH_EXC_INFO")
+"""The one with which the handling of an error begins."""
+_EXPECTING: set[CodeType] = set()
+"""The code of `expects_errors`."""
+_ADVANCING: set[CodeType] = set()
+"""The code of `advances`."""
+
+
+def expects_errors(function: Raising) -> Raising:
+    """Decorator of a function of umo that calls code of the user's: its callers know what to do with the errors."""
+    _EXPECTING.add(function.__code__)
+    return function
+
+
+def advances(function: Raising) -> Raising:
+    """Decorator of the function of umo in which a sequence takes a step. What it raises itself would not be understood:
+    its caller expects the errors."""
+    _ADVANCING.add(function.__code__)
+    return function
+
+
+class _Watch:
+    """Of all machines of this process."""
+
+    def __init__(self) -> None:
+        self._threads: list[int] = []
+        """The thread of each connected machine."""
+        self._former: Callable[[Any], object] = _pass_over
+        self._collecting = False
+        """Whether the garbage collector is at work: what it lets go has nothing to do with the code at that place."""
+        self.debugger: Any = None
+        """What has traced the thread before an error was raised."""
+
+    def begin(self, thread: int) -> None:
+        if not self._threads:
+            self._former = getattr(warnings, _FUNNEL)
+            setattr(warnings, _FUNNEL, self._let_go)
+            gc.callbacks.append(self._note_collecting)
+        self._threads.append(thread)
+
+    def end(self, thread: int) -> None:
+        self._threads.remove(thread)
+        if not self._threads:
+            setattr(warnings, _FUNNEL, self._former)
+            gc.callbacks.remove(self._note_collecting)
+        if self.debugger is not None and sys.gettrace() is None:
+            sys.settrace(self.debugger)
+        self.debugger = None
+
+    def _note_collecting(self, phase: str, info: object) -> None:
+        self._collecting = phase == "start"
+
+    def _let_go(self, coroutine: Any) -> None:
+        origin, frame = _origin(coroutine), sys._getframe(1)
+        if origin is None or get_ident() not in self._threads or self._collecting or not _was_forgotten(frame, origin):
+            self._former(coroutine)
+            return
+        tracing = sys.gettrace()
+        if isinstance(getattr(tracing, "__self__", None), _Pending):
+            return  # of several the first is told
+        self.debugger = self.debugger or tracing
+        _close_given(coroutine)
+        _Pending(_text(coroutine, origin), frame, partial(self._former, coroutine)).wait_in(frame)
+
+
+def _pass_over(coroutine: object) -> None:
+    """Nobody is told."""
+
+
+_WATCH = _Watch()
+
+
+def _instruction(frame: FrameType) -> int:
+    """The number of the one that is carried out."""
+    code, place = frame.f_code.co_code, frame.f_lasti
+    while place > 0 and code[place] == 0:  # a cache behind the instruction
+        place -= 2
+    return code[place]
+
+
+def _was_forgotten(frame: FrameType, origin: CodePlace) -> bool:
+    """Whether a sequence that this frame lets go may have been forgotten, and has not belonged to what an error has
+    ended: then it may be let go wherever that error is."""
+    instruction, code = _instruction(frame), frame.f_code
+    if is_own(code.co_filename) and code not in _EXPECTING and code not in _ADVANCING:
+        return instruction in _DROPS
+    if instruction in _FORGETS:
+        return (code.co_filename, code.co_name) == (origin.file, origin.function)
+    return instruction not in _HANDLES
+
+
+def _close_given(coroutine: Any) -> None:
+    """The sequences that were given to one that is not awaited: that is told of the one."""
+    for value in inspect.getcoroutinelocals(coroutine).values():
+        for each in value if isinstance(value, tuple) else (value,):
+            if inspect.iscoroutine(each) and inspect.getcoroutinestate(each) == inspect.CORO_CREATED:
+                each.close()
+
+
+def hear() -> Callable[[], None]:
+    """From now on it is an error if this thread awaits a sequence nowhere. Returns the function that ends this."""
+    thread, depth = get_ident(), sys.get_coroutine_origin_tracking_depth()
+    sys.set_coroutine_origin_tracking_depth(max(depth, 1))
+    _WATCH.begin(thread)
+
+    def end() -> None:
+        _WATCH.end(thread)
+        if get_ident() == thread:
+            sys.set_coroutine_origin_tracking_depth(depth)
+
+    return end
+
+
+@contextmanager
+def heard() -> Iterator[None]:
+    """The same for a block."""
+    end = hear()
+    try:
+        yield
+    finally:
+        end()
+
+
+def _origin(coroutine: Any) -> CodePlace | None:
+    """Where it was called; None: that, and what was called, is not of the user's, or not known."""
+    code: CodeType | None = getattr(coroutine, "cr_code", None)
+    places = getattr(coroutine, "cr_origin", None)
+    if code is None or not places or (is_own(places[0][0]) and is_own(code.co_filename)):
+        return None
+    return CodePlace(*places[0])
+
+
+def _text(coroutine: Any, origin: CodePlace) -> str:
+    name, code = coroutine.__name__, coroutine.cr_code
+    if is_own(origin.file):  # umo has called what it takes for a plain function
+        place = shown_place(CodePlace(code.co_filename, code.co_firstlineno, "<module>"))
+        return f"{place}: `{name}` is a sequence, and what calls it does not wait: write `def {name}`"
+    call = _call_in(linecache.getline(origin.file, origin.line), name)
+    return (
+        f"{shown_place(origin)}: nobody awaits `{call}`, so nothing of it is done; write `await` before it, or, where "
+        "that is no sequence, `cycle.start(...)` around it"
+    )
+
+
+def _call_in(line: str, name: str) -> str:
+    """The call of the function in a line of the source; of one that goes on in the next line its name."""
+    text = line.strip()
+    for whole in (text, f"{text} pass", f"{text} pass".removeprefix("el")):
+        try:
+            nodes = ast.walk(ast.parse(whole))
+        except (SyntaxError, ValueError):
+            continue
+        for node in nodes:
+            if isinstance(node, ast.Call) and called_name(node) == name:
+                return ast.get_source_segment(whole, node) or name
+    return f"{name}(...)"
+
+
+class _Pending:
+    """An error that is raised when a frame goes on. A debugger that traces this thread traces no longer."""
+
+    def __init__(self, text: str, frame: FrameType, warn: Callable[[], object]) -> None:
+        self._text, self._warn = text, warn
+        self._handled = sys.exc_info()[1]
+        self._is_certain = _instruction(frame) in _DROPS
+        """Whether the sequence was let go in the normal course, not since an error has ended what had it."""
+
+    def wait_in(self, frame: FrameType) -> None:
+        """Until the next line of the frame, or its end."""
+        frame.f_trace = self._look
+        sys.settrace(self._at_call)
+
+    def _at_call(self, frame: FrameType, event: str, argument: Any) -> None:
+        """Nothing else is traced."""
+
+    def _look(self, frame: FrameType, event: str, argument: Any) -> Any:
+        expects = frame.f_code in _EXPECTING or not is_own(frame.f_code.co_filename)
+        has_ended = event == "exception" and issubclass(argument[0], StopIteration)  # a sequence, of its own accord
+        frame.f_trace = None
+        if not has_ended and self._is_failing(frame, event):
+            self._give_up()
+        elif expects:
+            raise NotAwaited(self._text)
+        else:
+            self._go_out(frame)
+        return None
+
+    def _is_failing(self, frame: FrameType, event: str) -> bool:
+        """Whether another error is under way."""
+        instruction = _instruction(frame)
+        if event == "return":
+            return instruction not in _LEAVES
+        handled = sys.exc_info()[1]
+        is_new = handled is not None and handled is not self._handled
+        return event == "exception" or instruction in _CATCHES or (is_new and not self._is_certain)
+
+    def _go_out(self, frame: FrameType) -> None:
+        """To the code around that expects errors."""
+        self._is_certain = True
+        outer = frame.f_back
+        while outer is not None and outer.f_code not in _EXPECTING and is_own(outer.f_code.co_filename):
+            outer = outer.f_back
+        if outer is None:
+            self._give_up()
+        else:
+            self.wait_in(outer)
+
+    def _give_up(self) -> None:
+        """Another error is raised, or there is nobody to raise this one to: Python warns as usual."""
+        sys.settrace(_WATCH.debugger)
+        if self._is_certain:
+            self._warn()

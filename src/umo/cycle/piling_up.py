@@ -1,0 +1,63 @@
+"""Sequences that pile up: one is started again and again while the former ones still run. It is told once."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Collection
+from enum import Enum
+from traceback import walk_stack
+from types import CodeType
+from typing import Any
+
+from umo.cycle.sequences import Task
+from umo.text import place_among
+
+FEW = 16
+"""Number of periods that is told, in which sequences were started that now run: of one function, for one object."""
+MANY = 1000
+"""The same of one function, whatever it was called with."""
+
+
+class PilingUp:
+    """Of one machine. Looking takes as long as there are sequences of a part: so it is done when these have doubled."""
+
+    def __init__(self) -> None:
+        self._next: dict[tuple[int, CodeType], int] = {}
+        """The number of sequences of a part at which those of a function are looked at next."""
+        self._told: set[CodeType] = set()
+
+    def look(self, task: Task, beside: Collection[Task]) -> str:
+        """What is to be told of a sequence that was just started; "" for nothing. `beside`: all of its part."""
+        if (code := task.code) is None or code in self._told:
+            return ""
+        key = id(task.part), code
+        if len(beside) < self._next.get(key, FEW):
+            return ""
+        self._next[key] = 2 * len(beside)
+        alike = [each for each in beside if each.code is code]
+        given = _given(task)
+        same = [each for each in alike if _given(each) == given]
+        found = same if _periods(same) >= FEW else alike if _periods(alike) >= MANY else []
+        if not found:
+            return ""
+        self._told.add(code)
+        place = place_among((at.f_code.co_filename, line, at.f_code.co_name) for at, line in _stack())
+        return (
+            f"{len(found):,} of {task.name} run side by side, and more are started ({place}): "
+            "start it when the former `task.done`, or cancel that"
+        )
+
+
+def _stack() -> list[tuple[Any, int]]:
+    """The frames of whoever starts it, the outermost first."""
+    return list(walk_stack(sys._getframe(2)))[::-1]
+
+
+def _periods(tasks: list[Task]) -> int:
+    return len({each.started_in for each in tasks})
+
+
+def _given(task: Task) -> list[Any]:
+    """What tells one call of a function from another one: objects, whole numbers, texts; not a value that was read."""
+    given = (each for each in task.given.values() if not isinstance(each, float))
+    return [each if isinstance(each, int | str | Enum) else id(each) for each in given]

@@ -1,0 +1,119 @@
+"""Mistakes with sequences, put into words: what is no condition of a wait, what is no sequence, what cannot be awaited.
+Each text says what to write instead."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import linecache
+import sys
+from collections.abc import Generator
+from itertools import islice
+from types import CoroutineType, FrameType, FunctionType
+from typing import Any
+
+from umo.objects import Atomic
+from umo.objects.atomic import Binary
+from umo.states import TwoState
+from umo.text import cut_repr, is_own, str_of
+
+AWAITABLE_HINT = "a sequence can await only the functions of umo.control"
+"""Words of a message: what a sequence can await."""
+
+
+def meant_await(error: BaseException) -> str:
+    """What is wrong with an `await`, of which Python tells less; "": something else is wrong."""
+    text = str_of(error) if type(error) in (RuntimeError, TypeError) else ""
+    if text == "no running event loop":  # asyncio.sleep, for one
+        return f"asyncio cannot be used in a sequence; {AWAITABLE_HINT}"
+    if not text.endswith("can't be used in 'await' expression"):
+        return ""
+    if text.startswith(("object method", "object function")):
+        return f"{text}: it is not called; write `await ...()`"
+    return f"{text}; {AWAITABLE_HINT}"
+
+
+def instead_of_sequence(given: object) -> str:
+    """What was given in the place of a sequence, and what to write."""
+    if inspect.iscoroutinefunction(given):
+        name = getattr(given, "__name__", "it")
+        return f"{name} is an `async def` function and was not called: write `{name}()`"
+    if inspect.isasyncgen(given):
+        return f"{given.__name__}() is not a sequence, as there is a `yield` in it"
+    if isinstance(given, list | tuple | set | frozenset | Generator):
+        return f"a {type(given).__name__} is not a sequence; several are given by a star: `together(*sequences)`"
+    return f"{cut_repr(given)} is not a sequence; call an `async def` function"
+
+
+def check_condition(function: str, condition: object) -> None:
+    """TypeError for what cannot be asked in each period, such as the result of a comparison, and for a sequence. For
+    `function` itself, an `async def`: it looks for the call in the code around it."""
+    if type(condition) is FunctionType and not condition.__code__.co_flags & inspect.CO_COROUTINE:
+        return  # nearly always
+    if not callable(condition) or isinstance(condition, type):
+        source = _first_argument(function, sys._getframe(1).f_back)
+        instead = _instead(function, condition, source)
+        if isinstance(condition, CoroutineType):
+            condition.close()  # it is told here that nobody awaits it
+        raise TypeError(f"{function}() takes a function, which it asks in every period; {instead}")
+    name = getattr(condition, "__name__", "the condition")
+    if inspect.iscoroutinefunction(condition):
+        raise TypeError(f"{function}() asks a condition, which answers at once; {name} is a sequence: `def {name}`")
+    item = getattr(condition, "__self__", None)
+    if isinstance(item, Atomic):
+        source = (_first_argument(function, sys._getframe(1).f_back) or f"{item.path}.{name}").removesuffix(".read")
+        raise TypeError(f"{function}() asks a condition, which is true or false: {_compared(function, item, source)}")
+
+
+def _compared(function: str, item: Atomic, source: str) -> str:
+    if isinstance(item, Binary):
+        return f"write `{function}(lambda: {source}.read() is {type(item.one).__name__}.{item.one.name})`"
+    return f"write such as `{function}(lambda: {source}.read() > 5.0)`"
+
+
+def _instead(function: str, given: object, source: str) -> str:
+    """What was given, and what to write."""
+    name = source or "..."
+    if isinstance(given, CoroutineType):
+        return f"`{source or given.__name__}` is a sequence: write `await {source or given.__name__}`"
+    if callable(getattr(given, "__await__", None)):
+        return f"`{name}` is a task: write `await {name}`, or `{function}(lambda: {name}.done)`"
+    if isinstance(given, Atomic):
+        return f"`{name}` is an object: {_compared(function, given, name)}"
+    if isinstance(given, TwoState):
+        compared = f"{name} is {type(given).__name__}.{given.name}"
+        return f"`{name}` was read once, before, and gave {given}: write `{function}(lambda: {compared})`"
+    if source and not isinstance(given, type):
+        once = f"`{source}` was worked out once, before, and gave {cut_repr(given)}"
+        return f"{once}: write `{function}(lambda: {source})`"
+    return f"{cut_repr(given)} is none: write `{function}(lambda: ...)`"
+
+
+def _first_argument(function: str, frame: FrameType | None) -> str:
+    """The source of the first argument of the call that this frame awaits; "" where it cannot be read."""
+    if frame is None or is_own(frame.f_code.co_filename):
+        return ""
+    start, end, _, _ = next(islice(frame.f_code.co_positions(), frame.f_lasti // 2, None), (None,) * 4)
+    if start is None or end is None:
+        return ""
+    lines = [linecache.getline(frame.f_code.co_filename, number) for number in range(start, end + 1)]
+    return _argument_in("".join(lines).strip(), function)
+
+
+def _argument_in(text: str, function: str) -> str:
+    for whole in (text, f"{text} pass"):
+        try:
+            tree = ast.parse(whole)
+        except (SyntaxError, ValueError):
+            continue
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Call) and node.args and called_name(node) == function:
+                return " ".join((ast.get_source_segment(whole, node.args[0]) or "").split())
+    return ""
+
+
+def called_name(call: ast.Call) -> str:
+    """The name of what is called: `until` of `control.until(...)`."""
+    function: Any = call.func
+    name: str = getattr(function, "attr", getattr(function, "id", ""))
+    return name
