@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import inf
 
 from umo.errors import CommandRefused, LeaseHeld
-from umo.faces.command_users import lives, who_text
+from umo.faces.command_users import lives, named
 from umo.faces.face import User
 from umo.faces.gateway import Gateway
 
@@ -22,10 +22,10 @@ class SoleLease(Gateway):
             raise CommandRefused(refusal)
         owner = self.owner
         if owner is not None and owner.name != user.name and not over:
-            raise LeaseHeld(f"{who_text(owner, self._face)} has the lease")
+            raise LeaseHeld(f"{named(owner, self._face)} has the lease")
         self._owner = user
         try:
-            await self._take_lease(who_text(user, self._face), anew=owner is None or over, over=over)
+            await self._take_lease(named(user, self._face), anew=owner is None or over, over=over)
         except BaseException:
             self._owner = owner
             raise
@@ -50,5 +50,5 @@ class SoleLease(Gateway):
     def _refusal(self, user: User, do: str, path: str) -> str | None:
         owner = self.owner
         if do != "stop" and owner is not None and owner.name != user.name:
-            return f"{who_text(owner, self._face)} has the lease"
+            return f"{named(owner, self._face)} has the lease"
         return super()._refusal(user, do, path)
