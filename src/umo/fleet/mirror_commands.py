@@ -43,6 +43,9 @@ class MirrorCommands:
         self._lock = threading.Lock()
         self._numbers: dict[int, int] = {}
         """The number here of each number of the station, until its last answer has been told."""
+        self._coming: list[tuple[int, int]] = []
+        """The numbers, at the station and here, of those that no frame has shown as taken yet."""
+        self._taken = 0
         self._answers: list[tuple[float, ClientCommand, dict[str, Any]]] = []
         """Last answers, each with the time from which on it is told, if no event of the machine has told it before."""
         self._ended: set[int] = set()
@@ -56,6 +59,14 @@ class MirrorCommands:
         """The number that a command of the station has here; 0: it is not from here."""
         with self._lock:
             return self._numbers.get(number, 0) if number else 0
+
+    def taken(self, count: int) -> int:
+        """The greatest number here up to which all commands are among the first `count` of the station."""
+        with self._lock:
+            taken = [here for there, here in self._coming if there <= count]
+            self._coming = [each for each in self._coming if each[0] > count]
+            self._taken = max([self._taken, *taken])
+            return min([self._taken, *(here - 1 for _, here in self._coming)])
 
     def look(self) -> None:
         """Pass on what has come in; answer what was answered."""
@@ -103,6 +114,7 @@ class MirrorCommands:
                 if "number" in answer:
                     if command.number:
                         self._numbers[answer["number"]] = command.number
+                        self._coming.append((answer["number"], command.number))
                     wait[0] = EVENT_WAIT
                 else:
                     wait[1] = 1
