@@ -16,6 +16,7 @@ from umo.cycle.client_commands import ClientCommand
 from umo.cycle.events import CommandState, Event
 from umo.fleet import mirror_commands
 from umo.fleet.mirror_commands import EVENT_WAIT, MirrorCommands
+from umo.remote.who import UNVERIFIED, who_text
 
 
 class Station:
@@ -25,8 +26,10 @@ class Station:
         self.numbers = itertools.count(1000)
         self.number = 0
         self.is_lost = False
+        self.asked: list[dict[str, Any]] = []
 
     def get(self, key: str, handler: Any, payload: str, **more: Any) -> None:
+        self.asked.append(json.loads(payload))
         self.number = next(self.numbers)
         for answer in () if self.is_lost else ({"number": self.number}, {"result": 1}):
             handler.callback(SimpleNamespace(ok=SimpleNamespace(payload=json.dumps(answer).encode())))
@@ -96,3 +99,22 @@ def test_a_command_that_the_station_takes_later_is_not_told_as_taken_before(monk
     commands, *_ = rig(monkeypatch)
     commands._coming = [(1001, 1), (1000, 2)]
     assert [commands.taken(count) for count in (1000, 1001)] == [0, 2]
+
+
+def test_what_a_visitor_of_a_page_asks_for_is_passed_on_as_unverified_and_let_go_of_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    commands, station, coming, _, now = rig(monkeypatch)
+    who = who_text("Mallory", f"{UNVERIFIED} (page, 10.0.0.7)")
+    for number, do in enumerate(("lease", "write"), 1):
+        coming.append(ClientCommand(number, who, "key", do=do, path="a"))
+        commands.look()
+        now[0] += 2 * EVENT_WAIT
+        commands.look()
+    now[0] += 10.0
+    commands._ring.cells.signed = lambda path, lease: now[0] - (9.0 if path else 0.0)
+    commands.look()
+    assert [each["do"] for each in station.asked] == ["lease", "write", "let go"]
+    assert all(each.get("unverified") for each in station.asked)
+    commands._send(ClientCommand(0, who_text("ann", " (page, 127.0.0.1)"), do="stop"))
+    assert "unverified" not in station.asked[-1]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from umo.faces.face import User
-from umo.remote.who import who_text
+from umo.remote.who import UNVERIFIED, who_text
 from umo.text import printable
 
 MAX_FACE = 20
@@ -16,7 +16,7 @@ MAX_REFUSED = 16
 
 def named(user: User, face: str) -> str:
     """A user of a face as events tell them."""
-    return who_text(user.name, f"{'' if user.proved else ', unverified'} ({printable(face)[:MAX_FACE]})")
+    return who_text(user.name, f"{'' if user.proved else UNVERIFIED} ({printable(face)[:MAX_FACE]})")
 
 
 def lives(user: User) -> bool:

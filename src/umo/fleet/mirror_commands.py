@@ -19,6 +19,7 @@ from umo.fleet.fleet_keys import StationKey, segment
 from umo.frames.layout import Live
 from umo.frames.ring_copy import RingCopy
 from umo.remote.queue import Receiver
+from umo.remote.who import is_unverified
 from umo.system.processes import user_name
 
 VALID = 5.0
@@ -50,7 +51,7 @@ class MirrorCommands:
         """Last answers, each with the time from which on it is told, if no event of the machine has told it before."""
         self._ended: set[int] = set()
         """Those of these commands whose end an event of the machine has told."""
-        self._lease, self._lease_key = 0, ""
+        self._lease, self._lease_key, self._holder = 0, "", ""
         self._held: set[str] = set()
         self._signed = 0.0
         self._is_stopped = False
@@ -104,6 +105,8 @@ class MirrorCommands:
             asked["arguments"] = dict(command.arguments)
         if command.over:
             asked["over"] = True
+        if is_unverified(command.who):  # a visitor of a page: not the user of this computer's certificate
+            asked["unverified"] = True
         wait = [0.0, 0]  # for its event; whether the last answer has come
 
         def reply(reply: zenoh.Reply) -> None:
@@ -138,7 +141,7 @@ class MirrorCommands:
         """Tell the last answer, where no event of the machine does."""
         failed = "error" in answer
         if command.do == "lease" and not failed:
-            self._lease, self._lease_key = int(answer["result"]), command.key
+            self._lease, self._lease_key, self._holder = int(answer["result"]), command.key, command.who
             self._ring.lease(self._lease, command.who.encode())
         if command.do == "give back" and not failed:
             self._lease, self._lease_key = 0, ""
@@ -171,7 +174,7 @@ class MirrorCommands:
             self._session.put(self._key.key(keys.SIGN, self._user, self._client), b"")
         for path in [each for each in self._held if now - cells.signed(each, self._lease) > DEAD_MAN_TIME]:
             self._held.discard(path)
-            self._send(ClientCommand(0, do="let go", path=path))
+            self._send(ClientCommand(0, self._holder, do="let go", path=path))
 
 
 def _json(result: Any) -> str:

@@ -25,7 +25,7 @@ from umo.page.feed import Feed
 from umo.page.visitor import Visitor
 from umo.page.watched_run import Watched
 from umo.remote.commander import SIGNS_OF_LIFE, Answers, Commander
-from umo.remote.who import who_text
+from umo.remote.who import UNVERIFIED, who_text
 from umo.system.processes import user_name
 from umo.system.roles import PAGE, Caller, Roles
 
@@ -73,7 +73,7 @@ class PageClient:
     def _named(self, name: str) -> str:
         if self._visitor.is_owner:
             return who_text(name.strip() or user_name(), f" (page, {self._visitor.address})")
-        return who_text(name, f", unverified (page, {self._visitor.address})")
+        return who_text(name, f"{UNVERIFIED} (page, {self._visitor.address})")
 
     # Commands ------------------------------------------------------------------------------------------
 
