@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import inf, nan
 from typing import Any
 
 import pytest
@@ -194,3 +195,10 @@ def test_an_event_that_is_no_longer_kept_leaves_the_time_unknown(rig: Rig) -> No
     for _ in range(KEPT_EVENTS):
         rig.connection.machine.tell("", "something else")
     assert [(row.since, row.who) for row in rig.rows] == [(None, "")] * 2
+
+
+@pytest.mark.parametrize("raised", [inf, -inf, nan, -1.0, 0.0])
+def test_a_count_in_a_damaged_ring_that_is_no_number_is_not_told(raised: float) -> None:
+    entries = [{"path": "tank.full", "text": "full", "priority": "high"}]
+    (row,) = alarm_rows(entries, [int(AlarmState.UNACKNOWLEDGED)], [], [(raised, 0.0, 0.0)])
+    assert row.raised == 0

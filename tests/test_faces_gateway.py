@@ -14,7 +14,7 @@ from umo.cycle.client_commands import Mode
 from umo.cycle.events import CommandState
 from umo.errors import CommandRefused, RangeError, StateError, TaskFailed, UmoError
 from umo.faces import gateway
-from umo.faces.command_users import MAX_REFUSED, REFUSAL_PAUSE, RefusalLimit, who_text
+from umo.faces.command_users import MAX_REFUSED, REFUSAL_PAUSE, RefusalLimit, named
 from umo.faces.face import User
 from umo.frames.layout import NAME
 from umo.testing.faces import TriedMachine
@@ -47,7 +47,7 @@ def commanded(step: Any, mode: Mode = Mode.AUTOMATIC, **more: Any) -> None:
 @pytest.mark.parametrize("name", ["ann (opcua)" + "\u3164" * 40, "é" * 100, "a" * 100, "ann\u202e\n (opcua)", ""])
 @pytest.mark.parametrize("face", ["opcua", "some_package.module:Face"])
 def test_no_name_cuts_off_that_it_is_not_proved(name: str, face: str) -> None:
-    who = who_text(user(name, proved=False), face)
+    who = named(user(name, proved=False), face)
     assert f", unverified ({face[:20]})" in who
     assert len(who.encode()) <= NAME
     assert who.isprintable()

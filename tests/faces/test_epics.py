@@ -9,6 +9,7 @@ import os
 import socket
 import subprocess
 import sys
+import threading
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -23,7 +24,9 @@ from helpers.faced import Recorder, hosted
 from umo.cycle.client_commands import Mode
 from umo.cycle.events import CommandState
 from umo.errors import OptionError, UmoError
+from umo.faces.endpoint import Endpoint
 from umo.faces.epics import Epics
+from umo.faces.epics.pva_server import MAX_ASKED, PvaServer
 from umo.faces.face_declaration import declaration_of
 from umo.faces.face_image import FaceImage
 from umo.remote.search import find_running
@@ -270,6 +273,38 @@ def test_more_channels_than_are_kept_up_are_refused(monkeypatch: pytest.MonkeyPa
 
 
 # Options --------------------------------------------------------------------------------------------------
+
+
+def test_a_flood_of_puts_of_one_connection_keeps_no_other_waiting_for_the_look_at_its_account() -> None:
+    class Put:
+        """A put that tells when its user is looked up, which takes until `look` is set."""
+
+        is_call = False
+
+        def __init__(self, peer: str) -> None:
+            self.peer = peer
+
+        def user(self, port: int) -> Any:
+            look.wait(30)
+            looked.append(self.peer)
+
+    look, looked = threading.Event(), list[str]()
+
+    async def work() -> list[Any]:
+        server = PvaServer(Endpoint("127.0.0.1", 0), 0)
+        puts: list[Any] = [Put("10.0.0.7:4711") for _ in range(1000)] + [Put("127.0.0.1:5000")]
+        coming = asyncio.gather(*map(server._user, puts), return_exceptions=True)
+        await asyncio.sleep(0)
+        look.set()
+        answers = await coming
+        assert not server._asked
+        await server.close()
+        return answers
+
+    answers = asyncio.run(work())
+    assert looked == ["10.0.0.7:4711"] * MAX_ASKED + ["127.0.0.1:5000"]
+    refused = [str(each) for each in answers if isinstance(each, UmoError)]
+    assert refused == [f"up to {MAX_ASKED} puts and calls of a connection at once"] * (1000 - MAX_ASKED)
 
 
 @pytest.mark.parametrize(

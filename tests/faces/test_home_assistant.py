@@ -364,6 +364,8 @@ def test_a_unit_tells_the_class_and_the_resolution_the_digits() -> None:
     assert "device_class" not in kelvin
     liters = entity_of(replace(ITEMS[0], unit="l/min"))[1]
     assert (liters["device_class"], liters["unit_of_measurement"]) == ("volume_flow_rate", "L/min")
+    error = entity_of(replace(ITEMS[0], kind=ItemKind.SIGNAL))[1]
+    assert "device_class" not in error, "a difference of 0 °C would be shown as 32 °F"
 
 
 @pytest.mark.timeout(600)

@@ -29,6 +29,7 @@ from umo.fleet.fleet_commands import MAX_WAITING, FleetCommands
 from umo.fleet.fleet_rules import FILE
 from umo.fleet.fleet_session import FleetNetwork, opened
 from umo.fleet.run_words import FULL, HEADER
+from umo.remote.who import UNVERIFIED, who_text
 from umo.testing.faces import TriedMachine
 from umo.testing.faces.tried_machine import until
 
@@ -91,6 +92,26 @@ def test_who_has_a_certificate_sees_and_commands_under_the_own_name(authority: A
             await asyncio.to_thread(bob.lease("bob").__enter__)
 
     tried(authority, work, by_router=by_router)
+
+
+def test_what_a_visitor_of_a_page_asks_for_is_unverified_at_the_machine_under_whatever_certificate(
+    authority: Authority,
+) -> None:
+    async def work(machine: TriedMachine, fleet: ProvedFleet) -> None:
+        client = await fleet.client("ann")
+        visitor = who_text("Mallory", f"{UNVERIFIED} (page, 10.0.0.7)")
+
+        def tune(who: str) -> None:
+            with client.lease(who):
+                client.cell.gain = 2.5
+
+        with pytest.raises(CommandRefused, match="ann, unverified, may see; tune needs the role tune"):
+            await asyncio.to_thread(tune, visitor)
+        assert machine.m.cell.gain != 2.5
+        await asyncio.to_thread(tune, "ann")
+        assert machine.m.cell.gain == 2.5
+
+    tried(authority, work)
 
 
 @pytest.mark.full

@@ -16,6 +16,7 @@ from umo.cycle.client_commands import ClientCommand
 from umo.cycle.events import CommandState, Event
 from umo.fleet import mirror_commands
 from umo.fleet.mirror_commands import EVENT_WAIT, MirrorCommands
+from umo.remote.who import UNVERIFIED, who_text
 
 
 class Station:
@@ -25,8 +26,10 @@ class Station:
         self.numbers = itertools.count(1000)
         self.number = 0
         self.is_lost = False
+        self.asked: list[dict[str, Any]] = []
 
     def get(self, key: str, handler: Any, payload: str, **more: Any) -> None:
+        self.asked.append(json.loads(payload))
         self.number = next(self.numbers)
         for answer in () if self.is_lost else ({"number": self.number}, {"result": 1}):
             handler.callback(SimpleNamespace(ok=SimpleNamespace(payload=json.dumps(answer).encode())))
@@ -65,11 +68,12 @@ def test_a_mirror_that_commands_for_a_year_keeps_nothing_of_it(monkeypatch: pyte
         if number % 2 and not is_lost:  # the machine's own event comes first
             assert commands.local(station.number) == number
             commands.has_ended(number)
+        commands.taken(station.number)
         now[0] += 80_000.0
         commands.look()
     assert len(told) == 399 - (0 if is_lost else 199)
     assert {each.state for each in told[1:]} == {CommandState.REFUSED if is_lost else CommandState.DONE}
-    assert not (commands._numbers or commands._ended or commands._answers)
+    assert not (commands._numbers or commands._ended or commands._answers or commands._coming)
 
 
 def test_what_the_mirror_sends_itself_has_no_number_here(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -77,3 +81,40 @@ def test_what_the_mirror_sends_itself_has_no_number_here(monkeypatch: pytest.Mon
     commands._send(ClientCommand(0, do="let go", path="a"))
     assert commands.local(station.number) == 0
     assert not commands._numbers
+
+
+def test_what_the_station_has_taken_is_told_by_the_numbers_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    commands, _, coming, _, now = rig(monkeypatch)
+    assert commands.taken(999) == 0
+    coming.append(ClientCommand(1, "ann", "key", do="lease"))
+    commands.look()
+    now[0] += 2 * EVENT_WAIT
+    commands.look()
+    coming += [ClientCommand(number, "ann", "key", do="write", path="a", value=1.0) for number in (2, 3)]
+    commands.look()
+    assert [commands.taken(count) for count in (999, 1000, 1001, 1001, 1002, 5000)] == [0, 1, 2, 2, 3, 3]
+
+
+def test_a_command_that_the_station_takes_later_is_not_told_as_taken_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    commands, *_ = rig(monkeypatch)
+    commands._coming = [(1001, 1), (1000, 2)]
+    assert [commands.taken(count) for count in (1000, 1001)] == [0, 2]
+
+
+def test_what_a_visitor_of_a_page_asks_for_is_passed_on_as_unverified_and_let_go_of_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    commands, station, coming, _, now = rig(monkeypatch)
+    who = who_text("Mallory", f"{UNVERIFIED} (page, 10.0.0.7)")
+    for number, do in enumerate(("lease", "write"), 1):
+        coming.append(ClientCommand(number, who, "key", do=do, path="a"))
+        commands.look()
+        now[0] += 2 * EVENT_WAIT
+        commands.look()
+    now[0] += 10.0
+    commands._ring.cells.signed = lambda path, lease: now[0] - (9.0 if path else 0.0)
+    commands.look()
+    assert [each["do"] for each in station.asked] == ["lease", "write", "let go"]
+    assert all(each.get("unverified") for each in station.asked)
+    commands._send(ClientCommand(0, who_text("ann", " (page, 127.0.0.1)"), do="stop"))
+    assert "unverified" not in station.asked[-1]

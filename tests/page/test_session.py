@@ -468,3 +468,18 @@ def test_an_end_while_a_twin_loads_is_no_error_of_the_server(monkeypatch: pytest
         assert asked.wait(PATIENCE)
     loading.join()
     assert told == []
+
+
+def test_a_ring_that_cannot_be_told_takes_no_page_from_another_station(
+    client: Client, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    line = Watched.line
+
+    def garbled(self: Watched) -> dict[str, Any]:
+        return {"raised": int(float("inf"))} if self.name == "tank" else line(self)
+
+    monkeypatch.setattr(Watched, "line", garbled)
+    with running(), alarming():
+        eventually(lambda: "is not shown: " in capfd.readouterr().err)
+        assert client.get("description")["name"] == "press"
+        assert client.get("state")["stage"] == "running"

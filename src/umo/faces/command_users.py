@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from umo.faces.face import User
-from umo.frames.layout import NAME
+from umo.remote.who import UNVERIFIED, who_text
 from umo.text import printable
 
 MAX_FACE = 20
@@ -14,11 +14,9 @@ MAX_REFUSED = 16
 """Users whose refusals are told in that time at most."""
 
 
-def who_text(user: User, face: str) -> str:
-    """A user as events tell them, `NAME` bytes at most. The name is cut, never what tells that it is not proved."""
-    ending = f"{'' if user.proved else ', unverified'} ({printable(face)[:MAX_FACE]})"
-    name = printable(" ".join(user.name.split())) or "nobody"
-    return name.encode()[: NAME - len(ending.encode())].decode(errors="ignore") + ending
+def named(user: User, face: str) -> str:
+    """A user of a face as events tell them."""
+    return who_text(user.name, f"{'' if user.proved else UNVERIFIED} ({printable(face)[:MAX_FACE]})")
 
 
 def lives(user: User) -> bool:

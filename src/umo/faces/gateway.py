@@ -16,7 +16,7 @@ from typing import Any
 from umo.cycle.client_commands import DEAD_MAN_TIME
 from umo.cycle.events import CommandState, Event
 from umo.errors import CommandRefused, FramesError, RangeError, StateError, UmoError
-from umo.faces.command_users import RefusalLimit, lives, who_text
+from umo.faces.command_users import RefusalLimit, lives, named
 from umo.faces.face import User
 from umo.frames import Reader
 from umo.frames.client_memory import LEASE
@@ -88,7 +88,7 @@ class Gateway:
     ) -> Any:
         """Carry out a command; its result when it has ended (`umo.faces.face.Commands`). `sent` is told the number that
         its events have."""
-        who = who_text(user, self._face)
+        who = named(user, self._face)
         if (refusal := self._refusal(user, do, path)) is not None:
             self._tell_refusal(who, do, path, refusal)
             raise CommandRefused(refusal)
@@ -181,7 +181,7 @@ class Gateway:
                 raise FramesError("the run has ended before it answered")
             if event is None and answers.begun and not cancelled and not lives(user):
                 cancelled = True
-                await self._send("cancel", path=path, who=who_text(user, self._face))
+                await self._send("cancel", path=path, who=named(user, self._face))
             seen = await self._looked()
 
     def _answer_of(self, answers: Answers) -> Event | None:
@@ -244,7 +244,7 @@ class Gateway:
             if gone or self._has_ended(hold, path):
                 del self._held[path]
             if gone:
-                self._send_on("let go", path=path, who=who_text(hold.user, self._face))
+                self._send_on("let go", path=path, who=named(hold.user, self._face))
         if self._is_used or time.monotonic() - self._last <= LINGER:
             self._sign(LEASE, *self._held)
             return

@@ -58,8 +58,9 @@ class FleetUsers:
 
     is_proved: bool = False
 
-    def user(self, name: str, is_alive: Callable[[], bool]) -> User:
-        return User(name, self.is_proved, is_alive=is_alive)
+    def user(self, name: str, is_alive: Callable[[], bool], *, is_unverified: bool = False) -> User:
+        """`is_unverified`: this user passes on what somebody else asks for, whom nothing proves."""
+        return User(name, self.is_proved and not is_unverified, is_alive=is_alive)
 
 
 @dataclass
@@ -204,7 +205,8 @@ class FleetCommands:
     async def _carry_out(self, name: str, command: dict[str, Any], sent: Callable[[int], object]) -> Any:
         client, do, gateway = command["client"], command["do"], self._gateway()
         self._signs[name, client] = time.monotonic()
-        user = self._users.user(name, lambda: self._is_signed(name, client))
+        is_unverified = bool(command.get("unverified"))
+        user = self._users.user(name, lambda: self._is_signed(name, client), is_unverified=is_unverified)
         if do == "lease":
             return await gateway.take_lease(user, over=command.get("over") is True)
         if do == "give back":

@@ -108,11 +108,11 @@ class FleetMirror:
         self._checked = float("-inf")
         self._is_stale = False
         self._limit = max(STALE_AFTER, 10 * float(layout.about["period"]))
+        self._commands = MirrorCommands(session, key, user, self._ring, self._tell)
         if words:
             self._image[:] = np.frombuffer(words, np.uint64)
             self._take_rest(rest)
             self._show()
-        self._commands = MirrorCommands(session, key, user, self._ring, self._tell)
         self._thread = threading.Thread(target=self._follow, name=f"umo fleet {key}", daemon=True)
         self._thread.start()
 
@@ -250,12 +250,13 @@ class FleetMirror:
 
     def _add(self, best: Quality) -> None:
         """The image as a frame, of which no value is better than `best`; its time on this computer's clock is that of
-        its UTC."""
+        its UTC, and commands have their numbers here."""
         frame = np.frombuffer(bytearray(self._image.tobytes()), self._words.dtype)
         moment = int(frame["began"][0]) + int(frame["utc"][0])
         offset, _ = utc()
         frame["began"] = min(moment - offset, time.monotonic_ns())
         frame["utc"] = moment - frame["began"]
+        frame["taken"] = self._commands.taken(int(frame["taken"][0]))
         frame["quality"] = np.maximum(frame["quality"], np.uint8(best))
         self._ring.frame(frame.tobytes())
 

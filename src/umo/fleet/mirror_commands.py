@@ -19,6 +19,7 @@ from umo.fleet.fleet_keys import StationKey, segment
 from umo.frames.layout import Live
 from umo.frames.ring_copy import RingCopy
 from umo.remote.queue import Receiver
+from umo.remote.who import is_unverified
 from umo.system.processes import user_name
 
 VALID = 5.0
@@ -43,11 +44,14 @@ class MirrorCommands:
         self._lock = threading.Lock()
         self._numbers: dict[int, int] = {}
         """The number here of each number of the station, until its last answer has been told."""
+        self._coming: list[tuple[int, int]] = []
+        """The numbers, at the station and here, of those that no frame has shown as taken yet."""
+        self._taken = 0
         self._answers: list[tuple[float, ClientCommand, dict[str, Any]]] = []
         """Last answers, each with the time from which on it is told, if no event of the machine has told it before."""
         self._ended: set[int] = set()
         """Those of these commands whose end an event of the machine has told."""
-        self._lease, self._lease_key = 0, ""
+        self._lease, self._lease_key, self._holder = 0, "", ""
         self._held: set[str] = set()
         self._signed = 0.0
         self._is_stopped = False
@@ -56,6 +60,14 @@ class MirrorCommands:
         """The number that a command of the station has here; 0: it is not from here."""
         with self._lock:
             return self._numbers.get(number, 0) if number else 0
+
+    def taken(self, count: int) -> int:
+        """The greatest number here up to which all commands are among the first `count` of the station."""
+        with self._lock:
+            taken = [here for there, here in self._coming if there <= count]
+            self._coming = [each for each in self._coming if each[0] > count]
+            self._taken = max([self._taken, *taken])
+            return min([self._taken, *(here - 1 for _, here in self._coming)])
 
     def look(self) -> None:
         """Pass on what has come in; answer what was answered."""
@@ -93,6 +105,8 @@ class MirrorCommands:
             asked["arguments"] = dict(command.arguments)
         if command.over:
             asked["over"] = True
+        if is_unverified(command.who):  # a visitor of a page: not the user of this computer's certificate
+            asked["unverified"] = True
         wait = [0.0, 0]  # for its event; whether the last answer has come
 
         def reply(reply: zenoh.Reply) -> None:
@@ -103,6 +117,7 @@ class MirrorCommands:
                 if "number" in answer:
                     if command.number:
                         self._numbers[answer["number"]] = command.number
+                        self._coming.append((answer["number"], command.number))
                     wait[0] = EVENT_WAIT
                 else:
                     wait[1] = 1
@@ -126,7 +141,7 @@ class MirrorCommands:
         """Tell the last answer, where no event of the machine does."""
         failed = "error" in answer
         if command.do == "lease" and not failed:
-            self._lease, self._lease_key = int(answer["result"]), command.key
+            self._lease, self._lease_key, self._holder = int(answer["result"]), command.key, command.who
             self._ring.lease(self._lease, command.who.encode())
         if command.do == "give back" and not failed:
             self._lease, self._lease_key = 0, ""
@@ -159,7 +174,7 @@ class MirrorCommands:
             self._session.put(self._key.key(keys.SIGN, self._user, self._client), b"")
         for path in [each for each in self._held if now - cells.signed(each, self._lease) > DEAD_MAN_TIME]:
             self._held.discard(path)
-            self._send(ClientCommand(0, do="let go", path=path))
+            self._send(ClientCommand(0, self._holder, do="let go", path=path))
 
 
 def _json(result: Any) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import inf
 
 from umo.errors import CommandRefused, LeaseHeld
-from umo.faces.command_users import lives, who_text
+from umo.faces.command_users import lives, named
 from umo.faces.face import User
 from umo.faces.gateway import Gateway
 
@@ -21,11 +21,11 @@ class SoleLease(Gateway):
         if (refusal := super()._refusal(user, "tune", "")) is not None:  # the least that one needs it for
             raise CommandRefused(refusal)
         owner = self.owner
-        if owner is not None and owner.name != user.name and not over:
-            raise LeaseHeld(f"{who_text(owner, self._face)} has the lease")
+        if owner is not None and _others(owner, user) and not over:
+            raise LeaseHeld(f"{named(owner, self._face)} has the lease")
         self._owner = user
         try:
-            await self._take_lease(who_text(user, self._face), anew=owner is None or over, over=over)
+            await self._take_lease(named(user, self._face), anew=owner is None or over, over=over)
         except BaseException:
             self._owner = owner
             raise
@@ -33,7 +33,7 @@ class SoleLease(Gateway):
 
     def give_back(self, user: User) -> None:
         """The user no longer needs it."""
-        if self._owner is not None and self._owner.name == user.name:
+        if self._owner is not None and not _others(self._owner, user):
             self._owner, self._last = None, -inf
 
     @property
@@ -49,6 +49,11 @@ class SoleLease(Gateway):
 
     def _refusal(self, user: User, do: str, path: str) -> str | None:
         owner = self.owner
-        if do != "stop" and owner is not None and owner.name != user.name:
-            return f"{who_text(owner, self._face)} has the lease"
+        if do != "stop" and owner is not None and _others(owner, user):
+            return f"{named(owner, self._face)} has the lease"
         return super()._refusal(user, do, path)
+
+
+def _others(owner: User, user: User) -> bool:
+    """Whether what one has is not the other's: what a user passes on for visitors of a page is not the user's own."""
+    return (owner.name, owner.proved) != (user.name, user.proved)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from math import inf
 from typing import Any, NamedTuple
 
 from umo.alarms import AlarmState, Priority
@@ -90,7 +91,7 @@ def _row(entry: Mapping[str, Any], state: AlarmState, event: Event | None) -> Al
 
 
 def _occurred(raised: float, first: float, last: float) -> dict[str, Any]:
-    return {"raised": int(raised), "first": first, "last": last} if raised > 0 else {}
+    return {"raised": int(raised), "first": first, "last": last} if 0 < raised < inf else {}
 
 
 def _order(row: AlarmRow) -> tuple[Any, ...]:

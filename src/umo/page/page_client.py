@@ -25,9 +25,9 @@ from umo.page.feed import Feed
 from umo.page.visitor import Visitor
 from umo.page.watched_run import Watched
 from umo.remote.commander import SIGNS_OF_LIFE, Answers, Commander
+from umo.remote.who import UNVERIFIED, who_text
 from umo.system.processes import user_name
 from umo.system.roles import PAGE, Caller, Roles
-from umo.text import printable
 
 LEASE_TIME = 2.0
 """s for which the machine gives the lease; it is renewed as long as the page touches."""
@@ -37,7 +37,6 @@ MAX_STATES_BEHIND = 4
 """States behind the newest one that a touch may answer; there are ten a second."""
 MAX_COMMANDS = 32
 """Commands of a page whose end is still to come, at most."""
-MAX_NAME_LENGTH = 40
 """Characters of the name that a page gives, at most."""
 COMMAND_KEYS = ("path", "value", "arguments", "over")
 """Keys of a page's command that are passed on, besides `do`; the rest is this module's."""
@@ -72,10 +71,9 @@ class PageClient:
         self._keeping = asyncio.create_task(self._keep())
 
     def _named(self, name: str) -> str:
-        given = printable(" ".join(name.split()))[:MAX_NAME_LENGTH]
         if self._visitor.is_owner:
-            return f"{given or user_name()} (page, {self._visitor.address})"
-        return f"{given or 'nobody'}, unverified (page, {self._visitor.address})"
+            return who_text(name.strip() or user_name(), f" (page, {self._visitor.address})")
+        return who_text(name, f"{UNVERIFIED} (page, {self._visitor.address})")
 
     # Commands ------------------------------------------------------------------------------------------
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import asyncio
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -146,8 +146,8 @@ class Session:
 
     async def _tell_stations(self) -> None:
         """The list when it has changed, and the description of a run that is new."""
+        lines = list(self._lines())
         runs = list(self._feed.watched.values())
-        lines = [watched.line() for watched in runs]
         if (text := json.dumps({"type": "stations", "stations": lines})) != self._stations:
             self._stations = text
             await self._send(text)
@@ -164,6 +164,13 @@ class Session:
             if watched is not None:
                 watched.viewers += 1
                 await self._tell(watched.description())
+
+    def _lines(self) -> Iterator[dict[str, Any]]:
+        for watched in list(self._feed.watched.values()):
+            try:
+                yield watched.line()
+            except Exception as error:  # of a damaged ring: the others are shown
+                self._feed.drop(watched, error)
 
     async def _tell_fleet(self) -> None:
         """The table of the fleet, once a second if it has changed, while the page shows no station."""

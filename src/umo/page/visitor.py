@@ -10,7 +10,6 @@ import asyncio
 import hashlib
 import hmac
 from dataclasses import dataclass
-from typing import Any
 
 from starlette.datastructures import Headers
 from starlette.types import Scope
@@ -21,7 +20,7 @@ from umo.text import printable
 
 FORWARDED = ("forwarded", "x-forwarded-for", "x-forwarded-host", "x-forwarded-proto", "x-real-ip", "via")
 """Headers by which a proxy tells that it passes a request on."""
-MAX_ADDRESS = 45
+MAX_ADDRESS = 39
 """Characters of an address that a proxy tells, at most: those of the longest of IPv6."""
 
 
@@ -71,9 +70,15 @@ async def visitor_of(scope: Scope, token: PageToken, is_proxied: bool) -> Visito
 
 
 def _told_address(headers: Headers) -> str:
-    """The last address that proxies tell, which is that of the nearest one."""
-    told: Any = headers.get("x-forwarded-for")
-    if told is None:
-        pairs = headers.get("forwarded", "").rpartition(",")[2].split(";")
-        told = next((pair.partition("=")[2] for pair in pairs if pair.strip().lower().startswith("for=")), "")
-    return printable(told.rpartition(",")[2].strip().strip('"'))[:MAX_ADDRESS]
+    """The last address that proxies tell, which is that of the nearest one; empty where none is told, or the two
+    headers tell different ones: one of them may be the visitor's own."""
+    elements = ",".join(headers.getlist("forwarded")).rpartition(",")[2].split(";")
+    pairs = (element.partition("=") for element in elements)
+    told = {
+        ",".join(headers.getlist("x-forwarded-for")).rpartition(",")[2],
+        next((value for name, _, value in pairs if name.strip().lower() == "for"), ""),
+    }
+    addresses = {address.strip().strip('"') for address in told} - {""}
+    if len(addresses) != 1:
+        return ""
+    return printable(addresses.pop().encode("ascii", "replace").decode())[:MAX_ADDRESS]

@@ -38,7 +38,7 @@ def peer_uid(peer: tuple[str, int], port: int) -> int | None:
     packed = (getattr(address, "ipv4_mapped", None) or address).packed
     tables = {"tcp": packed, "tcp6": MAPPED + packed} if len(packed) == WORD else {"tcp6": packed}
     for table, own in tables.items():
-        found = {uid for each, other, uid in _connections(table) if (each, other) == ((own, peer[1]), port)}
+        found = {uid for each, uid in _connections(table, peer[1], port) if each == own}
         if found:
             return found.pop() if len(found) == 1 else None
     return None
@@ -62,16 +62,18 @@ def is_own(connection: socket.socket | TransportSocket | None) -> bool:
     return peer_uid(peer[:2], own[1]) == os.getuid()
 
 
-def _connections(table: str) -> Iterator[tuple[tuple[bytes, int], int, int]]:
-    """Of each connection that stands: own address and port, port of the other side, uid. None where the kernel has no
-    such table."""
+def _connections(table: str, port: int, other: int) -> Iterator[tuple[bytes, int]]:
+    """Of each connection that stands, from a port to another: own address, uid. None where the kernel has no such
+    table."""
+    ports = f":{port:04X} ", f":{other:04X} "
     with suppress(OSError):
         for line in (TABLES / table).read_text().splitlines()[1:]:
+            if ports[0] not in line or ports[1] not in line:  # nearly all: to take them apart would take longer
+                continue
             fields = line.split()
-            own, other, state = fields[1:4]
-            if state == ESTABLISHED:
-                address, _, port = own.partition(":")
-                yield (_packed(address), int(port, 16)), int(other.rpartition(":")[2], 16), int(fields[7])
+            (address, _, own), (_, _, its) = (each.partition(":") for each in fields[1:3])
+            if (int(own, 16), int(its, 16), fields[3]) == (port, other, ESTABLISHED):
+                yield _packed(address), int(fields[7])
 
 
 def _packed(text: str) -> bytes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+from collections import Counter
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -26,6 +27,10 @@ MAX_CHANNELS = 1000
 """Channels at most to what is kept up: each client has its own."""
 
 
+MAX_ASKED = 32
+"""Puts and calls of one connection at most whose user is being looked up: a flood keeps no other waiting for long."""
+
+
 class PvaServer:
     """Serves `variables` by name. `search_port`: the UDP port on which clients search for names."""
 
@@ -38,6 +43,8 @@ class PvaServer:
         self._port = 0
         self._asking = ThreadPoolExecutor(1, "umo epics")
         """One thread asks who a client is: commands are carried out in the order in which they came."""
+        self._asked: Counter[str] = Counter()
+        """Number of the puts and calls of each connection whose user is being looked up."""
         self._loop: asyncio.AbstractEventLoop | None = None
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -116,7 +123,7 @@ class PvaServer:
         try:
             if carry_out is None:
                 raise CommandRefused("it is read only" if not operation.is_call else "it cannot be called")
-            user = await asyncio.get_running_loop().run_in_executor(self._asking, operation.user, self._port)
+            user = await self._user(operation)
             operation.done(await operation.awaited(carry_out, user))
         except asyncio.CancelledError:
             operation.done(error="the machine is no longer there")
@@ -124,6 +131,16 @@ class PvaServer:
             operation.done(error=str(error))
         except Exception as error:  # a client may send anything
             operation.done(error=text_of(error))
+
+    async def _user(self, operation: ClientRequest) -> User:
+        if self._asked[operation.peer] >= MAX_ASKED:
+            raise CommandRefused(f"up to {MAX_ASKED} puts and calls of a connection at once")
+        self._asked[operation.peer] += 1
+        try:
+            return await asyncio.get_running_loop().run_in_executor(self._asking, operation.user, self._port)
+        finally:
+            self._asked[operation.peer] -= 1
+            self._asked += Counter()  # without those that are at 0
 
 
 class ChannelHandler:
@@ -160,13 +177,18 @@ class ClientRequest:
         """Whether the client waits for the end, or for the beginning."""
         operation.onCancel(self._cancelled)
 
+    @property
+    def peer(self) -> str:
+        """Address and port of the client."""
+        return str(self._operation.peer())
+
     def _cancelled(self) -> None:
         self._is_awaited = False
 
     def user(self, port: int) -> User:
         """Who asks at this port of the server. Of a process on this computer the kernel tells the account; of others it
         is what the client says it is."""
-        host, _, number = self._operation.peer().rpartition(":")
+        host, _, number = self.peer.rpartition(":")
         uid = peer_uid((host.strip("[]"), int(number)), port) if number.isdecimal() else None
         account = self._operation.account() if uid is None else account_of(uid)
         name = "" if account == "anonymous" else account

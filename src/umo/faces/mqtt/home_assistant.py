@@ -41,7 +41,7 @@ class HomeAssistant(Face):
     """Discovery as retained JSON below `prefix`, values and availability below `topic`.
 
     Options:
-        host: of the broker; one on another computer needs `ca`, and gets no commands.
+        host: of the broker; one on another computer needs `ca`.
         port: of the broker.
         prefix: of discovery, as Home Assistant is set up.
         topic: below which the station's own topics are.

@@ -35,7 +35,8 @@ DEVICE_CLASSES = {
     }.items()
     for unit in units.split()
 }  # fmt: skip
-"""The class that a sensor's unit tells. K tells none: Home Assistant would convert differences as temperatures."""
+"""The class that a sensor's unit tells. K tells none, and what is computed has none (the error of a law is a difference
+in °C): Home Assistant would convert differences as temperatures."""
 
 
 ENTITIES = Identities("-", "--", is_word)
@@ -180,7 +181,8 @@ def _component(item: FaceItem, base: str) -> tuple[str, dict[str, Any]]:
         return "binary_sensor", {"device_class": "problem"}
     if item.states:
         return "sensor", {"device_class": "enum", "options": list(dict.fromkeys(item.states.values()))}
-    more: dict[str, Any] = {"device_class": DEVICE_CLASSES[look]} if look in DEVICE_CLASSES else {}
+    is_at_circuit = item.kind in (ItemKind.SENSOR, ItemKind.ACTUATOR)
+    more: dict[str, Any] = {"device_class": DEVICE_CLASSES[look]} if is_at_circuit and look in DEVICE_CLASSES else {}
     if item.digits is not None:
         more["suggested_display_precision"] = item.digits
     return "sensor", unit | more | {"state_class": "measurement"}

@@ -41,7 +41,7 @@ class Sparkplug(Face):
     """The edge node of the station; one connection for each run.
 
     Options:
-        host: of the broker; one on another computer needs `ca`, and gets no commands.
+        host: of the broker; one on another computer needs `ca`.
         port: of the broker.
         group: the group of the node.
         node: its name; default: that of the station.
