@@ -142,15 +142,6 @@ def test_an_object_is_equal_to_itself_only_and_can_be_a_key() -> None:
     assert m == ANY
 
 
-def test_an_object_has_no_truth_value() -> None:
-    m = bench()
-    for item, value in ((m.valve, "valve.read() is OnOff"), (m.encoder, "encoder.read() > 0")):
-        with pytest.raises(TypeError) as raised:
-            assert item
-        assert f"is an object and has no truth value; write `{value}" in str(raised.value)
-        assert f"`{item.path} is not None`" in str(raised.value)
-
-
 @pytest.mark.parametrize("other", [1.0, OnOff.ON, "on"])
 def test_nor_is_a_vector_compared_in_place_of_its_values(other: Any) -> None:
     vector: Any = Vector([bench().valve])

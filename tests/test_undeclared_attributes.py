@@ -130,6 +130,25 @@ def test_an_object_that_makes_itself_has_what_it_assigns() -> None:
         own.frist = 1
 
 
+def test_setup_of_what_contains_a_part_gives_it_an_attribute_but_for_a_slip() -> None:
+    class Line(Compound):
+        zones: list[Zone]
+        misspelt: bool = False
+
+        def setup(self) -> None:
+            for number, zone in enumerate(self.zones):
+                given: Any = zone
+                given.number = number
+                if self.misspelt:
+                    given.limti = 3.0
+
+    zones: list[Any] = [Zone(heater=actuator(), spare=0)]
+    assert Line(zones=zones).zones[0].number == 0  # type: ignore[attr-defined]
+    zones[0].number = 5
+    with pytest.raises(AttributeError, match=r"did you mean 'limit'"):
+        Line(zones=[Zone(heater=actuator(), spare=0)], misspelt=True)
+
+
 def test_a_class_may_get_an_attribute_later() -> None:
     class Late(Oven):
         pass

@@ -140,8 +140,7 @@ def _test(node: Compound, name: str, condition: Any, known: Mapping[str, Node]) 
     if not isinstance(condition, High | Low | Bad | In):
         return Free(partial(condition, node))
     try:
-        item = known.get(joined(node._path, condition.of))
-        item = find(node, condition.of) if item is None else item
+        item = known.get(joined(node._path, condition.of)) or find(node, condition.of)
     except UmoError as error:
         raise DeclarationError(f"{where}: {error}") from None
     if not isinstance(item, Atomic):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import keyword
 import re
 import shutil
@@ -34,7 +35,11 @@ def make_station(directory: Path) -> None:
     try:
         with as_file(files("umo.cli") / "template" / "station") as template:
             shutil.copytree(template, directory, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
-        module = re.sub(r"\W", "_", directory.resolve().name)  # pytest takes no two modules of one name
+        own = directory.resolve().name
+        settings = directory / "pyproject.toml"
+        named = settings.read_text("utf-8").replace('"STATION"', json.dumps(own, ensure_ascii=False))
+        settings.write_text(named, "utf-8")
+        module = re.sub(r"\W", "_", own)  # pytest takes no two modules of one name
         (directory / "tests" / "test_station.py").rename(directory / "tests" / f"test_{module}.py")
     except OSError as error:
         raise StationError(f"{directory} cannot be written: {error}") from error

@@ -86,26 +86,21 @@ class Atomic(Node):
         """Range and units as a short text, for tables."""
         raise NotImplementedError
 
-    def __setattr__(self, name: str, value: object) -> None:
-        if name not in self._class_names:
-            check_declared(self, name, self._instead_of_setting("..."))
-        try:
-            object.__setattr__(self, name, value)
-        except AttributeError as error:
-            raise AttributeError(f"{error}{self._instead_of_setting('...')}") from None
+    if not TYPE_CHECKING:  # typed, any attribute could be assigned
+
+        def __setattr__(self, name, value):
+            if name not in self._class_names:
+                check_declared(self, name, self._instead_of_setting("..."))
+            try:
+                object.__setattr__(self, name, value)
+            except AttributeError as error:
+                raise AttributeError(f"{error}{self._instead_of_setting('...')}") from None
 
     def _instead_of_setting(self, value: str) -> str:
         """What to write instead of an assignment to it, or to an attribute of it."""
         if self.direction is Direction.OUTPUT:
             return f"; its value is written: `{self.path or type(self).__name__}.write({value})`"
         return "; a sensor is only read"
-
-    if not TYPE_CHECKING:  # typed, mypy would skip what follows an `if m.door:`
-
-        def __bool__(self):
-            name = self.path or type(self).__name__
-            there = f"or, for whether there is one, `{name} is not None`"
-            raise TypeError(f"{name} is an object and has no truth value; {self._meant(name, '>', 0)}, {there}")
 
     def _connect(self, image: Image, slot: int) -> None:
         self._image = image

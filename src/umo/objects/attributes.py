@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable
 from types import FrameType
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from umo.objects.stored_names import MAKING, refuse_slips, stores_in
+from umo.objects.stored_names import MAKING, is_slip, refuse_slips, stores_in
 from umo.text import did_you_mean
 
 FIRST = "; a new one gets its first value in the class or in `setup`"
@@ -21,8 +21,8 @@ class DeclaredAttributes:
 
     These are the names in the body of the class and of its bases (fields, annotations, values, functions), what a
     function in it assigns to its own object (`self.started = ...`), and what is assigned while `__init__` or `setup` of
-    the object run. Names that begin with _ are the business of whoever uses them: a descriptor may keep its value
-    there. Any other assignment raises AttributeError with the nearest name."""
+    the object run, or of one that contains it. Names that begin with _ are the business of whoever uses them: a
+    descriptor may keep its value there. Any other assignment raises AttributeError with the nearest name."""
 
     __slots__ = ()
 
@@ -40,10 +40,12 @@ class DeclaredAttributes:
         cls._stored = shared(each.name for each in stores)
         cls._class_names = shared(names_in(cls))
 
-    def __setattr__(self, name: str, value: object) -> None:
-        if name not in self._class_names:
-            check_declared(self, name)
-        object.__setattr__(self, name, value)
+    if not TYPE_CHECKING:  # typed, any attribute could be assigned
+
+        def __setattr__(self, name, value):
+            if name not in self._class_names:
+                check_declared(self, name)
+            object.__setattr__(self, name, value)
 
 
 def names_in(cls: type) -> set[str]:
@@ -68,7 +70,7 @@ def shared(names: Iterable[str]) -> frozenset[str]:
 def check_declared(owner: Any, name: str, instead: str = "") -> None:
     """AttributeError for an attribute that is assigned, and that no class declares. `instead`: what to write; default:
     the nearest name."""
-    if name.startswith("_") or name in getattr(owner, "__dict__", ()) or _is_made(owner, sys._getframe(2)):
+    if name.startswith("_") or name in getattr(owner, "__dict__", ()) or _is_made(owner, name, sys._getframe(2)):
         return
     if name not in names_in(type(owner)):  # a class may have got it since it was made
         where = getattr(owner, "_path", "") or type(owner).__name__
@@ -80,8 +82,18 @@ def _nearest(owner: Any, name: str) -> str:
     return did_you_mean(name, [each for each in known if not each.startswith("_")])
 
 
-def _is_made(owner: Any, frame: FrameType | None) -> bool:
-    """Whether `__init__` or `setup` of this object is under way."""
+def _is_made(owner: Any, name: str, frame: FrameType | None) -> bool:
+    """Whether `__init__` or `setup` of this object is under way, or of one that contains it: that may give a part an
+    attribute, but not one that is a slip of the finger."""
+    around = owner
+    while around is not None:
+        if _is_making(around, frame):
+            return around is owner or not any(is_slip(name, each) for each in own_names(type(owner)))
+        around = getattr(around, "_parent", None)
+    return False
+
+
+def _is_making(owner: Any, frame: FrameType | None) -> bool:
     while frame is not None:
         code = frame.f_code
         if code.co_name in MAKING and code.co_argcount and frame.f_locals.get(code.co_varnames[0]) is owner:

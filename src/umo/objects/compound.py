@@ -186,10 +186,12 @@ class Compound(Node):
                 child._set_up()
         self.setup()
 
-    def __setattr__(self, name: str, value: object) -> None:
-        if name not in self._free or (isinstance(value, Node) and value._parent is None):
-            self._admit(name, value)
-        object.__setattr__(self, name, value)
+    if not TYPE_CHECKING:  # typed, any attribute could be assigned
+
+        def __setattr__(self, name, value):
+            if name not in self._free or (isinstance(value, Node) and value._parent is None):
+                self._admit(name, value)
+            object.__setattr__(self, name, value)
 
     def _admit(self, name: str, value: object) -> None:
         """An assignment that is looked at: of a part, of an object, of an attribute that is not known."""
