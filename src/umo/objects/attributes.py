@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable
+from functools import lru_cache
 from types import FrameType
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -13,7 +14,6 @@ from umo.text import did_you_mean
 FIRST = "; a new one gets its first value in the class or in `setup`"
 """Words of a message: what to do where another attribute was meant."""
 OBJECTS = "umo.objects."
-_SHARED: dict[frozenset[str], frozenset[str]] = {}
 
 
 class DeclaredAttributes:
@@ -63,8 +63,12 @@ def own_names(cls: type) -> set[str]:
 
 def shared(names: Iterable[str]) -> frozenset[str]:
     """These names as a set that is there once, as many objects have the same."""
-    found = frozenset(names)
-    return _SHARED.setdefault(found, found)
+    return _the_same(frozenset(names))
+
+
+@lru_cache(maxsize=10_000)
+def _the_same(names: frozenset[str]) -> frozenset[str]:
+    return names
 
 
 def check_declared(owner: Any, name: str, instead: str = "") -> None:
