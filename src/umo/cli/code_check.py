@@ -25,7 +25,7 @@ from umo.objects.atomic import Binary
 from umo.process.station import Station
 from umo.text import shown_path
 
-from .code_states import Values
+from .code_states import CodeObjects
 from .code_values import (
     Exactly,
     FunctionNode,
@@ -62,7 +62,7 @@ def mistakes_in(station: Station, machine: Compound) -> list[Mistake]:
     found: list[Mistake] = []
     for module, tree in trees.items():
         code = ModuleCode(module, tree, objects, main)
-        check = _Check(code, sources[module], names, Values(code, objects))
+        check = _Check(code, sources[module], names, CodeObjects(code, objects))
         found += [Mistake(f"{shown_path(str(module.__file__))}:{line}", "", text) for line, text in check.all()]
     return found
 
@@ -96,7 +96,7 @@ class _Attributes:
 class _Check:
     """Of one module."""
 
-    def __init__(self, code: ModuleCode, source: str, attributes: _Attributes, values: Values) -> None:
+    def __init__(self, code: ModuleCode, source: str, attributes: _Attributes, values: CodeObjects) -> None:
         self._code, self._source, self._attributes, self._values = code, source, attributes, values
         self._found: dict[tuple[int, str], None] = {}
 

@@ -27,7 +27,7 @@ STATES = ("pending", "default", "one", "zero")
 MISSING = object()
 
 
-class Values:
+class CodeObjects:
     """What the expressions of one module stand for, of the objects of the machine."""
 
     def __init__(self, code: ModuleCode, known: Objects) -> None:
@@ -180,8 +180,8 @@ def _own(item: Any, name: str) -> Any:
 
 def _may_be_missing(item: Atomic) -> bool:
     """Whether the class of its compound declares that there may be none."""
-    parent: Any = item._parent
-    hint = hints_of(type(parent)).get(item._name.partition(".")[0])
+    kind: Any = type(item._parent)
+    hint = hints_of(kind).get(item._name.partition(".")[0])
     return get_origin(hint) in (Union, UnionType)
 
 
