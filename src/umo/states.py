@@ -20,12 +20,16 @@ from umo.text import cut_repr
 class TwoState(Enum):
     """Base of all two-state types; derive one by naming exactly two states."""
 
+    _hash: int
+
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         if len(cls.__members__) != 2 or len(list(cls)) != 2:
             raise DeclarationError(
                 f"{cls.__name__} has {len(list(cls))} states; a two-state type must have exactly two"
             )
+        for state in cls:  # not that of the name alone: in a dict or set, no text and no other type is found for it
+            state._hash = hash((cls.__name__, state._name_))
 
     if not TYPE_CHECKING:  # typed, mypy would skip what follows an `if state:`, and not look at `state == 1`
 
@@ -46,8 +50,8 @@ class TwoState(Enum):
 
         __gt__ = __le__ = __ge__ = __lt__
 
-        def __hash__(self):  # not that of the name alone: in a dict or set, no text and no other type is found for it
-            return hash((type(self).__name__, self._name_))
+        def __hash__(self):
+            return self._hash
 
     def __str__(self) -> str:
         return self.name

@@ -45,6 +45,7 @@ def make_station(directory: Path) -> None:
         raise StationError(f"{directory} cannot be written: {error}") from error
     out.print(
         f"{directory} is a station. Try:  umo run {directory}   umo tree {directory}   pytest {directory}\n"
+        f"Mistakes before it runs:  umo check {directory}   and, in {directory}, mypy (pip install mypy)\n"
         f"By hand:  umo run {directory} --manual   and in another terminal  umo call {directory} fill target=200mm",
         soft_wrap=True,
     )
