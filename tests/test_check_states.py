@@ -120,50 +120,47 @@ def told(station: Station) -> list[str]:
 OF_READY = "is a state of PassFail, and never OpenClosed.OPEN: write `is PassFail.PASS` or `is PassFail.FAIL`"
 
 
-@pytest.mark.parametrize(
-    "state",
-    [
-        "state_of(m.ready)",
-        "m.ready.read()",
-        "each",
-    ],
-)
-@pytest.mark.parametrize("sign", ["is", "is not", "==", "!="])
-def test_a_state_of_another_type_is_found(tmp_path: Path, state: str, sign: str) -> None:
-    code = f"each = m.ready.read()\nwhile {state} {sign} OpenClosed.OPEN:\n    await wait('1 s')"
-    (found,) = told(made(tmp_path / "cell", code))
-    assert found == f"application.py:10: `{state}` {OF_READY}"
+def test_a_state_of_another_type_is_found(tmp_path: Path) -> None:
+    states, signs = ("state_of(m.ready)", "m.ready.read()", "each"), ("is", "is not", "==", "!=")
+    tests = [f"while {state} {sign} OpenClosed.OPEN:\n    await wait('1 s')" for state in states for sign in signs]
+    found = told(made(tmp_path / "cell", "\n".join(["each = m.ready.read()", *tests])))
+    expected = [state for state in states for _ in signs]
+    assert found == [f"application.py:{9 + 2 * n + 1}: `{state}` {OF_READY}" for n, state in enumerate(expected)]
 
 
-@pytest.mark.parametrize(
-    ("code", "text"),
-    [
-        ("m.valve.read() is OnOff.ON", "`m.valve.read()` is a state of OpenClosed, and never OnOff.ON"),
-        ("m.valve.pending is OnOff.ON", "`m.valve.pending` is a state of OpenClosed"),
-        ("m.valve.read() is True", "never True: write `is OpenClosed.OPEN` or `is OpenClosed.CLOSED`"),
-        ("m.valve.read() == 'open'", "never 'open': write `is OpenClosed.OPEN`"),
-        ("1 == m.valve.read()", "`m.valve.read()` is a state of OpenClosed, and never 1"),
-        ("OnOff.ON is m.valve.read()", "`m.valve.read()` is a state of OpenClosed, and never OnOff.ON"),
-        ("m.ready.read() in (OpenClosed.OPEN, PassFail.PASS)", "`m.ready.read()` " + OF_READY),
-        ("m.ready.read() not in {OpenClosed.OPEN}", "`m.ready.read()` " + OF_READY),
-        ("m.zones[0].lamp.read() is OpenClosed.OPEN", "`m.zones[0].lamp.read()` is a state of OnOff"),
-        ("m.named['a'].lamp.read() is OpenClosed.OPEN", "is a state of OnOff, and never OpenClosed.OPEN"),
-        ("m.nearest.lamp.read() is OpenClosed.OPEN", "is a state of OnOff, and never OpenClosed.OPEN"),
-        ("[z for z in m.zones if z.lamp.read() is PassFail.PASS]", "`z.lamp.read()` is a state of OnOff"),
-        ("await until(lambda: m.ready.read() is OpenClosed.OPEN)", "`m.ready.read()` " + OF_READY),
-        ("m.valve is OpenClosed.OPEN", "an object, not its state: write `m.valve.read() is OpenClosed.OPEN`"),
-        ("m.ready == 1", "not its state: write `m.ready.read() is PassFail.PASS` or `m.ready.read() is PassFail.FAIL`"),
-        ("m.level > 3", "`m.level` is an object, not its value: write `m.level.read() > 3`"),
-        ("1 if m.ready else 0", "`m.ready` is an object, which is always true: write `m.ready.read() is ...`"),
-        ("1 if not m.level else 0", "`m.level` is an object, which is always true: write `m.level.read() > ...`"),
-        ("m.level is 3.5", "`m.level` is an object, not its value: write `m.level.read() == 3.5`"),
-    ],
-)
+NEVER_EQUAL = [
+    ("m.valve.read() is OnOff.ON", "`m.valve.read()` is a state of OpenClosed, and never OnOff.ON"),
+    ("m.valve.pending is OnOff.ON", "`m.valve.pending` is a state of OpenClosed"),
+    ("m.valve.read() is True", "never True: write `is OpenClosed.OPEN` or `is OpenClosed.CLOSED`"),
+    ("m.valve.read() == 'open'", "never 'open': write `is OpenClosed.OPEN`"),
+    ("1 == m.valve.read()", "`m.valve.read()` is a state of OpenClosed, and never 1"),
+    ("OnOff.ON is m.valve.read()", "`m.valve.read()` is a state of OpenClosed, and never OnOff.ON"),
+    ("m.ready.read() in (OpenClosed.OPEN, PassFail.PASS)", "`m.ready.read()` " + OF_READY),
+    ("m.ready.read() not in {OpenClosed.OPEN}", "`m.ready.read()` " + OF_READY),
+    ("m.zones[0].lamp.read() is OpenClosed.OPEN", "`m.zones[0].lamp.read()` is a state of OnOff"),
+    ("m.named['a'].lamp.read() is OpenClosed.OPEN", "is a state of OnOff, and never OpenClosed.OPEN"),
+    ("m.nearest.lamp.read() is OpenClosed.OPEN", "is a state of OnOff, and never OpenClosed.OPEN"),
+    ("[z for z in m.zones if z.lamp.read() is PassFail.PASS]", "`z.lamp.read()` is a state of OnOff"),
+    ("await until(lambda: m.ready.read() is OpenClosed.OPEN)", "`m.ready.read()` " + OF_READY),
+    ("m.valve is OpenClosed.OPEN", "an object, not its state: write `m.valve.read() is OpenClosed.OPEN`"),
+    ("m.ready == 1", "not its state: write `m.ready.read() is PassFail.PASS` or `m.ready.read() is PassFail.FAIL`"),
+    ("m.ready.read() is m.valve.read()", "a state of PassFail, and what it is compared with one of OpenClosed"),
+    ("3 < m.level", "`m.level` is an object, not its value: write `m.level.read() > 3`"),
+    ("0 <= m.level.read() <= m.level <= 5", "`m.level` is an object, not its value: write `m.level.read() <= 5`"),
+    ("m.level > 3", "`m.level` is an object, not its value: write `m.level.read() > 3`"),
+    ("1 if m.ready else 0", "`m.ready` is an object, which is always true: write `m.ready.read() is ...`"),
+    ("1 if not m.level else 0", "`m.level` is an object, which is always true: write `m.level.read() > ...`"),
+    ("m.level is 3.5", "`m.level` is an object, not its value: write `m.level.read() == 3.5`"),
+]
+
+
 @pytest.mark.filterwarnings("ignore::SyntaxWarning")
-def test_what_is_never_equal_is_found(tmp_path: Path, code: str, text: str) -> None:
-    (found,) = told(made(tmp_path / "cell", f"x = {code}\nprint(x)"))
-    assert text in found
-    assert found.startswith("application.py:9: ")
+def test_what_is_never_equal_is_found(tmp_path: Path) -> None:
+    found = told(made(tmp_path / "cell", "\n".join(f"x = {code}" for code, _ in NEVER_EQUAL)))
+    assert len(found) == len(NEVER_EQUAL)
+    for line, (told_, (code, text)) in enumerate(zip(found, NEVER_EQUAL, strict=True), 9):
+        assert told_.startswith(f"application.py:{line}: "), code
+        assert text in told_
 
 
 def test_the_cases_of_a_match_are_looked_at(tmp_path: Path) -> None:

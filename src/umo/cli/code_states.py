@@ -22,6 +22,8 @@ from .code_values import Exactly, Instance, ModuleCode, NameScope, Objects
 
 SIGNS = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.IsNot: "!=", ast.NotEq: "!="}
 """How numbers are compared; by == in any other case."""
+TURNED: Mapping[type, type] = {ast.Lt: ast.Gt, ast.Gt: ast.Lt, ast.LtE: ast.GtE, ast.GtE: ast.LtE}
+"""The sign of a comparison that is read from the right."""
 STATES = ("pending", "default", "one", "zero")
 """Properties of an object that are one of its states."""
 MISSING = object()
@@ -39,47 +41,49 @@ class CodeObjects:
             yield from self._mistaken_match(node, scope)
             return
         for left, sign, right in zip([node.left, *node.comparators], node.ops, node.comparators, strict=False):
-            if not isinstance(sign, ast.In | ast.NotIn):
-                others = [right]
-            else:
-                others = right.elts if isinstance(right, ast.Tuple | ast.List | ast.Set) else []
-            for other in others:
-                yield from self._compared(left, sign, other, scope)
-                if other is right:
-                    yield from self._compared(other, sign, left, scope)
+            if isinstance(sign, ast.In | ast.NotIn):
+                for each in right.elts if isinstance(right, ast.Tuple | ast.List | ast.Set) else []:
+                    yield from self._compared(left, "==", each, scope)
+                continue
+            yield from self._of_two_types(left, right, scope)
+            yield from self._compared(left, SIGNS.get(type(sign), "=="), right, scope)
+            yield from self._compared(right, SIGNS.get(TURNED.get(type(sign), type(sign)), "=="), left, scope)
+
+    def _of_two_types(self, one: ast.expr, other: ast.expr, scope: NameScope) -> Iterator[tuple[ast.expr, str]]:
+        """Of two states that are read."""
+        kinds = [self.states_of(each, scope) for each in (one, other)]
+        if None not in kinds and kinds[0] is not kinds[1]:
+            names = [each.__name__ for each in kinds if each is not None]
+            yield (
+                one,
+                f"`{{}}` is a state of {names[0]}, and what it is compared with one of {names[1]}: never the same",
+            )
 
     def _mistaken_match(self, node: ast.Match, scope: NameScope) -> Iterator[tuple[ast.expr, str]]:
         """The same of `match`."""
         for case in node.cases:
             for pattern in ast.walk(case.pattern):
                 if isinstance(pattern, ast.MatchValue):
-                    yield from self._compared(node.subject, ast.Eq(), pattern.value, scope)
+                    yield from self._compared(node.subject, "==", pattern.value, scope)
                 elif isinstance(pattern, ast.MatchSingleton) and pattern.value is not None:
                     constant = ast.copy_location(ast.Constant(pattern.value), node.subject)
-                    yield from self._compared(node.subject, ast.Eq(), constant, scope)
+                    yield from self._compared(node.subject, "==", constant, scope)
 
-    def _compared(
-        self, one: ast.expr, sign: ast.cmpop, other: ast.expr, scope: NameScope
-    ) -> Iterator[tuple[ast.expr, str]]:
+    def _compared(self, one: ast.expr, sign: str, other: ast.expr, scope: NameScope) -> Iterator[tuple[ast.expr, str]]:
         """`one` is what is looked at, `other` what it is compared with."""
         written = self._written(other, scope)
-        if written is MISSING:
-            return
-        shown = _shown(written)
-        states = self.states_of(one, scope)
+        states = None if written is MISSING else self.states_of(one, scope)
         if states is not None and type(written) is not states:
             nearest = comparisons(states, written)
-            yield one, f"`{{}}` is a state of {states.__name__}, and never {shown}: write {nearest}"
-        items = [] if states else self.objects(one, scope)
+            yield one, f"`{{}}` is a state of {states.__name__}, and never {_shown(written)}: write {nearest}"
+        items = [] if written is MISSING or states else self.objects(one, scope)
         if items and all(isinstance(each, Binary) for each in items):
             if len(kinds := {each.states for each in items}) == 1:
-                yield (
-                    one,
-                    f"`{{}}` is an object, not its state: write {comparisons(kinds.pop(), written, '{}.read() ')}",
-                )
+                nearest = comparisons(kinds.pop(), written, "{}.read() ")
+                yield one, f"`{{}}` is an object, not its state: write {nearest}"
         elif items and all(isinstance(each, Atomic) for each in items):
-            number = shown if isinstance(written, int | float) else "..."
-            yield one, f"`{{}}` is an object, not its value: write `{{}}.read() {SIGNS.get(type(sign), '==')} {number}`"
+            number = _shown(written) if isinstance(written, int | float) else "..."
+            yield one, f"`{{}}` is an object, not its value: write `{{}}.read() {sign} {number}`"
 
     def always_true(self, node: ast.expr, scope: NameScope) -> str | None:
         """What is wrong with an object that is asked whether it is true. One that may be missing may be asked."""
