@@ -181,7 +181,8 @@ def test_the_cases_of_a_match_are_looked_at(tmp_path: Path) -> None:
         ("m.zones[0].unit.prodced += 1", "Unit has no attribute 'prodced' (did you mean 'produced'?)"),
         ("print(m.lvel.read())", "`m.lvel`: Cell has no attribute 'lvel' (did you mean 'level'?)"),
         ("m.valve.wirte(OpenClosed.OPEN)", "has no attribute 'wirte' (did you mean 'write'?)"),
-        ("m.valve.state = OpenClosed.OPEN", "BinaryActuator has no attribute 'state'"),
+        ("m.valve.state = OpenClosed.OPEN", "no attribute 'state'; its value is written: `valve.write(...)`"),
+        ("print(m.valve.state is OpenClosed.OPEN)", "has no attribute 'state' (did you mean 'read()'?)"),
     ],
 )
 def test_an_attribute_that_nothing_has_is_found(tmp_path: Path, code: str, text: str) -> None:

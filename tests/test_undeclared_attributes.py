@@ -271,11 +271,13 @@ class Colour(Compound):
     [
         (lambda m: m.motr, "AttributeError: 'Bench' object has no attribute 'motr' (did you mean 'motor'?)"),
         (lambda m: m.motor.wite(1), "has no attribute 'wite' (did you mean 'write'?)"),
+        (lambda m: m.valve.state, "has no attribute 'state' (did you mean 'read()'?)"),
+        (lambda m: m.motor.value, "has no attribute 'value' (did you mean 'read()'?)"),
         (lambda m: OnOff.ONN, "ONN (did you mean 'ON'?)"),
         (lambda m: m.cycle.strat, "(did you mean 'start'?)"),
         (lambda m: Colour(motor=actuator()).motr, "has no attribute 'motr' ("),
     ],
-    ids=["compound", "object", "state", "cycle", "no names"],
+    ids=["compound", "object", "its state", "its value", "state", "cycle", "no names"],
 )
 def test_an_attribute_that_is_read_is_told_with_the_nearest_one(read: Any, text: str) -> None:
     with pytest.raises(AttributeError) as raised:

@@ -50,6 +50,7 @@ from umo.text import (
     did_you_mean,
     in_a_line,
     in_brackets,
+    near_attribute,
     raised_at,
     shown_place,
     some,
@@ -332,8 +333,7 @@ def _text_of(error: BaseException, place: CodePlace | None) -> str:
 def _nearest_attribute(error: AttributeError) -> str:
     """` (did you mean 'target'?)` for an attribute that was read and that its object does not have."""
     with suppress(BaseException):  # `dir` of the user's may raise anything
-        name, names = error.name or "", [] if error.obj is None else dir(error.obj)
-        return did_you_mean(name, [each for each in names if each.startswith("_") == name.startswith("_")])
+        return "" if error.obj is None else near_attribute(error.name or "", dir(error.obj))
     return ""
 
 

@@ -16,13 +16,15 @@ from umo.objects.attributes import DeclaredAttributes, names_in
 from umo.objects.stored_names import stores_in
 from umo.signature import hints_of
 from umo.states import TwoState, comparisons
-from umo.text import did_you_mean
+from umo.text import near_attribute
 
 from .code_values import Exactly, Instance, ModuleCode, NameScope, Objects
 
-SIGNS = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.IsNot: "!=", ast.NotEq: "!="}
+SIGNS: Mapping[type[ast.cmpop], str] = {
+    ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.IsNot: "!=", ast.NotEq: "!=",
+}  # fmt: skip
 """How numbers are compared; by == in any other case."""
-TURNED: Mapping[type, type] = {ast.Lt: ast.Gt, ast.Gt: ast.Lt, ast.LtE: ast.GtE, ast.GtE: ast.LtE}
+TURNED = {"<": ">", ">": "<", "<=": ">=", ">=": "<="}
 """The sign of a comparison that is read from the right."""
 STATES = ("pending", "default", "one", "zero")
 """Properties of an object that are one of its states."""
@@ -46,18 +48,16 @@ class CodeObjects:
                     yield from self._compared(left, "==", each, scope)
                 continue
             yield from self._of_two_types(left, right, scope)
-            yield from self._compared(left, SIGNS.get(type(sign), "=="), right, scope)
-            yield from self._compared(right, SIGNS.get(TURNED.get(type(sign), type(sign)), "=="), left, scope)
+            shown = SIGNS.get(type(sign), "==")
+            yield from self._compared(left, shown, right, scope)
+            yield from self._compared(right, TURNED.get(shown, shown), left, scope)
 
     def _of_two_types(self, one: ast.expr, other: ast.expr, scope: NameScope) -> Iterator[tuple[ast.expr, str]]:
         """Of two states that are read."""
         kinds = [self.states_of(each, scope) for each in (one, other)]
         if None not in kinds and kinds[0] is not kinds[1]:
-            names = [each.__name__ for each in kinds if each is not None]
-            yield (
-                one,
-                f"`{{}}` is a state of {names[0]}, and what it is compared with one of {names[1]}: never the same",
-            )
+            first, second = (each.__name__ for each in kinds if each is not None)
+            yield one, f"`{{}}` is a state of {first}, and what it is compared with one of {second}: never the same"
 
     def _mistaken_match(self, node: ast.Match, scope: NameScope) -> Iterator[tuple[ast.expr, str]]:
         """The same of `match`."""
@@ -162,8 +162,9 @@ class CodeObjects:
         kinds = {type(each) for each in items}
         if not all(map(_has_declared, kinds)) or any(_has(each, node.attr) for each in items):
             return None
-        known = {name for each in items for name in dir(each)}
-        near = did_you_mean(node.attr, [name for name in known if not name.startswith("_")])
+        near = near_attribute(node.attr, {name for each in items for name in dir(each)})
+        if isinstance(node.ctx, ast.Store) and isinstance(items[0], Atomic):
+            near = items[0]._instead_of_setting("...")
         return f"`{{}}`: {' and '.join(sorted(each.__name__ for each in kinds))} has no attribute {node.attr!r}{near}"
 
 
