@@ -57,6 +57,7 @@ class Cell(Compound):
     def setup(self) -> None:
         self.nearest = self.zones[0]
         self.on_done = None
+        self.kept = self.filling = None
         self.zones[0].unit = Unit(self.zones[0])
 
     async def fill(self) -> float:

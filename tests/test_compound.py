@@ -36,6 +36,8 @@ class Robot(Compound):
     axes: list[Axis]
     grippers: dict[str, Gripper]
     release: BinaryActuator[OnOff]
+    count = 0
+    favourite = None
 
 
 def axis(**changes: Any) -> Axis:

@@ -42,6 +42,8 @@ class Oven(Compound):
     zones: tuple[Zone, ...]
     timer: DigitalSensor
     acts = True
+    later: Any = None
+    outer: Any = None
 
     def setup(self) -> None:
         self.servo = Servo(self.temperature, self.heater, gain=2.0, integral_time=10.0)

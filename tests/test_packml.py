@@ -112,6 +112,8 @@ class Unit(Compound, equipment=True):
     motor: DigitalActuator
     level: DigitalSensor
     states: Any = Gated
+    beside: Any = None
+    odd = False
 
     def setup(self) -> None:
         self.unit = self.states(self)
@@ -524,7 +526,7 @@ def test_what_a_sequence_closes_that_was_ended_in_manual_mode_is_not_driven_agai
                 await super().execute()
             finally:
                 self.part.motor.write(0.0)
-                self.part.beside.motor.write(0.0)  # type: ignore[attr-defined]
+                self.part.beside.motor.write(0.0)
 
         @action
         def drop(self) -> None:
@@ -537,7 +539,7 @@ def test_what_a_sequence_closes_that_was_ended_in_manual_mode_is_not_driven_agai
     filler, beside = (Unit(motor=actuator(), level=sensor(), states=each) for each in (Driving, PackML))
     machine = Pair(filler=filler, timer=timer(), beside=beside)
     with connect(machine, wired(machine, Scripted())) as m:
-        filler.beside = beside  # type: ignore[attr-defined]
+        filler.beside = beside
         ann = Operator(m)
         ann.do("lease", seconds=1000.0)
         for command in ("reset", "start"):

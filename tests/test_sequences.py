@@ -728,10 +728,12 @@ def test_cancelled_is_no_exception_that_a_sequence_catches_by_accident():
 def test_a_task_that_cancels_itself_cleans_up_where_it_awaits_next(together_with_another):
     log: list[str] = []
 
+    tasks = []
+
     async def work(m):
         try:
             await next_period()
-            m.tasks[0].cancel()
+            tasks[0].cancel()
             log.append("still in this period")
             await next_period()
             log.append("went on")
@@ -744,13 +746,13 @@ def test_a_task_that_cancels_itself_cleans_up_where_it_awaits_next(together_with
     with Cycle() as cycle:
         sequence = gather(work(cycle.m), after(99, "b", log)) if together_with_another else work(cycle.m)
         other = cycle.start(after(2, "other"))
-        cycle.m.tasks = [cycle.start(sequence)]
+        tasks.append(cycle.start(sequence))
         cycle.steps(1)
-        assert not cycle.m.tasks[0].done
+        assert not tasks[0].done
         cycle.steps(1)
         beside = ["cancelled b", "left b"] if together_with_another else []
         assert log == ["still in this period", *beside, "cancelled", "left"]
-        assert (cycle.m.tasks[0].done, cycle.m.tasks[0].result) == (True, None)
+        assert (tasks[0].done, tasks[0].result) == (True, None)
         cycle.steps(1)
         assert other.done
 

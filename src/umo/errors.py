@@ -50,6 +50,7 @@ from umo.text import (
     did_you_mean,
     in_a_line,
     in_brackets,
+    near_attribute,
     raised_at,
     shown_place,
     some,
@@ -325,7 +326,15 @@ def _text_of(error: BaseException, place: CodePlace | None) -> str:
     if said and isinstance(error, UmoError | OSError | Interrupted):
         return in_a_line(said)
     first = said.partition("\n")[0]
-    return ": ".join(filter(None, (type(error).__name__, first))) + in_brackets(shown_place(place))
+    near = _nearest_attribute(error) if isinstance(error, AttributeError) else ""
+    return ": ".join(filter(None, (type(error).__name__, first))) + near + in_brackets(shown_place(place))
+
+
+def _nearest_attribute(error: AttributeError) -> str:
+    """` (did you mean 'target'?)` for an attribute that was read and that its object does not have."""
+    with suppress(BaseException):  # `dir` of the user's may raise anything
+        return "" if error.obj is None else near_attribute(error.name or "", dir(error.obj))
+    return ""
 
 
 def forget_frames(error: BaseException) -> None:

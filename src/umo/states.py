@@ -2,19 +2,25 @@
 
 A two-state type names two states and carries no level; which state is the electrical 1 is said where an
 object is declared (`one=`), as in the paper. A state has no truth value, so `if sensor.read():` is an error:
-write `if sensor.read() is OnOff.ON:`.
+write `if sensor.read() is OnOff.ON:`. It is compared with states of its own type and with None; with a state of another
+type, a number or a text `==` raises TypeError, as would `in` and `case` of a `match`. `is` cannot raise: `umo check`
+and type checkers find it (decision 83).
 """
 
 from __future__ import annotations
 
 from enum import Enum
+from numbers import Number
 from typing import TYPE_CHECKING
 
 from umo.errors import DeclarationError
+from umo.text import cut_repr
 
 
 class TwoState(Enum):
     """Base of all two-state types; derive one by naming exactly two states."""
+
+    _hash: int
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -22,14 +28,58 @@ class TwoState(Enum):
             raise DeclarationError(
                 f"{cls.__name__} has {len(list(cls))} states; a two-state type must have exactly two"
             )
+        for state in cls:  # not that of the name alone: in a dict or set, no text and no other type is found for it
+            state._hash = hash((cls.__name__, state._name_))
 
-    if not TYPE_CHECKING:  # typed, its NoReturn would make mypy skip whatever follows an `if state:`
+    if not TYPE_CHECKING:  # typed, mypy would skip what follows an `if state:`, and not look at `state == 1`
 
         def __bool__(self):
             raise TypeError(f"{self} has no truth value; compare it: `is {type(self).__name__}.{self.name}`")
 
+        def __eq__(self, other):
+            if self is other:
+                return True
+            if type(other) is type(self):
+                return False
+            if is_plain(other):
+                raise TypeError(f"{shown(self)} is never equal to {shown(other)}; compare it: {_nearest(self, other)}")
+            return NotImplemented
+
+        def __lt__(self, other):
+            raise TypeError(f"{shown(self)} has no order; compare it: {_nearest(self, other)}")
+
+        __gt__ = __le__ = __ge__ = __lt__
+
+        def __hash__(self):
+            return self._hash
+
     def __str__(self) -> str:
         return self.name
+
+
+def is_plain(given: object) -> bool:
+    """Whether it is a number, a text or a state: what no object is equal to, and no state of another type."""
+    return isinstance(given, Enum | int | float | str | bytes | Number)
+
+
+def shown(given: object) -> str:
+    """What is compared, for a message: a state as it is written."""
+    return f"{type(given).__name__}.{given.name}" if isinstance(given, Enum) else cut_repr(given)
+
+
+def comparisons(states: type[TwoState], meant: object, what: str = "") -> str:
+    """What to write instead: comparisons with the state that has the name of what was meant, else with each."""
+    name = str(getattr(meant, "name", meant)).upper()
+    named = [name] if name in states.__members__ else list(states.__members__)
+    return " or ".join(f"`{what}is {states.__name__}.{each}`" for each in named)
+
+
+def _nearest(one: TwoState, other: object) -> str:
+    """Which of two states was written and which was read is not known."""
+    ways = [comparisons(type(one), other)]
+    if isinstance(other, TwoState) and type(other) is not type(one):
+        ways.append(comparisons(type(other), one))
+    return ", or ".join(ways)
 
 
 class ZeroOne(TwoState):

@@ -8,7 +8,7 @@ import inspect
 import os
 import re
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import lru_cache
@@ -220,6 +220,17 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
         return ""
     near = difflib.get_close_matches(name[:200], list(islice(known, COMPARED_NAMES)), n=1, cutoff=0.5)
     return f" (did you mean {near[0]!r}?)" if near else ""
+
+
+VALUE_WORDS = ("state", "value")
+"""Names by which the value of an object is asked for."""
+
+
+def near_attribute(name: str, known: Collection[str]) -> str:
+    """The same of attributes: a public one for a public one, and `read()` of an object that is asked for its value."""
+    if name in VALUE_WORDS and "read" in known:
+        return " (did you mean 'read()'?)"
+    return did_you_mean(name, [each for each in known if each.startswith("_") == name.startswith("_")])
 
 
 MAX_WORD = 80

@@ -14,7 +14,7 @@ import pytest
 from helpers.generating import needs_a_compiler
 from helpers.side_by_side import Played
 from helpers.written_programs import Cases, Program, check_equal, check_refused
-from umo.states import OnOff
+from umo.states import OnOff, PassFail
 
 CASES = Cases()
 equal, refused = CASES.is_equal, CASES.is_refused
@@ -497,6 +497,53 @@ class LevelThatIsANumber(Program):
     def control(self) -> None:
         self.level = Level.SOME if self.u > 1.0 else Level.NONE
         self.c = int(self.level == 1)
+
+
+@refused("a comparison with another type, which Python refuses")
+class StateAndStateOfAnotherType(Program):
+    def begin(self) -> None:
+        self.state, self.other = OnOff.ON, PassFail.PASS
+
+    def control(self) -> None:
+        self.state = OnOff.ON if self.u > 1.0 else OnOff.OFF
+        self.other = PassFail.PASS if self.u > 2.0 else PassFail.FAIL
+        self.c = int(self.state == self.other)
+
+
+@refused("a comparison with another type, which Python refuses")
+class StateAndNumber(Program):
+    def begin(self) -> None:
+        self.state = OnOff.ON
+
+    def control(self) -> None:
+        self.state = OnOff.ON if self.u > 1.0 else OnOff.OFF
+        self.c = int(self.state != 1)
+
+
+@refused("a comparison with another type, which Python refuses")
+class StateAmongTexts(Program):
+    def begin(self) -> None:
+        self.state = OnOff.ON
+
+    def control(self) -> None:
+        self.state = OnOff.ON if self.u > 1.0 else OnOff.OFF
+        self.c = int(self.state in ("on", "off"))
+
+
+@refused("a comparison with another type, which Python refuses")
+class ObjectAndNumber(Program):
+    def control(self) -> None:
+        self.c = int(self.a == 1)  # type: ignore[comparison-overlap]
+
+
+@equal
+class StatesOfOneType(Program):
+    def begin(self) -> None:
+        self.state, self.last = OnOff.ON, None
+
+    def control(self) -> None:
+        self.state = OnOff.ON if self.u > 1.0 else OnOff.OFF
+        self.c = (self.state == OnOff.ON) + 2 * (self.state in (OnOff.OFF, None)) + 4 * (self.state is PassFail.PASS)
 
 
 @equal

@@ -30,6 +30,9 @@ def wrong_parts(m: Manipulator) -> None:
     m.zz.motor.write(1.0)  # E: unknown part
     m.axes[0].brake.write(OnOff.ON)  # E: unknown part
     m.axes.append(axis())  # E: parts are fixed
+    m.z.sped = 3.0  # E: no class declares it
+    m.z.motor.value = 3.0  # E: nor this
+    m.z.motor = axis().motor if m.z.motor > 3.0 else m.z.motor  # E: an object has no order
 
 
 def wrong_children() -> None:

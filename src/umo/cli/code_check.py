@@ -1,5 +1,6 @@
 """Mistakes in the code of a station that show late when it runs, or never: a sequence that nobody awaits, a function
-that nobody calls, a condition that is worked out once. Nothing of the code is carried out; what is not certain is not
+that nobody calls, a condition that is worked out once, a comparison that is never true, an attribute that nothing has.
+Nothing of the code is carried out; what is not certain is not
 told."""
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from umo.objects.atomic import Binary
 from umo.process.station import Station
 from umo.text import shown_path
 
+from .code_states import CodeObjects
 from .code_values import (
     Exactly,
     FunctionNode,
@@ -59,7 +61,8 @@ def mistakes_in(station: Station, machine: Compound) -> list[Mistake]:
     names, objects, main = _Attributes(trees.values()), Objects(machine, modules), station.main
     found: list[Mistake] = []
     for module, tree in trees.items():
-        check = _Check(ModuleCode(module, tree, objects, main), sources[module], names)
+        code = ModuleCode(module, tree, objects, main)
+        check = _Check(code, sources[module], names, CodeObjects(code, objects))
         found += [Mistake(f"{shown_path(str(module.__file__))}:{line}", "", text) for line, text in check.all()]
     return found
 
@@ -80,19 +83,21 @@ def _source(file: str) -> str:
 
 
 class _Attributes:
-    """The names of the attributes that are read, and that are assigned, anywhere in the station."""
+    """The names of the attributes that are read, and that are assigned, anywhere in the station, and all texts."""
 
     def __init__(self, trees: Iterable[ast.Module]) -> None:
-        nodes = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Attribute)]
+        everything = [node for tree in trees for node in ast.walk(tree)]
+        nodes = [node for node in everything if isinstance(node, ast.Attribute)]
         self.read = {node.attr for node in nodes if isinstance(node.ctx, ast.Load)}
         self.assigned = {node.attr for node in nodes if not isinstance(node.ctx, ast.Load)}
+        self.in_texts = {node.value for node in everything if isinstance(node, ast.Constant)}
 
 
 class _Check:
     """Of one module."""
 
-    def __init__(self, code: ModuleCode, source: str, attributes: _Attributes) -> None:
-        self._code, self._source, self._attributes = code, source, attributes
+    def __init__(self, code: ModuleCode, source: str, attributes: _Attributes, values: CodeObjects) -> None:
+        self._code, self._source, self._attributes, self._values = code, source, attributes, values
         self._found: dict[tuple[int, str], None] = {}
 
     def all(self) -> list[tuple[int, str]]:
@@ -187,6 +192,8 @@ class _Check:
             self._tell(node, "`{}` is a sequence, which is always true: write `await {}`")
         elif self._is_function(node, scope):
             self._tell(node, "`{}` is not called, and a function is always true: write `{}()`")
+        elif text := self._values.always_true(node, scope):
+            self._tell(node, text)
 
     def _compared(self, node: ast.Compare, scope: NameScope) -> None:
         operands = [node.left, *node.comparators]
@@ -197,6 +204,17 @@ class _Check:
                 self._tell(each, "`{}` is a sequence, not its result: write `await {}`")
             elif self._is_function(each, scope):
                 self._tell(each, "`{}` is not called, and a function is compared: write `{}()`")
+
+    # States, objects and attributes --------------------------------------------------------------------
+
+    def _states(self, node: ast.Compare | ast.Match, scope: NameScope) -> None:
+        for each, text in self._values.mistaken(node, scope):
+            self._tell(each, text)
+
+    def _attribute(self, node: ast.Attribute, scope: NameScope) -> None:
+        """One whose name stands in a text may be asked for before (`hasattr`)."""
+        if node.attr not in self._attributes.in_texts and (text := self._values.misspelt(node, scope)):
+            self._tell(node, text)
 
     def _is_function(self, node: ast.expr, scope: NameScope) -> bool:
         """Whether it is a method that is not called. One that is assigned somewhere may be none."""
@@ -258,6 +276,8 @@ _LOOKS: tuple[tuple[Any, Callable[[_Check, Any, NameScope], None]], ...] = (
     (ast.comprehension, _Check._filters),
     (ast.Compare, _Check._compared),
     (ast.Call, _Check._called),
+    (ast.Compare | ast.Match, _Check._states),
+    (ast.Attribute, _Check._attribute),
 )
 
 

@@ -273,6 +273,10 @@ class Objects:
 
         self._attributes: dict[tuple[type, str], Thing | None] = {}
 
+    def of(self, kind: type) -> list[Any]:
+        """The objects of this class, and of those below it."""
+        return [each for each in self._all if isinstance(each, kind)]
+
     def attribute(self, kind: type, name: str) -> Thing | None:
         """An attribute of an object of this class."""
         if (kind, name) not in self._attributes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import keyword
 import re
 import shutil
@@ -34,12 +35,17 @@ def make_station(directory: Path) -> None:
     try:
         with as_file(files("umo.cli") / "template" / "station") as template:
             shutil.copytree(template, directory, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
-        module = re.sub(r"\W", "_", directory.resolve().name)  # pytest takes no two modules of one name
+        own = directory.resolve().name
+        settings = directory / "pyproject.toml"
+        named = settings.read_text("utf-8").replace('"STATION"', json.dumps(own, ensure_ascii=False))
+        settings.write_text(named, "utf-8")
+        module = re.sub(r"\W", "_", own)  # pytest takes no two modules of one name
         (directory / "tests" / "test_station.py").rename(directory / "tests" / f"test_{module}.py")
     except OSError as error:
         raise StationError(f"{directory} cannot be written: {error}") from error
     out.print(
         f"{directory} is a station. Try:  umo run {directory}   umo tree {directory}   pytest {directory}\n"
+        f"Mistakes before it runs:  umo check {directory}   and, in {directory}, mypy (pip install mypy)\n"
         f"By hand:  umo run {directory} --manual   and in another terminal  umo call {directory} fill target=200mm",
         soft_wrap=True,
     )

@@ -27,7 +27,7 @@ from umo.generate.c_types import (
 from umo.generate.expression_code import FOLDED, NUMBERS, SIGNS, ExpressionCode, is_of_numpy
 from umo.generate.function_scope import TELLS, NoTranslation
 from umo.generate.terms import TEXT, Code, Known, Many, Present, Term, UnknownText
-from umo.generate.value_kinds import compares_by_identity, is_bare_enum, is_immutable
+from umo.generate.value_kinds import compares_by_identity, is_bare_enum, is_immutable, refuse_comparison
 
 NUMBERS_AND_TEXTS = (*NUMBERS, str, bytes, tuple, np.generic)
 ELEMENTS = (tuple, list, set, frozenset, dict, range, deque)
@@ -89,6 +89,8 @@ class ConditionCode(ExpressionCode):
             return self._is_none(right if none[0] is left else left, equal)
         if self.is_array(left) or self.is_array(right):
             return self.compared_arrays(sign, left, right, left_node)
+        if not identity and refuse_comparison(_class_of(left), _class_of(right)):
+            raise self.refused(left_node, "a comparison with another type, which Python refuses", "its states")
         if isinstance(left, Known) and isinstance(right, Known):
             if identity:
                 return self._same(left, right, equal, left_node)
@@ -395,6 +397,15 @@ def _is_state(term: Term) -> bool:
     if isinstance(term, Known):
         return isinstance(term.value, Enum)
     return isinstance(term, Code) and isinstance(plain_type(term.type), StateType)
+
+
+def _class_of(term: Term) -> type:
+    """The class of its values; object where it is not known."""
+    if isinstance(term, Known):
+        return type(term.value)
+    if not isinstance(term, Code):
+        return object
+    return plain_kind(term) or (float if is_number(plain_number(plain_type(term.type))) else object)
 
 
 def plain_type(of: CType) -> CType:

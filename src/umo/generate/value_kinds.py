@@ -24,6 +24,8 @@ from typing import Any
 import numpy as np
 
 from umo.objects import Compound, Node, Vector
+from umo.objects.attributes import DeclaredAttributes
+from umo.states import TwoState
 
 MOST_STATES = 256
 """Members of an Enum, whose number is a byte."""
@@ -46,6 +48,8 @@ WITHOUT_FIELDS = (
     np.generic,
 )
 """Objects whose attributes are not assigned."""
+REFUSING = (TwoState, Node)
+"""Classes whose objects are equal to themselves only, and refuse to be compared with numbers, texts, other states."""
 OWN_MODULES = ("builtins", "enum", "typing", "collections")
 NUMPY_NUMBERS = (np.float64, np.int64, np.bool_)
 WORDS_OF_C = frozenset(
@@ -79,6 +83,20 @@ def own_methods(kind: type, names: Iterable[str]) -> list[str]:
     return found
 
 
+def own_equality(kind: type, names: Iterable[str] = COMPARED) -> bool:
+    """Whether a class decides which of its objects are equal."""
+    of_umo = [vars(each).get(name) for each in REFUSING for name in names]
+    return any(getattr(kind, name) not in of_umo for name in own_methods(kind, names))
+
+
+def refuse_comparison(one: type, other: type) -> bool:
+    """Whether objects of these classes refuse to be compared by `==`."""
+    return one is not other and any(
+        issubclass(refusing, REFUSING) and issubclass(plain, (Enum, *SCALARS[:-1], np.generic))
+        for refusing, plain in ((one, other), (other, one))
+    )
+
+
 def made_by_code(kind: type) -> bool:
     """Whether code that is none of Python's or of umo makes an object of this class."""
     own = [each for each in kind.__mro__ if each.__module__.partition(".")[0] not in (*OWN_MODULES, "umo")]
@@ -90,7 +108,8 @@ def is_plain_enum(kind: type) -> bool:
     return (
         not issubclass(kind, Flag)
         and len(kind) <= MOST_STATES  # type: ignore[arg-type]
-        and not own_methods(kind, (*COMPARED, "__getattribute__", "__setattr__"))
+        and not own_equality(kind)
+        and not own_methods(kind, ("__getattribute__", "__setattr__"))
     )
 
 
@@ -132,7 +151,7 @@ def is_immutable(value: Any) -> bool:
 
 def compares_by_identity(value: Any) -> bool:
     """Whether it is equal to nothing but itself."""
-    return not own_methods(type(value), ("__eq__", "__ne__")) and type(value) not in CONTAINERS
+    return not own_equality(type(value), ("__eq__", "__ne__")) and type(value) not in CONTAINERS
 
 
 def refused_truth(value: Any) -> bool:
@@ -177,6 +196,7 @@ def refused_store(owner: Any, name: str) -> str:
         return f"{name} is a part, and parts cannot be replaced" if name in owner._fixed else ""
     if isinstance(owner, Node):
         return f"an attribute of a {kind.__name__} is assigned"
-    if kind.__setattr__ is not object.__setattr__:  # type: ignore[comparison-overlap]
+    setters: tuple[Any, ...] = object.__setattr__, DeclaredAttributes.__setattr__
+    if kind.__setattr__ not in setters:
         return f"{kind.__name__} has a __setattr__, or is frozen"
     return ""

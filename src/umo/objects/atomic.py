@@ -12,6 +12,7 @@ import numpy as np
 
 from umo.drivers.contract import Direction
 from umo.errors import DeclarationError, RangeError, StateError
+from umo.objects.attributes import check_declared
 from umo.objects.linearization import Linearization, fitted
 from umo.objects.link import Unconnected
 from umo.objects.node import Node
@@ -20,7 +21,7 @@ from umo.objects.truth import checked_truth
 from umo.objects.units import check_unit, convert
 from umo.presentation.digits import NO_VALUE, digits_of, number_text
 from umo.presentation.value_text import measure, quality_text, span
-from umo.states import TwoState
+from umo.states import TwoState, comparisons
 from umo.text import cut_repr
 
 if TYPE_CHECKING:
@@ -85,6 +86,22 @@ class Atomic(Node):
         """Range and units as a short text, for tables."""
         raise NotImplementedError
 
+    if not TYPE_CHECKING:  # typed, any attribute could be assigned
+
+        def __setattr__(self, name, value):
+            if name not in self._class_names:
+                check_declared(self, name, self._instead_of_setting("..."))
+            try:
+                object.__setattr__(self, name, value)
+            except AttributeError as error:
+                raise AttributeError(f"{error}{self._instead_of_setting('...')}") from None
+
+    def _instead_of_setting(self, value: str) -> str:
+        """What to write instead of an assignment to it, or to an attribute of it."""
+        if self.direction is Direction.OUTPUT:
+            return f"; its value is written: `{self.path or type(self).__name__}.write({value})`"
+        return "; a sensor is only read"
+
     def _connect(self, image: Image, slot: int) -> None:
         self._image = image
         self._slot = slot
@@ -132,6 +149,10 @@ class Binary(Atomic, Generic[S]):
 
     def describe(self) -> str:
         return f"{self._one}=1 {self._zero}=0"
+
+    def _meant(self, name: str, sign: str, other: object) -> str:
+        meant = other if isinstance(other, str | TwoState) else self._zero if other == 0 else self._one
+        return f"write {comparisons(self._states, meant, f'{name}.read() ')}"
 
     def _level(self, state: S) -> int:
         if state is self._one:
@@ -240,6 +261,10 @@ class Digital(Atomic):
     def describe(self) -> str:
         of = "" if self._linearization is None else f" through a {self._linearization}"
         return f"{span(self._minimum, self._maximum, self._units)} by {number_text(abs(self._resolution))}{of}"
+
+    def _meant(self, name: str, sign: str, other: object) -> str:
+        number = cut_repr(other) if isinstance(other, int | float) else "..."
+        return f"write `{name}.read() {sign} {number}`"
 
     def _number(self, value: float) -> float:
         """A plain finite float; a bool, a text or a state is refused."""

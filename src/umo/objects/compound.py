@@ -23,13 +23,15 @@ from typing import (
 )
 
 from umo.errors import DeclarationError, PathError
-from umo.objects.atomic import Binary
+from umo.objects.atomic import Atomic, Binary
+from umo.objects.attributes import check_declared, shared
 from umo.objects.keywords import AlarmsByName, ByAttribute, ClassSettings, refuse_in_body, settings_of
 from umo.objects.link import Cycle, Unconnected
 from umo.objects.node import Node
 from umo.objects.paths import named
 from umo.objects.reaction import Reaction
 from umo.signature import hints_of
+from umo.states import shown
 from umo.text import cut_repr
 from umo.user_code import check_overrides
 
@@ -104,6 +106,7 @@ class Compound(Node):
     _settings: ClassVar[ClassSettings] = ClassSettings()
     _children: Mapping[str, Node] = MappingProxyType({})
     _fixed: frozenset[str] = frozenset()  # the fields that hold parts
+    _free: frozenset[str] = frozenset()  # the attributes that are assigned without a look, when it is made
     _parametrised: bool = False  # `setup` last saw fields that a wiring had set
     _machine: Machine
 
@@ -169,6 +172,7 @@ class Compound(Node):
             except PathError as error:
                 raise PathError(f"stop_order: {error}") from None
         self.setup()
+        vars(self)["_free"] = shared(self._class_names.union(vars(self)) - self._fixed)
 
     def setup(self) -> None:
         """Called at the end of construction, and again on connect if a wiring sets fields of the machine
@@ -182,20 +186,27 @@ class Compound(Node):
                 child._set_up()
         self.setup()
 
-    def __setattr__(self, name: str, value: object) -> None:
+    if not TYPE_CHECKING:  # typed, any attribute could be assigned
+
+        def __setattr__(self, name, value):
+            if name not in self._free or (isinstance(value, Node) and value._parent is None):
+                self._admit(name, value)
+            object.__setattr__(self, name, value)
+
+    def _admit(self, name: str, value: object) -> None:
+        """An assignment that is looked at: of a part, of an object, of an attribute that is not known."""
         if name in self._fixed:
             if name in RESERVED:
                 raise _reserved(type(self), name)
-            raise DeclarationError(f"{self._path or type(self).__name__}.{name} is a part; parts cannot be replaced")
-        if (
-            isinstance(value, Node)
-            and value._parent is None
-            and name != "_parent"
-            and self._fixed
-            and not self._is_below(value)
-        ):
+            what = f"{self._path or type(self).__name__}.{name} is a part; parts cannot be replaced"
+            raise DeclarationError(f"{what}{_written(self._children.get(name), value)}")
+        is_new = isinstance(value, Node) and value._parent is None and name != "_parent"
+        if is_new and self._fixed and not self._is_below(value):
             raise DeclarationError(f"{type(self).__name__}.{name}: declare an object as an annotated field")
-        object.__setattr__(self, name, value)
+        if name not in self._class_names:
+            check_declared(self, name)
+            if self._free:
+                vars(self)["_free"] = shared(self._free | {name})
 
     def interlocks(self) -> Iterable[Interlock]:
         """The interlocks of this object. Override it to declare interlocks. Called on connect."""
@@ -290,6 +301,13 @@ def _reserved(cls: type, name: str) -> DeclarationError:
     hint = f"; reserved are: {', '.join(sorted(RESERVED))}" if name in RESERVED else ": umo's own begin with _"
     button = f"{name.strip('_') or 'part'}_button" if name in RESERVED else name.strip("_") or "part"
     return DeclarationError(f"{cls.__name__}.{name}: the name is reserved; choose another, such as {button!r}{hint}")
+
+
+def _written(part: Node | None, value: object) -> str:
+    """What was meant by a value in the place of an object."""
+    if not isinstance(part, Atomic) or isinstance(value, Node):
+        return ""
+    return part._instead_of_setting(shown(value))
 
 
 def _parts(name: str, value: object) -> tuple[object, dict[str, Node]]:

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import NoReturn, SupportsIndex
+from typing import TYPE_CHECKING, NoReturn, SupportsIndex
 
 from umo.errors import DeclarationError
+from umo.objects.attributes import DeclaredAttributes
+from umo.states import is_plain, shown
+from umo.text import some
 
 
-class Node:
-    """An object with one parent and a path. Base of the atomic objects and of `Compound`."""
+class Node(DeclaredAttributes):
+    """An object with one parent and a path. Base of the atomic objects and of `Compound`.
+
+    It is equal to itself only. With a number, a text or a state it is compared by mistake: TypeError names what to
+    compare."""
 
     __slots__ = ("__weakref__", "_name", "_parent")
 
@@ -27,6 +33,36 @@ class Node:
             names.append(node._name)
             node = node._parent
         return ".".join(reversed(names))
+
+    if not TYPE_CHECKING:  # typed, mypy would not look at `m.valve == 1`
+
+        def __eq__(self, other):
+            if self is not other and is_plain(other):
+                raise TypeError(self._compared("==", other))
+            return True if self is other else NotImplemented
+
+        def __lt__(self, other):
+            raise TypeError(self._compared("<", other))
+
+        def __le__(self, other):
+            raise TypeError(self._compared("<=", other))
+
+        def __gt__(self, other):
+            raise TypeError(self._compared(">", other))
+
+        def __ge__(self, other):
+            raise TypeError(self._compared(">=", other))
+
+        __hash__ = object.__hash__
+
+    def _compared(self, sign: str, other: object) -> str:
+        """Why it is not compared with a value, and what to write instead."""
+        name = self._path or type(self).__name__
+        return f"`{name} {sign} {shown(other)}` compares an object, not a value; {self._meant(name, sign, other)}"
+
+    def _meant(self, name: str, sign: str, other: object) -> str:
+        """What to write instead of such a comparison."""
+        return f"a {type(self).__name__} has none: compare that of an object in it ({some(list(self._children))})"
 
     def control(self) -> None:
         """Called once per period. Override it to implement control. A parent is called before its children."""

@@ -16,7 +16,7 @@ from umo.objects.atomic import Atomic, Binary, Digital
 from umo.objects.scaling import BoolArray, ByteArray, FloatArray, IntArray
 from umo.objects.sensors import BinarySensor, DigitalSensor
 from umo.presentation.value_text import measure, span
-from umo.states import TwoState
+from umo.states import TwoState, is_plain, shown
 from umo.text import cut_repr
 
 if TYPE_CHECKING:
@@ -49,6 +49,16 @@ class Vector(Generic[A]):
                 f"the objects of a Vector must be of one kind, not {' and '.join(map(str, sorted(likes)))}"
             )
         self._where: _Slots | None = None
+
+    if not TYPE_CHECKING:  # typed, mypy would not look at `vector == 1.0`
+
+        def __eq__(self, other):
+            if self is not other and is_plain(other):
+                what = "compares a Vector, not its values"
+                raise TypeError(f"`vector == {shown(other)}` {what}; write `vector.read() == ...`, levels of states")
+            return True if self is other else NotImplemented
+
+        __hash__ = object.__hash__
 
     def __len__(self) -> int:
         return len(self._objects)

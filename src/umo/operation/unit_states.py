@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 from umo.cycle.sequences import one_period
 from umo.errors import CommandRefused, DeclarationError, TaskFailed
 from umo.objects import Compound, Number, action
+from umo.objects.attributes import DeclaredAttributes
 from umo.objects.laws import laws_in
 from umo.objects.link import Task
 from umo.operation.model import ABORT, CLEAR, STOP, StateModel, UnitMode, sequence_name, title
@@ -23,7 +24,7 @@ IN_MANUAL = {STOP: "abort it", ABORT: "", CLEAR: "clear the fault alone (`umo cl
 for a sequence."""
 
 
-class UnitStates:
+class UnitStates(DeclaredAttributes):
     """Base of `PackML` and `Procedure`: the states of a part that is equipment.
 
     A part makes it in its `setup`. A subclass overrides what is to be done in the acting states, as sequences of the

@@ -140,7 +140,9 @@ OBJECTS = BinaryActuator, BinarySensor, DigitalActuator, DigitalSensor
 def _mistake(error: Exception) -> str:
     """Such as `Servo has no eror (did you mean 'error'?)`."""
     name, owner = getattr(error, "name", None), getattr(error, "obj", None)
-    if isinstance(error, TypeError) and any(f"'{kind.__name__}'" in str(error) for kind in OBJECTS):
+    said = str(error)
+    of_object = "compares an object" in said or any(f"'{kind.__name__}'" in said for kind in OBJECTS)
+    if isinstance(error, TypeError) and of_object:
         return f"{text_of(error)}; the value of an object is given by `read()`"
     if not isinstance(error, AttributeError) or name is None:
         return text_of(error)

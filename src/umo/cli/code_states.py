@@ -1,0 +1,221 @@
+"""States, objects and attributes in a station's code that cannot be what was meant: a comparison that is never true, an
+attribute that nothing has. What they are is known from the objects of the machine that the station declares."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from collections.abc import Iterable, Iterator, Mapping
+from enum import Enum
+from types import UnionType
+from typing import Any, Union, get_origin
+
+from umo.objects import Atomic, Compound
+from umo.objects.atomic import Binary
+from umo.objects.attributes import DeclaredAttributes, names_in
+from umo.objects.stored_names import stores_in
+from umo.signature import hints_of
+from umo.states import TwoState, comparisons
+from umo.text import near_attribute
+
+from .code_values import Exactly, Instance, ModuleCode, NameScope, Objects
+
+SIGNS: Mapping[type[ast.cmpop], str] = {
+    ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.IsNot: "!=", ast.NotEq: "!=",
+}  # fmt: skip
+"""How numbers are compared; by == in any other case."""
+TURNED = {"<": ">", ">": "<", "<=": ">=", ">=": "<="}
+"""The sign of a comparison that is read from the right."""
+STATES = ("pending", "default", "one", "zero")
+"""Properties of an object that are one of its states."""
+MISSING = object()
+
+
+class CodeObjects:
+    """What the expressions of one module stand for, of the objects of the machine."""
+
+    def __init__(self, code: ModuleCode, known: Objects) -> None:
+        self._code, self._known = code, known
+
+    def mistaken(self, node: ast.Compare | ast.Match, scope: NameScope) -> Iterator[tuple[ast.expr, str]]:
+        """What is wrong with a comparison, or a `match`, with the expression that it is about."""
+        if isinstance(node, ast.Match):
+            yield from self._mistaken_match(node, scope)
+            return
+        for left, sign, right in zip([node.left, *node.comparators], node.ops, node.comparators, strict=False):
+            if isinstance(sign, ast.In | ast.NotIn):
+                for each in right.elts if isinstance(right, ast.Tuple | ast.List | ast.Set) else []:
+                    yield from self._compared(left, "==", each, scope)
+                continue
+            yield from self._of_two_types(left, right, scope)
+            shown = SIGNS.get(type(sign), "==")
+            yield from self._compared(left, shown, right, scope)
+            yield from self._compared(right, TURNED.get(shown, shown), left, scope)
+
+    def _of_two_types(self, one: ast.expr, other: ast.expr, scope: NameScope) -> Iterator[tuple[ast.expr, str]]:
+        """Of two states that are read."""
+        kinds = [self.states_of(each, scope) for each in (one, other)]
+        if None not in kinds and kinds[0] is not kinds[1]:
+            first, second = (each.__name__ for each in kinds if each is not None)
+            yield one, f"`{{}}` is a state of {first}, and what it is compared with one of {second}: never the same"
+
+    def _mistaken_match(self, node: ast.Match, scope: NameScope) -> Iterator[tuple[ast.expr, str]]:
+        """The same of `match`."""
+        for case in node.cases:
+            for pattern in ast.walk(case.pattern):
+                if isinstance(pattern, ast.MatchValue):
+                    yield from self._compared(node.subject, "==", pattern.value, scope)
+                elif isinstance(pattern, ast.MatchSingleton) and pattern.value is not None:
+                    constant = ast.copy_location(ast.Constant(pattern.value), node.subject)
+                    yield from self._compared(node.subject, "==", constant, scope)
+
+    def _compared(self, one: ast.expr, sign: str, other: ast.expr, scope: NameScope) -> Iterator[tuple[ast.expr, str]]:
+        """`one` is what is looked at, `other` what it is compared with."""
+        written = self._written(other, scope)
+        states = None if written is MISSING else self.states_of(one, scope)
+        if states is not None and type(written) is not states:
+            nearest = comparisons(states, written)
+            yield one, f"`{{}}` is a state of {states.__name__}, and never {_shown(written)}: write {nearest}"
+        items = [] if written is MISSING or states else self.objects(one, scope)
+        if items and all(isinstance(each, Binary) for each in items):
+            if len(kinds := {each.states for each in items}) == 1:
+                nearest = comparisons(kinds.pop(), written, "{}.read() ")
+                yield one, f"`{{}}` is an object, not its state: write {nearest}"
+        elif items and all(isinstance(each, Atomic) for each in items):
+            number = _shown(written) if isinstance(written, int | float) else "..."
+            yield one, f"`{{}}` is an object, not its value: write `{{}}.read() {sign} {number}`"
+
+    def always_true(self, node: ast.expr, scope: NameScope) -> str | None:
+        """What is wrong with an object that is asked whether it is true. One that may be missing may be asked."""
+        items = self.objects(node, scope)
+        if not items or not all(isinstance(each, Atomic) and not _may_be_missing(each) for each in items):
+            return None
+        compared = "is ..." if isinstance(items[0], Binary) else "> ..."
+        return f"`{{}}` is an object, which is always true: write `{{}}.read() {compared}`"
+
+    def _written(self, node: ast.expr, scope: NameScope) -> Any:
+        """A state, number or text as it stands in the code."""
+        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) and isinstance(node.operand, ast.Constant):
+            node = node.operand
+        if isinstance(node, ast.Constant):
+            return node.value if isinstance(node.value, int | float | str | bytes) else MISSING
+        if isinstance(node, ast.Attribute):
+            of = self._code.thing(node.value, scope)
+            if isinstance(of, Exactly) and isinstance(of.value, type) and issubclass(of.value, Enum):
+                return of.value.__members__.get(node.attr, MISSING)
+        return MISSING
+
+    def states_of(self, node: ast.expr, scope: NameScope) -> type[TwoState] | None:
+        """The type of the state that an expression gives."""
+        source = self._source_of(node, scope)
+        items = [] if source is None else self.objects(*source)
+        kinds = {each.states if isinstance(each, Binary) else None for each in items}
+        return kinds.pop() if len(kinds) == 1 else None
+
+    def _source_of(self, node: ast.expr, scope: NameScope) -> tuple[ast.expr, NameScope] | None:
+        """The object whose state it is: of `m.valve.read()`, `state_of(m.valve)`, `m.valve.pending`, or a name."""
+        if isinstance(node, ast.Name):
+            bound = _bound(node.id, scope)
+            return self._source_of(*bound[1:]) if bound and bound[0] == "value" else None
+        if isinstance(node, ast.Attribute):
+            return (node.value, scope) if node.attr in STATES else None
+        if not isinstance(node, ast.Call):
+            return None
+        if isinstance(node.func, ast.Attribute) and node.func.attr == "read":
+            return node.func.value, scope
+        function = self._code.thing(node.func, scope)
+        is_state = isinstance(function, Exactly) and getattr(function.value, "__name__", "") == "state_of"
+        return (node.args[0], scope) if is_state and node.args else None
+
+    # Objects -------------------------------------------------------------------------------------------
+
+    def objects(self, node: ast.expr, scope: NameScope) -> list[Any]:
+        """The objects of the machine that an expression may stand for; none where that is not certain."""
+        if isinstance(node, ast.Name):
+            return self._named(node, scope)
+        if isinstance(node, ast.Attribute):
+            found = [_own(each, node.attr) for each in self.objects(node.value, scope)]
+            return [] if any(each is MISSING for each in found) else found
+        if isinstance(node, ast.Subscript) and not isinstance(node.slice, ast.Slice):
+            return _elements(self.objects(node.value, scope))
+        is_values = isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "values"
+        return self.objects(node.func.value, scope) if is_values else []  # type: ignore[attr-defined]
+
+    def _named(self, node: ast.Name, scope: NameScope) -> list[Any]:
+        bound = _bound(node.id, scope)
+        if bound is not None and bound[0] == "value":
+            return self.objects(*bound[1:])
+        if bound is not None and bound[0] == "element":
+            return _elements(self.objects(*bound[1:]))
+        found = self._code.thing(node, scope)
+        if isinstance(found, Exactly):
+            return [found.value] if isinstance(found.value, Compound | Atomic) else []
+        return self._known.of(found.kind) if isinstance(found, Instance) else []
+
+    # Attributes ----------------------------------------------------------------------------------------
+
+    def misspelt(self, node: ast.Attribute, scope: NameScope) -> str | None:
+        """What is wrong with an attribute that no object has that this may be."""
+        items = self.objects(node.value, scope)
+        if not items or node.attr.startswith("_"):
+            return None
+        kinds = {type(each) for each in items}
+        if not all(map(_has_declared, kinds)) or any(_has(each, node.attr) for each in items):
+            return None
+        near = near_attribute(node.attr, {name for each in items for name in dir(each)})
+        if isinstance(node.ctx, ast.Store) and isinstance(items[0], Atomic):
+            near = items[0]._instead_of_setting("...")
+        return f"`{{}}`: {' and '.join(sorted(each.__name__ for each in kinds))} has no attribute {node.attr!r}{near}"
+
+
+def _bound(name: str, scope: NameScope | None) -> tuple[str, ast.expr, NameScope] | None:
+    """How a name of a function is bound, if in one place only."""
+    while scope is not None:
+        bindings = scope.bindings.get(name, [])
+        if bindings:
+            return (bindings[0].how, bindings[0].node, scope) if len(bindings) == 1 else ("", bindings[0].node, scope)
+        scope = scope.around
+    return None
+
+
+def _own(item: Any, name: str) -> Any:
+    """An attribute that an object has itself."""
+    return getattr(item, "__dict__", {}).get(name, MISSING)
+
+
+def _may_be_missing(item: Atomic) -> bool:
+    """Whether the class of its compound declares that there may be none."""
+    kind: Any = type(item._parent)
+    hint = hints_of(kind).get(item._name.partition(".")[0])
+    return get_origin(hint) in (Union, UnionType)
+
+
+def _elements(items: Iterable[Any]) -> list[Any]:
+    found: list[Any] = []
+    for each in items:
+        if isinstance(each, Mapping):
+            found += each.values()
+        elif isinstance(each, tuple | list):
+            found += each
+        else:
+            return []
+    return found
+
+
+def _shown(written: Any) -> str:
+    return f"{type(written).__name__}.{written.name}" if isinstance(written, Enum) else repr(written)
+
+
+def _has_declared(kind: type) -> bool:
+    """Whether what objects of this class have is what classes declare: objects, states and laws of umo."""
+    of_umo = issubclass(kind, DeclaredAttributes) or any(
+        each.__module__.startswith("umo.control.") for each in kind.__mro__
+    )
+    return of_umo and not hasattr(kind, "__getattr__")
+
+
+def _has(item: Any, name: str) -> bool:
+    kind = type(item)
+    if inspect.getattr_static(item, name, MISSING) is not MISSING or name in names_in(kind):
+        return True
+    return any(name == each.name for own in kind.__mro__ for each in stores_in(own))

@@ -1,0 +1,106 @@
+"""Attributes that no class declares: an assignment to one is a misspelling that would have no effect (decision 83)."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from functools import lru_cache
+from types import FrameType
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from umo.objects.stored_names import MAKING, is_slip, refuse_slips, stores_in
+from umo.text import did_you_mean
+
+FIRST = "; a new one gets its first value in the class or in `setup`"
+"""Words of a message: what to do where another attribute was meant."""
+OBJECTS = "umo.objects."
+
+
+class DeclaredAttributes:
+    """Base of what has only the attributes that its class declares, which are those that a type checker knows.
+
+    These are the names in the body of the class and of its bases (fields, annotations, values, functions), what a
+    function in it assigns to its own object (`self.started = ...`), and what is assigned while `__init__` or `setup` of
+    the object run, or of one that contains it. Names that begin with _ are the business of whoever uses them: a
+    descriptor may keep its value there. Any other assignment raises AttributeError with the nearest name."""
+
+    __slots__ = ()
+
+    _class_names: ClassVar[frozenset[str]] = frozenset()
+    _stored: ClassVar[frozenset[str]] = frozenset()
+    """The names that the functions of this class assign to their own object."""
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        stores = [*stores_in(cls)]
+        for base in cls.__mro__[1:-1]:
+            stores += () if issubclass(base, DeclaredAttributes) else stores_in(base)
+        cls._stored = shared(each.name for each in stores if each.function in MAKING)
+        refuse_slips(cls, stores, own_names(cls))
+        cls._stored = shared(each.name for each in stores)
+        cls._class_names = shared(names_in(cls))
+
+    if not TYPE_CHECKING:  # typed, any attribute could be assigned
+
+        def __setattr__(self, name, value):
+            if name not in self._class_names:
+                check_declared(self, name)
+            object.__setattr__(self, name, value)
+
+
+def names_in(cls: type) -> set[str]:
+    """The names that a class and its bases declare."""
+    found: set[str] = set()
+    for each in cls.__mro__:
+        found.update(vars(each), vars(each).get("__annotations__", ()), vars(each).get("_stored", ()))
+    return found
+
+
+def own_names(cls: type) -> set[str]:
+    """Those but what every object has."""
+    return names_in(cls).difference(*(names_in(each) for each in cls.__mro__ if each.__module__.startswith(OBJECTS)))
+
+
+def shared(names: Iterable[str]) -> frozenset[str]:
+    """These names as a set that is there once, as many objects have the same."""
+    return _the_same(frozenset(names))
+
+
+@lru_cache(maxsize=10_000)
+def _the_same(names: frozenset[str]) -> frozenset[str]:
+    return names
+
+
+def check_declared(owner: Any, name: str, instead: str = "") -> None:
+    """AttributeError for an attribute that is assigned, and that no class declares. `instead`: what to write; default:
+    the nearest name."""
+    if name.startswith("_") or name in getattr(owner, "__dict__", ()) or _is_made(owner, name, sys._getframe(2)):
+        return
+    if name not in names_in(type(owner)):  # a class may have got it since it was made
+        where = getattr(owner, "_path", "") or type(owner).__name__
+        raise AttributeError(f"{where} has no attribute {name!r}{instead or _nearest(owner, name) + FIRST}")
+
+
+def _nearest(owner: Any, name: str) -> str:
+    known = own_names(type(owner)).union(vars(owner))
+    return did_you_mean(name, [each for each in known if not each.startswith("_")])
+
+
+def _is_made(owner: Any, name: str, frame: FrameType | None) -> bool:
+    """Whether `__init__` or `setup` of this object is under way, or of one that contains it: that may give a part an
+    attribute, but not one that is a slip of the finger."""
+    around = owner
+    while around is not None:
+        if _is_making(around, frame):
+            return around is owner or not any(is_slip(name, each) for each in own_names(type(owner)))
+        around = getattr(around, "_parent", None)
+    return False
+
+
+def _is_making(owner: Any, frame: FrameType | None) -> bool:
+    while frame is not None:
+        code = frame.f_code
+        if code.co_name in MAKING and code.co_argcount and frame.f_locals.get(code.co_varnames[0]) is owner:
+            return True
+        frame = frame.f_back
+    return False

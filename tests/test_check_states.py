@@ -1,0 +1,248 @@
+"""`umo check` finds in a station's code, without running it, what is never equal and what no object has."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import Result
+
+from umo.cli.code_check import mistakes_in
+from umo.process.station import Station, find
+from umo.system import packages
+
+OBJECTS = """
+from collections.abc import Mapping, Sequence
+
+from umo import BinaryActuator, BinarySensor, Compound, DigitalActuator, DigitalSensor
+from umo.control import Servo
+from umo.operation import PackML
+from umo.states import OnOff, OpenClosed, PassFail
+
+
+class Unit(PackML):
+    weight = 0.0
+
+
+class Zone(Compound, equipment=True):
+    lamp: BinaryActuator[OnOff]
+    limit: float = 3.0
+
+    def setup(self) -> None:
+        self.unit = Unit(self)
+
+
+class Hot(Zone):
+    hottest: float = 3.0
+
+
+class Cell(Compound):
+    timer: DigitalSensor
+    zones: Sequence[Zone]
+    named: Mapping[str, Zone]
+    ready: BinarySensor[PassFail]
+    valve: BinaryActuator[OpenClosed]
+    level: DigitalSensor
+    heater: DigitalActuator
+    spare: DigitalActuator | None = None
+    target: float = 20.0
+
+    def setup(self) -> None:
+        self.servo = Servo(self.level, self.heater, gain=1.0)
+        self.nearest = self.zones[0]
+        self.count = 0
+
+    def control(self) -> None:
+        {control}
+
+
+def zone(kind=Zone):
+    return kind(lamp=BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF))
+
+
+def machine() -> Cell:
+    return Cell(
+        timer=DigitalSensor("sampling_period", minimum=0, maximum=99_999, resolution=1, synchronous=False),
+        zones=[zone(), zone(Hot)],
+        named={"a": zone()},
+        ready=BinarySensor(PassFail, one=PassFail.PASS),
+        valve=BinaryActuator(OpenClosed, one=OpenClosed.OPEN, default=OpenClosed.CLOSED),
+        level=DigitalSensor("l", minimum=0.0, maximum=100.0, resolution=0.1),
+        spare=DigitalActuator("V", default=0.0, minimum=0.0, maximum=10.0, resolution=0.1),
+        heater=DigitalActuator("V", default=0.0, minimum=0.0, maximum=10.0, resolution=0.1),
+    )
+"""
+APPLICATION = """
+from umo.control import state_of, until, wait
+from umo.states import OnOff, OpenClosed, PassFail
+
+from .objects import Cell
+
+{before}
+async def main(m):
+    {code}
+
+
+async def helper(cell: Cell):
+    {helper}
+"""
+
+
+def made(folder: Path, code: str = "pass", *, helper: str = "pass", control: str = "pass", before: str = "") -> Station:
+    """A station with some code in its application, in a function that it may call, or in its objects."""
+    folder.mkdir()
+    (folder / "objects.py").write_text(OBJECTS.replace("{control}", control.replace("\n", "\n        ")))
+    text = APPLICATION.replace("{before}", before)
+    for name, given in (("{code}", code), ("{helper}", helper)):
+        text = text.replace(name, given.replace("\n", "\n    "))
+    (folder / "application.py").write_text(text)
+    return find(folder)
+
+
+@pytest.fixture(autouse=True)
+def modules_as_before() -> Iterator[None]:
+    known = set(sys.modules)
+    yield
+    for name in [each for each in sys.modules if each.startswith(packages.PREFIX) and each not in known]:
+        del sys.modules[name]
+
+
+def told(station: Station) -> list[str]:
+    """The mistakes, without the folder."""
+    machine = station.machine()
+    station.module("application")
+    return [str(each).rpartition("/")[2] for each in mistakes_in(station, machine)]
+
+
+OF_READY = "is a state of PassFail, and never OpenClosed.OPEN: write `is PassFail.PASS` or `is PassFail.FAIL`"
+
+
+def test_a_state_of_another_type_is_found(tmp_path: Path) -> None:
+    states, signs = ("state_of(m.ready)", "m.ready.read()", "each"), ("is", "is not", "==", "!=")
+    tests = [f"while {state} {sign} OpenClosed.OPEN:\n    await wait('1 s')" for state in states for sign in signs]
+    found = told(made(tmp_path / "cell", "\n".join(["each = m.ready.read()", *tests])))
+    expected = [state for state in states for _ in signs]
+    assert found == [f"application.py:{9 + 2 * n + 1}: `{state}` {OF_READY}" for n, state in enumerate(expected)]
+
+
+NEVER_EQUAL = [
+    ("m.valve.read() is OnOff.ON", "`m.valve.read()` is a state of OpenClosed, and never OnOff.ON"),
+    ("m.valve.pending is OnOff.ON", "`m.valve.pending` is a state of OpenClosed"),
+    ("m.valve.read() is True", "never True: write `is OpenClosed.OPEN` or `is OpenClosed.CLOSED`"),
+    ("m.valve.read() == 'open'", "never 'open': write `is OpenClosed.OPEN`"),
+    ("1 == m.valve.read()", "`m.valve.read()` is a state of OpenClosed, and never 1"),
+    ("OnOff.ON is m.valve.read()", "`m.valve.read()` is a state of OpenClosed, and never OnOff.ON"),
+    ("m.ready.read() in (OpenClosed.OPEN, PassFail.PASS)", "`m.ready.read()` " + OF_READY),
+    ("m.ready.read() not in {OpenClosed.OPEN}", "`m.ready.read()` " + OF_READY),
+    ("m.zones[0].lamp.read() is OpenClosed.OPEN", "`m.zones[0].lamp.read()` is a state of OnOff"),
+    ("m.named['a'].lamp.read() is OpenClosed.OPEN", "is a state of OnOff, and never OpenClosed.OPEN"),
+    ("m.nearest.lamp.read() is OpenClosed.OPEN", "is a state of OnOff, and never OpenClosed.OPEN"),
+    ("[z for z in m.zones if z.lamp.read() is PassFail.PASS]", "`z.lamp.read()` is a state of OnOff"),
+    ("await until(lambda: m.ready.read() is OpenClosed.OPEN)", "`m.ready.read()` " + OF_READY),
+    ("m.valve is OpenClosed.OPEN", "an object, not its state: write `m.valve.read() is OpenClosed.OPEN`"),
+    ("m.ready == 1", "not its state: write `m.ready.read() is PassFail.PASS` or `m.ready.read() is PassFail.FAIL`"),
+    ("m.ready.read() is m.valve.read()", "a state of PassFail, and what it is compared with one of OpenClosed"),
+    ("3 < m.level", "`m.level` is an object, not its value: write `m.level.read() > 3`"),
+    ("0 <= m.level.read() <= m.level <= 5", "`m.level` is an object, not its value: write `m.level.read() <= 5`"),
+    ("m.level > 3", "`m.level` is an object, not its value: write `m.level.read() > 3`"),
+    ("1 if m.ready else 0", "`m.ready` is an object, which is always true: write `m.ready.read() is ...`"),
+    ("1 if not m.level else 0", "`m.level` is an object, which is always true: write `m.level.read() > ...`"),
+    ("m.level is 3.5", "`m.level` is an object, not its value: write `m.level.read() == 3.5`"),
+]
+
+
+@pytest.mark.filterwarnings("ignore::SyntaxWarning")
+def test_what_is_never_equal_is_found(tmp_path: Path) -> None:
+    found = told(made(tmp_path / "cell", "\n".join(f"x = {code}" for code, _ in NEVER_EQUAL)))
+    assert len(found) == len(NEVER_EQUAL)
+    for line, (told_, (code, text)) in enumerate(zip(found, NEVER_EQUAL, strict=True), 9):
+        assert told_.startswith(f"application.py:{line}: "), code
+        assert text in told_
+
+
+def test_the_cases_of_a_match_are_looked_at(tmp_path: Path) -> None:
+    code = (
+        "match m.ready.read():\n    case PassFail.PASS | OpenClosed.OPEN:\n        pass\n    case True:\n        pass"
+    )
+    found = told(made(tmp_path / "cell", code))
+    assert [re.search(r"never (\S+):", each)[1] for each in found] == ["OpenClosed.OPEN", "True"]  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    ("code", "text"),
+    [
+        ("m.tagret = 100.0", "`m.tagret`: Cell has no attribute 'tagret' (did you mean 'target'?)"),
+        ("m.servo.gian = 3.0", "`m.servo.gian`: Servo has no attribute 'gian' (did you mean 'gain'?)"),
+        ("m.zones[0].limt = 1.0", "Hot and Zone has no attribute 'limt' (did you mean 'limit'?)"),
+        ("for each in m.zones:\n    each.limt = 1.0", "has no attribute 'limt' (did you mean 'limit'?)"),
+        ("m.zones[0].unit.prodced += 1", "Unit has no attribute 'prodced' (did you mean 'produced'?)"),
+        ("print(m.lvel.read())", "`m.lvel`: Cell has no attribute 'lvel' (did you mean 'level'?)"),
+        ("m.valve.wirte(OpenClosed.OPEN)", "has no attribute 'wirte' (did you mean 'write'?)"),
+        ("m.valve.state = OpenClosed.OPEN", "no attribute 'state'; its value is written: `valve.write(...)`"),
+        ("print(m.valve.state is OpenClosed.OPEN)", "has no attribute 'state' (did you mean 'read()'?)"),
+    ],
+)
+def test_an_attribute_that_nothing_has_is_found(tmp_path: Path, code: str, text: str) -> None:
+    (found,) = told(made(tmp_path / "cell", code))
+    assert text in found
+
+
+def test_functions_with_annotations_and_laws_are_looked_at(tmp_path: Path) -> None:
+    station = made(
+        tmp_path / "cell",
+        helper="cell.tagret = 3.0",
+        control="if self.ready.read() is OpenClosed.OPEN:\n    self.servo.gian = 1.0",
+    )
+    assert [each.partition(":")[0] for each in told(station)] == ["application.py", "objects.py", "objects.py"]
+
+
+RIGHT = """
+if m.ready.read() is PassFail.PASS and m.valve.pending is not OpenClosed.OPEN:
+    m.target = 3.0
+if m.zones[0].lamp.read() in (OnOff.ON, OnOff.OFF) and m.level.read() > 3:
+    m.servo.gain = m.servo.integral = 1.0
+last = None
+if m.ready.read() is last or last is PassFail.PASS:
+    last = m.ready.read()
+for each in (m.ready, m.valve):
+    print(each.read() is OpenClosed.OPEN, each.path)
+for zone in m.zones:
+    zone.unit.produced += 1
+    if hasattr(zone, "special"):
+        zone.special = 1
+    zone.hottest = 4.0
+m.count += 1
+m.servo.control(3.0, dt=m.dt)
+m.nearest = m.zones[1]
+m._own = 1
+if m.valve is m.ready or m.valve is None:
+    pass
+if m.spare or m.named or m.spare is None:
+    pass
+match m.ready.read():
+    case PassFail.PASS:
+        pass
+    case None:
+        pass
+other = m if m.count else None
+other.anything = 1
+state = m.ready.read()
+state = 3
+if state == 3:
+    pass
+print(m.cycle.running, m.now, m.dt, m.zones[0].unit.model, m.level.velocity)
+""".strip()
+
+
+def test_what_is_right_or_not_certain_is_not_accused(tmp_path: Path) -> None:
+    assert told(made(tmp_path / "cell", RIGHT, helper="cell.target = 1.0")) == []
+
+
+def test_check_prints_them_and_ends_with_the_status_of_a_mistake(tmp_path: Path, umo: Callable[..., Result]) -> None:
+    made(tmp_path / "cell", "m.tagret = 3.0")
+    result = umo("check", "cell")
+    assert result.exit_code == 2
+    assert "application.py:9: `m.tagret`: Cell has no attribute 'tagret'" in " ".join(result.stderr.split())
