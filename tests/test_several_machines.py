@@ -180,6 +180,8 @@ def test_what_a_cancelled_sequence_cleans_up_with_is_its_own():
 SRC = Path(umo.__file__).parent
 CHANGED = {
     "cycle/connect.py:_ENTERED": "the ids of connected machines, behind a lock: none is connected twice",
+    "cycle/not_awaited.py:_ADVANCING": "filled by a decorator while umo is imported",
+    "cycle/not_awaited.py:_EXPECTING": "filled by a decorator while umo is imported",
     "cycle/sequences.py:_ADOPTING": "filled by a decorator while umo is imported",
     "cycle/stopping.py:SIGNALS": "completed while umo is imported",
     "cycle/stopping.py:_insistence": "how often the process was asked to stop since its machines were connected",
