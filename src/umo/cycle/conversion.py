@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy import add, divide, greater_equal, multiply, negative, subtract
 
-from umo.cycle.columns import Block, Columns, Scales
+from umo.cycle.columns import LAST, NOW, TOLD, Block, Columns, Scales
 from umo.errors import RangeError
 from umo.objects.linearization import Linearizations
-from umo.objects.scaling import FloatArray, IntArray, to_raws
+from umo.objects.scaling import ByteArray, FloatArray, IntArray, to_raws
 
 extension: Any = None
 """The extension in C; None: it was not built, and numpy does its work."""
@@ -55,7 +55,8 @@ def convert_outputs(block: Block, columns: Columns, scales: Scales) -> None:
         of_scales = scales.resolution, scales.zero_offset, scales.least, scales.greatest
         of_image = columns.raws, columns.values, columns.times
         of_outputs = scales.rate, columns.pending, columns.sent, columns.stepped
-        native = extension.Outputs(_views(block, *of_scales, *of_image, *of_outputs))
+        views = _views(block, *of_scales, *of_image, *of_outputs)
+        native = extension.Outputs(views, columns.written[slots].data)
         block.give, block.commit = native.give, native.commit
 
 
@@ -139,9 +140,11 @@ class Outputs:
         self._limited = bool(np.isfinite(scales.rate[slots]).any())
         self._plain = not linearizations and bool(scales.exact[slots].all())
         self._shifted = bool(self._zero_offset.any())
+        self._written = columns.written[slots]
 
     def give(self, now: float, dt: float) -> None:
         """As `Block.give`."""
+        end_period(self._written)
         if self._limited or not self._plain:
             send(self._columns, self._scales, self._block.slots, self._linearizations, now, dt)
             return
@@ -203,6 +206,14 @@ def _next(
     near = np.abs(left) <= way * (1 + 1e-9)
     ramp = np.where(near, pending, values + np.copysign(way, left))
     return np.where(limited, np.where(due, ramp, sent), pending), np.where(due, now, stepped)
+
+
+def end_period(written: ByteArray) -> None:
+    """The column `written` when the values are sent."""
+    if extension is not None:
+        extension.end_period(written)
+    else:
+        np.copyto(written, (written & TOLD) | (written & NOW) // NOW * LAST)
 
 
 def is_built() -> bool:
