@@ -354,7 +354,7 @@ class Written:
         self.calls.append(("changed", *what))
 
 
-SLOT, VALUE = st.integers(0, 4), st.sampled_from([-1.0, 0.0, 2.5])
+SLOT, VALUE = st.integers(0, 4), st.sampled_from([-1.0, -0.0, 0.0, 2.5])
 OPERATION = st.one_of(
     st.tuples(st.just("write"), SLOT, VALUE),
     st.tuples(st.just("note"), SLOT, VALUE, VALUE),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from helpers.machines import actuator, relay, sensor, timer, wired
 from helpers.operator import Operator
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Interlock, Vector, action, connect
 from umo.control import Lock, Servo, first, next_period, together, unless, wait
+from umo.cycle import two_writers
 from umo.cycle.columns import TOLD
 from umo.cycle.events import MISTAKE
 from umo.cycle.two_writers import TwoWriters
@@ -299,6 +301,36 @@ def test_what_was_told_is_looked_at_no_longer(monkeypatch: pytest.MonkeyPatch) -
         assert rig.connection.image.columns.written[rig.m.heater._slot] >= TOLD
         monkeypatch.setattr(TwoWriters, "_claim", lambda self: pytest.fail("it is looked at"))
         periods(rig.m, 3)
+
+
+class Row(Compound):
+    timer: DigitalSensor
+    pumps: list[DigitalActuator]
+
+
+def test_of_many_changes_in_a_period_some_are_looked_at_and_all_are_told_in_the_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(two_writers, "LOOKED_AT", 10)
+    m = Row(timer=timer(), pumps=[actuator() for _ in range(45)])
+
+    async def each(value: float) -> None:
+        while True:
+            for pump in m.pumps:
+                pump.write(value)
+            await next_period()
+
+    connection = connect(m, wired(m, Scripted(), clock=VirtualTimer()))
+    with connection:
+        m.cycle.start(each(1.0))
+        periods(m)
+        m.cycle.start(each(2.0))
+        told = [sum(connection.image.columns.written >= TOLD)]
+        for _ in range(30):
+            periods(m)
+            told.append(sum(connection.image.columns.written >= TOLD))
+        assert max(after - before for before, after in pairwise(told)) <= 10
+        assert told[-1] == 45
 
 
 # Not accused -----------------------------------------------------------------------------------------------

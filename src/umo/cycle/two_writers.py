@@ -23,6 +23,8 @@ from umo.text import CodePlace, in_brackets, is_users, shown_place, some
 
 MACHINE = {str(Path(__file__).with_name(name)) for name in ("machine.py", "rated_machine.py", "sequences.py")}
 """The files that call laws, sequences and actions."""
+LOOKED_AT = 100
+"""Number of the actuators whose changes of writers are looked at in a period at most."""
 
 
 class _Loop:
@@ -77,7 +79,11 @@ class TwoWriters:
         self._image, self._turn = image, turn
         self._written: Any = image.columns.written.data
         self._claims: dict[int, Claim] = {}
-        """By slot, where anybody has written."""
+        """By slot, of those that were looked at."""
+        self._number = -1
+        """Number of the period."""
+        self._looked_at: set[int] = set()
+        """The slots whose changes are looked at in it."""
         self._found: dict[tuple[object, object], list[int]] = {}
         """The slots that are to be told, by both places: what is written there together is told together."""
         columns = image.columns
@@ -85,19 +91,30 @@ class TwoWriters:
         self.writes: ImageWrites = make_writes(*views, turn, image.command, self.changed)
 
     def changed(self, slots: Sequence[int], before: Sequence[float], values: Sequence[float]) -> None:
-        """Another one than before is about to write these."""
-        new, defaults = self._claim(), self._image.scales.defaults
+        """Another one than before is about to write other values to these."""
+        if self._number != self._image.clock.number:
+            self._number = self._image.clock.number
+            self._looked_at.clear()
+        new = None
         for slot, pending, value in zip(slots, before, values, strict=True):
-            former, default = self._claims.get(slot), defaults[slot]
-            if former is None or former.who is new.who:
-                self._claims[slot] = new
-                continue
-            written = self._bits(slot)
-            holds = (pending != default or former.has_stopped) and _holds(former, new, written)
-            if value != pending and _are_two(former, new, holds, written):
-                self._tell(slot, former, new)
-            taken_from = former._replace(taken_from=None) if holds else None
-            self._claims[slot] = new._replace(at_default=bool(value == default), taken_from=taken_from)
+            if slot in self._looked_at or len(self._looked_at) < LOOKED_AT:
+                self._looked_at.add(slot)
+                new = new or self._claim()
+                self._claims[slot] = self._next(slot, new, pending, value)
+            else:
+                self._claims.pop(slot, None)
+
+    def _next(self, slot: int, new: Claim, pending: float, value: float) -> Claim:
+        """The claim of an actuator from now on. Two writers are told."""
+        former, default = self._claims.get(slot), self._image.scales.defaults[slot]
+        if former is None or former.who is new.who:
+            return new
+        written = self._bits(slot)
+        holds = (pending != default or former.has_stopped) and _holds(former, new, written)
+        if _are_two(former, new, holds, written):
+            self._tell(slot, former, new)
+        taken_from = former._replace(taken_from=None) if holds else None
+        return new._replace(at_default=bool(value == default), taken_from=taken_from)
 
     def _bits(self, slot: int) -> int:
         """When it was written last, as the column `written` says. An asynchronous actuator is sent as it is written."""

@@ -72,7 +72,7 @@ typedef struct {
     Py_ssize_t count;
     Turn *turn;
     PyObject *command; /* command(slot, value): the command stage is asked */
-    PyObject *changed; /* changed(slots, before, values): another one than before writes these */
+    PyObject *changed; /* changed(slots, before, values): another one than before writes these values */
 } Writes;
 
 static int Writes_traverse(Writes *self, visitproc visit, void *arg)
@@ -173,14 +173,18 @@ static int change(Writes *self, Py_ssize_t slot, double before, double value)
     return done == NULL ? -1 : 0;
 }
 
-/* It was taken. */
+/* It was taken. What was pending already is written by nobody else. */
 static int note(Writes *self, Py_ssize_t slot, double before, double value)
 {
     void **owners = self->views[OWNERS].buf, *who = writer(self);
     uint8_t *written = bytes_of(self, WRITTEN);
-    if (owners[slot] != who && written[slot] < TOLD && change(self, slot, before, value) < 0)
-        return -1;
-    owners[slot] = who;
+    if (owners[slot] != who) {
+        if (before == value)
+            return 0;
+        if (written[slot] < TOLD && change(self, slot, before, value) < 0)
+            return -1;
+        owners[slot] = who;
+    }
     written[slot] |= NOW;
     return 0;
 }
@@ -270,7 +274,7 @@ static int change_many(Writes *self, const Places *places, const Py_buffer *valu
     PyObject *slots = NULL, *before = NULL, *after = NULL;
     for (Py_ssize_t i = 0; i < places->count; i++) {
         Py_ssize_t slot = place(places, i);
-        if (owners[slot] == who || written[slot] >= TOLD)
+        if (owners[slot] == who || written[slot] >= TOLD || pending_of(self)[slot] == value_at(values, i))
             continue;
         if (slots == NULL && ((slots = PyList_New(0)) == NULL || (before = PyList_New(0)) == NULL ||
                               (after = PyList_New(0)) == NULL))
@@ -316,9 +320,12 @@ static PyObject *put_many(Writes *self, const Places *places, const Py_buffer *v
     double *pending = pending_of(self);
     for (Py_ssize_t i = 0; i < places->count; i++) {
         Py_ssize_t slot = place(places, i);
-        pending[slot] = value_at(values, i);
-        owners[slot] = who;
-        written[slot] |= NOW;
+        double value = value_at(values, i);
+        if (owners[slot] == who || pending[slot] != value) {
+            owners[slot] = who;
+            written[slot] |= NOW;
+        }
+        pending[slot] = value; /* 0.0 and -0.0 are equal */
     }
     Py_RETURN_TRUE;
 }

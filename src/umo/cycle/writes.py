@@ -2,7 +2,7 @@
 otherwise by the classes below, which do the same.
 
 Beside a value, a write leaves who has written it, and a bit that says so until the values are sent. Only where another
-one than before writes an actuator anything is called (`two_writers.py`).
+one than before writes another value anything is called (`two_writers.py`).
 """
 
 from __future__ import annotations
@@ -85,20 +85,29 @@ class PlainWrites:
             return False
         owner, owners, written, pending = self._owner, self._owners, self._written, self._pending
         numbers = values.tolist()
-        pairs = zip(each, numbers, strict=True)
+        pairs = [
+            (slot, value)
+            for slot, value in zip(each, numbers, strict=True)
+            if owners[slot] is owner or pending[slot] != value
+        ]
         new = [pair for pair in pairs if owners[pair[0]] is not owner and written[pair[0]] < TOLD]
         if new:
             self._changed([slot for slot, _ in new], [pending[slot] for slot, _ in new], [value for _, value in new])
-        for slot, value in zip(each, numbers, strict=True):
-            pending[slot], owners[slot] = value, owner
+        for slot, _ in pairs:
+            owners[slot] = owner
             written[slot] |= NOW
+        for slot, value in zip(each, numbers, strict=True):
+            pending[slot] = value  # 0.0 and -0.0 are equal
         return True
 
     def note(self, slot: int, before: float, value: float) -> None:
         owner = self._owner
-        if self._owners[slot] is not owner and self._written[slot] < TOLD:
-            self._changed([slot], [before], [value])
-        self._owners[slot] = owner
+        if self._owners[slot] is not owner:
+            if before == value:
+                return
+            if self._written[slot] < TOLD:
+                self._changed([slot], [before], [value])
+            self._owners[slot] = owner
         self._written[slot] |= NOW
 
     @property

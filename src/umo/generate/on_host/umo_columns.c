@@ -101,12 +101,15 @@ static umo_fault asked(umo_object *o, umo_real value, bool *taken)
 /* As Writes_write of umo.cycle._columns, of what is not restricted. */
 static void put(umo_columns *c, int32_t slot, umo_real value)
 {
-    if (c->written) {
-        if (c->owners[slot] != *c->law && c->written[slot] < UMO_TOLD)
+    bool same = c->written && c->owners[slot] == *c->law;
+    if (c->written && !same && c->pending[slot] != value) {
+        if (c->written[slot] < UMO_TOLD)
             c->changed(slot, value);
         c->owners[slot] = *c->law;
-        c->written[slot] |= UMO_NOW;
+        same = true;
     }
+    if (same)
+        c->written[slot] |= UMO_NOW;
     c->pending[slot] = value;
 }
 
