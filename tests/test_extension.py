@@ -26,8 +26,8 @@ from hypothesis import strategies as st
 
 from helpers.conversions import BUILT
 from umo.cycle import conversion
-from umo.cycle.columns import TOLD
-from umo.cycle.writes import PlainTurn, PlainWrites
+from umo.cycle.columns import LAST, NOW, TOLD
+from umo.cycle.writes import PlainTurn
 from umo.objects.scaling import to_raws, to_value
 
 TREE = Path(__file__).parents[1]
@@ -332,6 +332,72 @@ def test_a_field_that_refers_to_its_own_class_is_collected() -> None:
 # What control code writes -----------------------------------------------------------------------------------
 
 
+class PlainWrites:
+    """What `Writes` of the extension does, in Python."""
+
+    def __init__(
+        self,
+        restrictions: Any,
+        pending: Any,
+        written: Any,
+        owners: Any,
+        turn: Any,
+        command: Callable[[int, float], bool],
+        changed: Any,
+    ) -> None:
+        self._restrictions, self._pending, self._written = restrictions, pending, written
+        self._owners: list[Any] = [self] * len(owners)
+        """Who has written each last; here: nobody has."""
+        self._turn, self._command, self._changed = turn, command, changed
+
+    def write(self, slot: int, value: float) -> bool:
+        before = self._pending[slot]
+        if self._restrictions[slot]:
+            taken = self._command(slot, value)
+            if taken:
+                self.note(slot, before, value)
+            return taken
+        self.note(slot, before, value)
+        self._pending[slot] = value
+        return True
+
+    def write_many(self, slots: Any, values: Any) -> bool:
+        each = range(len(self._owners))[slots] if isinstance(slots, slice) else slots.tolist()
+        if any(self._restrictions[slot] for slot in each):
+            return False
+        owner, owners, written, pending = self._owner, self._owners, self._written, self._pending
+        numbers = values.tolist()
+        pairs = [
+            (slot, value)
+            for slot, value in zip(each, numbers, strict=True)
+            if owners[slot] is owner or pending[slot] != value
+        ]
+        new = [pair for pair in pairs if owners[pair[0]] is not owner and written[pair[0]] < TOLD]
+        if new:
+            self._changed([slot for slot, _ in new], [pending[slot] for slot, _ in new], [value for _, value in new])
+        for slot, _ in pairs:
+            owners[slot] = owner
+            written[slot] |= NOW
+        for slot, value in zip(each, numbers, strict=True):
+            pending[slot] = value  # 0.0 and -0.0 are equal
+        return True
+
+    def note(self, slot: int, before: float, value: float) -> None:
+        owner = self._owner
+        if self._owners[slot] is not owner:
+            if before == value:
+                return
+            if self._written[slot] < TOLD:
+                self._changed([slot], [before], [value])
+            self._owners[slot] = owner
+        self._written[slot] |= NOW
+
+    @property
+    def _owner(self) -> Any:
+        turn = self._turn
+        return turn.law if turn.task is None else turn.task
+
+
 class Written:
     """The columns of five actuators, with what is called when they are written; those at odd slots are restricted."""
 
@@ -371,7 +437,10 @@ def carry_out(on: Written, what: str, *given: Any) -> Any:
     if what in ("law", "task"):
         setattr(on.turn, what, given[0])
     elif what == "send":
-        conversion.end_period(on.written)
+        if isinstance(on.writes, PlainWrites):
+            on.written[:] = (on.written & TOLD) | (on.written & NOW) // NOW * LAST
+        else:
+            conversion.extension.end_period(on.written)
     elif what == "told":
         on.written[given[0]] |= TOLD
     elif what == "write_many":

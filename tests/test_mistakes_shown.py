@@ -11,12 +11,14 @@ from pathlib import Path
 import pytest
 from typer.testing import Result
 
+from helpers.conversions import BUILT
 from umo import connect, published
 from umo.cycle.events import MISTAKE, Event
 from umo.cycle.fault_log import FaultLog
 from umo.process.start import LINUX
 from umo.testing import periods, station
 
+pytestmark = BUILT
 Umo = Callable[..., Result]
 OBJECTS = """
 from umo import Compound, DigitalActuator, DigitalSensor

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import Result
 
+from helpers.conversions import BUILT, choose
 from helpers.machines import actuator, relay, sensor, timer, wired
 from helpers.operator import Operator
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Interlock, Vector, action, connect
@@ -23,7 +24,7 @@ from umo.cycle.two_writers import TwoWriters
 from umo.states import OnOff
 from umo.testing import Scripted, VirtualTimer, periods
 
-pytestmark = pytest.mark.usefixtures("each_way")
+pytestmark = BUILT
 HERE = Path(__file__)
 Umo = Callable[..., Result]
 Law = Callable[[Any], object]
@@ -571,4 +572,20 @@ def test_manual_mode_and_the_way_back_are_not_accused() -> None:
         ann.mode("automatic")
         ann.run(5)
         assert rig.m.heater.read() == 1.0
+        assert rig.told == {}
+
+
+def test_without_the_extension_values_are_written_and_nobody_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    choose(monkeypatch, "numpy")
+    with running() as rig:
+        rig.m.law = heat
+        rig.start(warm(rig.m, 3.0))
+        pumps = Vector(each.pump for each in (rig.m.left, rig.m.right))
+        assert pumps.write([1.0, 2.0])
+        periods(rig.m, 3)
+        assert rig.m.heater.read() == 2.0
+        assert pumps.read().tolist() == [1.0, 2.0]
+        rig.m.hot = True
+        periods(rig.m, 2)
+        assert not rig.m.heater.write(1.0)
         assert rig.told == {}

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from helpers.conversions import BUILT
 from helpers.generating import needs_a_compiler
 from helpers.machines import actuator, relay, sensor, timer, wired
 from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Vector, connect
@@ -20,7 +21,7 @@ from umo.states import OnOff
 from umo.testing import Scripted, VirtualTimer, periods
 from umo.wiring import resolve
 
-pytestmark = needs_a_compiler
+pytestmark = [needs_a_compiler, BUILT]
 HERE = Path(__file__)
 
 

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy import add, divide, greater_equal, multiply, negative, subtract
 
-from umo.cycle.columns import LAST, NOW, TOLD, Block, Columns, Scales
+from umo.cycle.columns import Block, Columns, Scales
 from umo.errors import RangeError
 from umo.objects.linearization import Linearizations
-from umo.objects.scaling import ByteArray, FloatArray, IntArray, to_raws
+from umo.objects.scaling import FloatArray, IntArray, to_raws
 
 extension: Any = None
 """The extension in C; None: it was not built, and numpy does its work."""
@@ -140,11 +140,12 @@ class Outputs:
         self._limited = bool(np.isfinite(scales.rate[slots]).any())
         self._plain = not linearizations and bool(scales.exact[slots].all())
         self._shifted = bool(self._zero_offset.any())
-        self._written = columns.written[slots]
+        self._written = None if extension is None else columns.written[slots]
 
     def give(self, now: float, dt: float) -> None:
         """As `Block.give`."""
-        end_period(self._written)
+        if self._written is not None:
+            extension.end_period(self._written)
         if self._limited or not self._plain:
             send(self._columns, self._scales, self._block.slots, self._linearizations, now, dt)
             return
@@ -206,14 +207,6 @@ def _next(
     near = np.abs(left) <= way * (1 + 1e-9)
     ramp = np.where(near, pending, values + np.copysign(way, left))
     return np.where(limited, np.where(due, ramp, sent), pending), np.where(due, now, stepped)
-
-
-def end_period(written: ByteArray) -> None:
-    """The column `written` when the values are sent."""
-    if extension is not None:
-        extension.end_period(written)
-    else:
-        np.copyto(written, (written & TOLD) | (written & NOW) // NOW * LAST)
 
 
 def is_built() -> bool:

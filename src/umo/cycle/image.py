@@ -51,19 +51,21 @@ class Image(Slots):
     """The slots of a connected machine, and what moves them."""
 
     commands: Gate
-    writes: ImageWrites
-    """The way of what control code writes."""
+    writes: ImageWrites | None
+    """The way of what control code writes; None: it stores it by itself."""
     write: Callable[[int, float], bool]
-    """`writes.write`."""
+    gate: Sequence[int]
     before_tick: Callable[[], object] = staticmethod(bool)
     """Function that is called before the wait for a tick."""
     fail: Callable[[str, Sequence[Failure]], object] = staticmethod(raise_failures)
     """Function that is told which objects have failed, and what they were to do. It raises, unless the equipment of all
     these objects contains their failure."""
 
-    def connect(self, commands: Gate, writes: ImageWrites) -> None:
+    def connect(self, commands: Gate, writes: ImageWrites | None) -> None:
         """The objects find their values here from now on."""
-        self.commands, self.writes, self.write = commands, writes, writes.write
+        self.commands, self.writes = commands, writes
+        self.write = self.command if writes is None else writes.write
+        self.gate = self.restrictions if writes is None else [True] * len(self.items)
         for slot, item in enumerate(self.items):
             item._connect(self, slot)
 
@@ -267,12 +269,17 @@ class Image(Slots):
     def write_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray) -> bool:
         """Many written at once; their ranges were checked. `each` lists the same slots. Whether all were taken: an
         actuator that is inhibited stays as it is."""
-        if self.writes.write_many(slots, values):
+        pending, writes = self.columns.pending, self.writes
+        if writes is None:
+            if not np.count_nonzero(self.columns.restrictions[slots]):
+                pending[slots] = values
+                return True
+        elif writes.write_many(slots, values):
             return True
-        pending = self.columns.pending
         taken, before = np.array(self.commands.accept_many(each, values)), pending[slots].copy()
-        for number in np.flatnonzero(taken).tolist():
-            self.writes.note(each[number], before[number], values[number])
+        if writes is not None:
+            for number in np.flatnonzero(taken).tolist():
+                writes.note(each[number], before[number], values[number])
         pending[slots] = np.where(taken, values, before)
         return bool(taken.all())
 

@@ -88,7 +88,7 @@ class TwoWriters:
         """The slots that are to be told, by both places: what is written there together is told together."""
         columns = image.columns
         views = image.restrictions, image.pending, self._written, columns.owners.data
-        self.writes: ImageWrites = make_writes(*views, turn, image.command, self.changed)
+        self.writes: ImageWrites | None = make_writes(*views, turn, image.command, self.changed)
 
     def changed(self, slots: Sequence[int], before: Sequence[float], values: Sequence[float]) -> None:
         """Another one than before is about to write other values to these."""
