@@ -26,7 +26,7 @@ from hypothesis import strategies as st
 
 from helpers.conversions import BUILT
 from umo.cycle import conversion
-from umo.cycle.columns import LAST, NOW, TOLD
+from umo.cycle.columns import LAST, NOW, TOLD, UNSEEN
 from umo.cycle.writes import PlainTurn
 from umo.objects.scaling import to_raws, to_value
 
@@ -367,27 +367,24 @@ class PlainWrites:
             return False
         owner, owners, written, pending = self._owner, self._owners, self._written, self._pending
         numbers = values.tolist()
-        pairs = [
-            (slot, value)
-            for slot, value in zip(each, numbers, strict=True)
-            if owners[slot] is owner or pending[slot] != value
-        ]
-        new = [pair for pair in pairs if owners[pair[0]] is not owner and written[pair[0]] < TOLD]
+        other = [pair for pair in zip(each, numbers, strict=True) if owners[pair[0]] is not owner]
+        new = [(slot, value) for slot, value in other if written[slot] < TOLD and pending[slot] != value]
         if new:
             self._changed([slot for slot, _ in new], [pending[slot] for slot, _ in new], [value for _, value in new])
-        for slot, _ in pairs:
-            owners[slot] = owner
-            written[slot] |= NOW
+        for slot, value in other:
+            if pending[slot] == value:
+                written[slot] |= UNSEEN
         for slot, value in zip(each, numbers, strict=True):
-            pending[slot] = value  # 0.0 and -0.0 are equal
+            owners[slot], pending[slot] = owner, value
+            written[slot] |= NOW
         return True
 
     def note(self, slot: int, before: float, value: float) -> None:
         owner = self._owner
         if self._owners[slot] is not owner:
             if before == value:
-                return
-            if self._written[slot] < TOLD:
+                self._written[slot] |= UNSEEN
+            elif self._written[slot] < TOLD:
                 self._changed([slot], [before], [value])
             self._owners[slot] = owner
         self._written[slot] |= NOW
@@ -438,7 +435,7 @@ def carry_out(on: Written, what: str, *given: Any) -> Any:
         setattr(on.turn, what, given[0])
     elif what == "send":
         if isinstance(on.writes, PlainWrites):
-            on.written[:] = (on.written & TOLD) | (on.written & NOW) // NOW * LAST
+            on.written[:] = (on.written & (TOLD | UNSEEN)) | (on.written & NOW) // NOW * LAST
         else:
             conversion.extension.end_period(on.written)
     elif what == "told":

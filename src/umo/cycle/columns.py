@@ -23,9 +23,10 @@ FREE, ASKED, TAKEN_BY_CLIENT = 0, 254, 255
 """Values of the column `restrictions`: a write goes straight into the image; the command stage is asked, as the
 actuator has an expiry or is asynchronous; a client has taken the actuator. 1 to 253: the number of the reason for
 which it is inhibited."""
-LAST, NOW, TOLD = 1, 2, 128
-"""Bits of the column `written`: written in the period before; written since the values were sent last; two writers were
-told, and nobody looks at the writers of this actuator any more."""
+LAST, NOW, UNSEEN, TOLD = 1, 2, 64, 128
+"""Bits of the column `written`: written in the period before; written since the values were sent last; the writer has
+changed by writing what was pending already, which was not looked at; two writers were told, and nobody looks at the
+writers of this actuator any more."""
 WIDE, NARROW = 7, 2
 """Columns of 8 bytes a row and of 1 byte a row."""
 

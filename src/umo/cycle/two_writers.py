@@ -13,7 +13,7 @@ from types import FrameType, MethodType
 from typing import Any, NamedTuple, cast
 
 from umo.cycle import wait_graph
-from umo.cycle.columns import LAST, NOW, TOLD
+from umo.cycle.columns import LAST, NOW, TOLD, UNSEEN
 from umo.cycle.events import MISTAKE, Event, Paths
 from umo.cycle.image import Image
 from umo.cycle.sequences import Task
@@ -107,7 +107,9 @@ class TwoWriters:
     def _next(self, slot: int, new: Claim, pending: float, value: float) -> Claim:
         """The claim of an actuator from now on. Two writers are told."""
         former, default = self._claims.get(slot), self._image.scales.defaults[slot]
-        if former is None or former.who is new.who:
+        written = self._written[slot]
+        self._written[slot] = written & ~UNSEEN
+        if former is None or former.who is new.who or written & UNSEEN:
             return new
         written = self._bits(slot)
         holds = (pending != default or former.has_stopped) and _holds(former, new, written)

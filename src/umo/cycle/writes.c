@@ -64,7 +64,7 @@ static PyType_Slot turn_slots[] = {
 
 /* Writes(restrictions, pending, written, owners, turn, command, changed): the way into the image. */
 enum { RESTRICTIONS, PENDING, WRITTEN, OWNERS, COLUMNS };
-enum { LAST = 1, NOW = 2, TOLD = 128 }; /* bits of `written`, as in writes.py */
+enum { LAST = 1, NOW = 2, UNSEEN = 64, TOLD = 128 }; /* bits of `written`, as in columns.py */
 
 typedef struct {
     PyObject_HEAD
@@ -173,15 +173,15 @@ static int change(Writes *self, Py_ssize_t slot, double before, double value)
     return done == NULL ? -1 : 0;
 }
 
-/* It was taken. What was pending already is written by nobody else. */
+/* It was taken. */
 static int note(Writes *self, Py_ssize_t slot, double before, double value)
 {
     void **owners = self->views[OWNERS].buf, *who = writer(self);
     uint8_t *written = bytes_of(self, WRITTEN);
     if (owners[slot] != who) {
         if (before == value)
-            return 0;
-        if (written[slot] < TOLD && change(self, slot, before, value) < 0)
+            written[slot] |= UNSEEN;
+        else if (written[slot] < TOLD && change(self, slot, before, value) < 0)
             return -1;
         owners[slot] = who;
     }
@@ -305,12 +305,54 @@ static int is_any_restricted(Writes *self, const Places *places)
     return 0;
 }
 
+/* Whether nobody else has written one of them before, none is restricted, and all are there. */
+static inline int is_plain(Writes *self, const Places *places, const int64_t *array)
+{
+    const uint8_t *restrictions = bytes_of(self, RESTRICTIONS);
+    void *const *owners = self->views[OWNERS].buf, *who = writer(self);
+    const Py_ssize_t first = places->first, step = places->step;
+    int others = 0;
+    for (Py_ssize_t i = 0; i < places->count; i++) {
+        Py_ssize_t slot = array == NULL ? first + i * step : (Py_ssize_t)array[i];
+        others |= restrictions[slot] | (owners[slot] != who);
+    }
+    return !others;
+}
+
+static inline void put_plain(Writes *self, const Places *places, const int64_t *array, const char *values,
+                             Py_ssize_t stride)
+{
+    uint8_t *restrict written = bytes_of(self, WRITTEN);
+    double *restrict pending = pending_of(self);
+    const Py_ssize_t first = places->first, step = places->step;
+    for (Py_ssize_t i = 0; i < places->count; i++) {
+        Py_ssize_t slot = array == NULL ? first + i * step : (Py_ssize_t)array[i];
+        memcpy(&pending[slot], values + i * stride, sizeof(double));
+        written[slot] |= NOW;
+    }
+}
+
+/* Those of one writer: 1: done; 0: it has to be looked at each of them. */
+static int put_at_once(Writes *self, const Places *places, const Py_buffer *values)
+{
+    const int64_t *array = places->array.obj == NULL ? NULL : places->array.buf;
+    if (values->strides[0] != sizeof(double) || !(array ? is_plain(self, places, array) : is_plain(self, places, NULL)))
+        return 0;
+    if (array)
+        put_plain(self, places, array, values->buf, sizeof(double));
+    else
+        put_plain(self, places, NULL, values->buf, sizeof(double));
+    return 1;
+}
+
 static PyObject *put_many(Writes *self, const Places *places, const Py_buffer *values)
 {
     if (values->ndim != 1 || values->itemsize != sizeof(double) || values->shape[0] != places->count) {
         PyErr_SetString(PyExc_ValueError, "there is not one value for each slot");
         return NULL;
     }
+    if (put_at_once(self, places, values))
+        Py_RETURN_TRUE;
     if (is_any_restricted(self, places))
         Py_RETURN_FALSE;
     if (change_many(self, places, values) < 0)
@@ -321,11 +363,9 @@ static PyObject *put_many(Writes *self, const Places *places, const Py_buffer *v
     for (Py_ssize_t i = 0; i < places->count; i++) {
         Py_ssize_t slot = place(places, i);
         double value = value_at(values, i);
-        if (owners[slot] == who || pending[slot] != value) {
-            owners[slot] = who;
-            written[slot] |= NOW;
-        }
-        pending[slot] = value; /* 0.0 and -0.0 are equal */
+        written[slot] |= owners[slot] != who && pending[slot] == value ? NOW | UNSEEN : NOW;
+        owners[slot] = who;
+        pending[slot] = value;
     }
     Py_RETURN_TRUE;
 }
@@ -372,7 +412,7 @@ static PyObject *Writes_note(Writes *self, PyObject *args)
 void end_period(uint8_t *written, Py_ssize_t count)
 {
     for (Py_ssize_t i = 0; i < count; i++)
-        written[i] = (uint8_t)((written[i] & TOLD) | (written[i] & NOW) / NOW * LAST);
+        written[i] = (uint8_t)((written[i] & (TOLD | UNSEEN)) | (written[i] & NOW) / NOW * LAST);
 }
 
 /* end_period(written): the same from Python. */

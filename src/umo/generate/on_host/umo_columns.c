@@ -101,14 +101,14 @@ static umo_fault asked(umo_object *o, umo_real value, bool *taken)
 /* As Writes_write of umo.cycle._columns, of what is not restricted. */
 static void put(umo_columns *c, int32_t slot, umo_real value)
 {
-    bool same = c->written && c->owners[slot] == *c->law;
-    if (c->written && !same && c->pending[slot] != value) {
-        if (c->written[slot] < UMO_TOLD)
+    if (c->written && c->owners[slot] != *c->law) {
+        if (c->pending[slot] == value)
+            c->written[slot] |= UMO_UNSEEN;
+        else if (c->written[slot] < UMO_TOLD)
             c->changed(slot, value);
         c->owners[slot] = *c->law;
-        same = true;
     }
-    if (same)
+    if (c->written)
         c->written[slot] |= UMO_NOW;
     c->pending[slot] = value;
 }

@@ -5,7 +5,7 @@
 #include "umo_python.h"
 
 enum { UMO_FREE = 0, UMO_ASKED = 254 }; /* values of the column `restrictions` */
-enum { UMO_NOW = 2, UMO_TOLD = 128 }; /* bits of the column `written` */
+enum { UMO_NOW = 2, UMO_UNSEEN = 64, UMO_TOLD = 128 }; /* bits of the column `written` */
 
 typedef struct {
     const double *values;
