@@ -203,6 +203,20 @@ def test_a_sequence_that_writes_once_and_ends_before_a_law_that_always_writes_is
         assert "heater" in rig.told
 
 
+def test_one_that_begins_with_what_is_there_already_is_told_when_it_writes_another_value() -> None:
+    async def follow(m: Plant) -> None:
+        for value in (3.0, 3.0, 4.0, 4.0, 4.0):
+            m.heater.write(value)
+            await next_period()
+
+    with running() as rig:
+        rig.start(warm(rig.m, 3.0), follow(rig.m))
+        periods(rig.m, 2)
+        assert rig.told == {}
+        periods(rig.m, 3)
+        assert "heater" in rig.told
+
+
 def test_the_laws_of_two_parts_are_told() -> None:
     with running() as rig:
         rig.m.left.law = rig.m.right.law = lambda part: rig.m.heater.write(1.0 if part is rig.m.left else 2.0)

@@ -30,7 +30,7 @@ class Lock:
         """The innermost sequence that has it."""
         self._queue: deque[Task] = deque()
         """Those that wait for it, the first that came first."""
-        self.users: WeakSet[Task] = WeakSet()
+        self._users: WeakSet[Task] = WeakSet()
         """Those that have had it."""
 
     @property
@@ -88,7 +88,7 @@ class Lock:
         if self._owner is not None:
             self._queue.remove(self._owner)
             self._owner.holds.append(self)
-            self.users.add(self._owner)
+            self._users.add(self._owner)
 
 
 def _is_paused(task: Task) -> bool:

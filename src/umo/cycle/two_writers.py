@@ -187,7 +187,7 @@ def _holds(former: Claim, new: Claim, written: int) -> bool:
 def _is_agreed(former: Task, new: Task) -> bool:
     """Whether one sequence waits for the other one, or that one has a lock that both use."""
     locks = [lock for each in new.lineage for lock in each.holds]
-    return wait_graph.awaits(former, new) or any(each in lock.users for lock in locks for each in former.lineage)
+    return wait_graph.awaits(former, new) or any(each in lock._users for lock in locks for each in former.lineage)
 
 
 def _where() -> tuple[CodePlace | None, bool]:

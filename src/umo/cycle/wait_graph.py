@@ -28,7 +28,7 @@ class Claimed(Protocol):
         """Those that wait for it."""
 
     @property
-    def users(self) -> Container[Waiter]:
+    def _users(self) -> Container[Waiter]:
         """Those that have had it."""
 
 

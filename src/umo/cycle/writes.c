@@ -408,11 +408,26 @@ static PyObject *Writes_note(Writes *self, PyObject *args)
     Py_RETURN_NONE;
 }
 
-/* What was written is sent: what was written now was written last. */
+static uint64_t sent(uint64_t bytes)
+{
+    static const uint64_t each = 0x0101010101010101u;
+    return (bytes & each * (TOLD | UNSEEN)) | (bytes & each * NOW) >> 1;
+}
+
+/* What was written is sent: what was written now was written last. Eight bytes at once. */
 void end_period(uint8_t *written, Py_ssize_t count)
 {
-    for (Py_ssize_t i = 0; i < count; i++)
-        written[i] = (uint8_t)((written[i] & (TOLD | UNSEEN)) | (written[i] & NOW) / NOW * LAST);
+    uint64_t bytes = 0;
+    const Py_ssize_t width = sizeof bytes, whole = count - count % width;
+    for (Py_ssize_t i = 0; i < whole; i += width) {
+        memcpy(&bytes, written + i, sizeof bytes);
+        bytes = sent(bytes);
+        memcpy(written + i, &bytes, sizeof bytes);
+    }
+    size_t rest = (size_t)(count - whole);
+    memcpy(&bytes, written + whole, rest);
+    bytes = sent(bytes);
+    memcpy(written + whole, &bytes, rest);
 }
 
 /* end_period(written): the same from Python. */
