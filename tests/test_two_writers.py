@@ -19,7 +19,7 @@ from umo import BinaryActuator, Compound, DigitalActuator, DigitalSensor, Interl
 from umo.control import Lock, Servo, first, next_period, together, unless, wait
 from umo.cycle import two_writers
 from umo.cycle.columns import TOLD
-from umo.cycle.events import MISTAKE
+from umo.cycle.events import MISTAKE, CommandState
 from umo.cycle.two_writers import TwoWriters
 from umo.states import OnOff
 from umo.testing import Scripted, VirtualTimer, periods
@@ -69,12 +69,12 @@ class Plant(Compound):
         if self.law is not None:
             self.law(self)
 
-    @action
+    @action(harmless=True)
     def heat(self) -> None:
         """By hand."""
         self.heater.write(9.0)
 
-    @action
+    @action(harmless=True)
     async def heat_slowly(self) -> None:
         """By hand."""
         for value in (1.0, 2.0, 3.0):
@@ -365,6 +365,7 @@ async def _through_others(m: Plant) -> None:
         m.heater.write(1.0)
         await warm(m, 2.0)
         await m.cycle.start(warm(m, 3.0))
+        m.heater.write(3.5)
         await together(warm(m, 4.0), wait("3 ms"))
         await unless(lambda: False, warm(m, 5.0))
 
@@ -497,6 +498,8 @@ async def _held(m: Plant) -> None:
     work.paused = True
     m.heater.write(5.0)
     await wait("2 ms")
+    work.paused = False
+    await wait("5 ms")
 
 
 @pytest.mark.parametrize(
@@ -558,10 +561,9 @@ def test_clients_and_their_actions_are_not_accused(call: str) -> None:
         ann.do("lease", seconds=60.0)
         rig.start(warm(rig.m, 1.0), idle(rig.m))
         ann.run(3)
-        ann.call(call)
-        ann.run(3)
-        ann.call(call)
-        ann.run(3)
+        for _ in range(2):
+            assert ann.call(call).state in (CommandState.BEGUN, CommandState.DONE)
+            ann.run(4)
         ann.do("write", "heater", 5.0)
         ann.run(3)
         ann.do("let go", "heater")
