@@ -26,6 +26,8 @@ from hypothesis import strategies as st
 
 from helpers.conversions import BUILT
 from umo.cycle import conversion
+from umo.cycle.columns import LAST, NOW, TOLD, UNSEEN
+from umo.cycle.writes import PlainTurn
 from umo.objects.scaling import to_raws, to_value
 
 TREE = Path(__file__).parents[1]
@@ -58,6 +60,11 @@ SCALE = st.tuples(
 )
 BOUND = st.sampled_from([0.0, 10.0, 1e19, math.inf])
 LENGTH = {"inputs": 8, "outputs": 12}
+
+
+def outputs(views: Any, written: Any = None) -> Any:
+    """A block of outputs, with bytes that tell what is written."""
+    return conversion.extension.Outputs(views, np.zeros(len(views[0]), np.uint8) if written is None else written)
 
 
 @BUILT
@@ -107,7 +114,7 @@ def test_an_output_block_gives_the_nearest_raw_integers_within_their_bounds(obje
     rate, (stepped, values, times) = np.full(count, math.inf), arrays(*[count] * 3)
     sent = (pending.view(np.int64) ^ 1).view(np.float64)  # anything else: what is sent already is not converted again
     views = moved, resolution, zero_offset, least, greatest, raws, values, times, rate, pending, sent, stepped
-    block = conversion.extension.Outputs(views)
+    block = outputs(views)
     block.give(1.0, 0.001)
     with np.errstate(all="ignore"):
         scaled = (pending - zero_offset) / resolution
@@ -127,9 +134,11 @@ def test_a_block_takes_only_views_that_fit_together(wrong: int) -> None:
     with pytest.raises(ValueError, match="differ in length"):
         conversion.extension.Inputs(tuple(views), 0)
     with pytest.raises(ValueError, match="differ in length"):
-        conversion.extension.Outputs((*views, *arrays(2, 2, 2, 2)))
+        outputs((*views, *arrays(2, 2, 2, 2)))
     with pytest.raises(ValueError, match="differ in length"):
-        conversion.extension.Outputs(tuple(bytearray(7) for _ in range(LENGTH["outputs"])))
+        outputs(tuple(bytearray(7) for _ in range(LENGTH["outputs"])))
+    with pytest.raises(ValueError, match="differ in length"):
+        outputs(tuple(arrays(*[2] * LENGTH["outputs"])), np.zeros(3, np.uint8))
 
 
 @BUILT
@@ -137,7 +146,7 @@ def test_a_block_takes_a_tuple_of_as_many_views_as_it_has() -> None:
     with pytest.raises(ValueError, match="a tuple of 8"):
         conversion.extension.Inputs(tuple(arrays(2, 2)), 0)
     with pytest.raises(ValueError, match="a tuple of 12"):
-        conversion.extension.Outputs(arrays(*[2] * LENGTH["outputs"]))
+        outputs(arrays(*[2] * LENGTH["outputs"]))
 
 
 @BUILT
@@ -146,15 +155,15 @@ def test_a_block_is_not_made_of_views_that_cannot_be_written_to(place: int) -> N
     views = arrays(*[2] * LENGTH["outputs"])
     views[place].flags.writeable = False
     with pytest.raises(ValueError, match="read-only"):
-        conversion.extension.Outputs(tuple(views))
+        outputs(tuple(views))
 
 
 @BUILT
 def test_a_time_that_is_not_a_number_is_refused() -> None:
     for call in (
         conversion.extension.Inputs(tuple(arrays(*[2] * LENGTH["inputs"])), 0).convert,
-        conversion.extension.Outputs(tuple(arrays(*[2] * LENGTH["outputs"]))).commit,
-        partial(conversion.extension.Outputs(tuple(arrays(*[2] * LENGTH["outputs"]))).give, 0.0),
+        outputs(tuple(arrays(*[2] * LENGTH["outputs"]))).commit,
+        partial(outputs(tuple(arrays(*[2] * LENGTH["outputs"]))).give, 0.0),
     ):
         with pytest.raises(TypeError):
             call("now")
@@ -177,7 +186,7 @@ def test_views_are_let_go_of() -> None:
     views = arrays(*[2] * LENGTH["outputs"])
     before = [sys.getrefcount(view) for view in views]
     for _ in range(100):
-        conversion.extension.Outputs(tuple(views)).commit(1.0)
+        outputs(tuple(views)).commit(1.0)
         conversion.extension.Body(*views[:2], 16)
         with pytest.raises(ValueError, match="differ"):
             conversion.extension.Inputs((*views[:7], np.zeros(3)), 0)
@@ -318,3 +327,188 @@ def test_a_field_that_refers_to_its_own_class_is_collected() -> None:
     found = kept()
     gc.collect()
     assert found() is None
+
+
+# What control code writes -----------------------------------------------------------------------------------
+
+
+class PlainWrites:
+    """What `Writes` of the extension does, in Python."""
+
+    def __init__(
+        self,
+        restrictions: Any,
+        pending: Any,
+        written: Any,
+        owners: Any,
+        turn: Any,
+        command: Callable[[int, float], bool],
+        changed: Any,
+    ) -> None:
+        self._restrictions, self._pending, self._written = restrictions, pending, written
+        self._owners: list[Any] = [self] * len(owners)
+        """Who has written each last; here: nobody has."""
+        self._turn, self._command, self._changed = turn, command, changed
+
+    def write(self, slot: int, value: float) -> bool:
+        before = self._pending[slot]
+        if self._restrictions[slot]:
+            taken = self._command(slot, value)
+            if taken:
+                self.note(slot, before, value)
+            return taken
+        self.note(slot, before, value)
+        self._pending[slot] = value
+        return True
+
+    def write_many(self, slots: Any, values: Any) -> bool:
+        each = range(len(self._owners))[slots] if isinstance(slots, slice) else slots.tolist()
+        if any(self._restrictions[slot] for slot in each):
+            return False
+        owner, owners, written, pending = self._owner, self._owners, self._written, self._pending
+        numbers = values.tolist()
+        other = [pair for pair in zip(each, numbers, strict=True) if owners[pair[0]] is not owner]
+        new = [(slot, value) for slot, value in other if written[slot] < TOLD and pending[slot] != value]
+        if new:
+            self._changed([slot for slot, _ in new], [pending[slot] for slot, _ in new], [value for _, value in new])
+        for slot, value in other:
+            if pending[slot] == value:
+                written[slot] |= UNSEEN
+        for slot, value in zip(each, numbers, strict=True):
+            owners[slot], pending[slot] = owner, value
+            written[slot] |= NOW
+        return True
+
+    def note(self, slot: int, before: float, value: float) -> None:
+        owner = self._owner
+        if self._owners[slot] is not owner:
+            if before == value:
+                self._written[slot] |= UNSEEN
+            elif self._written[slot] < TOLD:
+                self._changed([slot], [before], [value])
+            self._owners[slot] = owner
+        self._written[slot] |= NOW
+
+    @property
+    def _owner(self) -> Any:
+        turn = self._turn
+        return turn.law if turn.task is None else turn.task
+
+
+class Written:
+    """The columns of five actuators, with what is called when they are written; those at odd slots are restricted."""
+
+    def __init__(self, way: Any) -> None:
+        self.restrictions = np.array([0, 1, 0, 1, 0], np.uint8)
+        self.pending, self.written, self.owners = np.zeros(5), np.zeros(5, np.uint8), np.zeros(5, np.uint64)
+        self.calls: list[Any] = []
+        self.turn = PlainTurn() if way is PlainWrites else way.Turn()
+        make = way if way is PlainWrites else way.Writes
+        columns = (each.data for each in (self.restrictions, self.pending, self.written, self.owners))
+        self.writes = make(*columns, self.turn, self.command, self.changed)
+
+    def command(self, slot: int, value: float) -> bool:
+        self.calls.append(("command", slot, value))
+        if value > 0.0:
+            self.pending[slot] = value
+        return value > 0.0
+
+    def changed(self, *what: Any) -> None:
+        self.calls.append(("changed", *what))
+
+
+SLOT, VALUE = st.integers(0, 4), st.sampled_from([-1.0, -0.0, 0.0, 2.5])
+OPERATION = st.one_of(
+    st.tuples(st.just("write"), SLOT, VALUE),
+    st.tuples(st.just("note"), SLOT, VALUE, VALUE),
+    st.tuples(st.just("write_many"), st.sampled_from([slice(0, 5), slice(0, 5, 2), slice(4, 5)]), VALUE),
+    st.tuples(st.just("write_many"), st.lists(SLOT, unique=True), VALUE),
+    st.tuples(st.just("law"), st.sampled_from([None, "heating", "cooling"])),
+    st.tuples(st.just("task"), st.sampled_from([None, "filling", "draining"])),
+    st.tuples(st.just("send")),
+    st.tuples(st.just("told"), SLOT),
+)
+
+
+def carry_out(on: Written, what: str, *given: Any) -> Any:
+    if what in ("law", "task"):
+        setattr(on.turn, what, given[0])
+    elif what == "send":
+        if isinstance(on.writes, PlainWrites):
+            on.written[:] = (on.written & (TOLD | UNSEEN)) | (on.written & NOW) // NOW * LAST
+        else:
+            conversion.extension.end_period(on.written)
+    elif what == "told":
+        on.written[given[0]] |= TOLD
+    elif what == "write_many":
+        slots, value = given
+        places = slots if isinstance(slots, slice) else np.array(slots, np.int64)
+        values = np.full(2 * len(range(5)[slots] if isinstance(slots, slice) else slots), value)
+        values[::2] += np.arange(len(values) // 2)
+        return on.writes.write_many(places, values[::2])
+    else:
+        return getattr(on.writes, what)(*given)
+    return None
+
+
+@BUILT
+@given(st.lists(OPERATION, max_size=20))
+def test_what_is_written_and_who_has_written_it_is_the_same_in_c_and_in_python(operations: list[Any]) -> None:
+    native, plain = Written(conversion.extension), Written(PlainWrites)
+    for operation in operations:
+        assert carry_out(native, *operation) == carry_out(plain, *operation)
+        assert native.calls == plain.calls
+        assert native.pending.tobytes() == plain.pending.tobytes()
+        assert native.written.tobytes() == plain.written.tobytes()
+
+
+@BUILT
+def test_what_does_not_fit_is_not_written() -> None:
+    on = Written(conversion.extension)
+    for wrong, error in (((5, 1.0), IndexError), ((-1, 1.0), IndexError), ((0, "1"), TypeError), ((0,), TypeError)):
+        with pytest.raises(error):
+            on.writes.write(*wrong)
+    for slots, values in ((slice(0, 3), np.zeros(2)), (slice(0, 1), np.zeros(1, np.float32)), (slice(0, 1), 1.0)):
+        with pytest.raises((ValueError, TypeError)):
+            on.writes.write_many(slots, values)
+    with pytest.raises(IndexError):
+        on.writes.write_many(np.array([0, 5]), np.zeros(2))
+    assert (on.pending.tolist(), on.written.tolist()) == ([0.0] * 5, [0] * 5)
+
+
+@BUILT
+def test_writes_take_only_columns_of_one_length_and_a_turn() -> None:
+    columns = [np.zeros(2, np.uint8), np.zeros(2), np.zeros(2, np.uint8), np.zeros(2, np.uint64)]
+    turn = conversion.extension.Turn()
+    with pytest.raises(TypeError, match="Turn"):
+        conversion.extension.Writes(*columns, PlainTurn(), bool, bool)
+    with pytest.raises(ValueError, match="differ in length"):
+        conversion.extension.Writes(columns[0], np.zeros(3), *columns[2:], turn, bool, bool)
+
+
+@BUILT
+def test_an_error_of_what_is_called_keeps_the_value_from_being_written() -> None:
+    on = Written(conversion.extension)
+    on.changed = lambda *what: 1 / 0  # type: ignore[method-assign]
+    columns = (each.data for each in (on.restrictions, on.pending, on.written, on.owners))
+    writes = conversion.extension.Writes(*columns, on.turn, on.command, on.changed)
+    with pytest.raises(ZeroDivisionError):
+        writes.write(0, 1.0)
+    with pytest.raises(ZeroDivisionError):
+        writes.write_many(slice(0, 1), np.ones(1))
+    assert on.pending[0] == 0.0
+
+
+@BUILT
+def test_writing_leaves_nothing_behind() -> None:
+    writes, values = Written(conversion.extension).writes, np.ones(3)
+    assert kept(lambda: writes.write(0, 1.0)) < 2000
+    assert kept(lambda: writes.write_many(slice(0, 5, 2), values)) < 2000
+    assert kept(lambda: writes.write_many(np.array([2]), values[:1])) < 2000
+
+
+@BUILT
+def test_writes_that_refer_to_whom_they_call_are_collected() -> None:
+    here = weakref.ref(Written(conversion.extension))
+    gc.collect()
+    assert here() is None

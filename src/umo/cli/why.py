@@ -87,6 +87,8 @@ def _report(reader: Reader, file: Path, now: bool) -> None:
         log.add(event)
     for fault in list(log.last)[-MAX_VERDICTS:]:
         out.print(f"{fault.path}: {fault}", style="bold")
+    for mistake in log.mistakes[:MAX_VERDICTS]:
+        out.print(f"mistake: {mistake.path}: {printable(mistake.text)}", style="bold", soft_wrap=True)
     for row in reader.alarms(frames[-1])[:MAX_VERDICTS]:
         out.print(f"alarm {printable(str(row))}", soft_wrap=True)
     if log.standing and now:

@@ -24,6 +24,7 @@ typedef struct {
     Py_buffer views[OUTPUT_VIEWS];
     Py_ssize_t start, count;
     double *found; /* of an input block: room for a number of each object */
+    Py_buffer written; /* of an output block: a byte of each object (writes.c) */
     int limited; /* whether an output of the block has a rate */
 } Block;
 
@@ -39,6 +40,7 @@ static void let_go(PyObject *self, Py_buffer *views, int count)
 static void Block_dealloc(Block *self)
 {
     PyMem_Free(self->found);
+    PyBuffer_Release(&self->written);
     let_go((PyObject *)self, self->views, OUTPUT_VIEWS);
 }
 
@@ -177,15 +179,22 @@ static PyObject *Inputs_convert(Block *self, PyObject *time)
 
 static PyObject *Outputs_new(PyTypeObject *type, PyObject *args, PyObject *named)
 {
-    static char *names[] = {"views", NULL};
-    PyObject *views;
-    if (!PyArg_ParseTupleAndKeywords(args, named, "O", names, &views))
+    static char *names[] = {"views", "written", NULL};
+    PyObject *views, *written;
+    if (!PyArg_ParseTupleAndKeywords(args, named, "OO", names, &views, &written))
         return NULL;
     Block *self = make(type, views, OUTPUT_VIEWS);
-    if (self != NULL)
-        for (Py_ssize_t i = 0; i < self->count; i++)
-            self->limited |= column(self, RATE)[i] < INFINITY;
-    return (PyObject *)self;
+    if (self == NULL)
+        return NULL;
+    for (Py_ssize_t i = 0; i < self->count; i++)
+        self->limited |= column(self, RATE)[i] < INFINITY;
+    if (PyObject_GetBuffer(written, &self->written, PyBUF_WRITABLE) == 0) {
+        if (self->written.len == self->count)
+            return (PyObject *)self;
+        PyErr_SetString(PyExc_ValueError, "the views of a block differ in length");
+    }
+    Py_DECREF(self);
+    return NULL;
 }
 
 /* As conversion._next, of one output. */
@@ -212,6 +221,7 @@ static PyObject *Outputs_give(Block *self, PyObject *const *args, Py_ssize_t cou
     double dt = now == -1.0 && PyErr_Occurred() ? now : PyFloat_AsDouble(args[1]);
     if (dt == -1.0 && PyErr_Occurred())
         return NULL;
+    end_period(self->written.buf, self->count);
     const double *pending = column(self, PENDING);
     double *sent = column(self, SENT);
     if (!self->limited && memcmp(sent, pending, (size_t)self->views[SENT].len) == 0)
@@ -385,7 +395,8 @@ int add_types(PyObject *module, PyType_Spec *from, size_t count)
 
 static int fill(PyObject *module)
 {
-    return add_types(module, specs, sizeof specs / sizeof *specs) || add_law_types(module) || add_watch_type(module) ? -1 : 0;
+    int failed = add_types(module, specs, sizeof specs / sizeof *specs) || add_law_types(module);
+    return failed || add_watch_type(module) || add_writes_types(module) ? -1 : 0;
 }
 
 static PyModuleDef_Slot slots[] = {{Py_mod_exec, fill}, {0, NULL}};

@@ -23,6 +23,10 @@ FREE, ASKED, TAKEN_BY_CLIENT = 0, 254, 255
 """Values of the column `restrictions`: a write goes straight into the image; the command stage is asked, as the
 actuator has an expiry or is asynchronous; a client has taken the actuator. 1 to 253: the number of the reason for
 which it is inhibited."""
+LAST, NOW, UNSEEN, TOLD = 1, 2, 64, 128
+"""Bits of the column `written`: written in the period before; written since the values were sent last; the writer has
+changed by writing what was pending already, which was not looked at; two writers were told, and nobody looks at the
+writers of this actuator any more."""
 WIDE, NARROW = 7, 2
 """Columns of 8 bytes a row and of 1 byte a row."""
 
@@ -54,6 +58,10 @@ class Columns:
         ends = 8 * WIDE * count, (8 * WIDE + NARROW) * count
         self.quality, self.restrictions = memory[ends[0] : ends[1]].reshape(NARROW, count)
         self.equipment, self.axes, self.alarms = np.split(memory[ends[1] :], [equipment, equipment + axes])
+        self.written = np.zeros(count, np.uint8)
+        """Of actuators: bits that tell when control code has written them."""
+        self.owners = np.zeros(count, np.uint64)
+        """Of actuators: what identifies who has written them last."""
         self.times.fill(nan)
         self.shown = memory[wide[:5].nbytes :].data
         """The bytes of `values`, `raws`, `quality`, `restrictions`, `equipment`, `axes`, `alarms`, in this order: what

@@ -55,7 +55,8 @@ def convert_outputs(block: Block, columns: Columns, scales: Scales) -> None:
         of_scales = scales.resolution, scales.zero_offset, scales.least, scales.greatest
         of_image = columns.raws, columns.values, columns.times
         of_outputs = scales.rate, columns.pending, columns.sent, columns.stepped
-        native = extension.Outputs(_views(block, *of_scales, *of_image, *of_outputs))
+        views = _views(block, *of_scales, *of_image, *of_outputs)
+        native = extension.Outputs(views, columns.written[slots].data)
         block.give, block.commit = native.give, native.commit
 
 
@@ -139,9 +140,12 @@ class Outputs:
         self._limited = bool(np.isfinite(scales.rate[slots]).any())
         self._plain = not linearizations and bool(scales.exact[slots].all())
         self._shifted = bool(self._zero_offset.any())
+        self._written = None if extension is None else columns.written[slots]
 
     def give(self, now: float, dt: float) -> None:
         """As `Block.give`."""
+        if self._written is not None:
+            extension.end_period(self._written)
         if self._limited or not self._plain:
             send(self._columns, self._scales, self._block.slots, self._linearizations, now, dt)
             return

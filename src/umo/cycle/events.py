@@ -43,6 +43,8 @@ IN_FAULT = "in fault: "
 """Beginning of the text of this event; the reason follows."""
 FAULT_CLEARED = "fault cleared"
 """Text of the event that the fault of the equipment at its path has ended."""
+MISTAKE = "mistake"
+"""`Event.asked` of a mistake in the program, at the object that it concerns: it is told once, and the run goes on."""
 ALARM = "alarm"
 """`Event.asked` of a change of the alarm at its path; the text begins with its new state (`umo.alarms`)."""
 

@@ -1,15 +1,17 @@
-"""The faults of equipment in one run, as its events tell them."""
+"""The faults of equipment in one run, and the mistakes of its program, as its events tell them."""
 
 from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
 
-from umo.cycle.events import FAULT, FAULT_CLEARED, IN_FAULT, Event, Events
+from umo.cycle.events import FAULT, FAULT_CLEARED, IN_FAULT, MISTAKE, Event, Events
 from umo.presentation.run_facts import clock_text
 
 KEPT_FAULTS = 1000
 """Number of the last faults that are kept; all are counted."""
+KEPT_MISTAKES = 100
+"""Number of the first mistakes that are kept."""
 
 
 @dataclass
@@ -29,8 +31,19 @@ class EquipmentFaultRecord:
         return f"in fault from {clock_text(self.time)} to {clock_text(self.cleared)}: {self.reason}"
 
 
+@dataclass
+class MistakeRecord:
+    """One mistake of the program, which is told once."""
+
+    path: str
+    """The object that it concerns."""
+    time: float
+    """Time in s on the cycle's clock at which it was seen."""
+    text: str
+
+
 class FaultLog:
-    """Counts the faults, and keeps the last ones."""
+    """Counts the faults, and keeps the last ones; and the first mistakes."""
 
     def __init__(self) -> None:
         self.number = 0
@@ -38,11 +51,12 @@ class FaultLog:
         self.last: deque[EquipmentFaultRecord] = deque(maxlen=KEPT_FAULTS)
         self.standing: dict[str, EquipmentFaultRecord] = {}
         """Those that were not cleared, by the path of the equipment."""
+        self.mistakes: list[MistakeRecord] = []
         self.next = 0
         """Number of the next event of the run that is to be added."""
 
     def add(self, event: Event) -> None:
-        """The next event; those that tell no fault are passed over."""
+        """The next event; those that tell neither are passed over."""
         if event.command or event.who:  # of a client
             return
         if event.asked == FAULT:
@@ -52,6 +66,8 @@ class FaultLog:
             self.standing[event.path] = fault
         elif event.text == FAULT_CLEARED and (cleared := self.standing.pop(event.path, None)):
             cleared.cleared = event.time
+        elif event.asked == MISTAKE and len(self.mistakes) < KEPT_MISTAKES:
+            self.mistakes.append(MistakeRecord(event.path, event.time, event.text))
 
     def add_new(self, events: Events) -> None:
         """The events of a machine in this process that were not added yet, as far as they are kept."""

@@ -1,8 +1,8 @@
 """The process image: the slots of a connected machine (`slots.py`), and their way to and from the drivers.
 
 Slots stand in blocks, one for each driver and direction, so that a period is one transfer a block, converted before or
-after it (`conversion.py`). What moves goes through the transfer stage. Writes go straight into the image, but where the
-column `restrictions`, which is the command stage's own, says that it is to be asked.
+after it (`conversion.py`). What moves goes through the transfer stage. What control code writes goes straight into the
+image (`writes.py`), but where the column `restrictions`, which is the command stage's own, says that it is to be asked.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from umo.cycle.columns import Block, Source
 from umo.cycle.conversion import send
 from umo.cycle.slots import Slots
 from umo.cycle.transfer import FAILURES, cause_of_failure
+from umo.cycle.writes import ImageWrites
 from umo.drivers.contract import Direction, WaitEnded
 from umo.errors import DriverError, Failure
 from umo.objects import Actuator, DigitalSensor, Quality, link
@@ -50,15 +51,21 @@ class Image(Slots):
     """The slots of a connected machine, and what moves them."""
 
     commands: Gate
+    writes: ImageWrites | None
+    """The way of what control code writes; None: it stores it by itself."""
+    write: Callable[[int, float], bool]
+    gate: Sequence[int]
     before_tick: Callable[[], object] = staticmethod(bool)
     """Function that is called before the wait for a tick."""
     fail: Callable[[str, Sequence[Failure]], object] = staticmethod(raise_failures)
     """Function that is told which objects have failed, and what they were to do. It raises, unless the equipment of all
     these objects contains their failure."""
 
-    def connect(self, commands: Gate) -> None:
+    def connect(self, commands: Gate, writes: ImageWrites | None) -> None:
         """The objects find their values here from now on."""
-        self.commands = commands
+        self.commands, self.writes = commands, writes
+        self.write = self.command if writes is None else writes.write
+        self.gate = self.restrictions if writes is None else [True] * len(self.items)
         for slot, item in enumerate(self.items):
             item._connect(self, slot)
 
@@ -262,12 +269,18 @@ class Image(Slots):
     def write_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray) -> bool:
         """Many written at once; their ranges were checked. `each` lists the same slots. Whether all were taken: an
         actuator that is inhibited stays as it is."""
-        pending = self.columns.pending
-        if not np.count_nonzero(self.columns.restrictions[slots]):
-            pending[slots] = values
+        pending, writes = self.columns.pending, self.writes
+        if writes is None:
+            if not np.count_nonzero(self.columns.restrictions[slots]):
+                pending[slots] = values
+                return True
+        elif writes.write_many(slots, values):
             return True
-        taken = np.array(self.commands.accept_many(each, values))
-        pending[slots] = np.where(taken, values, pending[slots])
+        taken, before = np.array(self.commands.accept_many(each, values)), pending[slots].copy()
+        if writes is not None:
+            for number in np.flatnonzero(taken).tolist():
+                writes.note(each[number], before[number], values[number])
+        pending[slots] = np.where(taken, values, before)
         return bool(taken.all())
 
     def reset_some(self, slots: Iterable[int]) -> None:

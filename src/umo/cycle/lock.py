@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from weakref import WeakSet
 
 from umo.cycle import wait_graph
 from umo.cycle.sequences import AsyncBlock, Task, one_period, own_task
@@ -29,6 +30,8 @@ class Lock(AsyncBlock):
         """The innermost sequence that has it."""
         self._queue: deque[Task] = deque()
         """Those that wait for it, the first that came first."""
+        self._users: WeakSet[Task] = WeakSet()
+        """Those that have had it."""
 
     @property
     def holder(self) -> str | None:
@@ -85,6 +88,7 @@ class Lock(AsyncBlock):
         if self._owner is not None:
             self._queue.remove(self._owner)
             self._owner.holds.append(self)
+            self._users.add(self._owner)
 
 
 def _is_paused(task: Task) -> bool:

@@ -26,6 +26,7 @@ from umo.cycle.restoring import kept_kind
 from umo.cycle.sequences import Sequences, Task
 from umo.cycle.stage import Stage
 from umo.cycle.stopping import StopFlag
+from umo.cycle.two_writers import TwoWriters
 from umo.drivers.contract import Direction
 from umo.drivers.faults.wrapper import Injection
 from umo.errors import DriverError, EquipmentFault, forget_frames, text_later
@@ -216,7 +217,9 @@ class ConnectedMachine:
         image.before_tick = self.finish_period
         if injection is not None:
             injection.say = self.events.log
-        image.connect(self.commands)
+        self.turn = self.sequences.current
+        """Who takes a step at this moment."""
+        image.connect(self.commands, TwoWriters(image, self.turn).writes)
         self._compounds = [root, *(node for node in walk(root) if isinstance(node, Compound))]
         asynchronous = (item for item in image.items if not item.synchronous)
         commanded = self.commands.by_slot or any(item.direction is Direction.OUTPUT for item in asynchronous)
@@ -247,7 +250,8 @@ class ConnectedMachine:
 
     @property
     def current_task(self) -> Task | None:
-        return self.sequences.current.task
+        task: Task | None = self.turn.task
+        return None if task is None else task.started
 
     @property
     def is_manual(self) -> bool:
@@ -333,8 +337,11 @@ class ConnectedMachine:
             laws = iter(self._laws)
         else:
             laws = iter(self._overrides(part))
+        turn = self.turn
+        before = turn.law
         try:
             for law in laws:
+                turn.law = law
                 law()
         except BaseException as error:
             equipment = self._containing(law.__self__, error) if part is self.root else None
@@ -344,6 +351,8 @@ class ConnectedMachine:
             failed = {equipment: text_later(error)}
             forget_frames(error)
             self._act_on(laws, failed)
+        finally:
+            turn.law = before
 
     def _supervise(self) -> None:
         """The laws that look after the sequences of their parts."""
@@ -372,9 +381,11 @@ class ConnectedMachine:
     @expects_errors
     def _act_on(self, laws: Iterator[MethodType], failed: dict[Equipment, Callable[[], str]]) -> None:
         """The laws after one that has failed: what equipment contains of their errors keeps no other from acting."""
+        turn = self.turn
         while True:
             try:
                 for law in laws:
+                    turn.law = law
                     law()
                 break
             except BaseException as error:
@@ -384,6 +395,8 @@ class ConnectedMachine:
                     raise
                 failed.setdefault(equipment, text_later(error))
                 forget_frames(error)
+            finally:
+                turn.law = None
         self.equipment.enter(failed)
 
     def _containing(self, part: object, error: BaseException) -> Equipment | None:

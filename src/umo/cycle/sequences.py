@@ -22,6 +22,7 @@ from umo.cycle.clock import Clock
 from umo.cycle.not_awaited import advances, expects_errors
 from umo.cycle.sequence_mistakes import AWAITABLE_HINT, check_condition, instead_of_sequence, meant_await
 from umo.cycle.wait_graph import Waiter
+from umo.cycle.writes import Turn, make_turn
 from umo.duration import seconds as in_seconds
 from umo.errors import Cancelled, TaskFailed, TimeExpired, forget_frames, text_later, text_of
 from umo.objects import Node
@@ -88,16 +89,6 @@ def adopting(function: Adopting) -> Adopting:
     with it, also if it never began."""
     _ADOPTING.add(function.__code__)
     return function
-
-
-class CurrentTask:
-    """Which started sequence of a machine takes a step, or is cancelled, at this moment."""
-
-    __slots__ = ("task",)
-
-    def __init__(self) -> None:
-        self.task: Task | None = None
-        """None: none of them."""
 
 
 @coroutine
@@ -255,7 +246,7 @@ class Task(Waiter):
         contain: Callable[[Task, BaseException], bool] | None = None,
         end_within: Callable[[Callable[[], Any]], Any] | None = None,
         *,
-        current: CurrentTask | None = None,
+        current: Turn | None = None,
         parent: Task | None = None,
     ) -> None:
         if not isinstance(sequence, Coroutine):
@@ -268,7 +259,7 @@ class Task(Waiter):
         self.started_in = 0
         """The number of the period in which it was started."""
         self._contain, self._end_within = contain, end_within
-        self._current = current
+        self._current: Turn | None = current if parent is None else parent._current
         self._begun = False
         self._cancelling = self._cancelled = False
         self.done = False
@@ -278,6 +269,8 @@ class Task(Waiter):
         freed while the collector is off."""
         self._failure: Callable[[], str] | None = None
         """What gives the text of this error."""
+        self.of_application = True
+        """Whether it belongs to the application, and not to an action of a client."""
         self.clock: Clock | None = None
         """The clock of the part by which it takes its steps; None: that of the machine."""
         self.limits: list[timeout] = []
@@ -318,9 +311,14 @@ class Task(Waiter):
             raise TaskFailed(why)
 
     @property
+    def started(self) -> Task:
+        """The sequence that was started: itself, or the one that runs it."""
+        return self if self.parent is None else cast(Task, self.parent).started
+
+    @property
     def machine(self) -> object:
         """What identifies the machine that advances it; None: none does."""
-        return cast(Task, self.lineage[-1])._current
+        return self._current
 
     @expects_errors
     def advance(self, tick: Clock | None) -> bool:
@@ -473,7 +471,7 @@ class Task(Waiter):
 
     @property
     def details(self) -> str:
-        number = cast(Task, self.lineage[-1]).number
+        number = self.started.number
         told = [_arguments(self._sequence), f"started as no. {number}"]
         if self.parent is not None:
             told.append(f"part {'.'.join(map(str, reversed(self._places_among_parts)))}")
@@ -573,9 +571,12 @@ def _is_settled(task: Task) -> bool:
 class Sequences:
     """All sequences that run side by side on one machine. `faults` is told of those that have failed."""
 
-    def __init__(self, faults: Containing | None = None, current: CurrentTask | None = None) -> None:
+    def __init__(self, faults: Containing | None = None, current: Turn | None = None) -> None:
         self._faults = faults or _Uncontained()
-        self.current = current or CurrentTask()
+        self.of_application = current is None
+        """Whether they are the application's, and not those of an action."""
+        self.current = current or make_turn()
+        """Whose turn it is in the machine at this moment."""
         self._tasks: dict[Task, None] = {}
         """In the order started."""
         self._tasks_of: dict[int, dict[Task, None]] = {}
@@ -608,12 +609,14 @@ class Sequences:
 
     def task(self, sequence: Sequence, part: Any = None) -> Task:
         """A sequence of this machine that somebody else advances."""
-        return Task(sequence, part, current=self.current)
+        task = Task(sequence, part, current=self.current)
+        task.of_application = self.of_application
+        return task
 
     def start(self, sequence: Sequence, part: Any = None) -> Task:
         task = Task(sequence, part, self._faults.contain_sequence, self._end, current=self.current)
         self._number += 1
-        task.number = self._number
+        task.number, task.of_application = self._number, self.of_application
         self._tasks[task] = None
         self._tasks_of.setdefault(id(part), {})[task] = None
         return task

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence, Sized
 from typing import Any, NamedTuple, Protocol
 
 from umo.text import in_brackets, some
@@ -26,6 +26,10 @@ class Claimed(Protocol):
     @property
     def _queue(self) -> Iterable[Waiter]:
         """Those that wait for it."""
+
+    @property
+    def _users(self) -> Container[Waiter]:
+        """Those that have had it."""
 
 
 class ParallelParts(NamedTuple):
@@ -88,6 +92,11 @@ def circle(waiting: Waiter, target: Waiter, wait: str) -> str | None:
     begun = wait.format(waiting=names[waiting], target=names[target])
     words = some(_words_from(target, waiting, stuck, names))
     return f"{begun}: it would wait for itself{words and f' ({words})'}"
+
+
+def awaits(waiting: Waiter, target: Waiter) -> bool:
+    """Whether a sequence goes on only when another one has ended, as it awaits it or runs it in parallel."""
+    return waiting in _reached([target], _bound_to)
 
 
 def _names(waiters: Iterable[Waiter]) -> dict[Waiter, str]:

@@ -33,6 +33,7 @@ from umo.generate.controller_model import ControllerModel, laid_out, model_of
 from umo.generate.known_values import KnownName, is_installed
 from umo.generate.known_watch import KnownWatch
 from umo.generate.law_library import (
+    CHANGED,
     HOST_CALL,
     NOT_ON_COLUMNS,
     READ,
@@ -242,11 +243,11 @@ class CompiledLaws:
         if not self._push():
             return None
         self._shadow, self._asked = self._image.columns.pending.copy(), False
-        self._columns.pending = self._shadow.ctypes.data
+        self._columns.pending, noted, self._columns.written = self._shadow.ctypes.data, self._columns.written, None
         try:
             fault = self._library.call(number, self._machine.clock)
         finally:
-            self._columns.pending = self._image.columns.pending.ctypes.data
+            self._columns.pending, self._columns.written = self._image.columns.pending.ctypes.data, noted
         return None if self._asked else fault
 
     def _push(self) -> bool:
@@ -382,12 +383,17 @@ class CompiledLaws:
     def _columns_of(self) -> ColumnPointers:
         columns = self._image.columns
         here = proxy(self)  # what C calls is not collected in a circle
+        address = getattr(self._machine.turn, "address", None)  # where umo's extension is built
         return ColumnPointers(
             c_void_p(columns.values.ctypes.data),
             c_void_p(columns.raws.ctypes.data),
             c_void_p(columns.quality.ctypes.data),
             c_void_p(columns.restrictions.ctypes.data),
             c_void_p(columns.pending.ctypes.data),
+            c_void_p(address and columns.written.ctypes.data),
+            c_void_p(columns.owners.ctypes.data),
+            c_void_p(address and address()),
+            CHANGED(lambda slot, value: here._image.writes.note(slot, here._image.pending[slot], value)),
             WRITE(lambda *given: here._write(*given)),
             WRITE_MANY(lambda *given: here._write_many(*given)),
             READ(lambda slot, out: here._velocity(slot, out)),

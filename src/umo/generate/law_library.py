@@ -39,6 +39,7 @@ HEADERS = "umo.h", "umo_python.h"
 NOT_ON_COLUMNS = "umo_object_reset(", "umo_referenced(", "umo_set_reading(", "umo_time(", "->zero_offset"
 """What translated code cannot do on the memory of Python."""
 TAKEN = POINTER(c_bool)
+CHANGED = CFUNCTYPE(None, c_int32, c_double)
 WRITE = CFUNCTYPE(c_int16, c_int32, c_double, TAKEN)
 WRITE_MANY = CFUNCTYPE(c_int16, POINTER(c_int16), c_int16, POINTER(c_double), POINTER(c_bool), TAKEN)
 READ = CFUNCTYPE(c_int16, c_int32, POINTER(c_double))
@@ -114,6 +115,10 @@ class ColumnPointers(Structure):
         ("quality", c_void_p),
         ("restrictions", c_void_p),
         ("pending", c_void_p),
+        ("written", c_void_p),
+        ("owners", c_void_p),
+        ("law", c_void_p),
+        ("changed", CHANGED),
         ("write", WRITE),
         ("write_many", WRITE_MANY),
         ("velocity", READ),

@@ -115,8 +115,9 @@ class BinaryActuator(Actuator, Binary[S]):
         """
         level = 1.0 if value is self._one else 0.0 if value is self._zero else float(self._level(value))
         image, slot = self._image, self._slot
-        if image.restrictions[slot]:
-            return image.command(slot, level)
+        if image.gate[slot]:
+            write = image.write  # a local name: calling an attribute takes longer
+            return write(slot, level)
         image.pending[slot] = level
         return True
 
@@ -210,8 +211,9 @@ class DigitalActuator(Actuator, Digital):
         if not self._minimum <= value <= self._maximum:
             return self._write_beyond(value)
         image, slot = self._image, self._slot
-        if image.restrictions[slot]:
-            return image.command(slot, value)
+        if image.gate[slot]:
+            write = image.write  # a local name: calling an attribute takes longer
+            return write(slot, value)
         image.pending[slot] = value
         return True
 
@@ -224,7 +226,8 @@ class DigitalActuator(Actuator, Digital):
         if not self._clamp:
             outside = f"is outside {span(self._minimum, self._maximum)}"
             raise RangeError(f"{self.path}: {measure(value, self._units)} {outside}")
-        self._image.command(self._slot, self._minimum if value < self._minimum else self._maximum)
+        write = self._image.write
+        write(self._slot, self._minimum if value < self._minimum else self._maximum)
         return False
 
     def _default_value(self) -> float:

@@ -5,7 +5,7 @@ The image is implemented in `umo.cycle`, above this layer. Objects use only thes
 
 from __future__ import annotations
 
-from collections.abc import Coroutine, Generator, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Generator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 
 from umo.errors import EquipmentFault, NotConnected
@@ -35,9 +35,10 @@ class Columns(Protocol):
 class Image(Protocol):
     """The process image: an object's slot is an index into each of these."""
 
-    restrictions: memoryview
-    """Restrictions of actuators: 0 if a value within the range may be stored in `pending`; otherwise `command` is to be
-    asked."""
+    write: Callable[[int, float], bool]
+    """Write a value within its range to the actuator with this slot; whether it was taken."""
+    gate: Sequence[int]
+    """0 where an actuator may store a value within its range in `pending` by itself; otherwise `write` is called."""
 
     values: memoryview[float]
     """Values: of sensors as last kept, of actuators as last accepted by the hardware."""
@@ -52,9 +53,6 @@ class Image(Protocol):
     """The wiring of each object, such as `box:coil:3 inverted`."""
     sampled_good: bool | None
     """Whether all synchronous sensors are GOOD; None: not known."""
-
-    def command(self, slot: int, value: float) -> bool:
-        """A value within its range was written to an actuator whose `restrictions` is not 0."""
 
     @property
     def columns(self) -> Columns: ...

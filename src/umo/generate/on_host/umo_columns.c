@@ -98,6 +98,21 @@ static umo_fault asked(umo_object *o, umo_real value, bool *taken)
     return fault ? umo_failed(o, fault) : UMO_OK;
 }
 
+/* As Writes_write of umo.cycle._columns, of what is not restricted. */
+static void put(umo_columns *c, int32_t slot, umo_real value)
+{
+    if (c->written && c->owners[slot] != *c->law) {
+        if (c->pending[slot] == value)
+            c->written[slot] |= UMO_UNSEEN;
+        else if (c->written[slot] < UMO_TOLD)
+            c->changed(slot, value);
+        c->owners[slot] = *c->law;
+    }
+    if (c->written)
+        c->written[slot] |= UMO_NOW;
+    c->pending[slot] = value;
+}
+
 umo_fault umo_digital_write(umo_object *o, umo_real value, bool *taken)
 {
     umo_columns *c = columns_of(o->core);
@@ -106,7 +121,7 @@ umo_fault umo_digital_write(umo_object *o, umo_real value, bool *taken)
     *taken = inside;
     if (c->restrictions[slot(o)] || !(inside || (is(o, UMO_CLAMPS) && isfinite(value))))
         return asked(o, value, taken);
-    c->pending[slot(o)] = inside ? value : value < of->minimum ? of->minimum : of->maximum;
+    put(c, slot(o), inside ? value : value < of->minimum ? of->minimum : of->maximum);
     return UMO_OK;
 }
 
@@ -117,7 +132,7 @@ umo_fault umo_binary_write(umo_object *o, uint8_t number, bool *taken)
     *taken = true;
     if (c->restrictions[slot(o)])
         return asked(o, level, taken);
-    c->pending[slot(o)] = level;
+    put(c, slot(o), level);
     return UMO_OK;
 }
 
@@ -212,7 +227,7 @@ umo_fault umo_write_many(
         umo_real value = values[i];
         if (!(of->flags & UMO_BINARY))
             value = value < of->minimum ? of->minimum : value > of->maximum ? of->maximum : value;
-        c->pending[objects[i]] = value;
+        put(c, objects[i], value);
     }
     return UMO_OK;
 }

@@ -5,12 +5,17 @@
 #include "umo_python.h"
 
 enum { UMO_FREE = 0, UMO_ASKED = 254 }; /* values of the column `restrictions` */
+enum { UMO_NOW = 2, UMO_UNSEEN = 64, UMO_TOLD = 128 }; /* bits of the column `written` */
 
 typedef struct {
     const double *values;
     const int64_t *raws;
     const uint8_t *quality, *restrictions;
     double *pending;
+    uint8_t *written; /* NULL: who writes is not noted */
+    const void **owners;
+    const void *const *law; /* where Python has the law that acts */
+    void (*changed)(int32_t slot, double value); /* another one than before writes this */
     umo_fault (*write)(int32_t slot, double value, bool *taken);
     umo_fault (*write_many)(const int16_t *slots, int16_t n, const double *values, const bool *where, bool *taken);
     umo_fault (*velocity)(int32_t slot, double *out);

@@ -1,0 +1,208 @@
+"""Two writers of one actuator, neither of which has handed it over, are told once (docs/decisions/0082).
+
+Asked only where another one than before writes an actuator (`writes.py`).
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from types import FrameType, MethodType
+from typing import Any, NamedTuple, cast
+
+from umo.cycle import wait_graph
+from umo.cycle.columns import LAST, NOW, TOLD, UNSEEN
+from umo.cycle.events import MISTAKE, Event, Paths
+from umo.cycle.image import Image
+from umo.cycle.sequences import Task
+from umo.cycle.writes import ImageWrites, Turn, make_writes
+from umo.objects import Compound
+from umo.text import CodePlace, in_brackets, is_users, shown_place, some
+
+MACHINE = {str(Path(__file__).with_name(name)) for name in ("machine.py", "rated_machine.py", "sequences.py")}
+"""The files that call laws, sequences and actions."""
+LOOKED_AT = 100
+"""Number of the actuators whose changes of writers are looked at in a period at most."""
+
+
+class _Loop:
+    """The writer that is the program's own loop, between `sample`, `control` and `update`."""
+
+
+LOOP = _Loop()
+
+
+class Claim(NamedTuple):
+    """Who writes an actuator since when."""
+
+    turn: object
+    """What had the turn: it is what `ImageWrites` compares."""
+    who: Task | Compound | _Loop | None
+    """The sequence; the compound whose law it is; the program's own loop; None: somebody who may always write, such as
+    an action that a client has called."""
+    place: CodePlace | None
+    """Where it was written first."""
+    number: int
+    """The number of the period."""
+    at_default: bool = False
+    """Whether the first value was the default."""
+    taken_from: Claim | None = None
+    """Whose it was, if that one had not handed it over."""
+
+    @property
+    def has_stopped(self) -> bool:
+        """Whether it has taken the actuator from another one to bring it to its default: it drives it there."""
+        return self.at_default and self.taken_from is not None
+
+    @property
+    def is_sequence(self) -> bool:
+        return isinstance(self.who, Task)
+
+    def text(self, *, in_full: bool = False) -> str:
+        """In words; `in_full`: with what tells a sequence apart from others of its name."""
+        if isinstance(self.who, Task):
+            shown = self.who.shown
+            name = f"{shown.name}{in_brackets(shown.details)}" if in_full else shown.name
+        elif isinstance(self.who, Compound):
+            name = f"control of {self.who._path or type(self.who).__name__}"
+        else:
+            name = "the program's loop"
+        return name + in_brackets(shown_place(self.place))
+
+
+class TwoWriters:
+    """Who writes the actuators of one connected machine."""
+
+    def __init__(self, image: Image, turn: Turn) -> None:
+        self._image, self._turn = image, turn
+        self._written: Any = image.columns.written.data
+        self._claims: dict[int, Claim] = {}
+        """By slot, of those that were looked at."""
+        self._number = -1
+        """Number of the period."""
+        self._looked_at: set[int] = set()
+        """The slots whose changes are looked at in it."""
+        self._found: dict[tuple[object, object], list[int]] = {}
+        """The slots that are to be told, by both places: what is written there together is told together."""
+        columns = image.columns
+        views = image.restrictions, image.pending, self._written, columns.owners.data
+        self.writes: ImageWrites | None = make_writes(*views, turn, image.command, self.changed)
+
+    def changed(self, slots: Sequence[int], before: Sequence[float], values: Sequence[float]) -> None:
+        """Another one than before is about to write other values to these."""
+        if self._number != self._image.clock.number:
+            self._number = self._image.clock.number
+            self._looked_at.clear()
+        new = None
+        for slot, pending, value in zip(slots, before, values, strict=True):
+            if slot in self._looked_at or len(self._looked_at) < LOOKED_AT:
+                self._looked_at.add(slot)
+                new = new or self._claim()
+                self._claims[slot] = self._next(slot, new, pending, value)
+            else:
+                self._claims.pop(slot, None)
+
+    def _next(self, slot: int, new: Claim, pending: float, value: float) -> Claim:
+        """The claim of an actuator from now on. Two writers are told."""
+        former, default = self._claims.get(slot), self._image.scales.defaults[slot]
+        written = self._written[slot]
+        self._written[slot] = written & ~UNSEEN
+        if former is None or former.who is new.who or written & UNSEEN:
+            return new
+        written = self._bits(slot)
+        holds = (pending != default or former.has_stopped) and _holds(former, new, written)
+        if _are_two(former, new, holds, written):
+            self._tell(slot, former, new)
+        taken_from = former._replace(taken_from=None) if holds else None
+        return new._replace(at_default=bool(value == default), taken_from=taken_from)
+
+    def _bits(self, slot: int) -> int:
+        """When it was written last, as the column `written` says. An asynchronous actuator is sent as it is written."""
+        if slot not in self._image.asynchronous:
+            return int(self._written[slot])
+        clock, time = self._image.clock, self._image.times[slot]
+        return NOW if time >= clock.now else LAST if time >= clock.now - 1.5 * clock.dt else 0
+
+    def _claim(self) -> Claim:
+        """The one whose turn it is."""
+        task, law = self._turn.task, self._turn.law
+        place, is_called = _where()
+        who: Any = None if is_called else LOOP
+        if task is not None:
+            who = task if task.started.of_application else None
+        elif law is not None:
+            who = cast(MethodType, law).__self__
+            place = place or _place_of(law)
+        return Claim(law if task is None else task, who, place, self._image.clock.number)
+
+    # Telling -------------------------------------------------------------------------------------------
+
+    def _tell(self, slot: int, former: Claim, new: Claim) -> None:
+        self._written[slot] |= TOLD
+        key = former.place, new.place
+        if key not in self._found:
+            self._found[key] = []
+            self._image.events.add(partial(self._event, self._image.clock.now, former, new), logged=True)
+        self._found[key].append(slot)
+
+    def _event(self, now: float, former: Claim, new: Claim) -> Event:
+        paths = Paths(self._image.items, sorted(self._found.pop((former.place, new.place))))
+        names = former.text(), new.text()
+        if names[0] == names[1]:
+            names = former.text(in_full=True), new.text(in_full=True)
+        both = f"{' and '.join(names)}; the last value counts. {_advice(former, new)}"
+        if len(paths) == 1:
+            return Event(now, paths[0], f"written by two: {both}", asked=MISTAKE)
+        return Event(now, paths.around, f"{some(paths)} are written by two: {both}", asked=MISTAKE)
+
+
+def _advice(former: Claim, new: Claim) -> str:
+    if former.is_sequence and new.is_sequence:
+        return "Let one await the other, or both share a Lock"
+    return "Let one of them write it, and the other one set an attribute that says what is to be written"
+
+
+def _are_two(former: Claim, new: Claim, holds: bool, written: int) -> bool:
+    """Whether both write it: in one period, or in turns."""
+    if holds and written & NOW:
+        return True
+    is_back = former.taken_from is not None and former.taken_from.who is new.who
+    return is_back and (former.number == new.number or (holds and former.is_sequence and new.is_sequence))
+
+
+def _holds(former: Claim, new: Claim, written: int) -> bool:
+    """Whether the one before has not handed over what it drives."""
+    who = former.who
+    if who is None or new.who is None:
+        return False
+    if not isinstance(who, Task):
+        return bool(written & (NOW | LAST))
+    if any(each.paused or cast(Task, each).done for each in who.lineage):
+        return False
+    return not (isinstance(new.who, Task) and _is_agreed(who, new.who))
+
+
+def _is_agreed(former: Task, new: Task) -> bool:
+    """Whether one sequence waits for the other one, or that one has a lock that both use."""
+    locks = [lock for each in new.lineage for lock in each.holds]
+    return wait_graph.awaits(former, new) or any(each in lock._users for lock in locks for each in former.lineage)
+
+
+def _where() -> tuple[CodePlace | None, bool]:
+    """The line of the user's code that writes, and whether the machine has called that code; None: only umo's own code
+    writes."""
+    frame: FrameType | None = sys._getframe(1)
+    place = None
+    while frame is not None and (file := frame.f_code.co_filename) not in MACHINE:
+        if place is None and is_users(file):
+            place = CodePlace(file, frame.f_lineno, frame.f_code.co_name)
+        frame = frame.f_back
+    return place, frame is not None
+
+
+def _place_of(law: MethodType) -> CodePlace | None:
+    """Where a law begins."""
+    code = getattr(getattr(type(law.__self__), "control", None), "__code__", None)
+    return None if code is None else CodePlace(code.co_filename, code.co_firstlineno, code.co_name)
