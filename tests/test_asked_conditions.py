@@ -21,6 +21,8 @@ PLACE = r"\(\S*test_asked_conditions.py:\d+\)"
 
 
 class Tank(Bench):
+    lock: Any = None
+
     async def fill(self) -> float:
         await wait("1 ms")
         return 1.0

@@ -10,6 +10,7 @@ from umo.errors import DeclarationError, RangeError
 from umo.objects.atomic import Atomic, Binary, Digital, S, _finite
 from umo.objects.linearization import Linearization
 from umo.objects.reaction import declared_reaction
+from umo.objects.truth import is_one_of
 from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
 from umo.presentation.value_text import measure, span
@@ -169,7 +170,7 @@ class DigitalActuator(Actuator, Digital):
             raise DeclarationError(f"slew_rate must be above 0 {units}/s, not {number_text(self._slew_rate)}")
         if self._slew_rate is not None and not synchronous:
             raise DeclarationError("slew_rate needs a synchronous actuator: one step is sent per period")
-        if limits not in ("raise", "clamp"):
+        if not is_one_of(limits, ("raise", "clamp")):
             raise DeclarationError(f'limits={limits!r} is neither "raise" nor "clamp"')
         self._default = _finite("default", default)
         self._clamp = limits == "clamp"
@@ -242,14 +243,14 @@ def _expiry(expires: str | float | None) -> float | None:
 
 
 def _reaction(when_suspended: Literal["default", "hold"] | None) -> Literal["default", "hold"] | None:
-    if when_suspended not in (None, "default", "hold"):
+    if when_suspended is not None and not is_one_of(when_suspended, ("default", "hold")):
         raise DeclarationError(f'when_suspended={when_suspended!r} is neither "default" nor "hold"')
     return when_suspended
 
 
 def _retried(on_error: str, max_age: str | float | None) -> float | None:
     """The time in s for which a value that was not confirmed is sent again; None: not at all."""
-    if on_error not in get_args(OnWriteError):
+    if not is_one_of(on_error, get_args(OnWriteError)):
         raise DeclarationError(f"on_error={on_error!r} is none of {', '.join(map(repr, get_args(OnWriteError)))}")
     if on_error == "retry" and max_age is None:
         raise DeclarationError('on_error="retry" needs a max_age')

@@ -11,6 +11,7 @@ from umo.objects.actuators import Actuator
 from umo.objects.atomic import Atomic
 from umo.objects.node import Node
 from umo.objects.paths import atoms
+from umo.objects.truth import is_one_of
 from umo.text import cut_repr
 from umo.user_code import check_acts_at_once
 
@@ -63,7 +64,7 @@ class Interlock:
         check_acts_at_once("the condition of an interlock", self.condition)
         if not isinstance(self.reason, str) or not self.reason.strip():
             raise DeclarationError(f"the reason of an interlock must be a text, not {self.reason!r}")
-        if self.effect not in ("inhibit", "stop"):
+        if not is_one_of(self.effect, ("inhibit", "stop")):
             raise DeclarationError(f'effect={self.effect!r} is neither "inhibit" nor "stop"')
         if not isinstance(self.forbids, Iterable):
             raise DeclarationError(f"interlock {self.reason!r} must forbid a list of objects, not {self.forbids!r}")

@@ -12,7 +12,7 @@ from umo.errors import BadInput, DeclarationError
 from umo.objects.atomic import Atomic, Binary, Digital, S
 from umo.objects.linearization import Linearization
 from umo.objects.quality import Quality
-from umo.objects.truth import checked_truth
+from umo.objects.truth import checked_truth, is_one_of
 
 MIN_COUNTER, MAX_COUNTER = 2, 62
 """Least and greatest number of bits of a counter that rolls over."""
@@ -175,7 +175,7 @@ def _time(name: str, duration: str | float | None) -> float | None:
 
 def _on_error(on_error: str, max_age: str | float | None) -> tuple[float | None, bool]:
     """The longest time in s that a last value is held, None: not at all; and whether a failure is only marked."""
-    if on_error not in get_args(OnError):
+    if not is_one_of(on_error, get_args(OnError)):
         raise DeclarationError(f"on_error={on_error!r} is none of {', '.join(map(repr, get_args(OnError)))}")
     if on_error == "hold" and max_age is None:
         raise DeclarationError('on_error="hold" needs a max_age')

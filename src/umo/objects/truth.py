@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from umo.errors import DeclarationError
 from umo.text import cut_repr
 
@@ -11,3 +13,8 @@ def checked_truth(name: str, value: object) -> bool:
     if not isinstance(value, bool):
         raise DeclarationError(f"{name}={cut_repr(value)} is neither True nor False")
     return value
+
+
+def is_one_of(given: object, texts: Collection[str]) -> bool:
+    """Whether a setting is one of these texts. A state is none: beside a text it raises (`umo.states`)."""
+    return isinstance(given, str) and given in texts
