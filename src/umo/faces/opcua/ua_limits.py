@@ -52,6 +52,10 @@ MAX_OPERATIONS = 1_000
 """Nodes of one Write or Call request at most."""
 MAX_READ = 10_000
 """Nodes of one Read request at most."""
+MAX_ELEMENTS = 2 * MAX_READ
+"""Elements of an array in a message, with those of the arrays in it, at most: each takes 20 us and 300 bytes."""
+MAX_DIMENSIONS = 8
+"""Dimensions of an array at most."""
 
 
 _CALLS = (

@@ -30,6 +30,8 @@ def decoded(kind: Any, body: Any) -> Any:
     """A structure from the wire. ServiceError if it is not one."""
     try:
         return struct_from_binary(kind, body)
+    except ServiceError:
+        raise
     except Exception:
         raise ServiceError(_C.BadDecodingError) from None
 
