@@ -4,6 +4,8 @@ the table in docs/face-opcua.md, with a client of asyncua."""
 from __future__ import annotations
 
 import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from datetime import UTC, datetime
 from typing import Any
 
@@ -14,7 +16,7 @@ pytest.importorskip("asyncua", reason="the face OPC UA needs asyncua: pip instal
 from asyncua import Client, ua
 
 from helpers.opcua import let_in
-from helpers.opcua_asyncua import VALUE, Asker, Rig, run
+from helpers.opcua_asyncua import FIRST, VALUE, Asker, Rig, run
 from umo.cycle.client_commands import Mode
 from umo.faces.opcua import ua_limits as limits
 from umo.faces.opcua.ua_services import (
@@ -437,24 +439,80 @@ def test_a_response_is_not_longer_than_its_client_takes() -> None:
     run(work)
 
 
+@asynccontextmanager
+async def taking_up(rig: Rig, session: Asker) -> AsyncIterator[Asker]:
+    """Another connection with the token of a session."""
+    other = Client(rig.face.address)
+    await other.connect_socket()
+    await other.send_hello()
+    await other.open_secure_channel()
+    other.uaclient.protocol.authentication_token = session.client.uaclient.protocol.authentication_token
+    yield Asker(other, rig)
+    other.disconnect_socket()
+
+
+async def activated(connection: Asker, password: bytes = b"hunter2") -> str:
+    """Take the session of ann up; the name of the code."""
+    request = ua.ActivateSessionRequest()
+    request.Parameters.UserIdentityToken = ua.UserNameIdentityToken("username", "ann", password)
+    response = await connection.send("ActivateSession", request)
+    return response if isinstance(response, str) else "Good"
+
+
+async def reads(connection: Asker, rig: Rig) -> str:
+    response = await connection.ask("Read", 0.0, BOTH, [ua.ReadValueId(rig.node("cell.level"), VALUE)])
+    return response if isinstance(response, str) else "Good"
+
+
+async def gone(rig: Rig, count: int) -> None:
+    """The server has so many connections left."""
+    server = rig.face.server.bserver
+    assert server is not None
+    await until(lambda: len(server.clients) == count and not server.closing_tasks, FIRST)
+
+
 def test_a_session_that_is_taken_up_on_another_connection_is_not_on_the_first_any_more() -> None:
     async def work(rig: Rig) -> None:
-        async with rig.client("ann") as first:
-            asked = [ua.ReadValueId(rig.node("cell.level"), VALUE)]
-            other = Client(rig.face.address)
-            await other.connect_socket()
-            await other.send_hello()
-            await other.open_secure_channel()
-            other.uaclient.protocol.authentication_token = first.client.uaclient.protocol.authentication_token
-            second = Asker(other, rig)
+        async with rig.client("ann") as first, taking_up(rig, first) as second:
             request = ua.ActivateSessionRequest()
             request.Parameters.UserIdentityToken = ua.AnonymousIdentityToken("anonymous")
             assert await second.send("ActivateSession", request) == "BadIdentityChangeNotSupported"
-            assert not isinstance(await first.ask("Read", 0.0, BOTH, asked), str)
-            request.Parameters.UserIdentityToken = ua.UserNameIdentityToken("username", "ann", b"hunter2")
-            assert not isinstance(await second.send("ActivateSession", request), str)
-            assert await first.ask("Read", 0.0, BOTH, asked) == "BadSecureChannelIdInvalid"
-            assert not isinstance(await second.ask("Read", 0.0, BOTH, asked), str)
-            other.disconnect_socket()
+            assert await reads(first, rig) == "Good"
+            assert await reads(second, rig) == "BadSecureChannelIdInvalid"
+            assert await activated(second) == "Good"
+            assert await reads(first, rig) == "BadSecureChannelIdInvalid"
+            assert await reads(second, rig) == "Good"
+            assert await activated(first) == "Good"
+
+    run(work)
+
+
+@pytest.mark.parametrize("how", ["breaks", "closes"])
+def test_a_session_that_is_taken_up_outlives_the_connection_that_it_was_on(how: str) -> None:
+    async def work(rig: Rig) -> None:
+        async with rig.client("ann") as first, taking_up(rig, first) as second:
+            [old] = [each.processor for each in rig.face.server.bserver.clients if each.processor.session is not None]
+            assert await activated(second) == "Good"
+            assert old._session_watchdog_task is None
+            if how == "closes":
+                assert await first.send("CloseSession", ua.CloseSessionRequest()) == "BadSecureChannelIdInvalid"
+            else:
+                first.client.uaclient.protocol.transport.abort()
+                await gone(rig, 1)
+            assert await reads(second, rig) == "Good"
+            async with taking_up(rig, second) as third:
+                assert await activated(third) == "Good"
+
+    run(work)
+
+
+def test_a_session_outlives_a_connection_that_could_not_take_it_up() -> None:
+    async def work(rig: Rig) -> None:
+        async with rig.client("ann") as first:
+            async with taking_up(rig, first) as second:
+                assert await activated(second, b"wrong") == "BadUserAccessDenied"
+                assert await second.send("CloseSession", ua.CloseSessionRequest()) == "BadSecureChannelIdInvalid"
+            await gone(rig, 1)
+            assert await reads(first, rig) == "Good"
 
     run(work)
