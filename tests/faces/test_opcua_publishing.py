@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from umo.faces.opcua import ua_limits as limits
 from umo.faces.opcua.ua_data_filter import DataFilter
 from umo.faces.opcua.ua_event_filter import like
-from umo.faces.opcua.ua_items import DISABLED, REPORTING, SAMPLING, DataItem
+from umo.faces.opcua.ua_items import DISABLED, REPORTING, SAMPLING, DataItem, EventItem
 from umo.faces.opcua.ua_subscriptions import Publisher, PublishRequest, UaSubscription
 from umo.faces.opcua.ua_tree import put
 
@@ -281,6 +281,94 @@ def test_the_last_status_is_always_the_one_that_is_told_last(steps: Any, samplin
         status = BAD if kind == 0 else ua.StatusCode()
         item.take(value(None if kind == 0 else kind, status))
     assert item.queue[-1].StatusCode == status
+
+
+def parameters(size: int, oldest: bool) -> Any:
+    return ua.MonitoringParameters(QueueSize=size, DiscardOldest=oldest)
+
+
+SIZES = st.integers(1, 5)
+STEPS = st.lists(
+    st.one_of(
+        st.just("bad"), st.just("value"), st.just("value"), st.just("told"),
+        st.sampled_from((SAMPLING, REPORTING)), st.tuples(SIZES, st.booleans()),
+    ),
+    max_size=30,
+)  # fmt: skip
+"""A value comes, a portion is told, the mode or the queue is another."""
+
+
+@given(SIZES, st.booleans(), STEPS)
+def test_the_last_value_always_waits_or_is_told_and_what_is_left_out_is_marked(
+    size: int, oldest: bool, steps: Any
+) -> None:
+    item = Bench().item(QueueSize=size, DiscardOldest=oldest)
+    told: list[tuple[Any, int]] = []
+    taken, last, smallest = 1, (0, 0), size
+    for number, step in enumerate(steps, 1):
+        if step == "told" and item.is_told:
+            shown = item.notification().Value
+            told.append((shown.Value.Value, shown.StatusCode.value))
+        elif step in ("value", "bad"):
+            last = (number, BAD.value) if step == "bad" else (number, 0)
+            item.take(value(number, BAD if step == "bad" else None))
+            taken += 1
+        elif isinstance(step, tuple):
+            item.modify(parameters(*step), DataFilter(), STAMPS, 1000.0)
+            smallest = min(smallest, step[0])
+        elif isinstance(step, int):
+            item.set_mode(step)
+        assert len(item.queue) <= item.size
+        known = [*told, *queue_of(item)]
+        number, code = known[-1]
+        assert (number, code & ~0x480) == last
+        if smallest > 1 and len(known) < taken:
+            assert any(code & 0x480 for _, code in known)
+
+
+@pytest.mark.parametrize(
+    "size, oldest, left",
+    [
+        (2, True, [(20, 0x480), (None, BAD.value)]),
+        (2, False, [(15, 0), (None, BAD.value | 0x480)]),
+        (1, True, [(None, BAD.value)]),
+        (1, False, [(None, BAD.value)]),
+    ],
+)
+def test_a_queue_that_becomes_smaller_keeps_the_last_value_and_marks_what_is_left_out(
+    size: int, oldest: bool, left: Any
+) -> None:
+    item = Bench().item(start=15, QueueSize=10, DiscardOldest=oldest)
+    item.take(value(20))
+    item.take(value(None, BAD))
+    item.modify(parameters(size, oldest), DataFilter(), STAMPS, 1000.0)
+    assert queue_of(item) == left
+
+
+class Whole:
+    """In the place of an EventFilter: each event passes, as its own fields."""
+
+    def passes(self, event: Any) -> bool:
+        return True
+
+    def fields(self, event: Any) -> list[Any]:
+        return [event]
+
+
+@pytest.mark.parametrize("oldest, left", [(True, ["lost", 3, 4]), (False, [1, 4, "lost"])])
+@pytest.mark.parametrize("how", ["full", "smaller"])
+def test_events_that_are_left_out_are_told_by_an_event(how: str, oldest: bool, left: Any) -> None:
+    asked: Any = SimpleNamespace(MonitoringMode=REPORTING)
+    asked.RequestedParameters = parameters(2 if how == "full" else 10, oldest)
+    whole: Any = Whole()
+    item = EventItem(1, lambda item: None, ua.NodeId(), asked, whole, lambda: "lost")
+    for number in range(1, 5):
+        item.take(number)
+    item.modify(parameters(2, oldest), whole)
+    told = []
+    while item.is_told:
+        told += item.notification().EventFields
+    assert told == left
 
 
 def test_modes_sample_and_report_as_they_say() -> None:

@@ -7,6 +7,7 @@ import time
 import uuid
 from collections.abc import Callable
 from datetime import UTC, datetime
+from functools import partial
 from itertools import count
 from typing import Any
 
@@ -148,7 +149,8 @@ class Monitoring:
         if not value.Value.Value & SUBSCRIBE_TO_EVENTS:
             raise ServiceError(_C.BadNotSupported)
         events = self._event_filter(asked.RequestedParameters.Filter, result)
-        return EventItem(next(self._items), owner.stir, node, asked, events)
+        overflown = partial(self._made, _O.EventQueueOverflowEventType)
+        return EventItem(next(self._items), owner.stir, node, asked, events, overflown)
 
     def _event_filter(self, given: Any, result: Any) -> EventFilter:
         """`result`: where it is told what is wrong with it."""
@@ -213,7 +215,7 @@ class Monitoring:
         for each in self.subscriptions.values():
             for item in _notifiers(each):
                 if item.node == event.emitting_node:
-                    item.take(event, self._made(_O.EventQueueOverflowEventType))
+                    item.take(event)
 
     def refresh(self, subscription: UaSubscription, only: int | None = None) -> None:
         """Tell the retained conditions again, between two events that say so. `only`: one item. ServiceError if the
@@ -221,15 +223,12 @@ class Monitoring:
         items = [each for each in _notifiers(subscription) if only is None or each.number == only]
         if only is not None and not items:
             raise ServiceError(_C.BadMonitoredItemIdInvalid)
-        start, end, overflow = (
-            self._made(each)
-            for each in (_O.RefreshStartEventType, _O.RefreshEndEventType, _O.EventQueueOverflowEventType)
-        )
+        start, end = (self._made(each) for each in (_O.RefreshStartEventType, _O.RefreshEndEventType))
         for item in items:
-            item.take(start, overflow, always=True)
+            item.take(start, always=True)
             for event in self.retained.values():
-                item.take(event, overflow)
-            item.take(end, overflow, always=True)
+                item.take(event)
+            item.take(end, always=True)
 
     def _made(self, kind: int) -> Any:
         event = copy.copy(self._own[kind])
