@@ -39,9 +39,13 @@ class Bench:
     def __init__(self, **given: Any) -> None:
         self.now = 0.0
         self.answers: list[Any] = []
-        self.publisher = Publisher(lambda request, response: self.answers.append(response), lambda: self.now)
+        self.publisher = Publisher(self.send, lambda: self.now)
         self.subscription = self.subscribe(1, **given)
         self.values: list[AttributeValue] = []
+
+    def send(self, request: PublishRequest, response: Any) -> int:
+        self.answers.append(response)
+        return 0
 
     def subscribe(self, number: int, **given: Any) -> UaSubscription:
         asked = ua.CreateSubscriptionParameters(RequestedPublishingInterval=1000.0, **given)
@@ -212,23 +216,76 @@ def test_what_is_asked_for_is_revised(interval: float, keep_alive: int, lifetime
     assert (made.interval, made.keep_alive, made.lifetime) == revised
 
 
-def test_an_error_of_the_encoding_costs_its_message_and_not_the_subscription() -> None:
-    answers: list[Any] = []
+class Choosy(Bench):
+    """Its client takes so many notifications of one response, and no value of `refused`."""
 
-    def send(request: PublishRequest, response: Any) -> None:
-        if isinstance(response, ua.PublishResponse) and not answers:
-            raise TypeError("it cannot be encoded")
-        answers.append(response)
+    def __init__(self, most: int, refused: Any = (), **given: Any) -> None:
+        super().__init__(**given)
+        self.most, self.refused, self.tried = most, refused, 0
 
-    bench = Bench()
-    bench.publisher.send = send
+    def send(self, request: PublishRequest, response: Any) -> int:
+        self.tried += 1
+        found = response.Parameters.NotificationMessage.NotificationData if hasattr(response, "Parameters") else []
+        items = [each for data in found for each in data.MonitoredItems]
+        if any(each.Value.Value is not None and each.Value.Value.Value in self.refused for each in items):
+            return int(ua.StatusCodes.BadEncodingError)
+        if len(items) > self.most:
+            return int(ua.StatusCodes.BadResponseTooLarge)
+        return super().send(request, response)
+
+
+def every(answers: list[Any]) -> list[tuple[Any, str]]:
+    """Values and names of their statuses, as they were told."""
+    messages = [each.Parameters.NotificationMessage for each in answers if isinstance(each, ua.PublishResponse)]
+    values = [item.Value for each in messages for data in each.NotificationData for item in data.MonitoredItems]
+    return [(each.Value and each.Value.Value, each.StatusCode.name) for each in values]
+
+
+@pytest.mark.parametrize("most", [1, 2, 3, 100])
+def test_what_is_too_large_for_one_response_comes_in_several(most: int) -> None:
+    bench = Choosy(most)
+    item = bench.item(QueueSize=20)
+    for number in range(1, 10):
+        item.take(value(number))
+    for _ in range(3):
+        bench.request()
+    bench.tick()
+    while bench.subscription._has_told():
+        bench.request()
+    assert every(bench.answers) == [(number, "Good") for number in range(10)]
+    numbers = [each.Parameters.NotificationMessage.SequenceNumber for each in bench.answers]
+    assert numbers == list(bench.subscription.kept) == list(range(1, len(numbers) + 1))
+    assert [each.Parameters.MoreNotifications for each in bench.answers] == [True] * (len(numbers) - 1) + [False]
+    bench.tried = 0
+    for number in range(10, 20):
+        item.take(value(number))
+    for _ in range(10):
+        bench.request()
+    bench.tick()
+    assert bench.tried <= 10  # it is known now what the client takes
+
+
+def test_a_value_that_cannot_be_encoded_costs_itself_and_the_others_come() -> None:
+    bench = Choosy(100, refused=(3, 4))
+    item = bench.item(QueueSize=20)
+    for number in range(1, 8):
+        item.take(value(number))
+    for _ in range(9):
+        bench.request()
+    bench.tick()
+    told = [(0, "Good"), (1, "Good"), (2, "Good"), *[(None, "BadEncodingError")] * 2, *[(n, "Good") for n in (5, 6, 7)]]
+    assert every(bench.answers) == told
+
+
+def test_what_cannot_even_be_told_as_a_status_is_a_fault_and_the_subscription_goes_on() -> None:
+    bench = Choosy(0)
     bench.item()
     bench.request()
-    bench.request()
     bench.tick()
-    assert answers[0].ResponseHeader.ServiceResult.name == "BadEncodingError"
+    assert bench.told() == ["BadResponseTooLarge"]
+    bench.request()
     bench.tick(limits.KEEP_ALIVE)
-    assert isinstance(answers[1], ua.PublishResponse)
+    assert bench.told() == ["alive"]
 
 
 # Items -----------------------------------------------------------------------------------------------------

@@ -14,17 +14,21 @@ import pytest
 pytest.importorskip("asyncua", reason="the face OPC UA needs asyncua: pip install 'umo[opcua]'")
 
 from asyncua import Client, ua
+from asyncua.common.utils import Buffer
+from asyncua.ua.ua_binary import variant_from_binary, variant_to_binary
 
 from helpers.opcua import let_in
-from helpers.opcua_asyncua import FIRST, VALUE, Asker, Rig, run
+from helpers.opcua_asyncua import FIRST, VALUE, Asker, Heard, Rig, run
 from umo.cycle.client_commands import Mode
 from umo.faces.opcua import ua_limits as limits
+from umo.faces.opcua.ua_connection import Answer
 from umo.faces.opcua.ua_services import (
     BrowseDescription,
     BrowseParameters,
     HistoryReadParameters,
     ReadParameters,
 )
+from umo.faces.opcua.ua_values import result_of
 from umo.testing.faces.tried_machine import until
 
 pytestmark = [pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux")]
@@ -435,6 +439,48 @@ def test_a_response_is_not_longer_than_its_client_takes() -> None:
             asked = [ua.ReadValueId(rig.node("cell.level"), VALUE)]
             assert not isinstance(await client.ask("Read", 0.0, BOTH, asked), str)
             assert await client.ask("Read", 0.0, BOTH, asked * 100) == "BadResponseTooLarge"
+
+    run(work)
+
+
+def test_a_call_whose_result_cannot_be_encoded_is_answered(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def work(rig: Rig) -> None:
+        async def call(session: Any, request: Any) -> Answer:
+            return Answer(ua.CallMethodResult(OutputArguments=[ua.Variant(1 << 64, ua.VariantType.Int64)]))
+
+        monkeypatch.setattr(rig.face.server.iserver, "call", call)
+        async with rig.client() as client:
+            asked = [ua.CallMethodRequest(rig.node("machine"), rig.node("command:stop"))]
+            assert await client.ask("Call", asked) == "BadEncodingError"
+            assert await reads(client, rig) == "Good"
+
+    run(work)
+
+
+@pytest.mark.smoke
+@pytest.mark.parametrize("number", [0, -1, (1 << 63) - 1, 1 << 63, -(1 << 64), True])
+def test_every_whole_number_can_be_the_result_of_an_action(number: int) -> None:
+    told = variant_from_binary(Buffer(variant_to_binary(result_of(number)))).Value
+    assert told in (number, str(number)) and isinstance(told, str) == (abs(number) >= 1 << 63)
+
+
+def test_what_is_published_is_not_longer_than_its_client_takes_and_nothing_is_lost() -> None:
+    async def work(rig: Rig) -> None:
+        async with rig.client() as client:
+            [session] = rig.face.server.iserver._external_sessions.values()
+            heard = Heard()
+            mine = await client.subscribe(heard)
+            heard.listen(mine)
+            nodes = [ua.ReadValueId(rig.node("cell.level"), VALUE)] * 20
+            asked = [ua.MonitoredItemCreateRequest(each, 0, ua.MonitoringParameters(n)) for n, each in enumerate(nodes)]
+            given = ua.CreateMonitoredItemsParameters(mine.subscription_id, BOTH, asked)
+            await client.ask("CreateMonitoredItems", given)
+            session.most = 400
+            numbers = [each.number for each in session.publisher.subscriptions[mine.subscription_id].items.values()]
+            given = ua.SetMonitoringModeParameters(mine.subscription_id, ua.MonitoringMode.Reporting, numbers)
+            await client.ask("SetMonitoringMode", given)
+            await until(lambda: {each[0] for each in heard.values} == set(range(20)))
+            assert max(heard.sizes) < 20
 
     run(work)
 

@@ -7,6 +7,7 @@ refusal are in its DiagnosticInfo. A client that does not take what it has asked
 from __future__ import annotations
 
 import asyncio
+import logging
 import socket
 import time
 from collections.abc import Awaitable, Callable, Sequence
@@ -25,7 +26,9 @@ from umo.faces.opcua.ua_attributes import Attributes, Rights
 from umo.faces.opcua.ua_monitoring import Monitoring
 from umo.faces.opcua.ua_services import SERVICES, counted, decoded, service
 from umo.faces.opcua.ua_session import UaSession, Users
+from umo.faces.opcua.ua_subscriptions import fault
 
+log = logging.getLogger("umo.faces.opcua")
 KEEP_ALIVE = ((socket.TCP_KEEPIDLE, 1), (socket.TCP_KEEPINTVL, 1), (socket.TCP_KEEPCNT, 3))
 """A computer that does not answer any more is noticed after 4 s, in s and tries."""
 UNSENT_TIMEOUT = 5_000
@@ -200,23 +203,31 @@ class Processor(UaProcessor):
     def send_response(
         self, handle: Any, sequence: Any, response: Any, kind: Any = ua.MessageType.SecureMessage
     ) -> None:
-        """Nothing, if nobody is there any more; a fault, if its client does not take so much. Who does not take what
-        it has asked for is disconnected."""
+        """A fault, if it cannot be sent."""
+        if code := self.sent(handle, sequence, response, kind):
+            self.sent(handle, sequence, fault(code), kind)
+
+    def sent(self, handle: Any, sequence: Any, response: Any, kind: Any = ua.MessageType.SecureMessage) -> int:
+        """Send a response. 0: it is sent, or nobody is there any more. Else nothing was sent, and the code says why: it
+        cannot be encoded, or its client does not take so much. Who does not take what it has asked for is
+        disconnected."""
         if self._transport.get_write_buffer_size() > limits.MAX_UNSENT:
             self._transport.abort()
         if not self.is_open:
-            return
+            return 0
         response.ResponseHeader.RequestHandle = handle
-        body = struct_to_binary(response)
-        session: Any = self.session
-        if session is not None and 0 < session.most < len(body):
-            response = ua.ServiceFault()
-            response.ResponseHeader.RequestHandle = handle
-            response.ResponseHeader.ServiceResult = ua.StatusCode(ua.StatusCodes.BadResponseTooLarge)
+        try:
             body = struct_to_binary(response)
+        except Exception as error:
+            log.debug("request %s", handle, exc_info=error)
+            return int(ua.StatusCodes.BadEncodingError)
+        session: Any = self.session
+        if session is not None and 0 < session.most < len(body) and not isinstance(response, ua.ServiceFault):
+            return int(ua.StatusCodes.BadResponseTooLarge)
         self._transport.write(
             self._connection.message_to_binary(body, message_type=kind, request_id=sequence.RequestId)
         )
+        return 0
 
     @property
     def is_open(self) -> bool:
@@ -268,10 +279,8 @@ class Processor(UaProcessor):
             if header.ReturnDiagnostics & ADDITIONAL_INFO:
                 response.DiagnosticInfos = [ua.DiagnosticInfo(AdditionalInfo=each.words or None) for each in answers]
         except (Exception, asyncio.CancelledError) as error:
-            response = ua.ServiceFault()
             cancelled = isinstance(error, asyncio.CancelledError)
-            code = ua.StatusCodes.BadNoCommunication if cancelled else ua.StatusCodes.BadInternalError
-            response.ResponseHeader.ServiceResult = ua.StatusCode(code)
+            response = fault(ua.StatusCodes.BadNoCommunication if cancelled else ua.StatusCodes.BadInternalError)
         finally:
             self._answers -= 1
         self.send_response(header.RequestHandle, sequence, response)

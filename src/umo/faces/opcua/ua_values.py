@@ -126,10 +126,10 @@ def _states(item: FaceItem) -> str:
 
 
 def result_of(value: Any) -> ua.Variant:
-    """The result of an action: a list or a mapping as text."""
+    """The result of an action: a list, a mapping, and a number that an Int64 does not have as text."""
     if isinstance(value, bool):
         return ua.Variant(value, ua.VariantType.Boolean)
-    if isinstance(value, int):
+    if isinstance(value, int) and value.bit_length() <= 63:
         return ua.Variant(value, ua.VariantType.Int64)
     if isinstance(value, float):
         return ua.Variant(value, ua.VariantType.Double)
