@@ -288,6 +288,19 @@ def test_what_cannot_even_be_told_as_a_status_is_a_fault_and_the_subscription_go
     assert bench.told() == ["alive"]
 
 
+def test_a_portion_has_no_more_bytes_than_a_response_may_have(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(limits, "MAX_RESPONSE", 1000)
+    bench = Bench()
+    item = bench.item(QueueSize=100)
+    for number in range(30):
+        item.take(value(f"{number:090}"))
+    for _ in range(10):
+        bench.request()
+    bench.tick()
+    sizes = [len(each) for each in bench.told()]
+    assert sum(sizes) == 31 and max(sizes) <= 12
+
+
 # Items -----------------------------------------------------------------------------------------------------
 
 

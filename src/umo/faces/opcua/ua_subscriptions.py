@@ -15,7 +15,8 @@ from asyncua import ua
 from asyncua.common.utils import ServiceError
 
 from umo.faces.opcua import ua_limits as limits
-from umo.faces.opcua.ua_items import MonitoredItem
+from umo.faces.opcua.ua_attributes import weight
+from umo.faces.opcua.ua_items import EventItem, MonitoredItem
 
 log = logging.getLogger("umo.faces.opcua")
 _C = ua.StatusCodes
@@ -142,6 +143,8 @@ class UaSubscription:
         self._ended = ended
         self.number, self.session_id, self.publisher = number, session_id, publisher
         self.items: dict[int, MonitoredItem] = {}
+        self.notifiers: dict[int, EventItem] = {}
+        """Those of the items that are told events."""
         self.kept: OrderedDict[int, ua.NotificationMessage] = OrderedDict()
         """Messages that are not yet acknowledged, by their sequence numbers."""
         self.is_enabled = bool(given.PublishingEnabled)
@@ -248,10 +251,12 @@ class UaSubscription:
         if self._portions:
             return self._portions.popleft()
         told: list[Any] = []
+        left = limits.MAX_RESPONSE
         for item in list(self._stirred):
-            while item.is_told and len(told) < self.portion:
+            while item.is_told and len(told) < self.portion and left > 0:
                 told.append(item.notification())
-            if len(told) >= self.portion:
+                left -= _weight(told[-1])
+            if len(told) >= self.portion or left <= 0:
                 break
         return told
 
@@ -295,8 +300,14 @@ class UaSubscription:
         """A request of its client that names it."""
         self._silent = 0
 
+    def add(self, item: MonitoredItem) -> None:
+        self.items[item.number] = item
+        if isinstance(item, EventItem):
+            self.notifiers[item.number] = item
+
     def remove(self, number: int) -> bool:
         """End an item; whether there was one."""
+        self.notifiers.pop(number, None)
         item = self.items.pop(number, None)
         if item is None:
             return False
@@ -318,6 +329,13 @@ def _data(told: list[Any]) -> list[Any]:
     events = [each for each in told if isinstance(each, ua.EventFieldList)]
     found: list[Any] = [ua.DataChangeNotification(MonitoredItems=values)] if values else []
     return [*found, ua.EventNotificationList(Events=events)] if events else found
+
+
+def _weight(notification: Any) -> int:
+    """About how many bytes it takes."""
+    if isinstance(notification, ua.MonitoredItemNotification):
+        return weight(notification.Value)
+    return sum(map(weight, notification.EventFields))
 
 
 def _bare(notification: Any, code: int) -> Any | None:
