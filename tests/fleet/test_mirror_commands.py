@@ -15,6 +15,7 @@ from helpers.fleets import PLANT
 from umo.cycle.client_commands import ClientCommand
 from umo.cycle.events import CommandState, Event
 from umo.fleet import mirror_commands
+from umo.fleet.fleet_keys import segment
 from umo.fleet.mirror_commands import EVENT_WAIT, MirrorCommands
 
 
@@ -77,3 +78,11 @@ def test_what_the_mirror_sends_itself_has_no_number_here(monkeypatch: pytest.Mon
     commands._send(ClientCommand(0, do="let go", path="a"))
     assert commands.local(station.number) == 0
     assert not commands._numbers
+
+
+def test_a_user_is_in_keys_as_in_the_settings_and_the_certificate(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`FleetSettings.user` is one word of a key already: escaped twice it is another user."""
+    monkeypatch.setattr(mirror_commands, "Receiver", lambda cells: None)
+    nothing: Any = SimpleNamespace(cells=None)
+    commands = MirrorCommands(nothing, PLANT, segment("ann b"), nothing, nothing)
+    assert commands._user == segment("ann b")
