@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from asyncua import ua
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from prometheus_client import generate_latest
 
@@ -198,6 +198,18 @@ def test_two_stations_never_have_one_identity(one: str, other: str) -> None:
         )
         assert not ours & theirs
         assert device_of(one) != device_of(other) and escaped(one, is_topic) != escaped(other, is_topic)
+
+
+@few
+@example("x" * 100)
+@given(st.text("ab.ä_", min_size=65, max_size=100))
+def test_the_identity_of_a_long_name_is_that_of_no_other_name(name: str) -> None:
+    """A station may have the name that the identity of another one is."""
+    known = [name]
+    for _ in range(3):
+        known.append(segment(known[-1]))
+        assert is_station_key(f"cell7/{known[-1]}")
+    assert len(set(known)) == len(known)
 
 
 @pytest.mark.parametrize("name", ["press", "press-2", "press.2", "Press_2", "x" * 64])

@@ -110,8 +110,9 @@ class Sender:
             return
         protocol._setup_request_header(request.RequestHeader, 20.0)
         body = bytearray(struct_to_binary(request))
-        for place, byte in damage:
-            body[place % len(body)] = byte
+        for place, wrong in damage:
+            begin = place % len(body)
+            body[begin : begin + len(wrong)] = wrong
         number = protocol._request_id = protocol._request_id + 1
         answer = protocol._callbackmap[number] = asyncio.get_running_loop().create_future()
         protocol.transport.write(protocol._connection.message_to_binary(bytes(body), request_id=number))

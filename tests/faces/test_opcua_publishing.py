@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from umo.faces.opcua import ua_limits as limits
 from umo.faces.opcua.ua_data_filter import DataFilter
 from umo.faces.opcua.ua_event_filter import like
-from umo.faces.opcua.ua_items import DISABLED, REPORTING, SAMPLING, DataItem
+from umo.faces.opcua.ua_items import DISABLED, REPORTING, SAMPLING, DataItem, EventItem
 from umo.faces.opcua.ua_subscriptions import Publisher, PublishRequest, UaSubscription
 from umo.faces.opcua.ua_tree import put
 
@@ -39,9 +39,13 @@ class Bench:
     def __init__(self, **given: Any) -> None:
         self.now = 0.0
         self.answers: list[Any] = []
-        self.publisher = Publisher(lambda request, response: self.answers.append(response), lambda: self.now)
+        self.publisher = Publisher(self.send, lambda: self.now)
         self.subscription = self.subscribe(1, **given)
         self.values: list[AttributeValue] = []
+
+    def send(self, request: PublishRequest, response: Any) -> int:
+        self.answers.append(response)
+        return 0
 
     def subscribe(self, number: int, **given: Any) -> UaSubscription:
         asked = ua.CreateSubscriptionParameters(RequestedPublishingInterval=1000.0, **given)
@@ -212,23 +216,89 @@ def test_what_is_asked_for_is_revised(interval: float, keep_alive: int, lifetime
     assert (made.interval, made.keep_alive, made.lifetime) == revised
 
 
-def test_an_error_of_the_encoding_costs_its_message_and_not_the_subscription() -> None:
-    answers: list[Any] = []
+class Choosy(Bench):
+    """Its client takes so many notifications of one response, and no value of `refused`."""
 
-    def send(request: PublishRequest, response: Any) -> None:
-        if isinstance(response, ua.PublishResponse) and not answers:
-            raise TypeError("it cannot be encoded")
-        answers.append(response)
+    def __init__(self, most: int, refused: Any = (), **given: Any) -> None:
+        super().__init__(**given)
+        self.most, self.refused, self.tried = most, refused, 0
 
-    bench = Bench()
-    bench.publisher.send = send
+    def send(self, request: PublishRequest, response: Any) -> int:
+        self.tried += 1
+        found = response.Parameters.NotificationMessage.NotificationData if hasattr(response, "Parameters") else []
+        items = [each for data in found for each in data.MonitoredItems]
+        if any(each.Value.Value is not None and each.Value.Value.Value in self.refused for each in items):
+            return int(ua.StatusCodes.BadEncodingError)
+        if len(items) > self.most:
+            return int(ua.StatusCodes.BadResponseTooLarge)
+        return super().send(request, response)
+
+
+def every(answers: list[Any]) -> list[tuple[Any, str]]:
+    """Values and names of their statuses, as they were told."""
+    messages = [each.Parameters.NotificationMessage for each in answers if isinstance(each, ua.PublishResponse)]
+    values = [item.Value for each in messages for data in each.NotificationData for item in data.MonitoredItems]
+    return [(each.Value and each.Value.Value, each.StatusCode.name) for each in values]
+
+
+@pytest.mark.parametrize("most", [1, 2, 3, 100])
+def test_what_is_too_large_for_one_response_comes_in_several(most: int) -> None:
+    bench = Choosy(most)
+    item = bench.item(QueueSize=20)
+    for number in range(1, 10):
+        item.take(value(number))
+    for _ in range(3):
+        bench.request()
+    bench.tick()
+    while bench.subscription._has_told():
+        bench.request()
+    assert every(bench.answers) == [(number, "Good") for number in range(10)]
+    numbers = [each.Parameters.NotificationMessage.SequenceNumber for each in bench.answers]
+    assert numbers == list(bench.subscription.kept) == list(range(1, len(numbers) + 1))
+    assert [each.Parameters.MoreNotifications for each in bench.answers] == [True] * (len(numbers) - 1) + [False]
+    bench.tried = 0
+    for number in range(10, 20):
+        item.take(value(number))
+    for _ in range(10):
+        bench.request()
+    bench.tick()
+    assert bench.tried <= 10  # it is known now what the client takes
+
+
+def test_a_value_that_cannot_be_encoded_costs_itself_and_the_others_come() -> None:
+    bench = Choosy(100, refused=(3, 4))
+    item = bench.item(QueueSize=20)
+    for number in range(1, 8):
+        item.take(value(number))
+    for _ in range(9):
+        bench.request()
+    bench.tick()
+    told = [(0, "Good"), (1, "Good"), (2, "Good"), *[(None, "BadEncodingError")] * 2, *[(n, "Good") for n in (5, 6, 7)]]
+    assert every(bench.answers) == told
+
+
+def test_what_cannot_even_be_told_as_a_status_is_a_fault_and_the_subscription_goes_on() -> None:
+    bench = Choosy(0)
     bench.item()
     bench.request()
-    bench.request()
     bench.tick()
-    assert answers[0].ResponseHeader.ServiceResult.name == "BadEncodingError"
+    assert bench.told() == ["BadResponseTooLarge"]
+    bench.request()
     bench.tick(limits.KEEP_ALIVE)
-    assert isinstance(answers[1], ua.PublishResponse)
+    assert bench.told() == ["alive"]
+
+
+def test_a_portion_has_no_more_bytes_than_a_response_may_have(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(limits, "MAX_RESPONSE", 1000)
+    bench = Bench()
+    item = bench.item(QueueSize=100)
+    for number in range(30):
+        item.take(value(f"{number:090}"))
+    for _ in range(10):
+        bench.request()
+    bench.tick()
+    sizes = [len(each) for each in bench.told()]
+    assert sum(sizes) == 31 and max(sizes) <= 12
 
 
 # Items -----------------------------------------------------------------------------------------------------
@@ -281,6 +351,94 @@ def test_the_last_status_is_always_the_one_that_is_told_last(steps: Any, samplin
         status = BAD if kind == 0 else ua.StatusCode()
         item.take(value(None if kind == 0 else kind, status))
     assert item.queue[-1].StatusCode == status
+
+
+def parameters(size: int, oldest: bool) -> Any:
+    return ua.MonitoringParameters(QueueSize=size, DiscardOldest=oldest)
+
+
+SIZES = st.integers(1, 5)
+STEPS = st.lists(
+    st.one_of(
+        st.just("bad"), st.just("value"), st.just("value"), st.just("told"),
+        st.sampled_from((SAMPLING, REPORTING)), st.tuples(SIZES, st.booleans()),
+    ),
+    max_size=30,
+)  # fmt: skip
+"""A value comes, a portion is told, the mode or the queue is another."""
+
+
+@given(SIZES, st.booleans(), STEPS)
+def test_the_last_value_always_waits_or_is_told_and_what_is_left_out_is_marked(
+    size: int, oldest: bool, steps: Any
+) -> None:
+    item = Bench().item(QueueSize=size, DiscardOldest=oldest)
+    told: list[tuple[Any, int]] = []
+    taken, last, smallest = 1, (0, 0), size
+    for number, step in enumerate(steps, 1):
+        if step == "told" and item.is_told:
+            shown = item.notification().Value
+            told.append((shown.Value.Value, shown.StatusCode.value))
+        elif step in ("value", "bad"):
+            last = (number, BAD.value) if step == "bad" else (number, 0)
+            item.take(value(number, BAD if step == "bad" else None))
+            taken += 1
+        elif isinstance(step, tuple):
+            item.modify(parameters(*step), DataFilter(), STAMPS, 1000.0)
+            smallest = min(smallest, step[0])
+        elif isinstance(step, int):
+            item.set_mode(step)
+        assert len(item.queue) <= item.size
+        known = [*told, *queue_of(item)]
+        number, code = known[-1]
+        assert (number, code & ~0x480) == last
+        if smallest > 1 and len(known) < taken:
+            assert any(code & 0x480 for _, code in known)
+
+
+@pytest.mark.parametrize(
+    "size, oldest, left",
+    [
+        (2, True, [(20, 0x480), (None, BAD.value)]),
+        (2, False, [(15, 0), (None, BAD.value | 0x480)]),
+        (1, True, [(None, BAD.value)]),
+        (1, False, [(None, BAD.value)]),
+    ],
+)
+def test_a_queue_that_becomes_smaller_keeps_the_last_value_and_marks_what_is_left_out(
+    size: int, oldest: bool, left: Any
+) -> None:
+    item = Bench().item(start=15, QueueSize=10, DiscardOldest=oldest)
+    item.take(value(20))
+    item.take(value(None, BAD))
+    item.modify(parameters(size, oldest), DataFilter(), STAMPS, 1000.0)
+    assert queue_of(item) == left
+
+
+class Whole:
+    """In the place of an EventFilter: each event passes, as its own fields."""
+
+    def passes(self, event: Any) -> bool:
+        return True
+
+    def fields(self, event: Any) -> list[Any]:
+        return [event]
+
+
+@pytest.mark.parametrize("oldest, left", [(True, ["lost", 3, 4]), (False, [1, 4, "lost"])])
+@pytest.mark.parametrize("how", ["full", "smaller"])
+def test_events_that_are_left_out_are_told_by_an_event(how: str, oldest: bool, left: Any) -> None:
+    asked: Any = SimpleNamespace(MonitoringMode=REPORTING)
+    asked.RequestedParameters = parameters(2 if how == "full" else 10, oldest)
+    whole: Any = Whole()
+    item = EventItem(1, lambda item: None, ua.NodeId(), asked, whole, lambda: "lost")
+    for number in range(1, 5):
+        item.take(number)
+    item.modify(parameters(2, oldest), whole)
+    told = []
+    while item.is_told:
+        told += item.notification().EventFields
+    assert told == left
 
 
 def test_modes_sample_and_report_as_they_say() -> None:

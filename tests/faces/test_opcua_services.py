@@ -4,6 +4,8 @@ the table in docs/face-opcua.md, with a client of asyncua."""
 from __future__ import annotations
 
 import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from datetime import UTC, datetime
 from typing import Any
 
@@ -12,17 +14,21 @@ import pytest
 pytest.importorskip("asyncua", reason="the face OPC UA needs asyncua: pip install 'umo[opcua]'")
 
 from asyncua import Client, ua
+from asyncua.common.utils import Buffer
+from asyncua.ua.ua_binary import variant_from_binary, variant_to_binary
 
 from helpers.opcua import let_in
-from helpers.opcua_asyncua import VALUE, Asker, Rig, run
+from helpers.opcua_asyncua import FIRST, VALUE, Asker, Heard, Rig, run
 from umo.cycle.client_commands import Mode
 from umo.faces.opcua import ua_limits as limits
+from umo.faces.opcua.ua_connection import Answer
 from umo.faces.opcua.ua_services import (
     BrowseDescription,
     BrowseParameters,
     HistoryReadParameters,
     ReadParameters,
 )
+from umo.faces.opcua.ua_values import result_of
 from umo.testing.faces.tried_machine import until
 
 pytestmark = [pytest.mark.skipif(not sys.platform.startswith("linux"), reason="frames need Linux")]
@@ -437,24 +443,122 @@ def test_a_response_is_not_longer_than_its_client_takes() -> None:
     run(work)
 
 
+def test_a_call_whose_result_cannot_be_encoded_is_answered(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def work(rig: Rig) -> None:
+        async def call(session: Any, request: Any) -> Answer:
+            return Answer(ua.CallMethodResult(OutputArguments=[ua.Variant(1 << 64, ua.VariantType.Int64)]))
+
+        monkeypatch.setattr(rig.face.server.iserver, "call", call)
+        async with rig.client() as client:
+            asked = [ua.CallMethodRequest(rig.node("machine"), rig.node("command:stop"))]
+            assert await client.ask("Call", asked) == "BadEncodingError"
+            assert await reads(client, rig) == "Good"
+
+    run(work)
+
+
+@pytest.mark.smoke
+@pytest.mark.parametrize("number", [0, -1, (1 << 63) - 1, 1 << 63, -(1 << 64), True])
+def test_every_whole_number_can_be_the_result_of_an_action(number: int) -> None:
+    told = variant_from_binary(Buffer(variant_to_binary(result_of(number)))).Value
+    assert told in (number, str(number)) and isinstance(told, str) == (abs(number) >= 1 << 63)
+
+
+def test_what_is_published_is_not_longer_than_its_client_takes_and_nothing_is_lost() -> None:
+    async def work(rig: Rig) -> None:
+        async with rig.client() as client:
+            [session] = rig.face.server.iserver._external_sessions.values()
+            heard = Heard()
+            mine = await client.subscribe(heard)
+            heard.listen(mine)
+            nodes = [ua.ReadValueId(rig.node("cell.level"), VALUE)] * 20
+            asked = [ua.MonitoredItemCreateRequest(each, 0, ua.MonitoringParameters(n)) for n, each in enumerate(nodes)]
+            given = ua.CreateMonitoredItemsParameters(mine.subscription_id, BOTH, asked)
+            await client.ask("CreateMonitoredItems", given)
+            session.most = 400
+            numbers = [each.number for each in session.publisher.subscriptions[mine.subscription_id].items.values()]
+            given = ua.SetMonitoringModeParameters(mine.subscription_id, ua.MonitoringMode.Reporting, numbers)
+            await client.ask("SetMonitoringMode", given)
+            await until(lambda: {each[0] for each in heard.values} == set(range(20)))
+            assert max(heard.sizes) < 20
+
+    run(work)
+
+
+@asynccontextmanager
+async def taking_up(rig: Rig, session: Asker) -> AsyncIterator[Asker]:
+    """Another connection with the token of a session."""
+    other = Client(rig.face.address)
+    await other.connect_socket()
+    await other.send_hello()
+    await other.open_secure_channel()
+    other.uaclient.protocol.authentication_token = session.client.uaclient.protocol.authentication_token
+    yield Asker(other, rig)
+    other.disconnect_socket()
+
+
+async def activated(connection: Asker, password: bytes = b"hunter2") -> str:
+    """Take the session of ann up; the name of the code."""
+    request = ua.ActivateSessionRequest()
+    request.Parameters.UserIdentityToken = ua.UserNameIdentityToken("username", "ann", password)
+    response = await connection.send("ActivateSession", request)
+    return response if isinstance(response, str) else "Good"
+
+
+async def reads(connection: Asker, rig: Rig) -> str:
+    response = await connection.ask("Read", 0.0, BOTH, [ua.ReadValueId(rig.node("cell.level"), VALUE)])
+    return response if isinstance(response, str) else "Good"
+
+
+async def gone(rig: Rig, count: int) -> None:
+    """The server has so many connections left."""
+    server = rig.face.server.bserver
+    assert server is not None
+    await until(lambda: len(server.clients) == count and not server.closing_tasks, FIRST)
+
+
 def test_a_session_that_is_taken_up_on_another_connection_is_not_on_the_first_any_more() -> None:
     async def work(rig: Rig) -> None:
-        async with rig.client("ann") as first:
-            asked = [ua.ReadValueId(rig.node("cell.level"), VALUE)]
-            other = Client(rig.face.address)
-            await other.connect_socket()
-            await other.send_hello()
-            await other.open_secure_channel()
-            other.uaclient.protocol.authentication_token = first.client.uaclient.protocol.authentication_token
-            second = Asker(other, rig)
+        async with rig.client("ann") as first, taking_up(rig, first) as second:
             request = ua.ActivateSessionRequest()
             request.Parameters.UserIdentityToken = ua.AnonymousIdentityToken("anonymous")
             assert await second.send("ActivateSession", request) == "BadIdentityChangeNotSupported"
-            assert not isinstance(await first.ask("Read", 0.0, BOTH, asked), str)
-            request.Parameters.UserIdentityToken = ua.UserNameIdentityToken("username", "ann", b"hunter2")
-            assert not isinstance(await second.send("ActivateSession", request), str)
-            assert await first.ask("Read", 0.0, BOTH, asked) == "BadSecureChannelIdInvalid"
-            assert not isinstance(await second.ask("Read", 0.0, BOTH, asked), str)
-            other.disconnect_socket()
+            assert await reads(first, rig) == "Good"
+            assert await reads(second, rig) == "BadSecureChannelIdInvalid"
+            assert await activated(second) == "Good"
+            assert await reads(first, rig) == "BadSecureChannelIdInvalid"
+            assert await reads(second, rig) == "Good"
+            assert await activated(first) == "Good"
+
+    run(work)
+
+
+@pytest.mark.parametrize("how", ["breaks", "closes"])
+def test_a_session_that_is_taken_up_outlives_the_connection_that_it_was_on(how: str) -> None:
+    async def work(rig: Rig) -> None:
+        async with rig.client("ann") as first, taking_up(rig, first) as second:
+            [old] = [each.processor for each in rig.face.server.bserver.clients if each.processor.session is not None]
+            assert await activated(second) == "Good"
+            assert old._session_watchdog_task is None
+            if how == "closes":
+                assert await first.send("CloseSession", ua.CloseSessionRequest()) == "BadSecureChannelIdInvalid"
+            else:
+                first.client.uaclient.protocol.transport.abort()
+                await gone(rig, 1)
+            assert await reads(second, rig) == "Good"
+            async with taking_up(rig, second) as third:
+                assert await activated(third) == "Good"
+
+    run(work)
+
+
+def test_a_session_outlives_a_connection_that_could_not_take_it_up() -> None:
+    async def work(rig: Rig) -> None:
+        async with rig.client("ann") as first:
+            async with taking_up(rig, first) as second:
+                assert await activated(second, b"wrong") == "BadUserAccessDenied"
+                assert await second.send("CloseSession", ua.CloseSessionRequest()) == "BadSecureChannelIdInvalid"
+            await gone(rig, 1)
+            assert await reads(first, rig) == "Good"
 
     run(work)

@@ -136,8 +136,8 @@ def test_what_is_asked_for_is_revised_and_told() -> None:
     run(work)
 
 
-@pytest.mark.parametrize("filter, tells", [(band(PERCENT, 30.0), 40.0), (band(ABSOLUTE, 30.0), 40.0)])
-def test_a_deadband_is_kept(filter: Any, tells: float) -> None:
+@pytest.mark.parametrize("filter", [band(PERCENT, 30.0), band(ABSOLUTE, 30.0)], ids=["percent", "absolute"])
+def test_a_deadband_is_kept(filter: Any) -> None:
     """30 % of the range of the level are 30 mm."""
 
     async def work(rig: Rig) -> None:
@@ -151,7 +151,6 @@ def test_a_deadband_is_kept(filter: Any, tells: float) -> None:
             rig.machine.set("cell.level", 199)
             await until(lambda: heard.of(1)[-1:] == [(99.5, "Good")])
             assert [value for value, _ in heard.of(1)] == [10.0, 41.0, 10.5, 99.5]
-            assert tells
 
     run(work)
 

@@ -15,6 +15,7 @@ from helpers.fleets import PLANT
 from umo.cycle.client_commands import ClientCommand
 from umo.cycle.events import CommandState, Event
 from umo.fleet import mirror_commands
+from umo.fleet.fleet_keys import segment
 from umo.fleet.mirror_commands import EVENT_WAIT, MirrorCommands
 from umo.remote.who import UNVERIFIED, who_text
 
@@ -118,3 +119,11 @@ def test_what_a_visitor_of_a_page_asks_for_is_passed_on_as_unverified_and_let_go
     assert all(each.get("unverified") for each in station.asked)
     commands._send(ClientCommand(0, who_text("ann", " (page, 127.0.0.1)"), do="stop"))
     assert "unverified" not in station.asked[-1]
+
+
+def test_a_user_is_in_keys_as_in_the_settings_and_the_certificate(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`FleetSettings.user` is one word of a key already: escaped twice it is another user."""
+    monkeypatch.setattr(mirror_commands, "Receiver", lambda cells: None)
+    nothing: Any = SimpleNamespace(cells=None)
+    commands = MirrorCommands(nothing, PLANT, segment("ann b"), nothing, nothing)
+    assert commands._user == segment("ann b")

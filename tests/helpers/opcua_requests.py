@@ -150,9 +150,16 @@ PARAMETERS = {
     "AddNodes": st.just(ua.AddNodesParameters()),
 }  # fmt: skip
 """Structures of requests by the names of their services."""
-DAMAGE = st.one_of(
-    st.just(()), st.just(()), st.just(()), st.lists(st.tuples(st.integers(0, 400), st.integers(0, 255)), max_size=3)
+LENGTHS = st.sampled_from((-(1 << 31), -8, -4, -2, 0, 1, 1000, 1_000_000, (1 << 31) - 1))
+ARRAYS = st.one_of(st.just(b""), st.integers(0x80, 0xFF).map(lambda code: bytes([code])))
+"""Nothing, or the byte before the length of an array: those of 0x80 take no byte for an element."""
+WRONG = st.one_of(
+    st.binary(min_size=1, max_size=1),
+    st.builds(lambda array, length: array + length.to_bytes(4, "little", signed=True), ARRAYS, LENGTHS),
 )
+DAMAGE = st.one_of(
+    st.just(()), st.just(()), st.just(()), st.lists(st.tuples(st.integers(0, 400), WRONG), max_size=3)
+)  # fmt: skip
 """Bytes of the message that are others: where, and what they are."""
 OFTEN = ("CreateSubscription", "CreateMonitoredItems") * 3
 REQUESTS = st.one_of(

@@ -67,6 +67,8 @@ class Gateway:
         self._reader = reader.again()
         self._station = Commander(self._reader)
         self._face, self._looked, self._is_reader, self._roles = face, looked, is_reader, roles
+        self._known: Roles | None = None
+        """The roles of this turn of the loop."""
         self._dead_man = {str(each["path"]) for each in reader.layout.actions if each.get("dead_man")}
         self._key = secrets.token_hex(8)
         self._lease = 0
@@ -119,7 +121,7 @@ class Gateway:
         if do in OWN:
             return f"{do}: the lease is taken for each command"
         if not user.is_owner:
-            refusal = self._roles().refusal(Caller(self._face, user.name, user.proved), do)
+            refusal = self._roles_now().refusal(Caller(self._face, user.name, user.proved), do)
             if refusal is not None:
                 return refusal
         if do == "stop":  # no flood of commands keeps anybody from it
@@ -130,6 +132,17 @@ class Gateway:
         if len(self._pending) >= room * MAX_COMMANDS or self._count_of(user) >= room * MAX_OF_USER:
             return "too many commands at once"
         return None
+
+    def _roles_now(self) -> Roles:
+        """The roles as the file has them. It is read once in a turn of the loop: a request may ask for the rights to
+        thousands of things."""
+        if self._known is None:
+            self._known = self._roles()
+            asyncio.get_running_loop().call_soon(self._forget_roles)
+        return self._known
+
+    def _forget_roles(self) -> None:
+        self._known = None
 
     def _is_kept_up(self, do: str, path: str) -> bool:
         return do == "write" or (do == "call" and path in self._dead_man)

@@ -39,7 +39,7 @@ class MirrorCommands:
         self, session: zenoh.Session, key: StationKey, user: str, ring: RingCopy, tell: Callable[[Event], None]
     ) -> None:
         self._session, self._key, self._ring, self._tell = session, key, ring, tell
-        self._user, self._client = segment(user or user_name()), secrets.token_hex(8)
+        self._user, self._client = user or segment(user_name()), secrets.token_hex(8)
         self._inbox = Receiver(ring.cells)
         self._lock = threading.Lock()
         self._numbers: dict[int, int] = {}

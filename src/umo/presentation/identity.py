@@ -19,6 +19,7 @@ NO_NAME = "\0"
 DIGEST = 16
 """Hexadecimal digits of the digest that ends an identity which is cut: 64 bits."""
 _CODE = re.compile(r"_x([0-9A-F]{8}|[0-9A-F]{4})_")
+_LOOKS_CUT = re.compile(rf"\.[0-9a-f]{{{DIGEST}}}\Z")
 _LOOKS_CODED = re.compile(r"_x[0-9A-F]{4}")
 
 
@@ -61,8 +62,9 @@ def unescaped(text: str) -> str:
 
 
 def shortened(identity: str, length: int) -> str:
-    """An identity of so many characters at most: the end of a longer one is a digest of all of it."""
-    if len(identity) <= length:
+    """An identity of so many characters at most: the end of a longer one is a digest of all of it; and of one that
+    looks as if it had been cut, as it may be what another one becomes."""
+    if len(identity) < length or (len(identity) == length and not _LOOKS_CUT.search(identity)):
         return identity
     return f"{identity[: length - DIGEST - 1]}.{sha256(identity.encode()).hexdigest()[:DIGEST]}"
 

@@ -11,7 +11,7 @@ from typing import Any
 from p4p import Value
 
 from umo.errors import CommandRefused
-from umo.faces.epics.process_variable import CarryOut, ProcessVariable, choice, pvi, scalar, undefined
+from umo.faces.epics.process_variable import INVALID, CarryOut, ProcessVariable, choice, pvi, scalar, undefined
 from umo.faces.face import Changes, Commands
 from umo.faces.face_declaration import QUIET, Declaration, FaceItem, ItemKind
 from umo.objects import Quality
@@ -219,10 +219,11 @@ def _state_shown(variable: ProcessVariable, item: FaceItem) -> Show:
         fields = dict(marks)
         if (state := item.state_of(value)) is not None:
             fields["value.index"] = places[int(value)]
-            severity = _severity(item, state)
-            if severity > fields["alarm.severity"]:
-                fields |= {"alarm.severity": severity, "alarm.status": RECORD}
-                fields["alarm.message"] = str(item.about.get("text", state))
+            severity, text = _severity(item, state), str(item.about.get("text", state))
+        else:  # the index is the last one
+            severity, text = INVALID, f"{value:g} is none of its states"
+        if severity > fields["alarm.severity"]:
+            fields |= {"alarm.severity": severity, "alarm.status": RECORD, "alarm.message": text}
         variable.show(fields)
 
     return show

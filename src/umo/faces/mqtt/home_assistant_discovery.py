@@ -63,7 +63,9 @@ def told(item: FaceItem, changes: Changes) -> bytes:
     value, quality = float(changes.values[item.number]), changes.quality_of(item.number)
     shown: Any = None
     if not isnan(value) and quality is not Quality.BAD:
-        shown = item.state_of(value) or f"{value:g}" if item.states else value if abs(value) < 1e300 else None
+        shown = item.state_of(value) if item.states else None
+        if shown is None and abs(value) < 1e300:  # the name of a state is a text, whatever it looks like
+            shown = value
     time = text_of_time(float(changes.times[item.number]))
     return json.dumps({"value": shown, "quality": _word(quality), "time": time}).encode()
 

@@ -124,10 +124,11 @@ class SparkplugNode:
             at, quality, states = times[place], qualities[place], items[place].states
             metric = add(alias=place + 1, timestamp=milliseconds(changes.utc if isnan(at) else at))
             value = values[place]
-            if isnan(value) or quality == Quality.BAD:
+            state = items[place].state_of(value) if states else None
+            if isnan(value) or quality == Quality.BAD or (states and state is None):
                 metric.is_null, metric.datatype = True, STRING if states else DOUBLE
             elif states:
-                metric.datatype, metric.string_value = STRING, items[place].state_of(value) or f"{value:g}"
+                metric.datatype, metric.string_value = STRING, state
             else:
                 metric.datatype, metric.double_value = DOUBLE, value
             if quality or quality != told[place]:

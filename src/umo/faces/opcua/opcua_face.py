@@ -19,6 +19,7 @@ from umo.faces.command_users import RefusalLimit
 from umo.faces.endpoint import Endpoint
 from umo.faces.face import Changes, Commands, Face
 from umo.faces.face_declaration import Declaration, ItemKind
+from umo.faces.opcua import ua_decoding as decoding
 from umo.faces.opcua import ua_limits as limits
 from umo.faces.opcua import ua_machinery as machinery
 from umo.faces.opcua.ua_attributes import Rights, missing
@@ -96,6 +97,7 @@ class OpcUa(Face):
 
     async def open(self) -> None:
         logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # it writes traces of what clients do wrong
+        decoding.bound()
         listening = self._endpoint.listening()
         try:
             rights = Rights(self._may_write, self._may_call, self._true_at)

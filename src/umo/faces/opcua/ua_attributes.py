@@ -12,6 +12,8 @@ from asyncua import ua
 from asyncua.common.utils import ServiceError
 from asyncua.server.address_space import AddressSpace
 
+from umo.faces.opcua.ua_limits import MAX_RESPONSE
+
 _C = ua.StatusCodes
 _A = ua.AttributeIds
 CURRENT_WRITE = 2
@@ -41,6 +43,29 @@ def missing(node: ua.NodeId) -> ua.StatusCode:
     return ua.StatusCode(_C.BadNodeIdInvalid if node.is_null() else _C.BadNodeIdUnknown)
 
 
+class Room:
+    """How many bytes a response has still room for, as they are estimated: no request is answered without bound."""
+
+    def __init__(self) -> None:
+        self._left = MAX_RESPONSE
+
+    def take(self, weight: int) -> None:
+        """ServiceError if there is none left."""
+        self._left -= weight
+        if self._left < 0:
+            raise ServiceError(_C.BadResponseTooLarge)
+
+
+def weight(value: Any) -> int:
+    """About how many bytes a DataValue, a variant or what is in it takes."""
+    content = getattr(value, "Value", value)
+    if isinstance(content, ua.Variant):
+        content = content.Value
+    if isinstance(content, str | bytes):
+        return 20 + len(content)
+    return 20 + (sum(map(weight, content)) if isinstance(content, list | tuple) else 20)
+
+
 class Attributes:
     """Reads attributes. What depends on the user is computed for each session."""
 
@@ -52,10 +77,12 @@ class Attributes:
         if not max_age >= 0:
             raise ServiceError(_C.BadMaxAgeInvalid)
         check_timestamps(timestamps)
-        return [self._read(session, each, timestamps) for each in asked]
+        room = Room()
+        return [self._read(session, each, timestamps, room) for each in asked]
 
-    def _read(self, session: Any, asked: ua.ReadValueId, timestamps: int) -> ua.DataValue:
+    def _read(self, session: Any, asked: ua.ReadValueId, timestamps: int, room: Room) -> ua.DataValue:
         value = self.value(session, asked)
+        room.take(weight(value))
         if value.ServerTimestamp is None or asked.AttributeId == _A.Value:
             now = self._rights.true_at(asked.NodeId) or datetime.now(UTC)
             value = stamped(value, max(now, value.ServerTimestamp or now))

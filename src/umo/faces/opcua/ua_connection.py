@@ -7,6 +7,7 @@ refusal are in its DiagnosticInfo. A client that does not take what it has asked
 from __future__ import annotations
 
 import asyncio
+import logging
 import socket
 import time
 from collections.abc import Awaitable, Callable, Sequence
@@ -25,7 +26,9 @@ from umo.faces.opcua.ua_attributes import Attributes, Rights
 from umo.faces.opcua.ua_monitoring import Monitoring
 from umo.faces.opcua.ua_services import SERVICES, counted, decoded, service
 from umo.faces.opcua.ua_session import UaSession, Users
+from umo.faces.opcua.ua_subscriptions import fault
 
+log = logging.getLogger("umo.faces.opcua")
 KEEP_ALIVE = ((socket.TCP_KEEPIDLE, 1), (socket.TCP_KEEPINTVL, 1), (socket.TCP_KEEPCNT, 3))
 """A computer that does not answer any more is noticed after 4 s, in s and tries."""
 UNSENT_TIMEOUT = 5_000
@@ -35,10 +38,10 @@ ADDITIONAL_INFO = 0x80
 
 
 WRITE, CALL, PUBLISH = service("Write"), service("Call"), service("Publish")
-CREATE, ACTIVATE = service("CreateSession"), service("ActivateSession")
+CREATE, ACTIVATE, CLOSE = (service(f"{each}Session") for each in ("Create", "Activate", "Close"))
 OPEN = (service("GetEndpoints"), service("FindServers"), service("CloseSecureChannel"))
 """Services that need neither a session nor a secured channel."""
-WITHOUT_SESSION = (*OPEN, CREATE, ACTIVATE, service("CloseSession"))
+WITHOUT_SESSION = (*OPEN, CREATE, ACTIVATE, CLOSE)
 """Services that asyncua answers. All others are answered here, or are not there."""
 
 
@@ -92,6 +95,7 @@ class Processor(UaProcessor):
     """The messages of one connection."""
 
     iserver: Services
+    _session_watchdog_task: asyncio.Task[None] | None
 
     def __init__(self, *given: Any) -> None:
         super().__init__(*given)
@@ -120,36 +124,68 @@ class Processor(UaProcessor):
             return await self._activate(typeid, header, sequence, body)
         if typeid == CREATE and self.session is not None:  # asyncua would keep it for ever
             await self.session.close_session(True)
+        if typeid == CLOSE:
+            self._own(header)
         return await super()._process_message(typeid, header, sequence, body)
 
-    async def _activate(self, typeid: Any, header: Any, sequence: Any, body: Any) -> Any:
-        """Log in. A session may be taken up on a new connection: the old one has it no more."""
-        session: Any = self.session or self.iserver.lookup_external_session(header.AuthenticationToken)
-        if session is None:
-            return await self._log_in(typeid, header, sequence, body)
-        before = session.name, session.socket
-        session.name, session.socket = self.name, self._transport.get_extra_info("socket")
-        try:
-            answered = await self._log_in(typeid, header, sequence, body)
-        except BaseException:
-            session.name, session.socket = before
-            raise
-        if session.processor is not self:
-            session.publisher.requests.clear()
-            session.processor = self
-        return answered
-
-    def _serve(self, typeid: Any, header: Any, sequence: Any, body: Any) -> bool:
-        """Answer a service of a session, or begin to."""
+    def _own(self, header: Any) -> Any:
+        """The session of this connection. ServiceError if a request is of another one."""
         session: Any = self.session
+        if session is None and self.iserver.lookup_external_session(header.AuthenticationToken) is not None:
+            raise ServiceError(ua.StatusCodes.BadSecureChannelIdInvalid)
         if session is None or header.AuthenticationToken != session.auth_token:
             raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
         if session.state is SessionState.Closed:
             raise ServiceError(ua.StatusCodes.BadSessionClosed)
+        return session
+
+    async def _activate(self, *message: Any) -> Any:
+        """Log in, one at a time: a flood of wrong passwords leaves time for the machine's values."""
+        async with self.iserver.logging_in:
+            try:
+                return await self._log_in(*message)
+            except (ServiceError, ua.uaerrors.UaStatusCodeError):
+                await asyncio.sleep(limits.LOGIN_PAUSE)
+                raise
+
+    async def _log_in(self, typeid: Any, header: Any, sequence: Any, body: Any) -> Any:
+        """A session that is activated may be taken up on a new connection. The old one has it no more."""
+        if self.session is not None and self.session.state is SessionState.Closed:
+            self._leave()
+        is_new = self.session is None
+        session: Any = self.iserver.lookup_external_session(header.AuthenticationToken) if is_new else self._own(header)
+        if session is None:
+            raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
+        if is_new and not session.is_activated():
+            raise ServiceError(ua.StatusCodes.BadSecureChannelIdInvalid)
+        before = session.name, session.socket
+        session.name, session.socket = self.name, self._transport.get_extra_info("socket")
+        try:
+            answered = await super()._process_message(typeid, header, sequence, body)
+        except BaseException:
+            session.name, session.socket = before
+            if is_new:
+                self._leave()
+            raise
+        if session.processor is not self:
+            session.publisher.requests.clear()
+            if session.processor is not None:
+                session.processor._leave()
+            session.processor = self
+        return answered
+
+    def _leave(self) -> None:
+        """This connection has a session no more: what becomes of the one does not concern the other."""
+        self.session = None
+        if self._session_watchdog_task is not None:
+            self._session_watchdog_task.cancel()
+            self._session_watchdog_task = None
+
+    def _serve(self, typeid: Any, header: Any, sequence: Any, body: Any) -> bool:
+        """Answer a service of a session, or begin to."""
+        session = self._own(header)
         if not session.is_activated():
             raise ServiceError(ua.StatusCodes.BadSessionNotActivated)
-        if session.processor is not self:
-            raise ServiceError(ua.StatusCodes.BadSecureChannelIdInvalid)
         self.session_last_activity = time.monotonic()
         session.touch()
         if typeid in (WRITE, CALL):
@@ -167,23 +203,31 @@ class Processor(UaProcessor):
     def send_response(
         self, handle: Any, sequence: Any, response: Any, kind: Any = ua.MessageType.SecureMessage
     ) -> None:
-        """Nothing, if nobody is there any more; a fault, if its client does not take so much. Who does not take what
-        it has asked for is disconnected."""
+        """A fault, if it cannot be sent."""
+        if code := self.sent(handle, sequence, response, kind):
+            self.sent(handle, sequence, fault(code), kind)
+
+    def sent(self, handle: Any, sequence: Any, response: Any, kind: Any = ua.MessageType.SecureMessage) -> int:
+        """Send a response. 0: it is sent, or nobody is there any more. Else nothing was sent, and the code says why: it
+        cannot be encoded, or its client does not take so much. Who does not take what it has asked for is
+        disconnected."""
         if self._transport.get_write_buffer_size() > limits.MAX_UNSENT:
             self._transport.abort()
         if not self.is_open:
-            return
+            return 0
         response.ResponseHeader.RequestHandle = handle
-        body = struct_to_binary(response)
-        session: Any = self.session
-        if session is not None and 0 < session.most < len(body):
-            response = ua.ServiceFault()
-            response.ResponseHeader.RequestHandle = handle
-            response.ResponseHeader.ServiceResult = ua.StatusCode(ua.StatusCodes.BadResponseTooLarge)
+        try:
             body = struct_to_binary(response)
+        except Exception as error:
+            log.debug("request %s", handle, exc_info=error)
+            return int(ua.StatusCodes.BadEncodingError)
+        session: Any = self.session
+        if session is not None and 0 < session.most < len(body) and not isinstance(response, ua.ServiceFault):
+            return int(ua.StatusCodes.BadResponseTooLarge)
         self._transport.write(
             self._connection.message_to_binary(body, message_type=kind, request_id=sequence.RequestId)
         )
+        return 0
 
     @property
     def is_open(self) -> bool:
@@ -196,15 +240,6 @@ class Processor(UaProcessor):
             session.publisher.requests.clear()
             session.processor = None
         await super().close()
-
-    async def _log_in(self, *message: Any) -> Any:
-        """One at a time: a flood of wrong passwords leaves time for the machine's values."""
-        async with self.iserver.logging_in:
-            try:
-                return await super()._process_message(*message)
-            except (ServiceError, ua.uaerrors.UaStatusCodeError):
-                await asyncio.sleep(limits.LOGIN_PAUSE)
-                raise
 
     @property
     def _is_secured(self) -> bool:
@@ -244,10 +279,8 @@ class Processor(UaProcessor):
             if header.ReturnDiagnostics & ADDITIONAL_INFO:
                 response.DiagnosticInfos = [ua.DiagnosticInfo(AdditionalInfo=each.words or None) for each in answers]
         except (Exception, asyncio.CancelledError) as error:
-            response = ua.ServiceFault()
             cancelled = isinstance(error, asyncio.CancelledError)
-            code = ua.StatusCodes.BadNoCommunication if cancelled else ua.StatusCodes.BadInternalError
-            response.ResponseHeader.ServiceResult = ua.StatusCode(code)
+            response = fault(ua.StatusCodes.BadNoCommunication if cancelled else ua.StatusCodes.BadInternalError)
         finally:
             self._answers -= 1
         self.send_response(header.RequestHandle, sequence, response)

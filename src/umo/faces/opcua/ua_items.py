@@ -42,12 +42,17 @@ class MonitoredItem:
     def revised_size(self, asked: int) -> int:
         raise NotImplementedError
 
-    def _shorten(self) -> None:
-        while len(self.queue) > self.size:
-            if self.discard_oldest:
-                self.queue.popleft()
-            else:
-                self.queue.pop()
+    def _resize(self, given: Any) -> None:
+        """What waits comes into a queue of another size as if it came now."""
+        self._set(given)
+        waiting = list(self.queue)
+        self.queue.clear()
+        for each in waiting:
+            self._queue(each)
+
+    def _queue(self, content: Any) -> None:
+        """Let something wait to be told. If the queue is full something is left out, and the client is told so."""
+        raise NotImplementedError
 
     @property
     def is_told(self) -> bool:
@@ -170,12 +175,11 @@ class DataItem(MonitoredItem):
         now = self._clock()
         self.settle(now)
         self.filter, self.timestamps = new, timestamps
-        self._set(given)
+        self._resize(given)
         self.sampling = revised_sampling(given.SamplingInterval, publishing)
         self._began, self._tick = now, 0
         if self._held is not None:
             self._stir(self)
-        self._shorten()
 
     def resend(self) -> None:
         """Tell the last value again (ResendData)."""
@@ -194,9 +198,12 @@ class DataItem(MonitoredItem):
 class EventItem(MonitoredItem):
     """Monitors the events of a notifier. When some were left out an event of its own says so."""
 
-    def __init__(self, number: int, stir: Stir, node: ua.NodeId, request: Any, events: EventFilter) -> None:
+    def __init__(
+        self, number: int, stir: Stir, node: ua.NodeId, request: Any, events: EventFilter, overflown: Callable[[], Any]
+    ) -> None:
+        """`overflown` makes the event that says that some were left out."""
         super().__init__(number, stir, int(request.MonitoringMode), request.RequestedParameters)
-        self.node, self.filter = node, events
+        self.node, self.filter, self._overflown = node, events, overflown
         self.sampling = 0.0
         self._overflow: list[ua.Variant] | None = None
 
@@ -207,13 +214,15 @@ class EventItem(MonitoredItem):
     def is_told(self) -> bool:
         return self.mode == REPORTING and (bool(self.queue) or self._overflow is not None)
 
-    def take(self, event: Any, overflow: Any, always: bool = False) -> None:
-        """An event has come; `overflow` is told if one must be left out. `always`: whatever the filter."""
+    def take(self, event: Any, always: bool = False) -> None:
+        """An event has come. `always`: whatever the filter."""
         if self.mode == DISABLED or not (always or self.filter.passes(event)):
             return
-        fields = self.filter.fields(event)
+        self._queue(self.filter.fields(event))
+
+    def _queue(self, fields: list[ua.Variant]) -> None:
         if len(self.queue) >= self.size:
-            self._overflow = self.filter.fields(overflow)
+            self._overflow = self.filter.fields(self._overflown())
             if not self.discard_oldest:
                 self.queue.pop()
             else:
@@ -228,8 +237,7 @@ class EventItem(MonitoredItem):
 
     def modify(self, given: Any, new: EventFilter) -> None:
         self.filter = new
-        self._set(given)
-        self._shorten()
+        self._resize(given)
 
     def notification(self) -> ua.EventFieldList:
         first = self._overflow is not None and (self.discard_oldest or not self.queue)

@@ -52,6 +52,14 @@ MAX_OPERATIONS = 1_000
 """Nodes of one Write or Call request at most."""
 MAX_READ = 10_000
 """Nodes of one Read request at most."""
+MAX_RESPONSE = 4 << 20
+"""Bytes of a response at most, as they are estimated while it is made: each 100 kB take 10 ms of the face, or more."""
+MAX_EVENT_COST = 10_000
+"""Cost of the filters of all event items at most: each event then costs about 30 ms."""
+MAX_ELEMENTS = 2 * MAX_READ
+"""Elements of an array in a message, with those of the arrays in it, at most: each takes 20 us and 300 bytes."""
+MAX_DIMENSIONS = 8
+"""Dimensions of an array at most."""
 
 
 _CALLS = (

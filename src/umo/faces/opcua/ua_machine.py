@@ -13,7 +13,7 @@ from asyncua.server.address_space import AttributeValue
 from umo.cycle.client_commands import Mode
 from umo.faces.face_declaration import Declaration, FaceItem, ItemKind
 from umo.faces.opcua.ua_tree import NodeTree, O, argument, enum_values
-from umo.faces.opcua.ua_values import is_switch, unit_of
+from umo.faces.opcua.ua_values import is_switch, type_of, unit_of
 from umo.presentation.identity import Identities, is_text
 
 IDENTITIES = Identities(".", ":", is_text, frozenset({"machine", "refusal"}))
@@ -156,8 +156,7 @@ class MachineNodes:
         """Two states, 0 and 1, are a Boolean; others are a number with a name."""
         switch, text = is_switch(item), item.identity(IDENTITIES)
         kind = O.TwoStateDiscreteType if switch else O.MultiStateValueDiscreteType
-        data_type = O.Boolean if switch else O.Int32
-        node = self._tree.variable(parent, text, name, kind, data_type, item.writable, description=item.path)
+        node = self._tree.variable(parent, text, name, kind, type_of(item).value, item.writable, description=item.path)
         if switch:
             for number, title in enumerate(("FalseState", "TrueState")):
                 state = ua.Variant(ua.LocalizedText(item.states[number]), ua.VariantType.LocalizedText)

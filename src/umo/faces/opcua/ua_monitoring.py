@@ -7,6 +7,7 @@ import time
 import uuid
 from collections.abc import Callable
 from datetime import UTC, datetime
+from functools import partial
 from itertools import count
 from typing import Any
 
@@ -122,7 +123,7 @@ class Monitoring:
         except ServiceError as error:
             result.StatusCode = ua.StatusCode(error.code)
             return result
-        owner.items[item.number] = item
+        owner.add(item)
         result.MonitoredItemId, result.RevisedQueueSize = item.number, item.size
         result.RevisedSamplingInterval = item.sampling
         return result
@@ -147,16 +148,20 @@ class Monitoring:
             raise ServiceError(value.StatusCode.value)
         if not value.Value.Value & SUBSCRIBE_TO_EVENTS:
             raise ServiceError(_C.BadNotSupported)
-        events = self._event_filter(asked.RequestedParameters.Filter, result)
-        return EventItem(next(self._items), owner.stir, node, asked, events)
+        events = self._event_filter(asked.RequestedParameters.Filter, result, 0)
+        overflown = partial(self._made, _O.EventQueueOverflowEventType)
+        return EventItem(next(self._items), owner.stir, node, asked, events, overflown)
 
-    def _event_filter(self, given: Any, result: Any) -> EventFilter:
-        """`result`: where it is told what is wrong with it."""
+    def _event_filter(self, given: Any, result: Any, before: int) -> EventFilter:
+        """`result`: where it is told what is wrong with it; `before`: the cost of the one in whose place it comes."""
         events = EventFilter(self._space, given)
         if not (events.is_valid and events.is_whole):
             result.FilterResult = events.result
         if not events.is_valid:
             raise ServiceError(_C.BadEventFilterInvalid)
+        known = sum(item.filter.cost for each in self.subscriptions.values() for item in _notifiers(each))
+        if known - before + events.cost > limits.MAX_EVENT_COST:
+            raise ServiceError(_C.BadTooManyMonitoredItems)
         return events
 
     def modify_items(self, session: Any, given: Any) -> list[ua.MonitoredItemModifyResult]:
@@ -169,7 +174,7 @@ class Monitoring:
         result = ua.MonitoredItemModifyResult()
         try:
             if isinstance(item, EventItem):
-                item.modify(given, self._event_filter(given.Filter, result))
+                item.modify(given, self._event_filter(given.Filter, result, item.filter.cost))
             elif isinstance(item, DataItem):
                 new = data_filter(self._space, item.asked.NodeId, item.asked.AttributeId, given.Filter)
                 item.modify(given, new, stamps, owner.interval)
@@ -213,7 +218,7 @@ class Monitoring:
         for each in self.subscriptions.values():
             for item in _notifiers(each):
                 if item.node == event.emitting_node:
-                    item.take(event, self._made(_O.EventQueueOverflowEventType))
+                    item.take(event)
 
     def refresh(self, subscription: UaSubscription, only: int | None = None) -> None:
         """Tell the retained conditions again, between two events that say so. `only`: one item. ServiceError if the
@@ -221,15 +226,12 @@ class Monitoring:
         items = [each for each in _notifiers(subscription) if only is None or each.number == only]
         if only is not None and not items:
             raise ServiceError(_C.BadMonitoredItemIdInvalid)
-        start, end, overflow = (
-            self._made(each)
-            for each in (_O.RefreshStartEventType, _O.RefreshEndEventType, _O.EventQueueOverflowEventType)
-        )
+        start, end = (self._made(each) for each in (_O.RefreshStartEventType, _O.RefreshEndEventType))
         for item in items:
-            item.take(start, overflow, always=True)
+            item.take(start, always=True)
             for event in self.retained.values():
-                item.take(event, overflow)
-            item.take(end, overflow, always=True)
+                item.take(event)
+            item.take(end, always=True)
 
     def _made(self, kind: int) -> Any:
         event = copy.copy(self._own[kind])
@@ -239,4 +241,4 @@ class Monitoring:
 
 
 def _notifiers(subscription: UaSubscription) -> list[EventItem]:
-    return [each for each in subscription.items.values() if isinstance(each, EventItem)]
+    return list(subscription.notifiers.values())

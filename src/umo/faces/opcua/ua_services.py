@@ -16,9 +16,11 @@ from asyncua.common.utils import ServiceError
 from asyncua.ua.ua_binary import struct_from_binary
 
 from umo.faces.opcua import ua_limits as limits
-from umo.faces.opcua.ua_attributes import check_timestamps, missing
+from umo.faces.opcua.ua_attributes import Room, check_timestamps, missing
 
 _C = ua.StatusCodes
+REFERENCE = 100
+"""About how many bytes a reference takes."""
 
 
 def service(name: str) -> ua.NodeId:
@@ -30,6 +32,8 @@ def decoded(kind: Any, body: Any) -> Any:
     """A structure from the wire. ServiceError if it is not one."""
     try:
         return struct_from_binary(kind, body)
+    except ServiceError:
+        raise
     except Exception:
         raise ServiceError(_C.BadDecodingError) from None
 
@@ -131,12 +135,20 @@ def _browse(session: Any, asked: Any) -> Any:
     if not asked.View.ViewId.is_null():
         raise ServiceError(_C.BadViewIdUnknown)
     nodes = counted(asked.NodesToBrowse)
-    return ua.BrowseResponse(Results=[session.view.browse(each, asked.RequestedMaxReferencesPerNode) for each in nodes])
+    most, room = asked.RequestedMaxReferencesPerNode, Room()
+    return ua.BrowseResponse(Results=[_roomy(session.view.browse(each, most), room) for each in nodes])
+
+
+def _roomy(result: Any, room: Room) -> Any:
+    """The same, if a response has room for it."""
+    room.take(REFERENCE * len(result.References or []))
+    return result
 
 
 def _browse_next(session: Any, asked: Any) -> Any:
     points = counted(asked.ContinuationPoints)
-    results = [session.view.browse_next(each, asked.ReleaseContinuationPoints) for each in points]
+    room = Room()
+    results = [_roomy(session.view.browse_next(each, asked.ReleaseContinuationPoints), room) for each in points]
     return ua.BrowseNextResponse(Parameters=ua.BrowseNextResult(results))
 
 

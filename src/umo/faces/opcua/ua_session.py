@@ -99,10 +99,11 @@ class UaSession(InternalSession):
     def monitoring(self) -> Monitoring:
         return self.iserver.monitoring
 
-    def _send(self, request: PublishRequest, response: Any) -> None:
-        """Answer a Publish request on the connection that this session has now."""
-        if self.processor is not None:
-            self.processor.send_response(request.header.RequestHandle, request.sequence, response)
+    def _send(self, request: PublishRequest, response: Any) -> int:
+        """Answer a Publish request on the connection that this session has now; see `Processor.sent`."""
+        if self.processor is None:
+            return 0
+        return int(self.processor.sent(request.header.RequestHandle, request.sequence, response))
 
     async def close_session(self, delete_subs: bool = True) -> None:
         """Its subscriptions end with it: they are not transferred."""

@@ -15,6 +15,7 @@ from asyncua import ua
 from asyncua.common.utils import ServiceError
 
 from umo.faces.opcua import ua_limits as limits
+from umo.faces.opcua.ua_attributes import weight
 from umo.faces.opcua.ua_items import EventItem, MonitoredItem
 
 log = logging.getLogger("umo.faces.opcua")
@@ -38,8 +39,15 @@ class PublishRequest:
         return bool(hint) and now - self.came > hint / 1e3
 
 
-Send = Callable[[PublishRequest, Any], object]
-"""Answers a Publish request with a response."""
+Send = Callable[[PublishRequest, Any], int]
+"""Answers a Publish request with a response. 0, or why it cannot be sent: then nothing was sent."""
+
+
+def fault(code: int) -> Any:
+    """The answer to a request that is refused as a whole."""
+    response = ua.ServiceFault()
+    response.ResponseHeader.ServiceResult = ua.StatusCode(code)
+    return response
 
 
 @dataclass(eq=False)
@@ -62,8 +70,8 @@ class Publisher:
         if len(self.requests) >= limits.MAX_PUBLISH:
             self.fault(self.requests.popleft(), _C.BadTooManyPublishRequests)
         self.requests.append(PublishRequest(header, sequence, results, self.clock()))
-        if self._ended:
-            self.answer(self._ended.popleft())
+        if self._ended and (code := self.answer(self._ended.popleft())):
+            self.fault(self.requests.popleft(), code)
         for each in sorted(self.subscriptions.values(), key=lambda each: -each.priority):
             if each.is_late:
                 each.catch_up()
@@ -85,20 +93,17 @@ class Publisher:
         self._drop_old()
         return bool(self.requests)
 
-    def answer(self, result: ua.PublishResult) -> None:
-        """Answer the oldest request; one that cannot be encoded with a fault."""
-        request = self.requests.popleft()
+    def answer(self, result: ua.PublishResult) -> int:
+        """Answer the oldest request. 0, or why this cannot be sent: then the request still waits."""
+        request = self.requests[0]
         result.Results = request.results
-        try:
-            self.send(request, ua.PublishResponse(Parameters=result))
-        except Exception as error:
-            log.debug("subscription %d", result.SubscriptionId, exc_info=error)
-            self.fault(request, _C.BadEncodingError)
+        code = self.send(request, ua.PublishResponse(Parameters=result))
+        if not code:
+            self.requests.popleft()
+        return code
 
     def fault(self, request: PublishRequest, code: int) -> None:
-        response = ua.ServiceFault()
-        response.ResponseHeader.ServiceResult = ua.StatusCode(code)
-        self.send(request, response)
+        self.send(request, fault(code))
 
     def remove(self, number: int) -> None:
         """End a subscription."""
@@ -138,6 +143,8 @@ class UaSubscription:
         self._ended = ended
         self.number, self.session_id, self.publisher = number, session_id, publisher
         self.items: dict[int, MonitoredItem] = {}
+        self.notifiers: dict[int, EventItem] = {}
+        """Those of the items that are told events."""
         self.kept: OrderedDict[int, ua.NotificationMessage] = OrderedDict()
         """Messages that are not yet acknowledged, by their sequence numbers."""
         self.is_enabled = bool(given.PublishingEnabled)
@@ -145,6 +152,8 @@ class UaSubscription:
         """Whether the next Publish request is answered at once."""
         self._stirred: dict[MonitoredItem, None] = {}
         """Items that may have something to tell."""
+        self._portions: deque[list[Any]] = deque()
+        """Notifications of items that could not be sent in one message."""
         self._next = 1
         self._is_first = True
         self._quiet = self._silent = 0
@@ -235,26 +244,42 @@ class UaSubscription:
                 self._stirred.pop(item, None)
 
     def _has_told(self) -> bool:
-        return any(each.is_told for each in self._stirred)
+        return bool(self._portions) or any(each.is_told for each in self._stirred)
 
     def _notifications(self) -> list[Any]:
         """The next portion, oldest first of each item."""
-        values: list[Any] = []
-        events: list[Any] = []
+        if self._portions:
+            return self._portions.popleft()
+        told: list[Any] = []
+        left = limits.MAX_RESPONSE
         for item in list(self._stirred):
-            told = events if isinstance(item, EventItem) else values
-            while item.is_told and len(values) + len(events) < self.portion:
+            while item.is_told and len(told) < self.portion and left > 0:
                 told.append(item.notification())
-            if len(values) + len(events) >= self.portion:
+                left -= _weight(told[-1])
+            if len(told) >= self.portion or left <= 0:
                 break
-        found: list[Any] = [ua.DataChangeNotification(MonitoredItems=values)] if values else []
-        return [*found, ua.EventNotificationList(Events=events)] if events else found
+        return told
 
     def _send(self, told: list[Any]) -> None:
-        result = self.message(told)
-        self._quiet, self._is_first = 0, False
+        result = self.message(_data(told))
         result.MoreNotifications = self.is_enabled and self._has_told()
-        self.publisher.answer(result)
+        self._quiet, self._is_first = 0, False
+        if code := self.publisher.answer(result):
+            self._next = result.NotificationMessage.SequenceNumber
+            self.kept.pop(self._next, None)
+            self._divide(told, code)
+
+    def _divide(self, told: list[Any], code: int) -> None:
+        """What cannot be sent in one message is sent in two; what cannot be sent at all, as a status without a
+        value."""
+        half = len(told) // 2
+        if half:
+            self._portions.extendleft((told[half:], told[:half]))
+            self.portion = min(self.portion, half) if code == _C.BadResponseTooLarge else self.portion
+        elif told and (bare := _bare(told[0], code)) is not None:
+            self._portions.appendleft([bare])
+        else:
+            self.publisher.fault(self.publisher.requests.popleft(), code)
 
     def message(self, told: list[Any]) -> ua.PublishResult:
         """With the next sequence number. It is kept until it is acknowledged; a keep-alive is not."""
@@ -275,8 +300,14 @@ class UaSubscription:
         """A request of its client that names it."""
         self._silent = 0
 
+    def add(self, item: MonitoredItem) -> None:
+        self.items[item.number] = item
+        if isinstance(item, EventItem):
+            self.notifiers[item.number] = item
+
     def remove(self, number: int) -> bool:
         """End an item; whether there was one."""
+        self.notifiers.pop(number, None)
         item = self.items.pop(number, None)
         if item is None:
             return False
@@ -290,6 +321,34 @@ class UaSubscription:
         for number in list(self.items):
             self.remove(number)
         self._ended(self)
+
+
+def _data(told: list[Any]) -> list[Any]:
+    """Notifications as the data of a message."""
+    values = [each for each in told if isinstance(each, ua.MonitoredItemNotification)]
+    events = [each for each in told if isinstance(each, ua.EventFieldList)]
+    found: list[Any] = [ua.DataChangeNotification(MonitoredItems=values)] if values else []
+    return [*found, ua.EventNotificationList(Events=events)] if events else found
+
+
+def _weight(notification: Any) -> int:
+    """About how many bytes it takes."""
+    if isinstance(notification, ua.MonitoredItemNotification):
+        return weight(notification.Value)
+    return sum(map(weight, notification.EventFields))
+
+
+def _bare(notification: Any, code: int) -> Any | None:
+    """That there is something, without what it is. None: more than that it does not say."""
+    handle = notification.ClientHandle
+    if isinstance(notification, ua.MonitoredItemNotification):
+        value = notification.Value
+        is_bare = value.Value is None or value.Value.Value is None
+        bare = ua.DataValue(None, ua.StatusCode(code), value.SourceTimestamp, value.ServerTimestamp)
+        return None if is_bare else ua.MonitoredItemNotification(handle, bare)
+    fields = notification.EventFields
+    nothing = [ua.Variant() for _ in fields]
+    return None if all(each.Value is None for each in fields) else ua.EventFieldList(handle, nothing)
 
 
 def _size(message: ua.NotificationMessage) -> int:

@@ -16,6 +16,7 @@ VALUE = ua.AttributeIds.Value
 ADMIN = User(role=UserRole.Admin)
 READ, READ_WRITE = 1, 3
 """Bits of AccessLevel."""
+INT64_BITS = 63
 
 
 class NodeTree:
@@ -173,6 +174,7 @@ def argument(name: str, data_type: int, description: str = "") -> ua.Argument:
 
 
 def enum_values(states: Mapping[int, str]) -> ua.Variant:
-    """For a variable with named values."""
-    values = [ua.EnumValueType(Value=number, DisplayName=ua.LocalizedText(name)) for number, name in states.items()]
+    """For a variable with named values: of those that an Int64 has."""
+    names = {number: ua.LocalizedText(name) for number, name in states.items() if number.bit_length() <= INT64_BITS}
+    values = [ua.EnumValueType(Value=number, DisplayName=name) for number, name in names.items()]
     return ua.Variant(values, ua.VariantType.ExtensionObject, is_array=True)

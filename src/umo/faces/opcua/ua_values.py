@@ -25,6 +25,8 @@ STATUS: Mapping[Quality, ua.StatusCode] = {
 }
 NO_VALUE = ua.StatusCode(_C.BadNoData)
 """Of a signal, or a state, that has no value."""
+NO_STATE = ua.StatusCode(_C.BadOutOfRange)
+"""Of a number that is none of the named states: it has no value that a client could take for one."""
 NOT_YET = ua.StatusCode(_C.BadWaitingForInitialData)
 GONE = ua.StatusCode(_C.UncertainNoCommunicationLastUsableValue)
 """After the end of the run: the last value is still there."""
@@ -65,17 +67,20 @@ def is_switch(item: FaceItem) -> bool:
 
 
 def type_of(item: FaceItem) -> Any:
-    """The type of its value."""
+    """The type of its value; of named values one that has them all."""
     if not item.states:
         return ua.VariantType.Double
-    return ua.VariantType.Boolean if is_switch(item) else ua.VariantType.Int32
+    if is_switch(item):
+        return ua.VariantType.Boolean
+    longest = max(each.bit_length() for each in item.states)
+    kinds = {31: ua.VariantType.Int32, 63: ua.VariantType.Int64}
+    return next((kind for bits, kind in kinds.items() if longest <= bits), ua.VariantType.Double)
 
 
 def variant_of(item: FaceItem, value: float) -> ua.Variant:
+    """A number, or one of the named states."""
     kind = type_of(item)
-    if not item.states:
-        return ua.Variant(value, kind)
-    return ua.Variant(value != 0.0 if kind == ua.VariantType.Boolean else int(value), kind)
+    return ua.Variant((bool if kind == ua.VariantType.Boolean else int)(value) if item.states else value, kind)
 
 
 def data_value(item: FaceItem, changes: Changes) -> ua.DataValue:
@@ -86,6 +91,8 @@ def data_value(item: FaceItem, changes: Changes) -> ua.DataValue:
     if isnan(value) or quality is Quality.BAD:
         bad = quality is Quality.BAD and item.kind in (ItemKind.SENSOR, ItemKind.ACTUATOR)
         return ua.DataValue(ua.Variant(), status if bad else NO_VALUE, time, moment(changes.utc))
+    if item.states and item.state_of(value) is None:
+        return ua.DataValue(ua.Variant(), NO_STATE, time, moment(changes.utc))
     return ua.DataValue(variant_of(item, value), status, time, moment(changes.utc))
 
 
@@ -119,10 +126,10 @@ def _states(item: FaceItem) -> str:
 
 
 def result_of(value: Any) -> ua.Variant:
-    """The result of an action: a list or a mapping as text."""
+    """The result of an action: a list, a mapping, and a number that an Int64 does not have as text."""
     if isinstance(value, bool):
         return ua.Variant(value, ua.VariantType.Boolean)
-    if isinstance(value, int):
+    if isinstance(value, int) and value.bit_length() <= 63:
         return ua.Variant(value, ua.VariantType.Int64)
     if isinstance(value, float):
         return ua.Variant(value, ua.VariantType.Double)
