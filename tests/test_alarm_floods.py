@@ -37,16 +37,17 @@ class Told:
     """What is told of one alarm."""
 
     states: list[str] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)
     left_out: int = 0
 
 
 class Engine:
     """The engine alone: a sensor for each alarm, which is active above 50."""
 
-    def __init__(self, alarms: list[dict[str, Any]]) -> None:
+    def __init__(self, alarms: list[dict[str, Any]], period: float = PERIOD) -> None:
         count = len(alarms)
         declared = {
-            f"a{n}": Alarm(High(f"sensors.{n}", 50.0), "above", priority=Priority(1 + n % 4), **options)
+            f"a{n}": Alarm(High(f"sensors.{n}", 50.0), "above", **({"priority": Priority(1 + n % 4)} | options))
             for n, options in enumerate(alarms)
         }
 
@@ -60,7 +61,7 @@ class Engine:
         columns = Columns(len(items), alarms=count)
         self._slots = [items.index(each) for each in sensors]
         self._values = columns.values
-        self.now = 0.0
+        self.now, self._period = 0.0, period
         self.told = [Told() for _ in alarms]
         self.in_a_period: list[int] = []
         image: Any = SimpleNamespace(columns=columns, items=items)
@@ -70,12 +71,13 @@ class Engine:
     def _tell(self, path: str, text: str, who: str) -> None:
         told = self.told[self.paths.index(path)]
         told.states.append(text.partition(" (")[0])
+        told.times.append(self.now)
         told.left_out += int(found[1]) if (found := re.search(rf"(\d+) {LEFT_OUT}", text)) else 0
         self.in_a_period[-1] += not who
 
     def period(self, active: list[bool], asked: Sequence[tuple[int, Operation]] = ()) -> list[tuple[int, Operation]]:
         """What was accepted of what was asked for, as the alarms were before this period."""
-        self.now += PERIOD
+        self.now += self._period
         self.in_a_period.append(0)
         self._values[self._slots] = np.where(active, 90.0, 10.0)
         accepted = [(row, operation) for row, operation in asked if self.engine.able([row], operation)]
@@ -279,3 +281,20 @@ def test_of_many_that_chatter_each_is_counted_and_told_in_the_end() -> None:
     for _ in range(count // MOST_IN_A_PERIOD + 8):
         rig.period([True] * count)
     assert {len(each.states) + each.left_out for each in rig.told} == {periods}
+
+
+@pytest.mark.parametrize("priorities", [{}, {"priority": Priority.HIGH}], ids=["of all priorities", "of one priority"])
+@pytest.mark.parametrize("period", [0.0625, PERIOD])
+def test_in_a_flood_that_lasts_no_alarm_waits_longer_than_its_turn(period: float, priorities: dict[str, Any]) -> None:
+    count, once = 400, 396
+    longest = WINDOW + count / min(MOST_OF_ALL / 2, MOST_IN_A_PERIOD / 2 / period)
+    rig = Engine([priorities | {"latch": row == once} for row in range(count)], period)
+    for number in range(round(2 * longest / period)):
+        flood = [number % 2 == 0] * count
+        flood[once] = number in (3, 4)
+        rig.period(flood)
+    assert rig.told[once].states[-1] == str(rig.engine.state_of(once)) == "latched unacknowledged"
+    for row, told in enumerate(rig.told):
+        begins = [period * 4 if row == once else period, *told.times]
+        assert max(after - before for before, after in zip(begins, told.times, strict=False)) <= longest, row
+        assert row == once or rig.now - told.times[-1] <= longest

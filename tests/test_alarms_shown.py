@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from helpers.machines import sensor, timer, wired
-from umo import Compound, DigitalSensor, connect, published
+from umo import Compound, DigitalSensor, attach, connect, published
 from umo.alarms import Alarm, AlarmState, High, Priority
 from umo.cli.app import app
 from umo.frames import Reader
@@ -25,6 +25,13 @@ class Tank(
         "empty": Alarm(lambda tank: tank.level.read() < 5.0, "empty"),
     },
 ):
+    timer: DigitalSensor
+    level: DigitalSensor
+
+
+class Fleeting(Compound, alarms={"full": Alarm(High("level", 80.0), "too full", acknowledge=False)}):
+    """Its alarm goes with its condition."""
+
     timer: DigitalSensor
     level: DigitalSensor
 
@@ -69,6 +76,30 @@ def test_a_black_box_keeps_alarms_and_their_events(reader: Reader, tmp_path: Pat
     with Reader(tmp_path / "vat.box") as box:
         assert [str(row) for row in box.alarms(box.latest())] == ["full: too full (high, unacknowledged)"]
         assert "unacknowledged (high): too full" in [each.event.text for each in box.events()]
+
+
+def test_an_alarm_that_came_and_went_has_its_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("UMO_FRAMES", str(tmp_path / "frames"))
+    monkeypatch.setenv("UMO_STATE", str(tmp_path / "state"))
+    box = Scripted({"level": 10})
+    machine = Fleeting(timer=timer(), level=sensor(resolution=1.0))
+    connection = connect(machine, wired(machine, box))
+    with connection as m, published(connection, "vat"):
+        for level in (90, 10) * 25:
+            box.set("level", level)
+            periods(m, 1)
+        with attach("vat") as station:
+            assert station.alarms == []
+            ((path, state, raised, first, last),) = (
+                (row.path, row.state, row.raised, row.first, row.last) for row in station.raised_alarms
+            )
+        assert (path, state, raised) == ("full", AlarmState.NORMAL, 25)
+        assert (first, last) == (pytest.approx(0.001), pytest.approx(0.049))
+        listed = {option: CliRunner().invoke(app, ["alarms", "vat", *option]) for option in ((), ("--raised",))}
+        assert listed[()].stdout == "no alarm\n"
+        assert "full" in (shown := listed["--raised",].stdout) and "normal" in shown and "25 since 0.001 s" in shown
+        refused = CliRunner().invoke(app, ["alarms", "vat", "--raised", "--acknowledge", "full"])
+        assert refused.exit_code == 2 and "--raised lists alarms" in refused.stderr
 
 
 def test_umo_alarms_lists_them(reader: Reader) -> None:

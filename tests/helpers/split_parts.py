@@ -172,9 +172,9 @@ class RunningController:
 
 
 @contextmanager
-def controller_of(program: Path) -> Iterator[RunningController]:
+def controller_of(program: Path, stderr: int | None = None) -> Iterator[RunningController]:
     environment = {**os.environ, "UMO_LINK": "0"}
-    with subprocess.Popen([program], stdout=subprocess.PIPE, text=True, env=environment) as process:
+    with subprocess.Popen([program], stdout=subprocess.PIPE, stderr=stderr, text=True, env=environment) as process:
         try:
             yield RunningController(process)
         finally:

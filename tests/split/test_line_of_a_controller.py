@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import os
+import signal
 import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from time import monotonic
 
 import pytest
 
 from helpers.generating import needs_a_compiler
-from helpers.split_parts import RunningController
+from helpers.split_parts import RunningController, controller_of
 from umo.drivers.streams import Host
 from umo.errors import DriverError
 from umo.split.link_bodies import FrameKind, hello, request, welcome_of
@@ -110,6 +112,72 @@ sys.stdout.write(data.hex())
     assert [*FrameReader(100).take(bytes.fromhex(told.stdout))] == [REFUSED + b"\x02"]
     with greeter(controller) as own:
         assert welcome_of(own.said(hello(2))) is not None
+
+
+@contextmanager
+def full_pipe() -> Iterator[int]:
+    """The end for writing of a pipe that nobody reads, and that has no room."""
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    try:
+        with suppress(BlockingIOError):
+            while True:
+                os.write(writing, b"x" * 4096)
+        os.set_blocking(writing, True)
+        yield writing
+    finally:
+        os.close(reading)
+        os.close(writing)
+
+
+def test_refusals_hold_nothing_up_where_nobody_reads_standard_error(program: Path) -> None:
+    with full_pipe() as errors, controller_of(program, stderr=errors) as controller, greeter(controller) as first:
+        assert welcome_of(first.said(hello(1))) is not None
+        for number in range(2, 6):
+            with greeter(controller) as second:
+                assert second.said(hello(100 + number)) == REFUSED + b"\x01"
+            assert welcome_of(first.said(hello(number))) is not None
+
+
+def test_a_standard_error_that_is_closed_ends_nothing(program: Path) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    with controller_of(program, stderr=writing) as controller, greeter(controller) as first:
+        os.close(writing)
+        for number in range(1, 4):
+            assert welcome_of(first.said(hello(number))) is not None
+            with greeter(controller) as second:
+                assert second.said(hello(100 + number)) == REFUSED + b"\x01"
+
+
+def test_refusals_are_counted_in_a_line(program: Path) -> None:
+    reading, writing = os.pipe()
+    with open(reading) as told, controller_of(program, stderr=writing) as controller, greeter(controller) as first:
+        os.close(writing)
+        assert welcome_of(first.said(hello(1))) is not None
+        with greeter(controller) as second:
+            assert second.said(hello(2)) == REFUSED + b"\x01"
+        assert told.readline() == "connections refused: 1, the last: there is a host\n"
+
+
+def test_a_connection_that_sends_without_end_is_closed_after_one_read(controller: RunningController) -> None:
+    with greeter(controller) as first:
+        assert welcome_of(first.said(hello(1))) is not None
+        os.kill(controller.pid, signal.SIGSTOP)
+        first.socket.sendall(framed(hello(2)))  # it is not silent, however long the controller stands
+        with greeter(controller) as flood:
+            flood.socket.setblocking(False)
+            with suppress(BlockingIOError):
+                while True:
+                    flood.socket.send(b"x" * (1 << 16))
+            os.kill(controller.pid, signal.SIGCONT)
+            flood.socket.settimeout(LIMIT)
+            more = 0
+            with suppress(ConnectionError):
+                while more < 1 << 26:
+                    more += flood.socket.send(b"x" * (1 << 16))
+        assert more < 1 << 18
+        assert welcome_of(first.said(hello(3))) is not None
 
 
 def test_the_driver_says_who_has_the_controller(controller: RunningController) -> None:

@@ -2,8 +2,9 @@
 at once.
 
 Events are few, and clients find their answers among them. So of one alarm a few changes are told in a second, and of
-all alarms together not many more, the most important first. What was left out is counted, and told with the next change
-or when there is room: the last state of every alarm is told in any case.
+all alarms together not many more. Half of these are of the most important alarms, the other half of those that have
+waited longest: in a flood that lasts no alarm waits for ever. What was left out is counted, and told with the next
+change or when there is room: the last state of every alarm is told in any case.
 """
 
 from __future__ import annotations
@@ -42,12 +43,15 @@ class Telling:
         self._untold = np.zeros(count, np.int64)
         """Number of changes of each since it was told last."""
         self.due = np.full(count, NEVER)
-        """The time in s from which on the state of an alarm is to be told."""
+        """The time in s from which on the state of an alarm is to be told, as far as there is room."""
+        self._since = np.full(count, NEVER)
+        """The time in s of the first change of each that was not told."""
 
     def changed(self, rows: NDArray[np.intp], now: float) -> None:
         """Conditions have changed these alarms: they are told by the next `tell`, as far as there is room."""
         self._begin_window(now)
         self._untold[rows] += 1
+        self._since[rows] = np.minimum(self._since[rows], now)
         due = np.where(self._told[rows] < MOST_OF_ONE, now, self._window)
         self.due[rows] = np.minimum(self.due[rows], due)
 
@@ -58,7 +62,7 @@ class Telling:
         self._tell_one(row, who)
 
     def tell(self, now: float) -> None:
-        """Tell the states that are due: the most important first, of equal ones those that have waited longest."""
+        """Tell the states that are due, as far as there is room (`_chosen`)."""
         self._begin_window(now)
         if now > self._now:
             self._told_now, self._now = 0, now
@@ -68,11 +72,20 @@ class Telling:
             return
         room = min(MOST_IN_A_PERIOD - self._told_now, MOST_OF_ALL - self._told_in_all)
         if len(rows) > room:
-            order = np.lexsort((rows, self.due[rows], -self._urgency[rows]))
-            rows = rows[order[:room]]
+            rows = self._chosen(rows, room)
         self._told_now += len(rows)
         for row in rows.tolist():
             self._tell_one(row, "")
+
+    def _chosen(self, rows: NDArray[np.intp], room: int) -> NDArray[np.intp]:
+        """Half of them are the most important, of equal ones those that have waited longest; the others those that have
+        waited longest, of equal ones the most important."""
+        urgency, since = -self._urgency[rows], self._since[rows]
+        by_urgency, by_wait = np.lexsort((rows, since, urgency)), np.lexsort((rows, urgency, since))
+        urgent = by_urgency[: room - room // 2]
+        waiting = by_wait[~np.isin(by_wait, urgent)]
+        chosen: NDArray[np.intp] = rows[np.concatenate([urgent, waiting[: room // 2]])]
+        return chosen
 
     def _begin_window(self, now: float) -> None:
         if now >= self._window:
@@ -83,5 +96,5 @@ class Telling:
         left_out = int(self._untold[row]) - 1
         self._told[row] += 1
         self._told_in_all += 1
-        self._untold[row], self.due[row] = 0, NEVER
+        self._untold[row], self.due[row], self._since[row] = 0, NEVER, NEVER
         self._tell(row, who, left_out)

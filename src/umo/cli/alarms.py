@@ -44,14 +44,23 @@ class AlarmOptions:
     return_: str | None = None
 
 
+@dataclass(frozen=True)
+class Listing:
+    """How alarms are listed."""
+
+    as_json: bool = False
+    raised: bool = False
+    """Those too that are normal and were raised."""
+
+
 def alarms_or_history(
-    name: str | None, options: AlarmOptions, lasting: str | None, as_json: bool, over: bool, past: bool
+    name: str | None, options: AlarmOptions, lasting: str | None, listing: Listing, over: bool, past: bool
 ) -> None:
     """`past`: show the history."""
     if not past:
-        alarms(name, options, lasting, as_json, over)
+        alarms(name, options, lasting, listing, over)
         return
-    if options != AlarmOptions() or lasting is not None or as_json:
+    if options != AlarmOptions() or lasting is not None or listing != Listing():
         raise OptionError("--history stands alone")
     if name is None or name.isdigit():  # a pid
         with attach(name) as reader:
@@ -59,15 +68,17 @@ def alarms_or_history(
     show_history(name)
 
 
-def alarms(name: str | None, options: AlarmOptions, lasting: str | None, as_json: bool, over: bool) -> None:
+def alarms(name: str | None, options: AlarmOptions, lasting: str | None, listing: Listing, over: bool) -> None:
     """List the alarms that are not normal, or carry out what was asked for."""
     asked = {each.name: path for each in fields(options) if (path := getattr(options, each.name)) is not None}
     if (lasting is not None) != ("shelve" in asked):
         raise OptionError("--shelve PATH and --for TIME go together")
+    if asked and listing.raised:
+        raise OptionError("--raised lists alarms, and the other options change some: give one of them")
     time = None if lasting is None else duration("--for", lasting)
     with RemoteStation(attach(name)) as station:
         if not asked:
-            _list(station, as_json)
+            _list(station, listing)
             return
         with leased(station, over):
             for option, path in asked.items():
@@ -75,16 +86,16 @@ def alarms(name: str | None, options: AlarmOptions, lasting: str | None, as_json
                 out.print(printable(str(station.ask(COMMANDS[option], path, **more))), soft_wrap=True)
 
 
-def _list(station: RemoteStation, as_json: bool) -> None:
-    rows = station.alarms
-    if as_json:
+def _list(station: RemoteStation, listing: Listing) -> None:
+    rows = station.raised_alarms if listing.raised else station.alarms
+    if listing.as_json:
         out.print_json(json.dumps([_data(row) for row in rows]), ensure_ascii=True)
         return
     if not station.reader.layout.alarms:
         out.print(f"{station.reader.about['station']} declares no alarms")
         return
     if not rows:
-        out.print("no alarm")
+        out.print("no alarm was raised" if listing.raised else "no alarm")
         return
     table = plain_table()
     for heading in ("alarm", "state", "priority", "since", "raised", "text"):

@@ -335,6 +335,9 @@ def alarms(
     history: Annotated[
         bool, typer.Option("--history", help="The changes that are kept over restarts, of a station that ended too.")
     ] = False,
+    raised: Annotated[
+        bool, typer.Option("--raised", help="List those too that are normal now and were raised in this run.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="List as JSON.")] = False,
     take: Take = False,
 ) -> None:
@@ -343,11 +346,11 @@ def alarms(
     What is to be acknowledged stands first, then what is of a higher priority. PATH is an alarm (tank.overfill), an
     object or compound for all alarms in it, or a pattern such as 'tanks.*.overfill'.
     """
-    from .alarms import AlarmOptions
+    from .alarms import AlarmOptions, Listing
     from .alarms import alarms_or_history as work
 
     options = AlarmOptions(acknowledge, reset, shelve, unshelve, remove, return_)
-    work(station, options, lasting, as_json, take, history)
+    work(station, options, lasting, Listing(as_json, raised), take, history)
 
 
 @command(epilog="Examples: umo stop ztheta  |  umo stop 4711")

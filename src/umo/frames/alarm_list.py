@@ -15,7 +15,7 @@ MAX_TOLD = 3
 
 
 class AlarmRow(NamedTuple):
-    """One alarm that is not normal."""
+    """One alarm that is not normal, or was raised."""
 
     path: str
     state: AlarmState
@@ -57,14 +57,16 @@ def alarm_rows(
     states: Iterable[int],
     events: Iterable[Event],
     occurrences: Iterable[tuple[float, float, float]],
+    raised: bool = False,
 ) -> list[AlarmRow]:
-    """The alarms that are not normal: what is to be acknowledged first, then by priority, the newest first."""
+    """The alarms that are not normal, with `raised` also those that were raised in this run: what is to be acknowledged
+    first, then by priority, the newest first; the normal ones last."""
     last = {event.path: event for event in events if event.asked == ALARM}
     numbered = zip(entries, states, occurrences, strict=True)
     rows = [
         _row(entry, AlarmState(n), last.get(entry["path"]))._replace(**_occurred(*when))
         for entry, n, when in numbered
-        if n in _NOT_NORMAL
+        if n in _NOT_NORMAL or (raised and when[0] > 0)
     ]
     return sorted(rows, key=_order)
 
@@ -95,4 +97,4 @@ def _occurred(raised: float, first: float, last: float) -> dict[str, Any]:
 
 
 def _order(row: AlarmRow) -> tuple[Any, ...]:
-    return not row.asks, not row.annunciated, -row.priority, -(row.since or 0.0), row.path
+    return row.state not in _NOT_NORMAL, not row.asks, not row.annunciated, -row.priority, -(row.since or 0.0), row.path

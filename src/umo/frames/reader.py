@@ -350,12 +350,13 @@ class Reader:
         paths = (str(entry["path"]) for entry, state in states if state == EquipmentState.FAULT)
         return {path: told.get(path, "its reason is no longer kept") for path in paths}
 
-    def alarms(self, frame: Any) -> list[AlarmRow]:
-        """The alarms that are not normal at a frame: what is to be acknowledged first, then by priority."""
-        if frame is None or not frame["alarms"].any():
+    def alarms(self, frame: Any, raised: bool = False) -> list[AlarmRow]:
+        """The alarms that are not normal at a frame: what is to be acknowledged first, then by priority. `raised`: then
+        those that are normal and were raised in this run, where that is known (`occurrences`)."""
+        if frame is None or not (raised or frame["alarms"].any()):
             return []
         events = (each.event for each in self.events())
-        return alarm_rows(self.layout.alarms, frame["alarms"].tolist(), events, self.occurrences())
+        return alarm_rows(self.layout.alarms, frame["alarms"].tolist(), events, self.occurrences(), raised)
 
     def occurrences(self) -> list[tuple[float, float, float]]:
         """Of each alarm how often it was raised in this run, when first and when last, in s on the cycle's clock. All

@@ -29,7 +29,7 @@ from umo.generate.c_types import ArrayType, CType, OptionalType, TupleType
 from umo.generate.code_world import translate
 from umo.generate.compiled_conditions import CompiledConditions, translated_conditions
 from umo.generate.controller_folder import TARGETS
-from umo.generate.controller_model import ControllerModel, laid_out, model_of
+from umo.generate.controller_model import ControllerModel, laid_out, model_of, too_many
 from umo.generate.known_values import KnownName, is_installed
 from umo.generate.known_watch import KnownWatch
 from umo.generate.law_library import (
@@ -104,6 +104,8 @@ def translated_laws(root: Compound, model: ControllerModel) -> TranslatedLaws:
     laws = [law.control for law in model.laws]
     if not laws:
         raise DeclarationError("it has no laws")
+    for problem in too_many(model):
+        raise DeclarationError(str(problem))
     translation = translate(root, [], laws, TARGETS["host"])
     if translation.problems:
         more = f", and {len(translation.problems) - 1} more" if len(translation.problems) > 1 else ""

@@ -35,6 +35,8 @@ from umo.wiring.wired import AT_ONCE, Wire, Wired, apply_parameters
 
 LEAST_RAW, GREATEST_RAW = -(2**31), 2**31 - 1
 """The raw integers of a controller have 32 bits."""
+MOST = 2**15 - 1
+"""What a number of objects reaches at most: it has 16 bits on a controller."""
 EXACT_RAW = 2**24
 """Whole numbers up to this one are exact as floats of 32 bits."""
 
@@ -225,7 +227,7 @@ def model_of(machine: ConnectedMachine, wired: Wired) -> ControllerModel:
         laws=[ControllerLaw(law, containing.innermost(law.__self__)) for law in machine._overrides(root)],
         axes=[each for each in axes_in(root) if isinstance(each, Axis)],
     )
-    model.problems += _problems(machine, wired, objects)
+    model.problems += [*_problems(machine, wired, objects), *too_many(model)]
     model.notes += _notes(objects)
     return model
 
@@ -322,6 +324,19 @@ def _problems(machine: ConnectedMachine, wired: Wired, objects: list[ControllerO
         yield NotGenerated(rate.part._path, "it has a rate of its own", "leave out `every`: one rate a controller")
     for one in objects:
         yield from _problems_of(one)
+
+
+def too_many(model: ControllerModel) -> Iterator[NotGenerated]:
+    """What there is more of than its number holds."""
+    counts = [
+        ("", "objects", len(model.objects)),
+        ("", "interlocks", len(model.interlocks)),
+        ("", "equipment", len(model.equipment)),
+        *((one.path, "invalid raw integers", len(one.invalid_raws)) for one in model.objects),
+    ]
+    for path, what, count in counts:
+        if count > MOST:
+            yield NotGenerated(path, f"it has {count} {what}", f"a controller has {MOST} at most")
 
 
 def _problems_of(one: ControllerObject) -> Iterator[NotGenerated]:

@@ -121,6 +121,11 @@ class RemoteStation(Commander, RemotePart):
         """The alarms that are not normal: what is to be acknowledged first, then by priority."""
         return self.reader.alarms(self.reader.latest())
 
+    @property
+    def raised_alarms(self) -> list[AlarmRow]:
+        """The same, then those that are normal and were raised in this run: how often, when first and when last."""
+        return self.reader.alarms(self.reader.latest(), raised=True)
+
     def acknowledge_alarm(self, path: str = "") -> str:
         """Acknowledge an alarm, those of an object or compound, of a pattern, or ("") all. Returns what it did:
         "acknowledged: tank.overfill". CommandRefused for one alarm that is not to be acknowledged, PathError if there

@@ -17,7 +17,7 @@ from umo.cycle.stopping import StopFlag
 from umo.drivers.contract import Driver
 from umo.drivers.faults.wrapper import bare
 from umo.generate.code_world import translate
-from umo.generate.controller_folder import check, faults_of
+from umo.generate.controller_folder import NotTranslated, check, faults_of
 from umo.generate.controller_model import ControllerModel, NotGenerated, model_of
 from umo.generate.known_setters import root_of, settings_of
 from umo.generate.machine_source import header_of, source_of
@@ -25,10 +25,13 @@ from umo.generate.translation import CodeFault, ControllerTarget, Translation
 from umo.objects import Compound, walk
 from umo.presentation.durations import duration
 from umo.split.field_bytes import FieldBytes
+from umo.split.link_frames import CRC_BYTES
 from umo.wiring.wired import ProcessSettings, Wired
 
 LONGEST_HEAD = 64
 """Bytes of a frame beside what depends on the part, at most."""
+MOST_BYTES = 2**16 - 1 - CRC_BYTES
+"""Bytes of a body at most: a controller counts them in 16 bits."""
 
 
 @dataclass(frozen=True)
@@ -177,7 +180,11 @@ def plan_of(
             for live in translation.structs
             for name, of in live.fields.items()
         ]
-        return PartPlan(part._path, model, translation, target, fields, host_timeout, braking_timeout)
+        plan = PartPlan(part._path, model, translation, target, fields, host_timeout, braking_timeout)
+    if plan.longest > MOST_BYTES:
+        reason = f"a frame of its line would have {plan.longest} bytes, and a controller takes {MOST_BYTES} at most"
+        raise NotTranslated(model.name, [str(NotGenerated(part._path, reason, "split it into several parts"))])
+    return plan
 
 
 def share_of(count: int) -> int:

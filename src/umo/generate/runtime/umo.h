@@ -72,7 +72,7 @@ typedef int64_t umo_tick; /* ticks since the start */
 /* A linearization: linear between points, or cubics in equal cells (umo.objects.interpolation). */
 typedef struct {
     bool cubic;
-    int16_t count;           /* points, or cells */
+    int32_t count;           /* points, or cells */
     umo_real first, per_x;   /* of cubics: the first point; cells for one unit of x */
     const UMO_FLASH umo_real *table; /* xs, ys, slopes; or five columns of count + 2 cells */
 } umo_curve;

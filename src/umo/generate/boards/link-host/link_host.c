@@ -3,12 +3,16 @@
  * SIGTERM end the program, with its outputs at their defaults.
  *
  * A host is a process of the user who started this program, as the kernel tells it (/proc/net/tcp). The first one keeps
- * the line until it has gone, or was silent for longer than LINK_HOST_TIMEOUT. Others are told why, and closed. */
+ * the line until it has gone, or was silent for longer than LINK_HOST_TIMEOUT. Others are told why, and closed.
+ *
+ * Nothing that another process does or leaves undone holds the loop up: what is read in a period has a limit, and
+ * standard error is written only where there is room. */
 #define _GNU_SOURCE
 #include <errno.h>
 #include <fcntl.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
+#include <poll.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -21,15 +25,21 @@
 #include "io.h"
 #include "umo_link.h"
 
-enum { ROOM = 2 * LINK_LONGEST + 16 };
+enum { ROOM = 2 * LINK_LONGEST + 16, READ_ROOM = 4096, READS = 16 + ROOM / READ_ROOM };
 static int listening = -1, line = -1;
-static uint8_t in[512], out[ROOM];
+static uint8_t in[READ_ROOM], out[ROOM];
 static ssize_t got, taken;
+static int reads; /* of the line in this period */
 static size_t length;
 static int32_t silent; /* periods since the host was heard */
 static struct timespec next;
 static volatile sig_atomic_t ends;
 static const long PERIOD = (long)(MACHINE_PERIOD * 1e9 + 0.5);
+static struct {
+    unsigned long count; /* that were not told yet */
+    uint8_t why;         /* of the last */
+    time_t told;         /* s */
+} refused;
 
 static void failed(const char *what)
 {
@@ -71,7 +81,8 @@ static void end(int number)
 
 void link_begin(void)
 {
-    const struct sigaction ending = {.sa_handler = end};
+    const struct sigaction ending = {.sa_handler = end}, ignored = {.sa_handler = SIG_IGN};
+    (void)sigaction(SIGPIPE, &ignored, NULL); /* of a standard error that nobody has open */
     (void)sigaction(SIGINT, &ending, NULL);
     (void)sigaction(SIGTERM, &ending, NULL);
     (void)sigaction(SIGHUP, &ending, NULL);
@@ -115,10 +126,26 @@ static void refuse(int found, uint8_t why)
     (void)!send(found, out, length, MSG_NOSIGNAL);
     length = 0;
     (void)shutdown(found, SHUT_WR);
-    while (read(found, in, sizeof in) > 0) /* what is unread would let the answer be lost */
-        continue;
+    (void)!read(found, in, sizeof in); /* what is unread could let the answer be lost; once: it may send without end */
     (void)close(found);
-    (void)fprintf(stderr, "a host was refused: %s\n", why == LINK_HAS_A_HOST ? "there is one" : "another user's process");
+    refused.count++;
+    refused.why = why;
+}
+
+/* A line in a second at most, and none while standard error takes nothing. */
+static void tell_refused(void)
+{
+    struct pollfd errors = {.fd = STDERR_FILENO, .events = POLLOUT};
+    struct timespec now;
+    char text[100];
+    (void)clock_gettime(CLOCK_MONOTONIC, &now);
+    if (now.tv_sec == refused.told || poll(&errors, 1, 0) != 1 || !(errors.revents & POLLOUT))
+        return;
+    const char *why = refused.why == LINK_HAS_A_HOST ? "there is a host" : "a process of another user";
+    int size = snprintf(text, sizeof text, "connections refused: %lu, the last: %s\n", refused.count, why);
+    (void)!write(STDERR_FILENO, text, (size_t)size);
+    refused.count = 0;
+    refused.told = now.tv_sec;
 }
 
 /* The host that has come, if the line is free. */
@@ -140,14 +167,17 @@ static void accept_host(void)
     }
 }
 
-/* What the line has; a host that has closed it has gone. */
+/* What the line has, up to the limit of a period; a host that has closed it has gone. */
 static void receive(void)
 {
     taken = 0;
-    got = line < 0 ? -1 : read(line, in, sizeof in);
+    got = -1;
+    if (line < 0 || reads++ >= READS)
+        return;
+    got = read(line, in, sizeof in);
     if (got > 0)
         silent = 0;
-    else if (line >= 0 && listening >= 0 && (got == 0 || (errno != EAGAIN && errno != EINTR))) {
+    else if (listening >= 0 && (got == 0 || (errno != EAGAIN && errno != EINTR))) {
         (void)close(line);
         line = -1;
     }
@@ -199,6 +229,9 @@ static void add_period(void)
 int32_t io_wait(void)
 {
     int32_t ticks = 1;
+    reads = 0;
+    if (refused.count)
+        tell_refused();
     while (!ends && clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &next, NULL) == EINTR)
         continue;
     if (ends)
