@@ -102,6 +102,8 @@ class ModbusChannel(Channel):
     unit: int = 1
     swapped: bool = False
     low: int | None = None
+    masked: bool = False
+    """A field is written by function 22, which leaves the other bits of its register alone."""
 
     @property
     def end(self) -> int:
@@ -116,9 +118,17 @@ class ModbusChannel(Channel):
     def places(self) -> tuple[Hashable, ...]:
         """Its bits: `holding:0`, `holding:0:int32` and `holding:0.7` overlap, whatever their texts, and `holding:0.6`
         and `holding:0.7` do not."""
+        return self._bits_of(self.masks)
+
+    @property
+    def rewrites(self) -> tuple[Hashable, ...]:
+        """The other bits of a field's registers."""
+        return () if self.masked else self._bits_of([self.table.full ^ mask for mask in self.masks])
+
+    def _bits_of(self, masks: Sequence[int]) -> tuple[Hashable, ...]:
         return tuple(
             (self.unit, self.table.cells, self.address + i, bit)
-            for i, mask in enumerate(self.masks)
+            for i, mask in enumerate(masks)
             for bit in range(mask.bit_length())
             if mask >> bit & 1
         )
