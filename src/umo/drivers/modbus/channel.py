@@ -239,12 +239,13 @@ def _direction(table: Table) -> Direction:
 
 
 def _field(channel: ModbusChannel, high: int, low: int) -> ModbusChannel:
-    """The field of these bits of an integer channel. One that lies in a single register is a field of that register."""
+    """The field of these bits of an integer channel, a field of the registers in which they lie and of no others."""
     bits = high - low + 1
     if channel.scale or high >= channel.bits or bits < (2 if channel.signed else 1):
         raise ChannelError(channel.text, FORMS)
-    address, cells, first = channel.address, channel.cells, low // 16
-    if high // 16 == first:
-        address += first if channel.little else cells - 1 - first
-        cells, low = 1, low % 16
-    return replace(channel, bits=bits, address=address, cells=cells, little=channel.little and cells > 1, low=low)
+    first, last = low // 16, high // 16
+    cells = last - first + 1
+    address = channel.address + (first if channel.little else channel.cells - 1 - last)
+    return replace(
+        channel, bits=bits, address=address, cells=cells, little=channel.little and cells > 1, low=low - 16 * first
+    )
