@@ -180,6 +180,18 @@ def test_a_pause_lies_between_an_answer_and_the_next_request(start: Start, clock
     assert len(clock.slept) == 3
 
 
+def test_a_pause_longer_than_the_time_of_the_call_fails_it_at_once(start: Start, clock: Clock) -> None:
+    driver, peer = start(pause="1 s")
+    read(driver, "holding:1")
+    slept, driver.timeout = len(clock.slept), 0.1
+    with pytest.raises(DriverError, match=r"recovering: the device takes the next request in (1|0\.9\d+) s"):
+        read(driver, "holding:1")
+    assert len(clock.slept) == slept
+    driver.timeout = PATIENT
+    assert read(driver, "holding:1") == [holding(1)]
+    assert peer.requests() == [(3, 1, 1)] * 2
+
+
 # Devices with fewer functions and smaller requests -------------------------------------------------------
 
 

@@ -451,3 +451,17 @@ def test_unchanged_bits_are_left_out_only_if_these_very_bits_were_confirmed(
     write(driver, {"holding:5.1": 1, "holding:5.2": 0})
     write(driver, {"holding:5.1": 1, "holding:5.2": 0})
     assert peer.requests() == [(22, 5, 0xFFFD, 2), (22, 5, 0xFFF9, 2)]
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_a_field_writes_no_register_in_which_it_has_no_bits(order: str) -> None:
+    """The device itself counts in the others."""
+    unit = Registers([0] * 8)
+    driver = Modbus()
+    driver._connection = unit  # type: ignore[assignment]
+    field = driver.channel(f"holding:0:uint64:{order}.40:20")
+    driver.write(field, 1)
+    unit.words[0], unit.words[3] = 999, 777
+    driver.write(field, 2)
+    assert (unit.words[0], unit.words[3]) == (999, 777)
+    assert all(field.masks)

@@ -65,6 +65,12 @@ class Channel:
         own = tuple(getattr(self, name) for name in _own_fields(kind))
         return ((self.direction, own),) if own else (self.text,)
 
+    @property
+    def rewrites(self) -> tuple[Hashable, ...]:
+        """The places beside its own that a write sends along as this driver knows them, such as the other bits of a
+        register. No other driver may have an output there. Default: none."""
+        return ()
+
     def __hash__(self) -> int:  # plans are looked up by their channels in every period, and a string keeps its hash
         return hash(self.text)
 

@@ -45,8 +45,8 @@ class Box:
 
     The plant is brought up to the moment of each request, so that the answer is the present state, however coarse the
     timer of the event loop. Reads of outputs give what was written; bits of a register that no object has are 0.
-    Exceptions: 2 for an address that is not mapped, a register without an output that is written, half of a 32-bit
-    value that is written; 3 for a written value that does not fit the
+    Exceptions: 2 for an address that is not mapped, a register without an output that is written, a part of a
+    whole value of several registers that is written; 3 for a written value that does not fit the
     plant's channel; 4 if the plant fails, or what a sensor reads does not fit its register.
     """
 
@@ -102,21 +102,30 @@ class Box:
         """All or nothing: every address and value is looked at before the first is set. Fields that are inputs keep
         what they are."""
         places = [self._place(table, address + i) for i in range(len(values))]
-        written: list[tuple[Point, int, int]] = []
         for points in places:
             if points and not any(point.output for point in points):
                 raise ExceptionAnswer(ILLEGAL_ADDRESS)
-        for point in dict.fromkeys(point for each in places for point in each if point.output):
-            at = point.address - address
-            if at < 0 or at + point.cells > len(values):
-                raise ExceptionAnswer(ILLEGAL_ADDRESS)
-            written.append((point, *_raw_and_level(point, values[at : at + point.cells])))
+        written = [
+            (point, *_raw_and_level(point, self._cells_after(point, address, values)))
+            for point in dict.fromkeys(point for each in places for point in each if point.output)
+        ]
         for value, points in zip(values, places, strict=True):
             if not points:
                 self.watchdog.seconds = value / 1000
         for point, raw, level in written:
             self._simulation.write(point.slot, level)
             self._levels[point] = raw
+
+    def _cells_after(self, point: Point, address: int, values: Sequence[int]) -> Sequence[int]:
+        """The cells of an output once these are written from the address on: a field keeps the bits that it has in the
+        others, and of a whole value all are written."""
+        at = point.address - address
+        if at >= 0 and at + point.cells <= len(values):
+            return values[at : at + point.cells]
+        if not point.is_field:
+            raise ExceptionAnswer(ILLEGAL_ADDRESS)
+        present = enumerate(point.words(self._levels[point]), at)
+        return [values[i] if 0 <= i < len(values) else word for i, word in present]
 
     def _words(self, point: Point) -> list[int]:
         if point.output:

@@ -38,6 +38,7 @@ class Point:
         self._plant, self._bus = plant, bus
         self._equal = (plant.scale, plant.linearization) == (bus.scale, bus.linearization)
         self._little, self._swapped, self._scale = channel.little, channel.swapped, channel.scale
+        self.is_field = channel.low is not None
         self._low = channel.low or 0
         self._bits = channel.bits if channel.low is not None or channel.table.full == 1 else 16 * channel.cells
 

@@ -9,7 +9,7 @@ import dataclasses
 import inspect
 import math
 import operator
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from itertools import product
@@ -122,6 +122,7 @@ class _Resolver:
         wires = [self._wire(path, self.items[path], channel) for path, channel in found]
         for wire in wires:
             self._check_place(wire)
+        self._check_rewritten([wire for wire in wires if wire.item.direction is Direction.OUTPUT])
         injection = self._inject(wires, drivers, timer)
         take_off_cycle(self.source, wires, drivers, timer)
         check_shared_devices(self.source, drivers, self.hardware)
@@ -306,13 +307,36 @@ class _Resolver:
     def _check_place(self, wire: Wire) -> None:
         path, channel = wire.item.path, wire.channel
         driver = self.source.entries[path].driver
-        circuits = self.hardware.get(driver, (driver,))  # two drivers of one device share its places
-        for place, circuit in product(channel.places, circuits):
+        for place, circuit in product(channel.places, self._circuits(wire)):
             other = self.used_places.setdefault((type(wire.driver), circuit, place), path)
             if other != path:
                 text = f"channel {channel.text!r} of {driver} is already used by {other}"
                 self.source.mistake(f'wire."{path}"', text)
                 return
+
+    def _check_rewritten(self, outputs: Sequence[Wire]) -> None:
+        """No output lies where another driver rewrites what it has written itself."""
+        rewritten: dict[tuple[type, str, Hashable], Wire] = {}
+        for wire in outputs:
+            for place, circuit in product(wire.channel.rewrites, self._circuits(wire)):
+                rewritten[type(wire.driver), circuit, place] = wire
+        for wire in outputs if rewritten else ():
+            for place, circuit in product(wire.channel.places, self._circuits(wire)):
+                other = rewritten.get((type(wire.driver), circuit, place), wire)
+                if other.driver is not wire.driver:
+                    self._mistake_of_rewriting(wire, other)
+                    break
+
+    def _mistake_of_rewriting(self, wire: Wire, other: Wire) -> None:
+        path, writer = wire.item.path, self.source.entries[other.item.path].driver
+        what = f"channel {wire.channel.text!r} of {self.source.entries[path].driver} is overwritten by {writer}"
+        why = f"which writes the whole register for {other.item.path} ({other.channel.text!r})"
+        self.source.mistake(f'wire."{path}".driver', f"{what}, {why}; wire both to one driver")
+
+    def _circuits(self, wire: Wire) -> Sequence[str]:
+        """Two drivers of one device share its places."""
+        driver = self.source.entries[wire.item.path].driver
+        return self.hardware.get(driver, (driver,))
 
     def _check_retry(self, key: str, item: Atomic, channel: Channel) -> None:
         if isinstance(item, Actuator) and item._max_age is not None and channel.event:

@@ -102,6 +102,8 @@ class ModbusChannel(Channel):
     unit: int = 1
     swapped: bool = False
     low: int | None = None
+    masked: bool = False
+    """A field is written by function 22, which leaves the other bits of its register alone."""
 
     @property
     def end(self) -> int:
@@ -116,9 +118,17 @@ class ModbusChannel(Channel):
     def places(self) -> tuple[Hashable, ...]:
         """Its bits: `holding:0`, `holding:0:int32` and `holding:0.7` overlap, whatever their texts, and `holding:0.6`
         and `holding:0.7` do not."""
+        return self._bits_of(self.masks)
+
+    @property
+    def rewrites(self) -> tuple[Hashable, ...]:
+        """The other bits of a field's registers."""
+        return () if self.masked else self._bits_of([self.table.full ^ mask for mask in self.masks])
+
+    def _bits_of(self, masks: Sequence[int]) -> tuple[Hashable, ...]:
         return tuple(
             (self.unit, self.table.cells, self.address + i, bit)
-            for i, mask in enumerate(self.masks)
+            for i, mask in enumerate(masks)
             for bit in range(mask.bit_length())
             if mask >> bit & 1
         )
@@ -229,12 +239,13 @@ def _direction(table: Table) -> Direction:
 
 
 def _field(channel: ModbusChannel, high: int, low: int) -> ModbusChannel:
-    """The field of these bits of an integer channel. One that lies in a single register is a field of that register."""
+    """The field of these bits of an integer channel, a field of the registers in which they lie and of no others."""
     bits = high - low + 1
     if channel.scale or high >= channel.bits or bits < (2 if channel.signed else 1):
         raise ChannelError(channel.text, FORMS)
-    address, cells, first = channel.address, channel.cells, low // 16
-    if high // 16 == first:
-        address += first if channel.little else cells - 1 - first
-        cells, low = 1, low % 16
-    return replace(channel, bits=bits, address=address, cells=cells, little=channel.little and cells > 1, low=low)
+    first, last = low // 16, high // 16
+    cells = last - first + 1
+    address = channel.address + (first if channel.little else channel.cells - 1 - last)
+    return replace(
+        channel, bits=bits, address=address, cells=cells, little=channel.little and cells > 1, low=low - 16 * first
+    )

@@ -149,7 +149,7 @@ class Modbus(BlockDriver[ModbusChannel]):
             raise WiringError(f"{text} takes {channel.cells} registers; max_registers is {self._max_registers}")
         if self._mask_write and channel.low is not None and channel.cells > 1:
             return replace(channel, direction=Direction.INPUT)  # function 22 writes one register
-        return channel
+        return replace(channel, masked=True) if self._mask_write and channel.low is not None else channel
 
     def devices(self) -> Sequence[str]:
         """The host's addresses and port, or the device file; without the unit, as units share it."""

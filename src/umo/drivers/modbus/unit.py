@@ -46,16 +46,25 @@ class _Client(ModbusClientMixin[ModbusPDU]):
     def __init__(self, transport: Tcp | Rtu, pause: float) -> None:
         super().__init__()  # type: ignore[no-untyped-call]
         self._transport, self._pause, self._free_at = transport, pause, 0.0
+        self.deadline = 0.0
+        """The time at which the call of the driver ends."""
         self._decode = transport.framer.decoder.decode
 
     def execute(self, no_response_expected: bool, request: ModbusPDU) -> ModbusPDU:
         """Send the request; its answer, which may be an exception answer."""
-        if (wait := self._free_at - monotonic()) > 0:
+        now = monotonic()
+        if (wait := self._free_at - now) > 0:
+            if now + wait > self.deadline:
+                raise Recovering(f"the device takes the next request in {duration(round(wait, 3))}")
             sleep(wait)
+        is_sent = True
         try:
             answer = self._decode(self._transport.exchange(request)[1:])
+        except Recovering:
+            is_sent = False
+            raise
         finally:
-            if self._pause:
+            if self._pause and is_sent:
                 self._free_at = monotonic() + self._pause
         if answer is None:
             raise Lost("a malformed answer")
@@ -113,7 +122,7 @@ class Unit:
     def begin(self, timeout: float) -> bool:
         """Begin one call of the driver: connected, nothing left over, all of it to end within `timeout` s. True if the
         connection is a new one: the device may have been off."""
-        self._timeout = timeout
+        self._timeout, self._client.deadline = timeout, monotonic() + timeout
         return self._connecting(self._transport.begin, timeout)
 
     def _connecting(self, call: Callable[[float], T], timeout: float) -> T:

@@ -65,9 +65,14 @@ class RegisterChannel(Channel):
     @property
     def places(self) -> tuple[Hashable, ...]:
         """Its bits, so that two fields of one register are two places, and a field is within its register."""
-        register = self.register
-        bits = range(register.bits) if self.whole else range(self.low, self.low + self.bits)
-        return tuple((register.page, *self._place(bit)) for bit in bits)
+        bits = range(self.register.bits) if self.whole else range(self.low, self.low + self.bits)
+        return tuple((self.register.page, *self._place(bit)) for bit in bits)
+
+    @property
+    def rewrites(self) -> tuple[Hashable, ...]:
+        """The other bits of a field's register."""
+        bits = () if self.whole else (*range(self.low), *range(self.low + self.bits, self.register.bits))
+        return tuple((self.register.page, *self._place(bit)) for bit in bits)
 
     def _place(self, bit: int) -> tuple[int, int]:
         register = self.register
