@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
+from importlib.abc import MetaPathFinder
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from helpers.tiers import first
 from umo import Compound, DigitalSensor, connect, drive, published
 from umo.cli.long_runs import prune
 from umo.cli.long_runs import recorded as recorded_runs
+from umo.drivers import registry
 from umo.errors import UmoError
 from umo.frames import Reader
 from umo.latency import blackbox
@@ -81,6 +83,14 @@ class Watch:
 WATCH = Watch()
 
 
+class ModulesSought(MetaPathFinder):
+    """Notes whoever wants to import a module of the name of a registered driver."""
+
+    def find_spec(self, name: str, *others: object) -> None:
+        if name in registry.known():
+            WATCH.seen.append(f"import {name}")
+
+
 @pytest.fixture(scope="module", autouse=True)
 def watched() -> None:
     sys.addaudithook(WATCH)  # it stays for the life of the process, and is of no use without a folder
@@ -90,9 +100,12 @@ def watched() -> None:
 def traps(folder: Path) -> Iterator[None]:
     """In the block nothing of this folder is touched."""
     WATCH.folder, WATCH.seen = str(folder), []
+    sought = ModulesSought()
+    sys.meta_path.insert(0, sought)
     try:
         yield
     finally:
+        sys.meta_path.remove(sought)
         WATCH.folder = ""
     assert not WATCH.seen
     assert not list(folder.glob("**/touched"))
@@ -169,6 +182,10 @@ def with_a_function_for_a_driver(job: Job, trap: Path) -> None:
     job["wiring"] = {"table": {"wire": {"timer": {"driver": "trap_driver:Driver"}}}}
 
 
+def with_a_module_named_as_a_driver(job: Job, trap: Path, kind: str = "text") -> None:
+    job["wiring"] = {"table": {"wire": {"timer": {"driver": f"{kind}:Driver"}}}}
+
+
 def with_a_model(job: Job, trap: Path) -> None:
     _with_driver(job, type="fmu", model=str(trap / "model.fmu"))
 
@@ -183,9 +200,10 @@ def with_nonsense(job: Job, trap: Path) -> None:
 
 
 ATTACKS = [
-    of_a_script, of_a_folder_by_its_name, with_a_driver, with_a_model, of_a_program, of_a_folder, of_a_path_for_a_name,
-    of_a_folder_with_the_name_of_a_shipped_one, with_a_wiring_file, with_a_wiring_by_a_path,
-    with_a_driver_of_the_station, with_a_function_for_a_driver, with_a_model_as_an_option, with_nonsense,
+    with_a_module_named_as_a_driver, of_a_script, of_a_folder_by_its_name, with_a_driver, with_a_model, of_a_program,
+    of_a_folder, of_a_path_for_a_name, of_a_folder_with_the_name_of_a_shipped_one, with_a_wiring_file,
+    with_a_wiring_by_a_path, with_a_driver_of_the_station, with_a_function_for_a_driver, with_a_model_as_an_option,
+    with_nonsense,
 ]  # fmt: skip
 
 
@@ -197,7 +215,7 @@ def conveyor() -> MemoryTape:
     return tape
 
 
-@pytest.fixture(params=first(3, ATTACKS), ids=lambda attack: attack.__name__)
+@pytest.fixture(params=first(4, ATTACKS), ids=lambda attack: attack.__name__)
 def attack(request: pytest.FixtureRequest, conveyor: MemoryTape, trap: Path) -> Path:
     return attacking(conveyor, trap, request.param)
 
@@ -246,6 +264,16 @@ def test_no_reader_of_a_recording_touches_what_it_names(
         with closing(WatchedRecording(Recording(attack))) as viewed:
             told = described_twin(viewed, None)
             assert told is None or "error" in told or viewed.twin_place == shipped()["conveyor"]
+
+
+@pytest.mark.parametrize("kind", sorted(registry.known()))
+@pytest.mark.parametrize("text", ["Driver", "", "Driver:x"])
+def test_a_registered_name_stands_for_no_module(conveyor: MemoryTape, trap: Path, kind: str, text: str) -> None:
+    """`text:Driver` is the class `Driver` of a module `text`, as the driver `text` has no such form."""
+    job = json.loads(json.dumps(dict(conveyor.job)))
+    job["wiring"] = {"table": {"wire": {"timer": {"driver": f"{kind}:{text}"}}}}
+    with traps(trap), pytest.raises(NotReplayable if kind != "station" else UmoError):
+        Program.of(MemoryTape(conveyor.layout, job))
 
 
 @pytest.mark.parametrize("name", ["press", "./conveyor"])
