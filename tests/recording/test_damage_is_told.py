@@ -162,7 +162,7 @@ def unrepaired(path: Path, seen: dict[int, bytes], told: bool) -> Iterator[str]:
             yield "a repair has lost periods, or has others"
         if not recording.is_whole:
             yield "a repaired file is not whole"
-        if told and not recording.damage and not recording.complete:
+        if told and not recording.damage and not recording.gaps and not recording.complete:
             yield "a repair has hidden the damage"
 
 

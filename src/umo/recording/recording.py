@@ -129,7 +129,7 @@ class Recording:
 
     @cached_property
     def complete(self) -> bool:
-        """Whether it has all frames, entries and commands from its first frame on, up to the end of the run."""
+        """Whether it has all frames, entries, commands and events from its first frame on, up to the end of the run."""
         return not self.damage and self._scan.is_exact and not self.gaps and self.ended
 
     @cached_property
@@ -283,6 +283,11 @@ class Recording:
     def events_told(self) -> int:
         """Number of its events: counted without holding them."""
         return self._scan.events
+
+    @property
+    def events_lost(self) -> int:
+        """Number of events that were written over before they were recorded."""
+        return self._scan.events_lost
 
     @property
     def _told_first(self) -> int | None:

@@ -47,6 +47,7 @@ class ShrunkBlock:
     lost: int = 0
     entries_lost: int = 0
     commands_lost: int = 0
+    events_lost: int = 0
 
 
 @dataclass
@@ -68,7 +69,7 @@ class WholeRecording:
     def __init__(self, tape: Tape) -> None:
         """NotReplayable if parts of it are lost."""
         blocks = list(tape.blocks())
-        if any(block.lost or block.entries_lost or block.commands_lost for block in blocks):
+        if any(block.lost or block.entries_lost or block.commands_lost or block.events_lost for block in blocks):
             raise NotReplayable("parts of the recording are lost: it cannot be shrunk")
         self.layout, self.job = tape.layout, tape.job
         self.damaged_end = str(getattr(tape, "damaged_end", ""))
