@@ -35,6 +35,7 @@ from umo.process.job_facts import job_facts
 from umo.process.station import Station, shipped
 from umo.recording import Recording, flight_folder
 from umo.recording.recording_file import RecordingFile
+from umo.replay import code_given
 from umo.replay.closed_loop import recorded_trial
 from umo.replay.code_given import CodeGiven
 from umo.replay.program import Program
@@ -311,6 +312,14 @@ def test_other_code_is_told(conveyor: MemoryTape, tmp_path: Path) -> None:
     assert Program.of(conveyor, given).code.startswith("the code is another than that of the recorded run (SHA-256 ")
 
 
+def test_code_that_is_too_large_to_be_hashed_is_not_told_as_the_same(
+    conveyor: MemoryTape, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(code_given, "files_hash", lambda *_: "not hashed: more than 2,000 files")
+    told = code_given.hash_told({"files": "not hashed: more than 2,000 files"}, tmp_path)
+    assert told.startswith("whether the code is that of the recorded run is not known")
+
+
 PROGRAM = """
 from beside import LEVEL
 from umo import Compound, DigitalActuator, DigitalSensor
@@ -350,6 +359,14 @@ def test_a_program_is_replayed_by_its_functions(umo: Umo, tmp_path: Path, monkey
     other = umo("replay", str(file), f"{tmp_path / 'other.py'}:make:work")
     assert other.exit_code == 1 and "the code is another" in other.stdout, other.output
     assert umo("replay", str(file), "none.py:make").exit_code == 2
+    for number, (before, after) in enumerate([("make()", "make(recipe: Path)"), ("work(m)", "work(m, recipe: Path)")]):
+        program = f"from pathlib import Path\n{PROGRAM}".replace("LEVEL)", "1.5)").replace(before, after)
+        (tmp_path / f"file{number}.py").write_text(program)
+        tape.layout.about["job"] = dict(tape.job) | {"options": {"given": {"recipe": str(tmp_path / "secret.txt")}}}
+        named = MemoryTape(tape.layout, tape.layout.about["job"])
+        named.events, named.recorded = tape.events, tape.recorded
+        asked = umo("replay", str(save(named, tmp_path / f"f{number}.mcap")), f"{tmp_path}/file{number}.py:make:work")
+        assert asked.exit_code == 2 and "had a file as its option --recipe" in asked.stderr, asked.output
     assert_replays(file, f"{tmp_path / 'oven.py'}:make:work")
 
 

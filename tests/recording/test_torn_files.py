@@ -141,6 +141,26 @@ def test_a_whole_file_is_not_repaired(tmp_path: Path) -> None:
     assert not repair(path) and path.read_bytes() == content
 
 
+def test_a_sector_that_cannot_be_read_costs_its_chunk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, get = tmp_path / "run.mcap", os.pread
+    written(path)
+    file = McapReader(path)
+    bad = file.chunks[1] + len(file.raw(file.chunks[1])) // 2
+    file.close()
+
+    def pread(number: int, length: int, at: int) -> bytes:
+        if at <= bad < at + length:
+            raise OSError(errno.EIO, "Input/output error")
+        return get(number, length, at)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "pread", pread)
+        with Recording(path) as recording:
+            assert len(recording.frames()) == 9 and "it cannot be read: Input/output error" in recording.damage[0]
+        assert repair(path)
+    assert others_read(path) == 9
+
+
 # A full disk --------------------------------------------------------------------------------------------
 
 
