@@ -188,9 +188,19 @@ class McapReader:
                 self.chunks.append(at)
             elif opcode in HELD:
                 self._hold(at, opcode, length)
+            elif opcode == Opcode.MESSAGE_INDEX and not self._is_message_index(at, length):
+                return False
         except (ValueError, struct.error):
             return False
         return opcode in (*HELD, Opcode.CHUNK, Opcode.HEADER, Opcode.MESSAGE_INDEX, Opcode.DATA_END, Opcode.FOOTER)
+
+    def _is_message_index(self, at: int, length: int) -> bool:
+        """Whether its length is that of its rows: else a chunk may lie in what it says that it is."""
+        head = self._at(at + mcap_records.HEAD.size, mcap_records.MESSAGE_INDEX.size)
+        if len(head) < mcap_records.MESSAGE_INDEX.size:
+            return False
+        _, rows = mcap_records.MESSAGE_INDEX.unpack(head)
+        return bool(rows % mcap_records.INDEXED.size == 0 and mcap_records.MESSAGE_INDEX.size + rows == length)
 
     def _next_chunk(self, at: int) -> int:
         """Offset of the next chunk from an offset on; the end of the file: there is none."""

@@ -6,6 +6,7 @@ import json
 import zlib
 from bisect import bisect_left
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -72,7 +73,7 @@ class Recording:
         """Why later parts are not read."""
         try:
             self.about_file, self.layout = _described(self._files[0])
-            for part in later_parts(self.path, int(self.about_file.get("part", 1))) if later else ():
+            for part in later_parts(self.path, int(self.about_file.get("part", "1"))) if later else ():
                 self._add(part)
         except BaseException:
             self.close()
@@ -100,7 +101,7 @@ class Recording:
         except FramesError as error:
             self._unread.append(str(error))
             about = {}
-        if about.get("run") == self.about_file["run"]:
+        if about.get("run", "") == self.about_file.get("run"):
             self._files.append(file)
         else:
             file.close()
@@ -323,7 +324,8 @@ class Recording:
     def _scan(self) -> RecordingScan:
         scan = RecordingScan()
         for place, head in self._placed_heads():
-            scan.add(head, place.file.path)
+            with _told_as_damaged(place.file):
+                scan.add(head, place.file.path)
         return scan
 
     def _heads(self) -> Iterator[BlockHead]:
@@ -334,11 +336,9 @@ class Recording:
         stop: int | None = None
         for place in self._chunks:
             for exact, _ in self._pairs(place):
-                try:
+                with _told_as_damaged(place.file):
                     about, rest = headed(exact)
                     head = BlockHead.of(about, len(exact) - len(rest))
-                except (ValueError, LookupError, TypeError, OverflowError) as error:
-                    raise FramesError(f"{place.file.path}: a block is damaged: {text_of(error)}") from None
                 if stop is not None and head.first < stop:
                     self._note(place, REPEATED)
                     continue
@@ -383,6 +383,15 @@ class Recording:
         self.close()
 
 
+@contextmanager
+def _told_as_damaged(file: McapReader) -> Iterator[None]:
+    """FramesError where the description of a block is malformed."""
+    try:
+        yield
+    except (ValueError, LookupError, TypeError, AttributeError, OverflowError) as error:
+        raise FramesError(f"{file.path}: a block is damaged: {text_of(error)}") from None
+
+
 def _extent_of(file: McapReader) -> Extent | None:
     """Which periods a file says that it has."""
     return Extent.read(file.metadata.get(EXTENT, {}))
@@ -403,6 +412,7 @@ def _described(file: McapReader) -> tuple[dict[str, str], Layout]:
     if version == FORMAT and about.get("checksum") != _checksum(about):
         raise FramesError(f"{file.path} is damaged: the checksum of its description does not fit")
     try:
+        int(about.get("part", "1"))
         layout = Layout.parse(checked_text(about["description"].encode()))
         initial = layout.about.get("initial", {})
         bytes.fromhex(initial.get("entries", ""))
@@ -410,7 +420,7 @@ def _described(file: McapReader) -> tuple[dict[str, str], Layout]:
             raise ValueError("its first sample is malformed")
     except KeyError as error:
         raise FramesError(f"{file.path} is damaged: it lacks {error}") from None
-    except (ValueError, TypeError, AttributeError) as error:
+    except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise FramesError(f"{file.path} is damaged: {text_of(error)}") from None
     return about, layout
 
