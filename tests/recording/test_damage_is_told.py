@@ -345,6 +345,17 @@ def test_a_repair_keeps_periods_that_lie_in_another_order(bases: dict[str, Base]
         assert rows(recording.frames()) == base.frames and recording.complete and not recording.damage
 
 
+def test_a_repair_keeps_a_chunk_whose_times_are_damaged(bases: dict[str, Base], tmp_path: Path) -> None:
+    """The times in the head of a chunk have no checksum; its content is sound."""
+    base, path = bases["never_closed"], tmp_path / "run.mcap"
+    content = bytearray(base.content[base.path])
+    content[base.chunks[base.path][3][0] + 10] ^= 1
+    path.write_bytes(content)
+    assert repair(path)
+    with Recording(path) as recording:
+        assert rows(recording.frames()) == base.frames
+
+
 def test_a_repaired_part_is_the_same_part(bases: dict[str, Base], tmp_path: Path) -> None:
     base = bases["rotated"]
     for part, content in base.content.items():

@@ -200,6 +200,9 @@ def repacked(record: bytes, content: bytes) -> PackedChunk:
         at += before + len(each.data)
     first, last = min(times, default=0), max(times, default=0)
     made = {channel: bytes(each) for channel, each in rows.items()}
+    data = memoryview(record)[mcap_records.HEAD.size + head.begin :]  # the times in its head have no checksum
+    if head.compression:
+        record = mcap_records.chunk(first, last, head.size, head.checksum, bytes(data))
     return PackedChunk(record, head.length, head.size, first, last, made)
 
 
