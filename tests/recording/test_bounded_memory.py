@@ -16,10 +16,13 @@ import zstandard
 
 from helpers.recorded import block_at_random, layout_of
 from helpers.tiers import first
-from umo.recording import mcap_records
+from umo.errors import FramesError
+from umo.recording import Recording, mcap_records
+from umo.recording import recording as recording_module
 from umo.recording.mcap_records import ChunkIndex, McapChannel, Opcode
 from umo.recording.recording import describe
 from umo.recording.recording_file import RecordingFile
+from umo.tables.recording_summary import facts_of
 
 LAYOUT = layout_of(2, 1, job={"station": "press"}, wiring="")
 MOST = 256 << 20
@@ -187,3 +190,20 @@ def test_a_large_machine_is_opened_within_them(tmp_path: Path, objects: int, row
     taken, said = peak(path)
     print(f"{objects} objects: {taken / 1e6:.0f} MB")
     assert taken <= MOST and "whole" in said
+
+
+@pytest.mark.parametrize("part", ["x", "", "1.5"])
+def test_a_malformed_part_is_told(tmp_path: Path, part: str) -> None:
+    texts = describe(LAYOUT) | {"part": part}
+    path = tmp_path / "run.mcap"
+    path.write_bytes(bytes(begun(texts | {"checksum": recording_module._checksum(texts)})) + chunk(exact(head())))
+    with pytest.raises(FramesError, match="is damaged"):
+        Recording(path)
+
+
+@pytest.mark.parametrize("changed", [{"first": float("inf")}, {"events": [[1, 2, 3]]}, {"boxes": [[1]]}], ids=str)
+def test_a_malformed_block_is_told(tmp_path: Path, changed: dict[str, Any]) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(bytes(begun()) + chunk(exact(head(**changed))))
+    with pytest.raises(FramesError, match="is damaged"), Recording(path) as recording:
+        facts_of(recording)

@@ -146,9 +146,24 @@ def faults(base: Base, folder: Path, places: Sequence[Damage]) -> list[str]:
             found += [f"frame {number} has another value" for number in seen if base.frames.get(number) != seen[number]]
             if missing := base.frames.keys() - seen.keys():
                 found += untold(recording, missing)
+            told = bool(recording.damage)
+        if len(parts) == 1:
+            found += unrepaired(folder / base.path.name, seen, told)
     except (FramesError, NotReplayable) as error:  # it cannot be opened, which is told
         assert "\n" not in str(error)
     return found
+
+
+def unrepaired(path: Path, seen: dict[int, bytes], told: bool) -> Iterator[str]:
+    """What a repair in place loses, of its periods or of what is told of the others."""
+    repair(path)
+    with Recording(path) as recording:
+        if rows(recording.frames()) != seen:
+            yield "a repair has lost periods, or has others"
+        if not recording.is_whole:
+            yield "a repaired file is not whole"
+        if told and not recording.damage and not recording.gaps and not recording.complete:
+            yield "a repair has hidden the damage"
 
 
 def untold(recording: Recording, missing: set[int]) -> Iterator[str]:
@@ -302,6 +317,64 @@ def test_a_repaired_file_still_says_what_it_lost(bases: dict[str, Base], tmp_pat
     with Recording(path) as recording:
         assert [(gap.first, gap.count) for gap in recording.gaps] == [(3600, 900)] and not recording.complete
         assert "900 of its 4,500 periods are missing" in recording.damage[0]
+
+
+@pytest.mark.parametrize("number", [0, 2, -1])
+def test_a_repaired_file_that_was_not_closed_still_says_what_was_damaged(
+    bases: dict[str, Base], tmp_path: Path, number: int
+) -> None:
+    base, path = bases["never_closed"], tmp_path / "run.mcap"
+    path.write_bytes(one_bit(base.content[base.path], base.chunks[base.path][number]))
+    with Recording(path) as recording:
+        seen = rows(recording.frames())
+        assert len(seen) == len(base.frames) - 40
+    assert repair(path) and not repair(path)
+    with Recording(path) as recording:
+        assert rows(recording.frames()) == seen and recording.is_whole and not recording.complete
+        assert any("a chunk is damaged, " in text for text in recording.damage), recording.damage
+        assert bool(recording.damaged_end) is (number == -1)
+
+
+def test_a_repair_keeps_periods_that_lie_in_another_order(bases: dict[str, Base], tmp_path: Path) -> None:
+    base, path = bases["never_closed"], tmp_path / "run.mcap"
+    content, chunks = base.content[base.path], base.chunks[base.path]
+    (a, b), (c, d) = chunks[0], chunks[1]
+    path.write_bytes(content[:a] + content[c:d] + content[b:c] + content[a:b] + content[d:])
+    assert repair(path)
+    with Recording(path) as recording:
+        assert rows(recording.frames()) == base.frames and recording.complete and not recording.damage
+
+
+def test_a_repair_keeps_a_chunk_whose_times_are_damaged(bases: dict[str, Base], tmp_path: Path) -> None:
+    """The times in the head of a chunk have no checksum; its content is sound."""
+    base, path = bases["never_closed"], tmp_path / "run.mcap"
+    content = bytearray(base.content[base.path])
+    content[base.chunks[base.path][3][0] + 10] ^= 1
+    path.write_bytes(content)
+    assert repair(path)
+    with Recording(path) as recording:
+        assert rows(recording.frames()) == base.frames
+
+
+def test_a_repaired_part_is_the_same_part(bases: dict[str, Base], tmp_path: Path) -> None:
+    base = bases["rotated"]
+    for part, content in base.content.items():
+        (tmp_path / part.name).write_bytes(content)
+    for part in list(base.content)[:2]:
+        path = tmp_path / part.name
+        path.write_bytes(one_bit(base.content[part], (base.chunks[part][-1][1] - 3, base.chunks[part][-1][1] - 2)))
+        with Recording(path) as recording:
+            before = rows(recording.frames())
+        assert repair(path)
+        with Recording(path) as recording:
+            assert rows(recording.frames()) == before
+        with Recording(path, later=False) as recording:
+            assert len(rows(recording.frames())) < len(before)
+    (tmp_path / list(base.content)[-1].name).unlink()
+    for part in list(base.content)[1:-1]:
+        (tmp_path / part.name).unlink()
+    with Recording(tmp_path / base.path.name) as recording:
+        assert f"the file that follows {base.path.name} is missing" in recording.damage
 
 
 def test_a_part_that_is_missing_or_cannot_be_read_is_told(bases: dict[str, Base], tmp_path: Path) -> None:

@@ -27,6 +27,8 @@ from umo.recording.recorder import Recorder
 from umo.recording.recording_file import RecordingFile
 from umo.recording.recording_parts import RecordingParts
 from umo.remote.queue import Receiver, Sender
+from umo.replay.tape import Periods
+from umo.tables.recording_summary import facts_of
 from umo.testing import Scripted, periods
 
 
@@ -213,3 +215,32 @@ def test_a_recorder_that_is_killed_costs_the_last_1_3_seconds_at_most(tmp_path: 
         spans = [recording.chunk(chunk)[0].frames["time"] for chunk in range(recording.chunks)]
         assert [len(each) * period for each in spans[:-1]] == pytest.approx([1.0] * (len(spans) - 1))
         assert len(recording.frames()) == frames.index
+
+
+@pytest.mark.parametrize(("each", "is_lost"), [(5, False), (20, True)])
+def test_every_event_is_recorded_or_counted_as_lost(tmp_path: Path, each: int, is_lost: bool) -> None:
+    """By the pauses of a recorder, in a run that tells some, and as many as there may be, in each period."""
+    with running() as (m, ring, reader):
+        path, now = tmp_path / "run.mcap", [0.0]
+        file = RecordingFile(path, reader.layout)
+        recorder = Recorder(reader, file, lambda: now[0], OpenThread())  # type: ignore[arg-type]
+        period = float(reader.about["period"])
+        while now[0] < 1.0:
+            now[0] += recorder.pause
+            for _ in range(round(now[0] / period) - ring.index):
+                for number in range(each):
+                    m.cycle.tell(f"event {number}")
+                periods(m, 1)
+            recorder.look()
+        recorder.finish()
+        file.close()
+        told = reader.next_event
+    with Recording(path) as recording:
+        found = [event.number for event in recording.events]
+        assert found == sorted(set(found)) and len(found) + recording.events_lost == told
+        assert bool(recorder.events_lost) is is_lost and recording.events_lost == recorder.events_lost
+        assert recording._scan.is_exact is not is_lost
+        assert facts_of(recording)["events_lost"] == recorder.events_lost
+        tape = Periods(recording)
+        assert sum(1 for _ in tape) == recording.periods or "events after" in tape.ended
+        assert ("events after" in tape.ended) is is_lost

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import os
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -74,6 +77,41 @@ def test_a_recording_may_have_the_name_of_a_part(tmp_path: Path) -> None:
         assert recording.parts == parts.paths and len(recording.frames()) == 12
     with Recording(parts.paths[1]) as recording:
         assert recording.parts == parts.paths[1:]
+
+
+def test_a_rotation_that_finds_no_room_leaves_the_files_of_others_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The number of a descriptor that was closed is that of the next file that anybody opens."""
+    path = tmp_path / "run.mcap"
+    parts = RecordingParts(path, LAYOUT, settings=RecordSettings(rotate=0.002))
+    for number in range(2):
+        parts.add([block_at_random(LAYOUT, 3 * number, 3, number)])
+    put = os.pwrite
+    closed = path.stat().st_ino
+
+    def pwrite(file: int, data: memoryview, at: int) -> int:
+        if os.fstat(file).st_ino == closed:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return put(file, data, at)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "pwrite", pwrite)
+        with pytest.raises(OSError, match="No space"):
+            parts.add([block_at_random(LAYOUT, 6, 3, 2)])
+        assert all(each in parts.paths for each in tmp_path.iterdir()) and len(parts.paths) == 2
+    numbers = [open(tmp_path / f"other.{number}", "w+b") for number in range(4)]  # noqa: SIM115
+    parts.close()
+    parts.close()
+    for other in numbers:
+        other.write(b"mine")
+        other.close()
+        assert Path(other.name).read_bytes() == b"mine"
+    with Recording(path) as recording:
+        assert recording.periods == 6 and any("was not closed" in text for text in recording.damage)
+        assert recording.parts == parts.paths
+    with closing(McapReader(parts.paths[1])) as file:
+        assert file.is_whole
 
 
 def test_a_file_in_the_place_of_the_second_part_is_refused_before_the_run(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
+from importlib.abc import MetaPathFinder
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from helpers.tiers import first
 from umo import Compound, DigitalSensor, connect, drive, published
 from umo.cli.long_runs import prune
 from umo.cli.long_runs import recorded as recorded_runs
+from umo.drivers import registry
 from umo.errors import UmoError
 from umo.frames import Reader
 from umo.latency import blackbox
@@ -33,6 +35,7 @@ from umo.process.job_facts import job_facts
 from umo.process.station import Station, shipped
 from umo.recording import Recording, flight_folder
 from umo.recording.recording_file import RecordingFile
+from umo.replay import code_given
 from umo.replay.closed_loop import recorded_trial
 from umo.replay.code_given import CodeGiven
 from umo.replay.program import Program
@@ -81,6 +84,14 @@ class Watch:
 WATCH = Watch()
 
 
+class ModulesSought(MetaPathFinder):
+    """Notes whoever wants to import a module of the name of a registered driver."""
+
+    def find_spec(self, name: str, *others: object) -> None:
+        if name in registry.known():
+            WATCH.seen.append(f"import {name}")
+
+
 @pytest.fixture(scope="module", autouse=True)
 def watched() -> None:
     sys.addaudithook(WATCH)  # it stays for the life of the process, and is of no use without a folder
@@ -90,9 +101,12 @@ def watched() -> None:
 def traps(folder: Path) -> Iterator[None]:
     """In the block nothing of this folder is touched."""
     WATCH.folder, WATCH.seen = str(folder), []
+    sought = ModulesSought()
+    sys.meta_path.insert(0, sought)
     try:
         yield
     finally:
+        sys.meta_path.remove(sought)
         WATCH.folder = ""
     assert not WATCH.seen
     assert not list(folder.glob("**/touched"))
@@ -169,6 +183,10 @@ def with_a_function_for_a_driver(job: Job, trap: Path) -> None:
     job["wiring"] = {"table": {"wire": {"timer": {"driver": "trap_driver:Driver"}}}}
 
 
+def with_a_module_named_as_a_driver(job: Job, trap: Path, kind: str = "text") -> None:
+    job["wiring"] = {"table": {"wire": {"timer": {"driver": f"{kind}:Driver"}}}}
+
+
 def with_a_model(job: Job, trap: Path) -> None:
     _with_driver(job, type="fmu", model=str(trap / "model.fmu"))
 
@@ -183,9 +201,10 @@ def with_nonsense(job: Job, trap: Path) -> None:
 
 
 ATTACKS = [
-    of_a_script, of_a_folder_by_its_name, with_a_driver, with_a_model, of_a_program, of_a_folder, of_a_path_for_a_name,
-    of_a_folder_with_the_name_of_a_shipped_one, with_a_wiring_file, with_a_wiring_by_a_path,
-    with_a_driver_of_the_station, with_a_function_for_a_driver, with_a_model_as_an_option, with_nonsense,
+    with_a_module_named_as_a_driver, of_a_script, of_a_folder_by_its_name, with_a_driver, with_a_model, of_a_program,
+    of_a_folder, of_a_path_for_a_name, of_a_folder_with_the_name_of_a_shipped_one, with_a_wiring_file,
+    with_a_wiring_by_a_path, with_a_driver_of_the_station, with_a_function_for_a_driver, with_a_model_as_an_option,
+    with_nonsense,
 ]  # fmt: skip
 
 
@@ -197,7 +216,7 @@ def conveyor() -> MemoryTape:
     return tape
 
 
-@pytest.fixture(params=first(3, ATTACKS), ids=lambda attack: attack.__name__)
+@pytest.fixture(params=first(4, ATTACKS), ids=lambda attack: attack.__name__)
 def attack(request: pytest.FixtureRequest, conveyor: MemoryTape, trap: Path) -> Path:
     return attacking(conveyor, trap, request.param)
 
@@ -248,6 +267,16 @@ def test_no_reader_of_a_recording_touches_what_it_names(
             assert told is None or "error" in told or viewed.twin_place == shipped()["conveyor"]
 
 
+@pytest.mark.parametrize("kind", sorted(registry.known()))
+@pytest.mark.parametrize("text", ["Driver", "", "Driver:x"])
+def test_a_registered_name_stands_for_no_module(conveyor: MemoryTape, trap: Path, kind: str, text: str) -> None:
+    """`text:Driver` is the class `Driver` of a module `text`, as the driver `text` has no such form."""
+    job = json.loads(json.dumps(dict(conveyor.job)))
+    job["wiring"] = {"table": {"wire": {"timer": {"driver": f"{kind}:{text}"}}}}
+    with traps(trap), pytest.raises(NotReplayable if kind != "station" else UmoError):
+        Program.of(MemoryTape(conveyor.layout, job))
+
+
 @pytest.mark.parametrize("name", ["press", "./conveyor"])
 def test_what_the_command_line_names_is_run(umo: Umo, conveyor: MemoryTape, trap: Path, name: str) -> None:
     """The same traps are touched by the code that is named: the grid above would see it."""
@@ -281,6 +310,14 @@ def test_other_code_is_told(conveyor: MemoryTape, tmp_path: Path) -> None:
     assert Program.of(conveyor, given).code == ""
     (copy / "more.py").write_text("")
     assert Program.of(conveyor, given).code.startswith("the code is another than that of the recorded run (SHA-256 ")
+
+
+def test_code_that_is_too_large_to_be_hashed_is_not_told_as_the_same(
+    conveyor: MemoryTape, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(code_given, "files_hash", lambda *_: "not hashed: more than 2,000 files")
+    told = code_given.hash_told({"files": "not hashed: more than 2,000 files"}, tmp_path)
+    assert told.startswith("whether the code is that of the recorded run is not known")
 
 
 PROGRAM = """
@@ -322,6 +359,14 @@ def test_a_program_is_replayed_by_its_functions(umo: Umo, tmp_path: Path, monkey
     other = umo("replay", str(file), f"{tmp_path / 'other.py'}:make:work")
     assert other.exit_code == 1 and "the code is another" in other.stdout, other.output
     assert umo("replay", str(file), "none.py:make").exit_code == 2
+    for number, (before, after) in enumerate([("make()", "make(recipe: Path)"), ("work(m)", "work(m, recipe: Path)")]):
+        program = f"from pathlib import Path\n{PROGRAM}".replace("LEVEL)", "1.5)").replace(before, after)
+        (tmp_path / f"file{number}.py").write_text(program)
+        tape.layout.about["job"] = dict(tape.job) | {"options": {"given": {"recipe": str(tmp_path / "secret.txt")}}}
+        named = MemoryTape(tape.layout, tape.layout.about["job"])
+        named.events, named.recorded = tape.events, tape.recorded
+        asked = umo("replay", str(save(named, tmp_path / f"f{number}.mcap")), f"{tmp_path}/file{number}.py:make:work")
+        assert asked.exit_code == 2 and "had a file as its option --recipe" in asked.stderr, asked.output
     assert_replays(file, f"{tmp_path / 'oven.py'}:make:work")
 
 

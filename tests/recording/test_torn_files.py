@@ -19,6 +19,7 @@ from umo.errors import FramesError
 from umo.recording import Recording
 from umo.recording.copying import repair
 from umo.recording.mcap_reader import McapReader
+from umo.recording.mcap_records import Opcode
 from umo.recording.protobuf_channels import ProtobufChannels
 from umo.recording.recording_file import RecordingFile
 
@@ -139,6 +140,43 @@ def test_a_whole_file_is_not_repaired(tmp_path: Path) -> None:
     written(path)
     content = path.read_bytes()
     assert not repair(path) and path.read_bytes() == content
+
+
+def test_a_bit_in_the_length_of_a_message_index_costs_no_chunk(tmp_path: Path) -> None:
+    """Of a file that is not closed: what follows is not taken for a part of the index."""
+    path = tmp_path / "run.mcap"
+    end = written(path, 6)[-1]
+    file = McapReader(path)
+    at = file.chunks[1] + len(file.raw(file.chunks[1]))
+    file.close()
+    content = path.read_bytes()[:end]
+    assert content[at] == Opcode.MESSAGE_INDEX
+    for bit in range(20):
+        changed = bytearray(content)
+        changed[at + 1 + bit // 8] ^= 1 << bit % 8
+        path.write_bytes(changed)
+        with Recording(path) as recording:
+            assert recording.periods == 18, bit
+
+
+def test_a_sector_that_cannot_be_read_costs_its_chunk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, get = tmp_path / "run.mcap", os.pread
+    written(path)
+    file = McapReader(path)
+    bad = file.chunks[1] + len(file.raw(file.chunks[1])) // 2
+    file.close()
+
+    def pread(number: int, length: int, at: int) -> bytes:
+        if at <= bad < at + length:
+            raise OSError(errno.EIO, "Input/output error")
+        return get(number, length, at)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "pread", pread)
+        with Recording(path) as recording:
+            assert len(recording.frames()) == 9 and "it cannot be read: Input/output error" in recording.damage[0]
+        assert repair(path)
+    assert others_read(path) == 9
 
 
 # A full disk --------------------------------------------------------------------------------------------

@@ -11,10 +11,13 @@ from pathlib import Path
 import pytest
 from typer.testing import Result
 
+from helpers.damages import chunks_of
 from helpers.tapes import OVEN, changed_conveyor, recorded, save
+from helpers.tiers import first
+from umo.exit_status import ExitStatus
 from umo.recording import Recording
 from umo.replay.tape import NotReplayable
-from umo.testing import assert_replays
+from umo.testing import assert_no_error, assert_replays
 
 Umo = Callable[..., Result]
 
@@ -106,6 +109,61 @@ def test_one_line_in_pytest(conveyor: Path, tmp_path: Path) -> None:
         assert_replays(conveyor, copy)
     with pytest.raises(NotReplayable, match=r"none\.mcap"):
         assert_replays(tmp_path / "none.mcap")
+
+
+def with_a_bit(content: bytes, chunk: tuple[int, int]) -> bytes:
+    begin, end = chunk
+    data = bytearray(content)
+    data[begin + (end - begin) // 3] ^= 1
+    return bytes(data)
+
+
+DAMAGES: dict[str, Callable[[bytes, list[tuple[int, int]]], bytes]] = {
+    "a bit of the last chunk": lambda content, chunks: with_a_bit(content, chunks[-1]),
+    "cut after a chunk": lambda content, chunks: content[: chunks[0][1]],
+    "a bit of the second chunk": lambda content, chunks: with_a_bit(content, chunks[1]),
+}
+
+
+@pytest.mark.parametrize("damage", first(2, list(DAMAGES)))
+def test_what_is_missing_in_a_recording_is_not_identical(umo: Umo, tmp_path: Path, damage: str) -> None:
+    """A test that compares nothing must not pass: the periods that are missing were not compared."""
+    file = save(recorded("conveyor", parts=1, stop=2.5), tmp_path / "run.mcap")
+    assert_replays(file)
+    assert_no_error(file)
+    file.write_bytes(DAMAGES[damage](file.read_bytes(), chunks_of(file)))
+    for check in (assert_replays, assert_no_error):
+        with pytest.raises(AssertionError, match=r"identical as far as it goes: .*\nthe replay ended here: "):
+            check(file)
+        check(file, damaged=True)
+    told = umo("replay", str(file))
+    assert told.exit_code == ExitStatus.NOT_RECORDED and told.stdout.startswith("identical as far as it goes: ")
+    refused = umo("shrink", str(file), "--seconds", "1")
+    assert refused.exit_code == 2 and ("as far as it goes (" in refused.stderr or "are lost" in refused.stderr)
+
+
+@pytest.mark.parametrize(
+    "seed", ["٣", "4294967296", "9" * 5000, "-1", "1e3"], ids=["arabic", "large", "long", "negative", "float"]
+)
+def test_an_order_of_hashes_that_python_does_not_take_is_refused(umo: Umo, tmp_path: Path, seed: str) -> None:
+    tape = recorded("conveyor", stop=0.01)
+    tape.layout.about["initial"]["hash_seed"] = seed
+    refused = umo("replay", str(save(tape, tmp_path / "run.mcap")))
+    assert refused.exit_code == 2 and "order of hashes" in refused.stderr and len(refused.stderr.splitlines()) == 1
+
+
+def test_a_replay_in_a_process_of_its_own_imports_nothing_from_the_current_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tape = recorded("conveyor", stop=0.01)
+    tape.layout.about["initial"]["hash_seed"] = "7"
+    file = save(tape, tmp_path / "run.mcap")
+    monkeypatch.setattr(sys, "path", [each for each in sys.path if each])
+    monkeypatch.chdir(tmp_path)
+    for module in ("umo", "typing", "pathlib"):
+        (tmp_path / f"{module}.py").write_text("open('touched', 'w')\nraise SystemExit(1)\n")
+    assert_replays(file)
+    assert not (tmp_path / "touched").exists()
 
 
 HASHED = """

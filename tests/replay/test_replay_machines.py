@@ -443,10 +443,12 @@ def test_lost_frames_and_lost_entries_end_the_replay_in_words() -> None:
     first, second = (Block(block.frames[part], block.entries[:0]) for part in (slice(20), slice(25, None)))
     tape.recorded = [first, replace(second, lost=5)]
     result = each.replay(tape)
-    assert result.identical and result.periods == 20
+    assert result.difference is None and not result.identical and result.periods == 20
     assert "5 frames after 0.02 s were lost" in str(result)
     tape.recorded = [first, replace(second, entries_lost=2)]
     assert "2 entries of the journal after 0.02 s were lost" in str(each.replay(tape))
+    tape.recorded = [first, replace(second, events_lost=3)]
+    assert "3 events after 0.02 s were lost" in str(each.replay(tape))
 
 
 def test_a_machine_with_other_objects_is_refused_in_one_line() -> None:

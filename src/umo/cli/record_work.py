@@ -123,6 +123,8 @@ class RecordingWork:
             words.append(f"{recorder.lost} periods were lost: the recorder was behind")
         if recorder.entries_lost or recorder.commands_lost:
             words.append(f"{recorder.entries_lost} entries and {recorder.commands_lost} commands were lost")
+        if recorder.events_lost:
+            words.append(f"{recorder.events_lost} events were lost")
         return f" ({', '.join(words)})"
 
     def _land(self, folder: FlightFolder) -> None:

@@ -6,8 +6,10 @@ A driver is imported only if a wiring names it. A driver that is missing is not 
 from __future__ import annotations
 
 import importlib
+from collections.abc import Mapping
+from contextlib import suppress
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from umo.drivers.contract import Driver
 from umo.errors import WiringError, text_of
@@ -51,3 +53,15 @@ def find(name: str) -> type[Driver]:
     if not (isinstance(found, type) and issubclass(found, Driver)):
         raise WiringError(f"{name!r} is not a umo driver")
     return found
+
+
+def table_of(name: str) -> Mapping[str, Any]:
+    """What a driver stands for that only lines of `[wire]` name, as a table `[drivers.NAME]`: a type, or `TYPE:TEXT`
+    where a registered type knows such a form. `:` stands for `module:Class` in all others."""
+    kind, _, text = name.partition(":")
+    if text and kind in known():
+        with suppress(WiringError):  # it is told as for any other
+            table = find(kind).table(text)
+            if table is not None:
+                return {"type": kind, **table}
+    return {"type": name}

@@ -92,7 +92,7 @@ class Plan:
     def __init__(self, job: Job) -> None:
         self.job = job
         station = None if job.station is None else find(job.station)
-        make, main = (station.make, station.main) if station else _functions_of(job)
+        make, main = (station.make, station.main) if station else functions_of(job)
         self.wiring: Path | Mapping[str, Any] | None
         if station is not None and (job.wiring is None or isinstance(job.wiring, str)):
             self.wiring = station.wiring(job.wiring)
@@ -133,7 +133,7 @@ class Plan:
         return hashlib.sha256(json.dumps(what, sort_keys=True, default=as_plain).encode()).hexdigest()[:24]
 
 
-def _functions_of(job: Job) -> tuple[Callable[..., Any], Callable[..., Any] | None]:
+def functions_of(job: Job) -> tuple[Callable[..., Any], Callable[..., Any] | None]:
     if job.machine is None:
         raise DeclarationError("a job needs a station, or a function that returns the machine")
     make = _import(job.machine, job.script)

@@ -87,6 +87,8 @@ class Block:
     """What the ring said beside the frames: `mode`, `holder` of the lease, `tunables` where they have changed."""
     boxes: Sequence[BlackBox] = ()
     """The black boxes of which the last frame is one of these."""
+    events_lost: int = 0
+    """Number of events, told up to these frames, that were written over before they were copied."""
     is_full: bool = True
     """Whether the columns that replay does not need are there; else their numbers are 0 and NaN."""
 
@@ -117,6 +119,7 @@ class Block:
         second = replace(
             self, frames=rest, entries=self.entries[entries:], commands=self.commands[commands:],
             events=self.events[events:], boxes=self.boxes[boxes:], lost=0, entries_lost=0, commands_lost=0,
+            events_lost=0,
         )  # fmt: skip
         return first, second
 
@@ -148,6 +151,8 @@ def exact_message(block: Block) -> bytes:
         "events": events, "live": dict(block.live), "time": float(block.frames["time"][0]),
         "number": int(block.frames["number"][0]),
     }  # fmt: skip
+    if block.events_lost:
+        about["events_lost"] = block.events_lost
     if block.boxes:
         about["boxes"] = block.boxes
     texts = b"".join(each.data for each in block.commands)
@@ -215,8 +220,14 @@ def _block_of(layout: Layout, exact: bytes | memoryview, columns: bytes | memory
             frames["values"][:, following] = _values(layout, frames)[:, following]
     return Block(
         frames, entries, _commands(about["commands"], texts), int(about["lost"]), int(about["entries_lost"]),
-        int(about["commands_lost"]), events_of(about), about["live"], boxes_of(about), columns is not None,
+        int(about["commands_lost"]), events_of(about), about["live"], boxes_of(about),
+        events_lost_of(about), columns is not None,
     )  # fmt: skip
+
+
+def events_lost_of(about: Mapping[str, Any]) -> int:
+    """How many events are missing in a message `umo/exact`, in its description."""
+    return int(about.get("events_lost", 0))
 
 
 def events_of(about: Mapping[str, Any]) -> list[NumberedEvent]:

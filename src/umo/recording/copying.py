@@ -4,45 +4,50 @@ never closed made whole."""
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
-from umo.errors import FramesError
+from umo.errors import FramesError, text_of
 from umo.recording.block import headed
-from umo.recording.extent import EXTENT, Extent
+from umo.recording.chunk_order import EXACT, REPEATED, damaged, in_order
+from umo.recording.extent import DAMAGE, EXTENT, FOLLOWED, Extent, damage_texts, not_closed
 from umo.recording.mcap_reader import McapMessage, McapReader, messages_in
 from umo.recording.mcap_records import message
 from umo.recording.mcap_writer import McapWriter, Messages, PackedChunk, repacked
-from umo.recording.recording import EXACT, METADATA, SPARSE_TOPICS, as_first
+from umo.recording.recording import METADATA, SPARSE_TOPICS, as_first
+from umo.recording.recording_scan import BlockHead
 
 BATCH, BATCH_BYTES = 64, 8 << 20
 """Chunks, or bytes of them, that are written at once."""
 
 
+Metadata = list[tuple[str, dict[str, str]]]
+
+
 @contextmanager
-def _new(path: Path, like: McapReader, extent: Callable[[], Mapping[str, str] | None]) -> Iterator[McapWriter]:
-    """A new file with metadata, schemas and channels of another one, which takes this name when it is complete.
-    `extent`: what it says of its periods, asked when all is written."""
+def _new(path: Path, like: McapReader, first: Metadata, last: Callable[[], Metadata]) -> Iterator[McapWriter]:
+    """A new file with schemas and channels of another one, which takes this name when it is complete. `first`: its
+    metadata; `last`: those that are asked for when all is written."""
     hidden = path.with_name(f".{path.name}.{os.getpid()}")
     hidden.unlink(missing_ok=True)
-    metadata = [
-        (name, as_first(texts) if name == METADATA else texts)
-        for name, texts in like.metadata.items()
-        if name != EXTENT
-    ]
-    writer = McapWriter(hidden, metadata, list(like.schemas.values()), list(like.channels.values()))
+    writer = McapWriter(hidden, first, list(like.schemas.values()), list(like.channels.values()))
     try:
         yield writer
     except BaseException:
         writer.discard()
         raise
     try:
-        found = extent()
-        writer.close([] if found is None else [(EXTENT, dict(found))])
+        writer.close(last())
         os.replace(hidden, path)
     finally:
         hidden.unlink(missing_ok=True)
+
+
+def _metadata(file: McapReader) -> Metadata:
+    """Those of a file, without what it says of its periods."""
+    return [each for each in file.metadata.items() if each[0] not in (EXTENT, DAMAGE)]
 
 
 class _Joined:
@@ -52,20 +57,49 @@ class _Joined:
         self._files = files
         self._stop = 0
         self.seen: Extent | None = None
+        self.time: float | None = None
+        """Time of the first frame of the last block, s."""
+        self.ended = False
+        """Whether the end of the run was seen."""
+        self.damage = [text for file in files for text in self._told(file)]
+        """What is damaged, in sentences, as far as the files were read."""
+
+    @staticmethod
+    def _told(file: McapReader) -> Iterator[str]:
+        yield from file.metadata.get(DAMAGE, {}).values()
+        torn = file.size if file.is_whole else file.end  # behind it lies what is being written
+        for each in file.damaged:
+            if each.at < torn:
+                yield f"{file.path.name}, at byte {each.at:,}: {each.why} (before it was copied)"
 
     def chunks(self) -> Iterator[PackedChunk]:
         for file in self._files:
-            for at in file.chunks:
-                with suppress(ValueError, KeyError, TypeError):  # it is damaged: its periods are missing
+            note = partial(self._note, file)
+            for at in in_order(file, note):
+                try:
                     content = file.chunk(at)
-                    heads = [headed(each.data)[0] for each in messages_in(content) if each.channel == EXACT]
-                    if heads and int(heads[0]["first"]) < self._stop:
-                        continue  # it was there
-                    for head in heads:
-                        first, count = int(head["first"]), int(head["count"])
-                        self.seen = Extent(first, first + count, count, float(head["time"])).after(self.seen)
-                        self._stop = first + count
-                    yield repacked(file.raw(at), content)
+                    if self._see(content):
+                        yield repacked(file.raw(at), content)
+                    else:
+                        note(at, REPEATED)
+                except (ValueError, LookupError, TypeError, OverflowError) as error:  # its periods are missing
+                    note(at, damaged(ValueError(text_of(error))))
+
+    def _note(self, file: McapReader, at: int, why: str) -> None:
+        self.damage.append(f"{file.path.name}, at byte {at:,}: {why} (before it was copied)")
+
+    def _see(self, content: bytes) -> bool:
+        """Take in what the blocks of a chunk say of themselves; false if its periods were there before."""
+        found = (each.data for each in messages_in(content) if each.channel == EXACT)
+        heads = [BlockHead.of(headed(each)[0], 0) for each in found]
+        if heads and heads[0].first < self._stop:
+            return False
+        for head in heads:
+            stop = head.first + head.periods
+            self.seen = Extent(head.first, stop, head.periods, head.time).after(self.seen)
+            self._stop, self.time = stop, head.time
+            self.ended = self.ended or any(each.event.is_end for each in head.events)
+        return True
 
     @property
     def extent(self) -> Extent | None:
@@ -79,6 +113,13 @@ class _Joined:
             whole = each and each.after(whole)
         return whole
 
+    @property
+    def metadata(self) -> Metadata:
+        """What the new file says of its periods, and of those that are missing."""
+        extent = self.extent
+        told = [] if extent is None else [(EXTENT, extent.texts)]
+        return told + ([(DAMAGE, damage_texts(self.damage))] if self.damage else [])
+
 
 def join(parts: Sequence[Path], path: Path) -> None:
     """All parts as one file, each as far as it is sound. OSError, FramesError."""
@@ -87,54 +128,67 @@ def join(parts: Sequence[Path], path: Path) -> None:
         with suppress(FramesError):  # it was cut in its first write, or that is under way: it has nothing
             files.append(McapReader(part))
     joined = _Joined(files)
+    first = [(name, as_first(texts) if name == METADATA else texts) for name, texts in _metadata(files[0])]
     try:
-        with _new(path, files[0], lambda: joined.extent and joined.extent.texts) as writer:
-            batch: list[PackedChunk] = []
-            for chunk in joined.chunks():
-                batch.append(chunk)
-                if sum(len(each.record) for each in batch) >= BATCH_BYTES:
-                    writer.add(batch)
-                    batch = []
-            if batch:
-                writer.add(batch)
+        with _new(path, files[0], first, lambda: joined.metadata) as writer:
+            _copy(joined.chunks(), writer)
     finally:
         for file in files:
             file.close()
+
+
+def _copy(chunks: Iterator[PackedChunk], writer: McapWriter) -> None:
+    batch: list[PackedChunk] = []
+    for chunk in chunks:
+        batch.append(chunk)
+        if len(batch) >= BATCH or sum(len(each.record) for each in batch) >= BATCH_BYTES:
+            writer.add(batch)
+            batch = []
+    if batch:
+        writer.add(batch)
 
 
 def thin(path: Path) -> None:
     """Leave what replay needs, and what is seldom: exact columns, events, alarms, commands. OSError, FramesError."""
     file = McapReader(path)
     kept = {EXACT, *(each.number for each in file.channels.values() if each.topic in SPARSE_TOPICS)}
+    told = [(name, texts) for name, texts in file.metadata.items() if name in (EXTENT, DAMAGE)]
     try:
-        with _new(path, file, lambda: file.metadata.get(EXTENT)) as writer:
-            batch: list[PackedChunk] = []
-            for at in file.chunks:
-                with suppress(ValueError):  # it is damaged
-                    if found := file.messages(at, kept):
-                        batch.append(writer.pack(_by_channel(found)))
-                if len(batch) >= BATCH:
-                    writer.add(batch)
-                    batch = []
-            if batch:
-                writer.add(batch)
+        with _new(path, file, _metadata(file), lambda: told) as writer:
+            _copy(_thinned(file, kept, writer), writer)
     finally:
         file.close()
 
 
+def _thinned(file: McapReader, kept: set[int], writer: McapWriter) -> Iterator[PackedChunk]:
+    for at in file.chunks:
+        with suppress(ValueError):  # it is damaged, which its extent tells
+            if found := file.messages(at, kept):
+                yield writer.pack(_by_channel(found))
+
+
 def repair(path: Path) -> bool:
     """Make a file that was not closed, or is damaged, whole for every reader, with the chunks that are sound; false if
-    it was whole, and stays as it is."""
+    it was whole, and stays as it is. It is the same part of its recording, and says what was damaged."""
     file = McapReader(path)
     try:
         if METADATA not in file.metadata:
             raise FramesError(f"{path} has nothing that could be repaired: it was cut before its first second")
         if file.is_whole and not file.damaged and file.is_sound and all(map(file.is_readable, file.chunks)):
             return False
+        joined = _Joined([file])
+        with _new(path, file, _metadata(file), lambda: _of_repaired(file, joined)) as writer:
+            _copy(joined.chunks(), writer)
     finally:
         file.close()
-    join([path], path)
     return True
+
+
+def _of_repaired(file: McapReader, joined: _Joined) -> Metadata:
+    if not file.is_whole and not joined.ended:
+        joined.damage.append(f"{not_closed(file.path.name, joined.time)} (before it was repaired)")
+    followed = {name: text for name, text in file.metadata.get(EXTENT, {}).items() if name == FOLLOWED}
+    return [(name, texts | followed if name == EXTENT else texts) for name, texts in joined.metadata]
 
 
 def _by_channel(found: Sequence[McapMessage]) -> list[Messages]:

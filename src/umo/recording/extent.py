@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from umo.recording.block import Block
@@ -12,6 +12,25 @@ EXTENT = "umo/periods"
 
 FOLLOWED = "followed"
 """What stands in it of a file after which another one was begun."""
+
+DAMAGE = "umo/damage"
+"""Name of the metadata record that says, in sentences, what was damaged in the files that this one was made of."""
+MAX_TOLD = 100
+"""Sentences in it, at most."""
+
+
+def not_closed(name: str, time: float | None) -> str:
+    """What is told of a file that was not closed. `time`: that of its last block, s; None: it has none."""
+    last = "it has no periods" if time is None else f"what followed {time:g} s, if anything, is not in it"
+    return f"{name} was not closed (it was cut, its recorder was killed, or it is being written): {last}"
+
+
+def damage_texts(told: Sequence[str]) -> dict[str, str]:
+    """The texts of such a record; in the order of their names."""
+    few = list(told[:MAX_TOLD])
+    if rest := len(told) - len(few):
+        few.append(f"{rest:,} other places were damaged")
+    return {f"{number:03}": text for number, text in enumerate(few)}
 
 
 class Extent(NamedTuple):

@@ -15,7 +15,7 @@ import stat
 import struct
 import zlib
 from collections.abc import Container, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
@@ -188,9 +188,19 @@ class McapReader:
                 self.chunks.append(at)
             elif opcode in HELD:
                 self._hold(at, opcode, length)
+            elif opcode == Opcode.MESSAGE_INDEX and not self._is_message_index(at, length):
+                return False
         except (ValueError, struct.error):
             return False
         return opcode in (*HELD, Opcode.CHUNK, Opcode.HEADER, Opcode.MESSAGE_INDEX, Opcode.DATA_END, Opcode.FOOTER)
+
+    def _is_message_index(self, at: int, length: int) -> bool:
+        """Whether its length is that of its rows: else a chunk may lie in what it says that it is."""
+        head = self._at(at + mcap_records.HEAD.size, mcap_records.MESSAGE_INDEX.size)
+        if len(head) < mcap_records.MESSAGE_INDEX.size:
+            return False
+        _, rows = mcap_records.MESSAGE_INDEX.unpack(head)
+        return bool(rows % mcap_records.INDEXED.size == 0 and mcap_records.MESSAGE_INDEX.size + rows == length)
 
     def _next_chunk(self, at: int) -> int:
         """Offset of the next chunk from an offset on; the end of the file: there is none."""
@@ -253,18 +263,21 @@ class McapReader:
     def is_sound(self) -> bool:
         """Whether all of a closed file is as it was written, by the checksum of its data; reads all of it. Files of umo
         0.2 have no such checksum, and count as sound."""
-        end = self._at(self._data_end, mcap_records.DATA_END_BYTES)
-        if len(end) < mcap_records.DATA_END_BYTES or end[0] != Opcode.DATA_END:
-            return False
-        (checksum,) = struct.unpack_from("<I", end, mcap_records.HEAD.size)
-        return not checksum or self._checksum(0, self._data_end) == checksum
+        with suppress(ValueError), _unreadable_is_damaged():
+            end = self._at(self._data_end, mcap_records.DATA_END_BYTES)
+            if len(end) < mcap_records.DATA_END_BYTES or end[0] != Opcode.DATA_END:
+                return False
+            (checksum,) = struct.unpack_from("<I", end, mcap_records.HEAD.size)
+            return not checksum or self._checksum(0, self._data_end) == checksum
+        return False
 
     def head(self, at: int) -> ChunkHead:
         """The head of the chunk at an offset. ValueError if it is damaged."""
-        found = next(self._records(at, self.size), None)
-        if found is None or found[1] != Opcode.CHUNK:
-            raise ValueError("there is no whole chunk")
-        begin = memoryview(self._at(at + mcap_records.HEAD.size, mcap_records.CHUNK_HEAD_BYTES))
+        with _unreadable_is_damaged():
+            found = next(self._records(at, self.size), None)
+            if found is None or found[1] != Opcode.CHUNK:
+                raise ValueError("there is no whole chunk")
+            begin = memoryview(self._at(at + mcap_records.HEAD.size, mcap_records.CHUNK_HEAD_BYTES))
         try:
             head = mcap_records.read_chunk(begin, found[2])
         except struct.error:
@@ -281,7 +294,9 @@ class McapReader:
     def chunk(self, at: int) -> bytes:
         """The content of the chunk at an offset. ValueError if it is damaged."""
         head = self.head(at)
-        content = content_of(head, self._at(at + mcap_records.HEAD.size + head.begin, head.length))
+        with _unreadable_is_damaged():
+            data = self._at(at + mcap_records.HEAD.size + head.begin, head.length)
+        content = content_of(head, data)
         if len(content) != head.size or zlib.crc32(content) != head.checksum:
             raise ValueError("its checksum does not fit")
         return content
@@ -306,6 +321,17 @@ class McapReader:
         if self._file >= 0:
             os.close(self._file)
             self._file = -1
+
+
+@contextmanager
+def _unreadable_is_damaged() -> Iterator[None]:
+    """ValueError where a sector of the disk cannot be read."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno != errno.EIO:
+            raise
+        raise ValueError(f"it cannot be read: {error.strerror}") from None
 
 
 def _opened(path: Path) -> int:

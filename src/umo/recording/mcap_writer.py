@@ -145,18 +145,26 @@ class McapWriter:
 
     def close(self, metadata: Sequence[tuple[str, dict[str, str]]] = ()) -> None:
         """Write these metadata, summary and footer. Where there is no room for them (OSError) the file keeps its
-        chunks, and is not closed."""
+        chunks, and is not whole. A second call does nothing."""
+        if self._file < 0:
+            return
         try:
             made = bytearray()
             for name, texts in metadata:
                 made += self._indexed_metadata(self.end + len(made), name, texts)
             self._append(bytes(made), self._closing(self.end + len(made), zlib.crc32(made, self._checksum)))
         finally:
-            os.close(self._file)
+            self._release()
+
+    def _release(self) -> None:
+        """Close the descriptor, whose number is that of another file afterwards."""
+        file, self._file = self._file, -1
+        if file >= 0:
+            os.close(file)
 
     def discard(self) -> None:
         """Give the file up."""
-        os.close(self._file)
+        self._release()
         self.path.unlink(missing_ok=True)
 
     def _indexed_metadata(self, at: int, name: str, texts: dict[str, str]) -> bytes:
@@ -192,6 +200,9 @@ def repacked(record: bytes, content: bytes) -> PackedChunk:
         at += before + len(each.data)
     first, last = min(times, default=0), max(times, default=0)
     made = {channel: bytes(each) for channel, each in rows.items()}
+    data = memoryview(record)[mcap_records.HEAD.size + head.begin :]  # the times in its head have no checksum
+    if head.compression:
+        record = mcap_records.chunk(first, last, head.size, head.checksum, bytes(data))
     return PackedChunk(record, head.length, head.size, first, last, made)
 
 

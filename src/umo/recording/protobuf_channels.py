@@ -46,8 +46,8 @@ HEADS = np.dtype({"names": ["sequence", "log", "publish"], "formats": ["<u4", "<
 UNITS = "units"
 """Name of the metadata record with unit and range of each number, by path."""
 MAX_UNITS = 2000
-"""Numbers whose units are in the channel's metadata too, at most: those stand in the end of the file, which is written
-again each second."""
+"""Numbers whose units are in the channel's metadata too, at most: those stand twice in
+the file, at its beginning and in its end."""
 
 
 class ProtobufChannels:

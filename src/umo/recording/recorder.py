@@ -63,7 +63,7 @@ class Recorder:
         """Number of frames that were recorded."""
         self.lost = 0
         """Number of frames that were written over before they were read."""
-        self.entries_lost = self.commands_lost = 0
+        self.entries_lost = self.commands_lost = self.events_lost = 0
         self.end: NumberedEvent | None = None
         """The last event of the run, once it was told."""
         self._period, slots = float(reader.about.get("period") or 0.001), reader.slots
@@ -87,7 +87,7 @@ class Recorder:
         """Take what is new; write it if it is time. OSError where it cannot be written."""
         now = self._clock()
         if self._thread is not None and now < self._next_collection:
-            self._collector.copy_commands()
+            self._collector.copy()
             return
         self._next_collection = now + self._collection
         self._collect()
@@ -149,7 +149,10 @@ class Recorder:
         self._settle()
         if self._pending:
             last = self._pending[-1]
-            last = replace(last, events=[*last.events, *self._noted(self._collector.rest())])
+            rest = self._noted(self._collector.rest())
+            lost = self._collector.lost_events()
+            self.events_lost += lost
+            last = replace(last, events=[*last.events, *rest], events_lost=last.events_lost + lost)
             self._write([*self._pending[:-1], last], self._reason)
             self._pending = []
             self._settle()
@@ -167,6 +170,7 @@ class Recorder:
         self.lost += block.lost
         self.entries_lost += block.entries_lost
         self.commands_lost += block.commands_lost
+        self.events_lost += block.events_lost
         self._noted(block.events)
 
     def _noted(self, events: list[NumberedEvent]) -> list[NumberedEvent]:

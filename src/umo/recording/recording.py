@@ -6,7 +6,7 @@ import json
 import zlib
 from bisect import bisect_left
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -19,7 +19,8 @@ from umo.errors import FramesError, text_of
 from umo.frames.layout import Layout
 from umo.frames.reader import Frames, NumberedEvent
 from umo.recording.block import BlackBox, Block, TakenCommand, block_of, checked_text, headed
-from umo.recording.extent import EXTENT, FOLLOWED, Extent
+from umo.recording.chunk_order import COLUMNS, EXACT, REPEATED, damaged, in_order
+from umo.recording.extent import DAMAGE, EXTENT, FOLLOWED, Extent, not_closed
 from umo.recording.mcap_reader import McapReader
 from umo.recording.part_names import later_parts
 from umo.recording.recording_scan import BlockHead, FileScan, RecordingScan
@@ -32,12 +33,9 @@ OLD_FORMAT = "1"
 METADATA = "umo"
 """Name of the metadata that say what a file is."""
 EXACT_TOPIC, COLUMNS_TOPIC = "umo/exact", "umo/columns"
-EXACT, COLUMNS = 1, 2
-"""The numbers of these channels, in every file: what a file says of channels has no checksum until it is closed."""
 EVENTS_TOPIC, ALARMS_TOPIC, COMMANDS_TOPIC, BOXES_TOPIC = "events", "alarms", "commands", "black_boxes"
 SPARSE_TOPICS = frozenset({EXACT_TOPIC, EVENTS_TOPIC, ALARMS_TOPIC, COMMANDS_TOPIC, BOXES_TOPIC})
 """What is kept from period 0 on, also where the rest of old files is not."""
-REPEATED = "its periods were there before"
 MALFORMED = "its description is malformed"
 """Why a file does not say what was run."""
 
@@ -75,7 +73,7 @@ class Recording:
         """Why later parts are not read."""
         try:
             self.about_file, self.layout = _described(self._files[0])
-            for part in later_parts(self.path, int(self.about_file.get("part", 1))) if later else ():
+            for part in later_parts(self.path, int(self.about_file.get("part", "1"))) if later else ():
                 self._add(part)
         except BaseException:
             self.close()
@@ -84,18 +82,8 @@ class Recording:
         self._chunks = [place for file in self._files for place in self._in_order(file)]
 
     def _in_order(self, file: McapReader) -> list[_Place]:
-        """The chunks of a file in the order of their periods. One that is not closed may have them in any, or twice."""
-        places = [_Place(file, at) for at in file.chunks]
-        if file.is_whole:
-            return places
-        firsts: dict[int, _Place] = {}
-        for place in places:
-            first = next((_first_of(exact) for exact, _ in self._pairs(place)), None)
-            if first in firsts:
-                self._note(place, REPEATED)
-            elif first is not None:
-                firsts[first] = place
-        return [firsts[first] for first in sorted(firsts)]
+        """The chunks of a file in the order of their periods."""
+        return [_Place(file, at) for at in in_order(file, lambda at, why: self._note(_Place(file, at), why))]
 
     def _note(self, place: _Place, why: str) -> None:
         """Remember what is damaged; each place once."""
@@ -113,7 +101,7 @@ class Recording:
         except FramesError as error:
             self._unread.append(str(error))
             about = {}
-        if about.get("run") == self.about_file["run"]:
+        if about.get("run", "") == self.about_file.get("run"):
             self._files.append(file)
         else:
             file.close()
@@ -142,7 +130,7 @@ class Recording:
 
     @cached_property
     def complete(self) -> bool:
-        """Whether it has all frames, entries and commands from its first frame on, up to the end of the run."""
+        """Whether it has all frames, entries, commands and events from its first frame on, up to the end of the run."""
         return not self.damage and self._scan.is_exact and not self.gaps and self.ended
 
     @cached_property
@@ -161,8 +149,7 @@ class Recording:
         told += [text for (path, _), text in self._noted.items() if path == file.path]
         extent = _extent_of(file)
         if not file.is_whole:
-            last = f"what followed {seen.time:g} s, if anything, is not in it" if seen.blocks else "it has no periods"
-            told.append(f"{name} was not closed (it was cut, its recorder was killed, or it is being written): {last}")
+            told.append(not_closed(name, seen.time if seen.blocks else None))
         elif not told and not file.is_sound:
             told.append(f"{name} is damaged outside of its chunks: other readers may fail, no period is missing")
         if extent is not None and seen.periods != extent.periods:
@@ -170,7 +157,7 @@ class Recording:
         blocks = file.counts.get(EXACT, 0)
         if file.is_whole and extent is None and seen.blocks != blocks:
             told.append(f"{name}: {blocks - seen.blocks:,} of its {blocks:,} blocks are missing")
-        return told
+        return [*told, *file.metadata.get(DAMAGE, {}).values()]
 
     @cached_property
     def ended(self) -> bool:
@@ -299,6 +286,11 @@ class Recording:
         return self._scan.events
 
     @property
+    def events_lost(self) -> int:
+        """Number of events that were written over before they were recorded."""
+        return self._scan.events_lost
+
+    @property
     def _told_first(self) -> int | None:
         """The number of the first frame that the first file had when it was closed; None: it does not say."""
         extent = _extent_of(self._files[0])
@@ -332,7 +324,8 @@ class Recording:
     def _scan(self) -> RecordingScan:
         scan = RecordingScan()
         for place, head in self._placed_heads():
-            scan.add(head, place.file.path)
+            with _told_as_damaged(place.file):
+                scan.add(head, place.file.path)
         return scan
 
     def _heads(self) -> Iterator[BlockHead]:
@@ -343,11 +336,9 @@ class Recording:
         stop: int | None = None
         for place in self._chunks:
             for exact, _ in self._pairs(place):
-                try:
+                with _told_as_damaged(place.file):
                     about, rest = headed(exact)
                     head = BlockHead.of(about, len(exact) - len(rest))
-                except (ValueError, LookupError, TypeError, OverflowError) as error:
-                    raise FramesError(f"{place.file.path}: a block is damaged: {text_of(error)}") from None
                 if stop is not None and head.first < stop:
                     self._note(place, REPEATED)
                     continue
@@ -359,7 +350,7 @@ class Recording:
         try:
             found = place.file.messages(place.at, (EXACT, COLUMNS))
         except ValueError as error:
-            self._note(place, f"a chunk is damaged, {error}")
+            self._note(place, damaged(error))
             return
         rest = {message.sequence: message.data for message in found if message.channel == COLUMNS}
         for message in found:
@@ -392,16 +383,18 @@ class Recording:
         self.close()
 
 
+@contextmanager
+def _told_as_damaged(file: McapReader) -> Iterator[None]:
+    """FramesError where the description of a block is malformed."""
+    try:
+        yield
+    except (ValueError, LookupError, TypeError, AttributeError, OverflowError) as error:
+        raise FramesError(f"{file.path}: a block is damaged: {text_of(error)}") from None
+
+
 def _extent_of(file: McapReader) -> Extent | None:
     """Which periods a file says that it has."""
     return Extent.read(file.metadata.get(EXTENT, {}))
-
-
-def _first_of(exact: memoryview) -> int:
-    """The number of the first frame of a block; that of no block if it is damaged, which is told when it is read."""
-    with suppress(ValueError, LookupError, TypeError):
-        return int(headed(exact)[0]["first"])
-    return -1
 
 
 def _is_table(found: object) -> bool:
@@ -419,6 +412,7 @@ def _described(file: McapReader) -> tuple[dict[str, str], Layout]:
     if version == FORMAT and about.get("checksum") != _checksum(about):
         raise FramesError(f"{file.path} is damaged: the checksum of its description does not fit")
     try:
+        int(about.get("part", "1"))
         layout = Layout.parse(checked_text(about["description"].encode()))
         initial = layout.about.get("initial", {})
         bytes.fromhex(initial.get("entries", ""))
@@ -426,7 +420,7 @@ def _described(file: McapReader) -> tuple[dict[str, str], Layout]:
             raise ValueError("its first sample is malformed")
     except KeyError as error:
         raise FramesError(f"{file.path} is damaged: it lacks {error}") from None
-    except (ValueError, TypeError, AttributeError) as error:
+    except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise FramesError(f"{file.path} is damaged: {text_of(error)}") from None
     return about, layout
 

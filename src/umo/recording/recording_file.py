@@ -13,10 +13,11 @@ import numpy.typing as npt
 from umo.frames.layout import Layout
 from umo.frames.reader import Frames
 from umo.recording.block import Block, columns_message, exact_message
+from umo.recording.chunk_order import COLUMNS, EXACT
 from umo.recording.extent import EXTENT, FOLLOWED, Extent
 from umo.recording.mcap_records import McapChannel, Schema, message
 from umo.recording.mcap_writer import McapWriter, Messages, PackedChunk
-from umo.recording.recording import COLUMNS, COLUMNS_TOPIC, EXACT, EXACT_TOPIC, METADATA, describe
+from umo.recording.recording import COLUMNS_TOPIC, EXACT_TOPIC, METADATA, describe
 
 Times = npt.NDArray[np.int64]
 CHUNK_TIME, CHUNK_BYTES = 1.0, 1 << 20

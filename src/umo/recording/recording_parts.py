@@ -62,17 +62,20 @@ class RecordingParts:
 
     def add(self, blocks: Sequence[Block]) -> None:
         """Write blocks as one chunk."""
-        settings = self._settings
-        if self._file.span and (self._file.span >= self._rotate_time or self._file.size >= settings.size):
-            number = len(self._parts) + 2
-            following = RecordingFile(part_name(self.path, number), self._layout, self._others, part=number)
-            self._parts.append(_Part(self._file.path, self._file.size, self._time))
-            self._file.close(followed=True)
-            self._file = following
+        if self._file.span and (self._file.span >= self._rotate_time or self._file.size >= self._settings.size):
+            self._rotate()
         self._file.add(blocks)
         self._time = float(blocks[-1].frames["time"][-1])
         if self._thinning is None or self._thinning.done():
             self._make_thin()
+
+    def _rotate(self) -> None:
+        """Begin the next file. OSError, too, where the end of the last one finds no room: the next one is there, and is
+        closed as any other."""
+        number, last = len(self._parts) + 2, self._file
+        self._file = RecordingFile(part_name(self.path, number), self._layout, self._others, part=number)
+        self._parts.append(_Part(last.path, last.size, self._time))
+        last.close(followed=True)
 
     def _make_thin(self) -> None:
         """Make the oldest full part thin if there are too many, in a thread: frames go on meanwhile."""

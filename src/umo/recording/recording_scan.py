@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from umo.errors import FramesError
 from umo.frames.reader import NumberedEvent
-from umo.recording.block import BlackBox, boxes_of, events_of
+from umo.recording.block import BlackBox, boxes_of, events_lost_of, events_of
 
 MAX_BLOCKS = 3_000_000
 """Blocks of a recording, at most: a month of seconds."""
@@ -66,10 +66,12 @@ class RecordingScan:
     """Time of the first frame of each block, s."""
     files: dict[Path, FileScan] = field(default_factory=dict)
     is_exact: bool = True
-    """Whether no entry of a journal and no command was lost while it was recorded."""
+    """Whether no entry of a journal, no command and no event was lost while it was recorded."""
     commands: int = 0
     events: int = 0
     """How many there are."""
+    events_lost: int = 0
+    """How many events were written over before they were recorded."""
     end: NumberedEvent | None = None
     """The event of the end of the run, the last one."""
     kept_events: list[NumberedEvent] | None = field(default_factory=list)
@@ -86,6 +88,8 @@ class RecordingScan:
         file = self.files.setdefault(path, FileScan())
         file.blocks, file.periods, file.time = file.blocks + 1, file.periods + head.periods, head.time
         self.is_exact = self.is_exact and not head.about["entries_lost"] and not head.about["commands_lost"]
+        self.events_lost += events_lost_of(head.about)
+        self.is_exact = self.is_exact and not self.events_lost
         self.commands += len(head.about["commands"])
         events, boxes = head.events, head.boxes
         self.events += len(events)

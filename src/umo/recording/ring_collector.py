@@ -37,33 +37,63 @@ class Collector:
         """Number of the last command whose period is known; None before the first frame."""
         self._stop: int | None = None
         """Number of the frame that follows the last one; None before the first."""
+        self._events: list[NumberedEvent] = []
+        """The events that were copied, and belong to no block yet."""
         self._event = 0
+        """Number of the next event."""
+        self.events_lost = 0
+        """Number of events before that one that were written over before they were copied, and belong to no block."""
         self._tunables = 0
 
     def look(self) -> list[Block]:
         """What is new, as blocks; few frames each."""
-        self.copy_commands()
+        self.copy()
         frames = self._reader.read()
         if not len(frames):
             return []
-        self.copy_commands()
+        self.copy()
         breaks = np.flatnonzero(np.diff(frames["sequence"]) != 2) + 1
         parts = [frames] if not len(breaks) else np.split(frames, breaks)
         return [self._block(part) for part in parts]
 
     def rest(self) -> list[NumberedEvent]:
-        """The events that were told after the last frame."""
-        events = self._reader.events(self._event)
-        self._event = self._reader.next_event
+        """The events that were told after the last block."""
+        self._copy_events()
+        events, self._events = self._events, []
         return events
+
+    def copy(self) -> None:
+        """Copy new commands and events before others are written over them."""
+        self.copy_commands()
+        self._copy_events()
+
+    def _copy_events(self) -> None:
+        stop = self._reader.next_event
+        if stop <= self._event:
+            return
+        events = self._reader.events(self._event)  # some of them may have been told meanwhile
+        stop = max(stop, events[-1].number + 1) if events else stop
+        self.events_lost += stop - self._event - len(events)
+        self._events += events
+        self._event = stop
+
+    def lost_events(self, is_begun_late: bool = False) -> int:
+        """How many events are missing since the last block. Those before a recording that was begun late are not."""
+        lost, self.events_lost = self.events_lost, 0
+        return 0 if is_begun_late else lost
 
     def _block(self, frames: Frames) -> Block:
         first = int(frames["sequence"][0]) // 2 - 1
         lost = 0 if self._stop is None else first - self._stop
+        is_begun_late = self._stop is None and first > 0
         self._stop = first + len(frames)
         entries, entries_lost = self._entries(frames)
         commands, commands_lost = self._commands(frames, first, lost)
-        return Block(frames, entries, commands, lost, entries_lost, commands_lost, self.rest(), self._live())
+        events, live = self.rest(), self._live()
+        events_lost = self.lost_events(is_begun_late)
+        return Block(
+            frames, entries, commands, lost, entries_lost, commands_lost, events, live, events_lost=events_lost
+        )
 
     def _entries(self, frames: Frames) -> tuple[Entries, int]:
         start, last = int(frames["journal"][0]), frames[-1]
@@ -149,4 +179,5 @@ def _one(blocks: list[Block]) -> Block:
         sum(block.commands_lost for block in blocks),
         [event for block in blocks for event in block.events],
         live,
+        events_lost=sum(block.events_lost for block in blocks),
     )

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from umo.process.job import MAIN_MODULE, Job
+from umo.process.job import MAIN_MODULE, Job, functions_of
 from umo.process.job_facts import files_hash
 from umo.process.station import Station, find, packaged
 from umo.replay.recorded_wiring import files_among, recorded_wiring
 from umo.replay.tape import NotReplayable
-from umo.signature import parameters_of, signature_of
+from umo.signature import parameters_of
 from umo.text import in_a_line, printable
 from umo.wiring.parameters import flag
 from umo.wiring.run_options import WIRING_OPTIONS, driver_options
@@ -103,8 +103,8 @@ def _check_files(job: Job, station: Station | None) -> None:
     if not job.options:
         return
     found = {name: each for name, (_, each) in driver_options(_wiring(job, station)).items()}
-    if station is not None:
-        found |= signature_of(station.make) | (parameters_of(station.main, 1) if station.main else {})
+    make, main = functions_of(job) if station is None else (station.make, station.main)
+    found |= parameters_of(make, 0) | (parameters_of(main, 1) if main else {})
     for name in files_among(found, job.options):
         raise NotReplayable(
             f"the recorded run had a file as its option {flag(name)}, and a recording opens none: replay it by a "
@@ -121,10 +121,10 @@ def _wiring(job: Job, station: Station | None) -> Any:
 def hash_told(recorded: Mapping[str, Any], place: Path) -> str:
     """A remark if the files of the code are others than in the recorded run; "": they are the same."""
     before, today = str(recorded.get("files") or "not recorded"), files_hash(place, lambda: 0.0)
-    if before == today:
-        return ""
     if not before.isalnum() or not today.isalnum():
         return "whether the code is that of the recorded run is not known: its files were not hashed"
+    if before == today:
+        return ""
     return (
         f"the code is another than that of the recorded run (SHA-256 {before[:SHOWN_HASH]}, today {today[:SHOWN_HASH]})"
     )

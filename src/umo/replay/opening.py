@@ -11,9 +11,13 @@ from typing import TYPE_CHECKING
 from umo.errors import FramesError
 from umo.replay.tape import NotReplayable
 from umo.system.processes import HASH_SEED
+from umo.text import in_a_line, printable
 
 if TYPE_CHECKING:
     from umo.recording import Recording
+
+MAX_HASH_SEED = 4_294_967_295
+"""The largest number that Python takes as PYTHONHASHSEED."""
 
 
 @contextmanager
@@ -40,7 +44,13 @@ def opened(path: Path | str) -> Iterator[Recording]:
 
 
 def other_hash_seed(about: Mapping[str, object]) -> str | None:
-    """The hash seed of a recorded run, if this process has another one: it can be set only where a process starts."""
+    """The hash seed of a recorded run, if this process has another one: it can be set only where a process starts.
+    NotReplayable if it is none that Python takes."""
     initial = about.get("initial")
     seed = str(initial.get("hash_seed", "")) if isinstance(initial, dict) else ""
-    return seed if seed.isdecimal() and seed != os.environ.get(HASH_SEED) else None
+    if seed in ("", "random") or seed == os.environ.get(HASH_SEED):
+        return None
+    is_number = seed.isascii() and seed.isdigit() and len(seed) <= len(str(MAX_HASH_SEED))
+    if not is_number or int(seed) > MAX_HASH_SEED:
+        raise NotReplayable(f"the order of hashes of the recording, {printable(in_a_line(seed))[:50]!r}, is none")
+    return seed

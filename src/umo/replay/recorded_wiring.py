@@ -114,16 +114,11 @@ def _absolute(table: Mapping[str, Any], station: Station | None) -> dict[str, An
 
 
 def drivers_in(source: WiringSource) -> Iterator[RecordedDriver]:
-    """The drivers that a wiring declares, and those that only its lines name, as a type or as `TYPE:TEXT`."""
-    for table in source.drivers.values():
+    """The drivers that a wiring declares, and those that only its lines name, as `connect` resolves them."""
+    named = {each.driver for each in source.entries.values()} - source.drivers.keys()
+    for table in [*source.drivers.values(), *map(registry.table_of, sorted(named))]:
         if isinstance(kind := table.get("type"), str):
             yield RecordedDriver(kind, {key: value for key, value in table.items() if key != "type"})
-    for name in {each.driver for each in source.entries.values()} - source.drivers.keys():
-        kind, _, text = name.partition(":")
-        if text and kind in registry.known():
-            yield RecordedDriver(kind, {"": text})
-        else:
-            yield RecordedDriver(name, {})
 
 
 def _signature(kind: str) -> Mapping[str, inspect.Parameter]:

@@ -68,23 +68,27 @@ class Replayed:
 
     @property
     def identical(self) -> bool:
-        return self.difference is None
+        """Whether all of the recorded run was replayed, without a difference."""
+        return self.difference is None and not self.inexact
 
     @property
     def status(self) -> ExitStatus:
         """The exit status of `umo replay`."""
-        return ExitStatus.DONE if self.identical else ExitStatus.FAILED
+        if self.difference is not None:
+            return ExitStatus.FAILED
+        return ExitStatus.DONE if self.identical else ExitStatus.NOT_RECORDED
 
     def __str__(self) -> str:
         count = f"{self.periods:,} periods ({duration(round(self.simulated, 6))}), {self.raws:,} commanded raw integers"
         if self.open_loop:
             count = f"{self.periods:,} periods in open loop, of which only the error is compared"
-        lines = [f"identical: {count}" if self.difference is None else f"different: {count}\n{self.difference}"]
+        as_far = "identical as far as it goes" if self.inexact else "identical"
+        lines = [f"{as_far}: {count}" if self.difference is None else f"different: {count}\n{self.difference}"]
         if self.settings:
             changed = ", ".join(f"{path} = {value}" for path, value in self.settings.items())
             lines.append(f"with {changed}: open loop, as the recorded sensors do not answer to what is commanded now")
         lines += [f"the replay ended here: {self.inexact}"] if self.inexact else []
         lines += [f"the recorded run ended by: {self.ended}"] if self.ended else []
         lines += [self.code] if self.code else []
-        lines += [self.hashes] if self.hashes and not self.identical else []
+        lines += [self.hashes] if self.hashes and self.difference is not None else []
         return "\n".join(lines)

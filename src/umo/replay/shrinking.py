@@ -47,6 +47,7 @@ class ShrunkBlock:
     lost: int = 0
     entries_lost: int = 0
     commands_lost: int = 0
+    events_lost: int = 0
 
 
 @dataclass
@@ -68,9 +69,11 @@ class WholeRecording:
     def __init__(self, tape: Tape) -> None:
         """NotReplayable if parts of it are lost."""
         blocks = list(tape.blocks())
-        if any(block.lost or block.entries_lost or block.commands_lost for block in blocks):
+        if any(block.lost or block.entries_lost or block.commands_lost or block.events_lost for block in blocks):
             raise NotReplayable("parts of the recording are lost: it cannot be shrunk")
         self.layout, self.job = tape.layout, tape.job
+        self.damaged_end = str(getattr(tape, "damaged_end", ""))
+        """Why its end may be missing, in words; empty: nothing is known to be."""
         self.compared = True
         """Whether what the periods command is compared when the chosen ones are replayed, and not the error alone."""
         self._frames = np.concatenate([block.frames for block in blocks])
@@ -184,8 +187,9 @@ class Shrinking:
             self.source.compared = False
             self.ending = ReplayedError.of(result.error)
         else:
+            as_far = f"as far as it goes ({lost}), " if (lost := self.source.damaged_end) else ""
             raise NotReplayable(
-                "the replay of this recording is identical and ends without an error: nothing to shrink to"
+                f"the replay of this recording is identical {as_far}and ends without an error: nothing to shrink to"
             )
 
     def run(self, go_on: Callable[[], bool] = lambda: True) -> ShrunkTape:

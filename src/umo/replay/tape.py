@@ -62,6 +62,10 @@ class TapeBlock(Protocol):
     def commands_lost(self) -> int:
         """Commands that are missing in it."""
 
+    @property
+    def events_lost(self) -> int:
+        """Events that are missing in it."""
+
 
 class Tape(Protocol):
     """A recorded run. `umo.recording.Recording` is one."""
@@ -175,6 +179,9 @@ class Periods:
                 return
             if block.commands_lost:
                 self.ended = f"{block.commands_lost} commands of clients after {last:g} s were lost"
+                return
+            if block.events_lost:
+                self.ended = f"{block.events_lost} events after {last:g} s were lost"
                 return
             self.commands |= {each.number: each.data for each in block.commands}
             for period, lost in self._periods(block):

@@ -40,6 +40,7 @@ def facts_of(recording: Recording) -> dict[str, Any]:
         "objects": len(recording.layout.objects),
         "signals": len(recording.layout.signals),
         "events": recording.events_told,
+        "events_lost": recording.events_lost,
         "commands": recording.commands_taken,
         "black_boxes": [box._asdict() for box in recording.black_boxes],
         "end": end and {"time": end.time, "text": end.text, "state": str(end.state)},
@@ -61,7 +62,7 @@ def lines_of(facts: dict[str, Any]) -> list[tuple[str, str]]:
     each = f" of {duration(period)}" if period else ""
     none = "none known, see damage" if facts["damage"] else "none"
     lost = none if not facts["lost"] else f"{facts['lost']:,} in {_count(len(facts['gaps']), 'gap')}"
-    end = facts["end"]
+    end, lost_events = facts["end"], facts["events_lost"]
     last = "not in it" if end is None else f"{end['text']} ({end['state']}, at {end['time']:g} s)"
     versions = ", ".join(f"{name} {facts['versions'][name]}" for name in NAMED if name in facts["versions"])
     size = f"{facts['size'] / 1e6:,.2f} MB" + (f" in {facts['parts']} files" if facts["parts"] > 1 else "")
@@ -73,7 +74,7 @@ def lines_of(facts: dict[str, Any]) -> list[tuple[str, str]]:
         ("periods", f"{facts['periods']:,}{each}"),
         ("lost", lost),
         ("values of", f"{_count(facts['objects'], 'object')}, {_count(facts['signals'], 'signal')}"),
-        ("events", f"{facts['events']:,}"),
+        ("events", f"{facts['events']:,}" + (f", {lost_events:,} were lost" if lost_events else "")),
         ("commands", f"{facts['commands']:,}"),
         ("black boxes", _boxes(facts["black_boxes"])),
         ("end", last),

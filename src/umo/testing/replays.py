@@ -12,7 +12,13 @@ if TYPE_CHECKING:
     from umo.replay.result import Replayed
 
 
-def assert_replays(file: Path | str, station: Path | str | None = None, wiring: Path | str | None = None) -> None:
+def assert_replays(
+    file: Path | str,
+    station: Path | str | None = None,
+    wiring: Path | str | None = None,
+    *,
+    damaged: bool = False,
+) -> None:
     """Replay a recording with the control code of today: AssertionError with the first difference.
 
         def test_the_run_of_monday_is_repeated() -> None:
@@ -21,21 +27,33 @@ def assert_replays(file: Path | str, station: Path | str | None = None, wiring: 
     `station`: the code, as the folder or name of a station, or `FILE.py:MACHINE:APPLICATION`; None: the station that
     ships with umo or is installed under the recorded name. Nothing else is imported because the recording names it.
     `wiring`: a wiring of the station by name, or a file; None: the recorded one, as data. NotReplayable (`umo.replay`)
-    if the recording cannot be replayed. A recording whose order of hashes was fixed to another one than this process
-    has is replayed in a process of its own.
+    if the recording cannot be replayed. `damaged`: also of a recording of which something is missing, up to there; else
+    that is an AssertionError, as what is missing was not compared.
+
+    A recording whose order of hashes was fixed to another one than this process has is replayed in a process of its
+    own.
     """
-    result = _replayed(file, station, wiring, "assert_replays")
-    assert result is None or result.identical, str(result)
+    result = _replayed(file, station, wiring, "assert_replays", damaged)
+    assert result is None or result.identical or (damaged and result.difference is None), str(result)
 
 
-def assert_no_error(file: Path | str, station: Path | str | None = None, wiring: Path | str | None = None) -> None:
+def assert_no_error(
+    file: Path | str,
+    station: Path | str | None = None,
+    wiring: Path | str | None = None,
+    *,
+    damaged: bool = False,
+) -> None:
     """Replay a recording of which `umo shrink` has left periods out: AssertionError as long as the control code of
     today ends with an error on these inputs. Else as `assert_replays`."""
-    result = _replayed(file, station, wiring, "assert_no_error")
+    result = _replayed(file, station, wiring, "assert_no_error", damaged)
     assert result is None or result.error is None, str(result.error)
+    assert result is None or damaged or not result.inexact, str(result)
 
 
-def _replayed(file: Path | str, station: Path | str | None, wiring: Path | str | None, check: str) -> Replayed | None:
+def _replayed(
+    file: Path | str, station: Path | str | None, wiring: Path | str | None, check: str, damaged: bool
+) -> Replayed | None:
     """The replay. None: it was made, and checked, in a process of its own."""
     from umo.replay.code_given import CodeGiven
     from umo.replay.opening import opened, other_hash_seed
@@ -50,8 +68,11 @@ def _replayed(file: Path | str, station: Path | str | None, wiring: Path | str |
             code = CodeGiven(*(None if each is None else str(each) for each in (station, wiring)))
             return replay(tape, Program.of(tape, code))
     words = ["" if each is None else str(each) for each in (file, station, wiring)]
-    program = f"import sys; from umo.testing import {check} as check; check(*(each or None for each in sys.argv[1:]))"
-    command = [sys.executable, "-c", program]
+    program = (
+        f"import sys; from umo.testing import {check} as check; "
+        f"check(*(each or None for each in sys.argv[1:]), damaged={damaged})"
+    )
+    command = [sys.executable, "-P", "-c", program]
     environ = os.environ | {HASH_SEED: seed, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     done = subprocess.run([*command, *words], capture_output=True, text=True, env=environ, check=False)
     *_, end = ["", *done.stderr.strip().splitlines()]

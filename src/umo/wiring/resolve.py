@@ -10,7 +10,6 @@ import inspect
 import math
 import operator
 from collections.abc import Hashable, Mapping, Sequence
-from contextlib import suppress
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -194,18 +193,14 @@ class _Resolver:
         timed = any(item.path == "timer" for item in items)
         return period and period * (1 if timed else min(map(self.rates.every, outputs or items), default=1))
 
-    def _table_of(self, name: str) -> dict[str, Any]:
-        """Of a driver that only lines of `[wire]` name: a type, or `TYPE:TEXT` where the type knows such a form."""
-        kind, _, text = name.partition(":")
-        if text and kind in registry.known():
-            with suppress(WiringError):  # it is told as for any other
-                table = registry.find(kind).table(text)
-                if table is not None:
-                    self.source.drivers[name] = {"type": kind, **table}
-                    return self.source.drivers[name]
-        return {"type": name}
+    def _table_of(self, name: str) -> Mapping[str, Any]:
+        """Of a driver that only lines of `[wire]` name."""
+        table = registry.table_of(name)
+        if table["type"] != name:
+            self.source.drivers[name] = dict(table)
+        return table
 
-    def _make_driver(self, name: str, table: dict[str, Any]) -> Driver | None:
+    def _make_driver(self, name: str, table: Mapping[str, Any]) -> Driver | None:
         from pydantic import ValidationError
 
         from umo.wiring.schema import arguments_of, mistakes_of

@@ -75,9 +75,9 @@ def _driver_options(wiring: WiringText) -> tuple[dict[str, tuple[str, inspect.Pa
     source = read(wiring)
     complete = not source.mistakes
     types = {name: table.get("type", name) for name, table in source.drivers.items()}
-    names = {types.get(entry.driver, entry.driver): None for entry in source.entries.values()}
+    named = {entry.driver: None for entry in source.entries.values() if entry.driver not in types}
     taken: dict[str, tuple[str, inspect.Parameter]] = {}
-    for name in dict.fromkeys([*types.values(), *names]):
+    for name in dict.fromkeys([*types.values(), *(registry.table_of(each)["type"] for each in named)]):
         try:
             parameters = signature_of(registry.find(name))
         except WiringError:
