@@ -665,6 +665,21 @@ def test_an_empty_line_before_an_answer_is_an_error_that_names_the_option() -> N
         read(driver, "a")
 
 
+def test_an_empty_answer_may_be_a_state_unless_empty_lines_are_skipped() -> None:
+    channels = {"relay": {"ask": "R?", "states": {0: ["", "NONE"], 1: "ON"}}}
+    said = iter([b"\n", b"ON\n", b"NONE\n"])
+    with device(lambda line: next(said), channels=channels, identify=None) as (driver, _):
+        assert [read(driver, "relay") for _ in range(3)] == [[0], [1], [0]]
+    with pytest.raises(WiringError, match=r'^channels\.relay\.states: "" never comes, as skip_empty_lines = true$'):
+        Text(host="127.0.0.1", port=1, channels=channels, skip_empty_lines=True)
+
+
+def test_a_channel_may_be_named_terminator() -> None:
+    channels = {"terminator": {"ask": "T?", "answer": "{}"}}
+    with device(lambda line: b"5\n", channels=channels, identify=None) as (driver, _):
+        assert read(driver, "terminator") == [5]
+
+
 def test_a_device_that_sends_empty_lines_for_ever_is_an_error() -> None:
     with (
         device(lambda line: b"\n" * 500, skip_empty_lines=True) as (driver, _),

@@ -148,11 +148,10 @@ class Fmu(BlockDriver[FmuChannel]):
         found: dict[str, Any] = {"time_s": round(instance.time, 9)}
         outputs = [each for each in variables_of(self._description).values() if each.causality == "output"]
         for variable in outputs[:_MAX_REPORTED]:
-            if instance.readable:
-                try:
-                    found[variable.name] = instance.value(variable)
-                except DriverError as error:
-                    found[variable.name] = str(error)
+            try:
+                found[variable.name] = instance.value(variable)
+            except DriverError as error:
+                found[variable.name] = str(error)
         return found
 
     def _opened(self) -> FmuInstance:

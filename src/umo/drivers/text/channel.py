@@ -101,7 +101,7 @@ class ReadCommand:
         value = self.answer.match(line)
         if value is None:
             raise UnexpectedAnswer(f"the answer {shown(line)} does not match {self.answer.text!r}")
-        if not value.strip() and not line.strip():
+        if not value.strip() and not line.strip() and "" not in self.states:
             raise UnexpectedAnswer(
                 "an empty answer is not a number or state; skip_empty_lines = true if others follow it"
             )
@@ -212,6 +212,11 @@ class Channels:
                 channel = self._known[text] = self._make(name, text, n)
                 return channel
         raise ChannelError(text, self.tables)
+
+    def with_state(self, text: str) -> str | None:
+        """The name of a table whose answers have this text for a state."""
+        made = ((name, self._make(name, name, 0 if form.groups else None)) for form, name in self._forms)
+        return next((name for name, each in made if each.reading is not None and text in each.reading.states), None)
 
     def _make(self, name: str, text: str, n: int | None) -> TextChannel:
         where, table = f"channels.{name}", self.tables[name]

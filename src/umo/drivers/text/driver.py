@@ -157,6 +157,8 @@ class Text(BlockDriver[TextChannel]):
             skip_empty_lines=skip_empty_lines,
         )
         self._channels = Channels(channels, self._dialogue.acknowledge, self._dialogue.confirm)
+        if skip_empty_lines and (silent := self._channels.with_state("")) is not None:
+            raise WiringError(f'channels.{silent}.states: "" never comes, as skip_empty_lines = true')
         self._joins, self._longest = together is not None, longest_request
         self._watchdog_set = watchdog_set
         self._prepared = self.place.prepared()
@@ -267,9 +269,10 @@ def _check_sendable(thing: object, terminator: str, encoding: str) -> None:
         if terminator and terminator in thing:
             raise WiringError(f"{thing!r} contains the terminator {terminator!r}")
     elif isinstance(thing, Mapping):
-        own = thing.get("terminator", terminator)
+        given = thing.get("terminator", terminator)
+        own = given if isinstance(given, str) else terminator  # else it is a channel of this name
         for key, each in thing.items():
-            if key in ("terminator", "answer_terminator"):
+            if key in ("terminator", "answer_terminator") and isinstance(each, str):
                 _check_sendable(each, "", encoding)
             else:
                 _check_sendable(each, terminator if key == "confirm" else own, encoding)
