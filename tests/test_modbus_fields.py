@@ -465,3 +465,13 @@ def test_a_field_writes_no_register_in_which_it_has_no_bits(order: str) -> None:
     driver.write(field, 2)
     assert (unit.words[0], unit.words[3]) == (999, 777)
     assert all(field.masks)
+
+
+def test_a_field_of_a_wide_value_is_shown_in_each_order_of_its_whole_value() -> None:
+    channel = parse("input:4:uint32.17")
+    assert (channel.address, channel.cells) == (4, 1)
+    whole = channel.uncut
+    assert whole is not None
+    assert (whole.address, whole.cells) == (4, 2)
+    assert whole.in_each_order([0x0002, 0x0000]) == "ABCD 1 (wired), CDAB 0, BADC 0, DCBA 0"
+    assert whole.in_each_order([0x0000, 0x0002]) == "ABCD 0 (wired), CDAB 1, BADC 0, DCBA 0"

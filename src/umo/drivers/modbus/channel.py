@@ -9,7 +9,7 @@ import math
 import re
 import struct
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from umo.drivers.contract import INT64, Channel, Direction
@@ -104,6 +104,8 @@ class ModbusChannel(Channel):
     low: int | None = None
     masked: bool = False
     """A field is written by function 22, which leaves the other bits of its register alone."""
+    uncut: ModbusChannel | None = field(default=None, compare=False, repr=False)
+    """Of a field: the same with all registers of its value."""
 
     @property
     def end(self) -> int:
@@ -246,6 +248,7 @@ def _field(channel: ModbusChannel, high: int, low: int) -> ModbusChannel:
     first, last = low // 16, high // 16
     cells = last - first + 1
     address = channel.address + (first if channel.little else channel.cells - 1 - last)
+    uncut = replace(channel, bits=bits, low=low)
     return replace(
-        channel, bits=bits, address=address, cells=cells, little=channel.little and cells > 1, low=low - 16 * first
+        uncut, address=address, cells=cells, little=channel.little and cells > 1, low=low - 16 * first, uncut=uncut
     )

@@ -186,13 +186,15 @@ class Modbus(BlockDriver[ModbusChannel]):
         self._write(channels, raws.tolist(), skip=self._skip > 0)
 
     def inspect(self, channel: ModbusChannel) -> str:
-        """The registers of the channel, and their number in each order of bytes; of a bit of the unit, nothing."""
+        """The registers of the channel, of a field those of its whole value, and its number in each order of their
+        bytes; of a bit of the unit, nothing."""
         if channel.table.full == 1:
             return ""
-        request = Request(channel.table, channel.address, channel.cells, ())
+        whole = channel.uncut or channel
+        request = Request(whole.table, whole.address, whole.cells, ())
         words = self._begin().read(request)
         digits = " ".join(f"{word:04X}" for word in words)
-        return f"{request.what}: {digits}; by the order of bytes: {channel.in_each_order(words)}"
+        return f"{request.what}: {digits}; by the order of bytes: {whole.in_each_order(words)}"
 
     def watchdog(self, seconds: float) -> None:
         """Write the time, in ms, into the watchdog's register; 0 turns most watchdogs off."""
