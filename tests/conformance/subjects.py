@@ -38,6 +38,7 @@ def careful(
             "line": tap,
             "checksum": True,
             "timeout": HASTE,
+            "watchdog": 0.2,
             "settle": 0.2,
         }
         yield Subject(**given | changes)

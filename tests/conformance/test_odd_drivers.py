@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from time import sleep
+from time import monotonic, sleep
 from typing import Any
 
 import pytest
@@ -221,22 +221,96 @@ class Moving(Careful):
                 out[i] += self.turn % 7
 
 
-class Lagging(Careful):
-    """in:0 follows out:0 two reads later, and its last digit varies."""
+class Noisy(Careful):
+    """The last digit of in:0 varies."""
 
-    seen: list[int] = [5, 5, 5]
     noise = 0
 
     def read_many(self, channels: Sequence[Place], out: Any) -> None:
         super().read_many(channels, out)
         for i, channel in enumerate(channels):
             if channel.text == "in:0":
-                self.seen[:] = [*self.seen[1:], int(out[i])]
-                Lagging.noise = (self.noise + 1) % 3
-                out[i] = self.seen[0] + self.noise
+                Noisy.noise = (self.noise + 1) % 3
+                out[i] += self.noise
+
+
+class SensorsOnly(Careful):
+    """It has no `write` of its own."""
+
+    write, write_many = Driver.write, Driver.write_many  # type: ignore[assignment]
+
+
+class OutputsOnly(Careful):
+    """It has no `read` of its own."""
+
+    read, read_many = Driver.read, Driver.read_many  # type: ignore[assignment]
+
+
+class Event(Place):
+    """A channel whose writes are events."""
+
+    @property
+    def event(self) -> bool:
+        return True
+
+
+class EventsOnly(OutputsOnly):
+    """A write is a pulse: the device is back at 0 by itself."""
+
+    def channel(self, text: str) -> Place:
+        channel = super().channel(text)
+        return Event(text, channel.direction, 1, number=channel.number)
+
+    def write_raws(self, channels: Sequence[Place], raws: list[int]) -> None:
+        super().write_raws(channels, raws)
+        pulsed = [channel for channel, raw in zip(channels, raws, strict=True) if raw]
+        if pulsed:
+            super().write_raws(pulsed, [0] * len(pulsed))
+
+
+class Told(Careful):
+    """The device is asked at most every 20 ms: the readings in between are older, which `ages` says."""
+
+    def __init__(self, *, host: str = "127.0.0.1", port: int = 4000) -> None:
+        super().__init__(host=host, port=port)
+        self.kept: dict[tuple[Place, ...], tuple[float, list[int]]] = {}
+
+    def read(self, channel: Place) -> int:
+        out = [0]
+        super().read_many((channel,), out)  # type: ignore[arg-type]
+        return out[0]
+
+    def read_many(self, channels: Sequence[Place], out: Any) -> None:
+        at, raws = self.kept.get(tuple(channels), (0.0, []))
+        if monotonic() - at < 0.02:
+            out[:] = raws
+            return
+        began = monotonic()
+        super().read_many(channels, out)
+        self.kept[tuple(channels)] = began, list(out)
+
+    def drop(self) -> None:
+        super().drop()
+        self.kept = {}
+
+    def ages(self, channels: Sequence[Place]) -> Sequence[float]:
+        return [monotonic() - self.kept[tuple(channels)][0] for _ in channels]
+
+
+class LooksByReading(Careful):
+    """Its look reads an input in a call that waits a little."""
+
+    def look(self) -> bool | None:
+        timeout, self.timeout = self.timeout, 0.03
+        try:
+            self.read(self.channel("in:8"))
+        finally:
+            self.timeout = timeout
+        return True
 
 
 INPUTS = (Input("in:8"), Input("in:9"))
+OUTPUTS = (Output("out:0", 5, 0, 255), Output("out:1", 0, 0, 255))
 MOVING = (Input("in:8", steady=False), Input("in:9", steady=False))
 NO_OUTPUTS: dict[str, Any] = {"outputs": (), "loopbacks": (), "refused": ("in:40",), "levels": None}
 ODD: dict[str, Callable[[], Any]] = {
@@ -260,6 +334,24 @@ ODD: dict[str, Callable[[], Any]] = {
         outputs=(Output("out:0", 5, 0, 255), Output("out:1")), inputs=(), loopbacks=(), refused=(), levels=None
     ),
     "one output": lambda: careful(outputs=(Output("out:0"),), inputs=(), loopbacks=(), refused=()),
+    "sensors only, without a write of its own": lambda: careful(SensorsOnly, inputs=INPUTS, **NO_OUTPUTS),
+    "outputs only, and one that the device refuses": lambda: careful(
+        OutputsOnly, outputs=OUTPUTS, inputs=(), loopbacks=(), refused=("out:40",)
+    ),
+    "outputs only, without a record": lambda: careful(
+        OutputsOnly, outputs=OUTPUTS, inputs=(), loopbacks=(), refused=("out:40",), levels=None
+    ),
+    "events only": lambda: careful(
+        EventsOnly,
+        outputs=(Output("out:0"), Output("out:1")),
+        inputs=(),
+        loopbacks=(),
+        refused=("out:40",),
+        levels=None,
+        checksum=False,
+    ),
+    "it is told its values": lambda: careful(Told),
+    "it looks by reading": lambda: careful(LooksByReading),
     "two channels": lambda: careful(outputs=(Output("out:0"),), inputs=(Input("in:0"),), refused=(), levels=None),
     "its device has a watchdog": lambda: careful(watchdog=0.15, timeout=0.25),
     "no record of levels": lambda: careful(levels=None),
@@ -335,7 +427,7 @@ def test_a_channel_of_64_bits_and_a_single_binary_output_pass(subject: Callable[
 @pytest.mark.full
 def test_a_loop_back_that_follows_late_and_with_noise_passes() -> None:
     with careful(
-        Lagging, inputs=(Input("in:0"), Input("in:9")), levels=None,
+        Noisy, wire=0.004, inputs=(Input("in:0"), Input("in:9")), levels=None,
         agree=lambda one, raw, other, seen: 0 <= seen - raw <= 2 if one == "out:0" else raw == seen,
     ) as subject:  # fmt: skip
         lines = ["late answer", "short answer", "garbled answer", "error answer", "answer in pieces", "long run"]

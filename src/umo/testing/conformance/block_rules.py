@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import combinations, cycle, islice
+from random import Random
 from typing import TypeVar
 
 import numpy as np
@@ -24,6 +25,10 @@ LOOKS = 5
 """Looks at a channel until it has stood still for one of them."""
 FEWEST_BLOCKS = 4
 """Blocks that are tried at any rate."""
+MAX_TURNS = 16
+"""Blocks that are read one after the other, in two orders of these."""
+TURNS = 9
+"""Times that a few writes follow one another."""
 PATTERNS = 8
 """Patterns of levels beside those in which one output alone is not at its default."""
 
@@ -49,7 +54,7 @@ def patterns(outputs: Sequence[Output]) -> Iterator[list[int]]:
         yield [each.other() if each == alone else each.default for each in outputs]
 
 
-@rule(Cost(each=20, more=150))
+@rule(Cost(each=60, more=150))
 def block_read(context: RuleContext) -> str | None:
     """read_many reads what read reads, of all channels in any order, of halves, of pairs and of one."""
     texts = context.readable
@@ -63,8 +68,28 @@ def block_read(context: RuleContext) -> str | None:
                 probe.write(output.channel, raw)
             _compare(context, probe, order)
         probe.read_many(())
+        if not context.told(probe):
+            _read_in_turns(context, probe)
     moving = [each.channel for each in context.subject.inputs if not each.steady]
     return f"{some(moving)}: only as far as they stand still" if moving else None
+
+
+def _read_in_turns(context: RuleContext, probe: Probe) -> None:
+    """Blocks of several orders and single channels in one go, while nothing changes: what a call gives does not depend
+    on the one before."""
+    expected = {text: probe.read(text) for text in context.known}
+    calls = [order for order in orders(context.known)[:MAX_TURNS] if len(order) > 1]
+    calls += [calls[0][::-1]] if calls else []
+    random = Random(1998)
+    for _ in range(2):
+        for block in random.sample(calls, len(calls)):
+            found = dict(zip(block, probe.read_many(block), strict=True))
+            if random.random() < 0.5:
+                found[block[0]] = probe.read(block[0])
+            for text, raw in found.items():
+                if not context.alike(text, raw, expected[text]):
+                    why = f"{context.watch.doing} gave {raw} for {text}, other calls before it {expected[text]}"
+                    raise RuleBroken(why, f"reading of {text}")
 
 
 def _compare(context: RuleContext, probe: Probe, texts: tuple[str, ...]) -> None:
@@ -83,7 +108,7 @@ def _compare(context: RuleContext, probe: Probe, texts: tuple[str, ...]) -> None
             raise RuleBroken(f"read_many read {block[i]} of {texts[i]}{of}, read before and after it {before[i]}")
 
 
-@rule(Cost(each=20, more=300))
+@rule(Cost(each=80, more=300))
 def block_write(context: RuleContext) -> str | None:
     """write_many brings each output to its own level: all outputs in any order, halves, pairs and one."""
     outputs = context.required_outputs
@@ -98,7 +123,24 @@ def block_write(context: RuleContext) -> str | None:
             _check(context, probe, part, raws, "write_many")
             _check(context, probe, tuple(before), list(before.values()), "a write_many of others")
         probe.write_many([], [])
+        _write_in_turns(context, probe)
     return context.remark()
+
+
+def _write_in_turns(context: RuleContext, probe: Probe) -> None:
+    """Blocks of several orders and single outputs in one go; then each is at its own level."""
+    outputs, random = context.required_outputs, Random(1998)
+    for turn in range(TURNS):
+        levels: dict[Output, int] = {}
+        for step in range(1 + turn % 3):
+            part = random.sample(outputs, random.randint(1, len(outputs)))
+            levels |= {each: each.other(turn + step + place) for place, each in enumerate(part)}
+            probe.write_many([each.channel for each in part], [levels[each] for each in part])
+            levels[part[0]] = part[0].other(turn + step + 7)
+            probe.write(part[0].channel, levels[part[0]])
+            if context.readable:
+                probe.read(context.readable[turn % len(context.readable)])
+        _check(context, probe, tuple(levels), list(levels.values()), "writes in turns")
 
 
 def _parts(outputs: tuple[Output, ...]) -> Iterator[tuple[tuple[Output, ...], list[int]]]:

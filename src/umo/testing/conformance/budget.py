@@ -31,6 +31,8 @@ class CallTime:
     wait: float = 0.0
     """Time to wait for a timeout."""
     channels: int = 1
+    watchdog: float = 0.0
+    """Time of the device's own watchdog."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +99,7 @@ class Budget:
         for rule in self._rules:
             cost = rule.cost if line or rule.theme not in LINE else NOTHING
             self._least[rule.id] = cost.opens * opening + cost.each * transfer + cost.waits * pace.wait
+            self._least[rule.id] += cost.watchdogs * pace.watchdog
             more = pace.transfer * SAFETY_FACTOR * LONG_RUN_TRANSFERS if rule.id == "long run" else cost.more * transfer
             shown[rule.id] = self._least[rule.id] + (more if cycles is None else min(more, cycles * transfer))
         return TimePlan(pace, self._seconds, dict(self._least), shown)

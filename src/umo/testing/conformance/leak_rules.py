@@ -31,6 +31,8 @@ FEWEST_OPENINGS = 3
 """Openings that are made at any rate."""
 SILENT_OPENINGS = 3
 """Openings on a line where nobody answers."""
+LOOK_INTERVAL = 0.005
+"""Time in s between two looks: a period."""
 MAX_CLOSING_TIME = 5.0
 """Time in s until what was closed has ended at the other end too."""
 TIMED_CALLS = 300
@@ -63,8 +65,8 @@ PER_LOST_CONNECTION = LeakLimit(fewest=FEWEST_OPENINGS, size=1024.0, circular=50
 
 @rule(Cost(opens=9, each=18, waits=16, more=600))
 def descriptors(context: RuleContext) -> str:
-    """No descriptor is left open and no thread is left over, by many openings, lost connections, and calls without an
-    answer."""
+    """No descriptor is left open and no thread is left over, by many openings, lost connections, looks, error answers,
+    garbled answers, and calls without an answer."""
     most = OPENINGS if context.cycles is None else max(FEWEST_OPENINGS, context.cycles // OPENINGS)
     _open_often(context, 2, 2, 1)  # imports, caches
     before = _counts(context, None)
@@ -94,15 +96,28 @@ def _open_in_silence(context: RuleContext) -> Probe:
         context.failure(probe.open)
         for call in context.transfers(probe)[::2]:
             context.failure(call)
-        context.failure(probe.close)
+        _look_often(context, probe)
+    _look_often(context, probe)
+    context.failure(probe.close)
     return probe
+
+
+def _look_often(context: RuleContext, probe: Probe) -> None:
+    """Until the device is found, or is not, or longer than that may take."""
+    end = monotonic() + 2 * context.haste
+    while context.look(probe) is None and monotonic() < end:
+        sleep(LOOK_INTERVAL)
 
 
 def _open_and_cut(context: RuleContext) -> Probe:
     line = context.subject.line
     with context.opened() as probe:
         context.use(probe)
+        for text in context.subject.refused:
+            for call in context.refused_calls(probe, text):
+                context.failure(call)
         if line is not None:
+            _garble(context, probe)
             line.drop()
             for _ in range(2):  # the first may find the end of the connection
                 context.try_out(probe)
@@ -112,6 +127,21 @@ def _open_and_cut(context: RuleContext) -> Probe:
             context.failure(other.open)
             context.failure(other.close)
     return probe
+
+
+def _garble(context: RuleContext, probe: Probe) -> None:
+    """Answers in which every byte is wrong, or the last one, and that to an earlier request."""
+    probe.timeout = context.haste
+    for call in context.transfers(probe)[:4:2]:
+        earlier = context.traffic(context.insist, call).answer
+        for spoil in (
+            lambda answer: bytes(each ^ 0x95 for each in answer),
+            lambda answer: answer[:-1] + b"~",
+            lambda answer: earlier,  # noqa: B023
+        ):
+            context.failure(context.insist, call)
+            context.spoiled(spoil, False, call)
+    probe.timeout = context.patience
 
 
 def _counts(context: RuleContext, goal: dict[str, int] | None) -> dict[str, int]:

@@ -189,9 +189,10 @@ def reopen(context: RuleContext) -> str | None:
     again, also if they were driven in the meantime."""
     probe = context.new()
     probe.close()
-    for _ in range(3):
+    for number in range(3):
         with context.leaving(probe):
             try:
+                _open_watched(context, probe, context.subject.outputs[:1] if number else ())
                 context.bring_up(probe)
                 for output in context.visible:
                     context.expect(probe, output, output.default, f"initialize({output.default}) when opened again")
@@ -204,6 +205,19 @@ def reopen(context: RuleContext) -> str | None:
             _leave_at(context, output, output.other())
     _open_in_turns(context)
     return context.looked()
+
+
+def _open_watched(context: RuleContext, probe: Probe, driven: Sequence[Output]) -> None:
+    """Opened and closed again, it moves no output. The device itself may let go of one that was driven."""
+    for output in context.visible:
+        left = output.other() if output in driven else output.default
+        with context.observing(output, until=left) as levels:
+            probe.open()
+            probe.close()
+        for level in levels[1:]:
+            if not any(context.same(output, raw, level) for raw in (left, output.default)):
+                text = f"{output.channel} went from {left} to {level} while the driver was opened again"
+                raise RuleBroken(text, f"level of {output.channel}")
 
 
 def _open_in_turns(context: RuleContext) -> None:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from time import monotonic, sleep
 
 from umo.drivers.contract import Driver
-from umo.errors import text_of
 from umo.presentation.durations import duration
-from umo.testing.conformance.probe import Probe, WrongKind
+from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.spoiling import TRIES, recovers, values
@@ -63,7 +62,7 @@ def _looks_in_vain(context: RuleContext, probe: Probe) -> None:
         probe.timeout = LOOK_TIMEOUT
         took = 0.0
         for _ in range(LOOKS):
-            if _look(context, probe) is True and _has_its_own(probe) and context.readable:
+            if context.look(probe) is True and _has_its_own(probe) and context.readable:
                 raise RuleBroken("look says that the device answers, and it does not")
             took = max(took, context.watch.took)
             if took > AT_ONCE:
@@ -80,7 +79,7 @@ def _decides(context: RuleContext, probe: Probe) -> None:
     """Looks for a device that stays away come to an end."""
     probe.timeout = context.haste
     end = monotonic() + context.patience
-    while _look(context, probe) is None:
+    while context.look(probe) is None:
         if monotonic() > end:
             limit = duration(context.patience)
             raise RuleBroken(f"look has not found out for {limit} that the device does not answer: it returns None")
@@ -90,20 +89,7 @@ def _decides(context: RuleContext, probe: Probe) -> None:
 def _is_found(context: RuleContext, probe: Probe) -> None:
     probe.timeout = context.patience
     end = monotonic() + context.patience
-    while _look(context, probe) is not True:
+    while context.look(probe) is not True:
         if monotonic() > end:
             raise RuleBroken(f"the device answers again, and look has not found it for {duration(context.patience)}")
         sleep(LOOK_INTERVAL)
-
-
-def _look(context: RuleContext, probe: Probe) -> bool | None:
-    """The outcome of a look; False for an OSError."""
-    try:
-        found = probe.call("look", probe.driver.look)
-    except WrongKind as error:
-        raise RuleBroken(f"look raised {text_of(error)}, which is no OSError") from error
-    except OSError:
-        return False
-    if found is not None and not isinstance(found, bool):
-        raise RuleBroken(f"look returned {found!r}, which is neither a bool nor None")
-    return found

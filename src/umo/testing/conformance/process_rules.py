@@ -32,21 +32,38 @@ WAITING_FUNCTIONS = {
 """Functions in C in which drivers wait for their devices."""
 
 
-@rule(Cost(each=4, waits=8))
+@rule(Cost(each=16, waits=20))
 def idle(context: RuleContext) -> str | None:
-    """No processor time is used for waiting: not while the device is silent, not between calls."""
+    """No processor time is used for waiting: not while the device is silent or away, not between calls, not after
+    `close`."""
     if not threads():
         raise NotTried("the kernel does not tell the processor time of threads")
     with context.opened() as probe:
         for call in context.transfers(probe)[::2]:
             call()
         _quiet(context, lambda: sleep(IDLE_TIME), "between two calls")
-        if context.subject.line is None:
-            return "between calls only: there is no line that could be silent"
-        probe.timeout = max(context.haste, IDLE_TIME)
-        for call in context.transfers(probe)[:4:2]:
-            _quiet(context, partial(context.unanswered, call), "")
-    return None
+        if context.subject.line is not None:
+            probe.timeout = max(context.haste, IDLE_TIME)
+            for call in context.transfers(probe)[:4:2]:
+                _quiet(context, partial(context.unanswered, call), "")
+        if context.subject.line is not None or context.subject.gone is not None:
+            _quiet_while_away(context, probe)
+    _quiet(context, lambda: sleep(IDLE_TIME), "after close")
+    return None if context.subject.line is not None else "not while the device is silent: there is no line"
+
+
+def _quiet_while_away(context: RuleContext, probe: Probe) -> None:
+    """Before a call finds out that the connection is lost, and after it."""
+    probe.timeout = context.patience
+    for call in context.transfers(probe)[:1]:
+        context.insist(call)
+    probe.timeout = context.haste
+    with context.loss():
+        _quiet(context, lambda: sleep(IDLE_TIME), "while the device was away")
+        context.try_out(probe)
+        _quiet(context, lambda: sleep(IDLE_TIME), "while the device was away, after calls that failed")
+    probe.timeout = context.patience
+    context.try_out(probe)
 
 
 def _quiet(context: RuleContext, wait: Callable[[], object], when: str) -> None:

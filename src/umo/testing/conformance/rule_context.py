@@ -9,11 +9,12 @@ from math import inf
 from time import monotonic
 from typing import Any, TypeVar
 
+from umo.drivers.contract import Direction
 from umo.errors import text_of
 from umo.testing.conformance.budget import Budget, CallTime
 from umo.testing.conformance.certificate import TransferTime
 from umo.testing.conformance.output_observer import OutputObserver
-from umo.testing.conformance.probe import Probe, call_of
+from umo.testing.conformance.probe import Probe, WrongKind, call_of
 from umo.testing.conformance.process_snapshot import State, state, threads
 from umo.testing.conformance.relay import Change, Traffic
 from umo.testing.conformance.rules import NotTried, RuleBroken
@@ -66,7 +67,7 @@ class RuleContext(OutputObserver):
         opening = monotonic() - began - sum(taken)
         self.haste = min(self.subject.timeout, max(MIN_HASTE, HASTE_FACTOR * max(taken, default=0.0)))
         mean = sum(taken) / max(1, len(taken))
-        self.pace = CallTime(opening, mean, self.haste, max(1, len(self.channels)))
+        self.pace = CallTime(opening, mean, self.haste, max(1, len(self.channels)), self.subject.watchdog)
 
     def as_time_allows(self, tasks: Sequence[T], fewest: int, what: str) -> Iterator[T]:
         """The tasks of a rule, `fewest` of them at any rate, the others as long as there is time. `what` they are, if
@@ -106,11 +107,41 @@ class RuleContext(OutputObserver):
             if (error := self.failure(call)) is not None:
                 raise RuleBroken(f"since {since}, {self.watch.doing} fails: {text_of(error)}")
 
+    def refused_calls(self, probe: Probe, text: str) -> list[DriverCall]:
+        """Reads and writes of a channel that the device refuses, in the directions that it has. Nothing is written
+        where nothing may be driven."""
+        direction = probe.channel(text).direction
+        found: list[DriverCall] = []
+        if Direction.INPUT in direction:
+            found += [partial(probe.read, text), partial(probe.read_many, (text,))]
+        if Direction.OUTPUT in direction and self.subject.outputs:
+            found += [partial(probe.write, text, 0), partial(probe.write_many, (text,), (0,))]
+        return found
+
+    def told(self, probe: Probe) -> bool:
+        """Whether the driver is told the values of its inputs: it gives ages, and they are judged by their rule."""
+        if not self.readable:
+            return False
+        probe.read_many(self.readable)
+        return probe.call("ages", probe.driver.ages, tuple(map(probe.channel, self.readable))) is not None
+
     def insist(self, call: Callable[..., T], *arguments: Any) -> T:
         """A call that may fail once: only then the driver may find out what the calls before have left behind."""
         with suppress(OSError):
             return call(*arguments)
         return call(*arguments)
+
+    def look(self, probe: Probe) -> bool | None:
+        """The outcome of a look; False for an OSError, RuleBroken for what a look must not return or raise."""
+        try:
+            found = probe.call("look", probe.driver.look)
+        except WrongKind as error:
+            raise RuleBroken(f"look raised {text_of(error)}, which is no OSError") from error
+        except OSError:
+            return False
+        if found is not None and not isinstance(found, bool):
+            raise RuleBroken(f"look returned {found!r}, which is neither a bool nor None")
+        return found
 
     def dead(self) -> str:
         """Why the device cannot be used at all; empty if it can."""
@@ -173,8 +204,8 @@ class RuleContext(OutputObserver):
     def fail_some(self, probe: Probe) -> None:
         """Calls that fail, by whatever means there are; NotTried without any."""
         if self.subject.refused:
-            self.failure(probe.write, self.subject.refused[0], 0)
-            self.failure(probe.read, self.subject.refused[0])
+            for call in self.refused_calls(probe, self.subject.refused[0])[::-2]:
+                self.failure(call)
         elif self.subject.line is None and self.subject.gone is None:
             raise NotTried(f"no call can be made to fail: {NO_LINE}, and no channel that the device refuses")
         probe.timeout = self.haste

@@ -35,6 +35,10 @@ class Cost:
     """Calls that wait for their timeout."""
     more: float = 0
     """Transfers of each channel that are made beside `each` if there is time."""
+    settles: float = 0
+    """Times that a level takes through a loop-back, of each output that has one."""
+    watchdogs: float = 0
+    """Times of the device's watchdog (`Subject.watchdog`)."""
 
 
 NOTHING = Cost(opens=0, each=0)
@@ -58,7 +62,10 @@ class Rule:
 
 LINE = ("timing", "corruption", "line")
 """Themes that need a line between driver and device."""
-THEMES = ("channel", "value", "block", "lifecycle", *LINE, "device", "look", "process", "leak", "general")
+THEMES = (
+    "channel", "value", "block", "lifecycle", *LINE,
+    "device", "look", "level", "optional", "process", "leak", "general",
+)  # fmt: skip
 """Modules of rules, in the order in which they are tried."""
 _RULES: dict[str, Rule] = {}
 C = TypeVar("C", bound=Callable[..., "str | None"])
