@@ -266,7 +266,7 @@ def test_a_refused_write_to_an_input_that_is_not_steady_is_seen_in_part() -> Non
 def test_the_table_has_the_text_of_a_rule_and_the_remark_behind_it() -> None:
     certificate = conform(simulated(), only=["descriptors", "memory"], cycles=500)
     text = " ".join(str(certificate).replace("│", " ").split())
-    assert "calls without an answer. [5 openings]" in text
+    assert "calls without an answer. [5 openings; no line, so no lost connections and spoiled answers]" in text
     assert "3 rounds of 166 cycles" in text
 
 

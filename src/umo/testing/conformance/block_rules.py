@@ -156,11 +156,14 @@ def _check(context: RuleContext, probe: Probe, outputs: tuple[Output, ...], raws
 @rule(Cost(each=10))
 def block_buffers(context: RuleContext) -> str | None:
     """The arrays of a block belong to the caller: none is kept, and `raws` is not changed."""
+    if not context.readable:
+        context.required_outputs  # noqa: B018  NotTried
     with context.opened() as probe:
-        _raws(context, probe)
+        if context.visible:
+            _raws(context, probe)
         if context.readable:
             _outs(probe, context.readable)
-    return context.remark()
+    return context.remark(*([] if context.readable else ["no inputs, so only the arrays of writes"]))
 
 
 def _raws(context: RuleContext, probe: Probe) -> None:

@@ -49,7 +49,7 @@ def _takes(driver: Driver[Any], text: str) -> bool:
 
 
 @rule(Cost(opens=0, each=0))
-def before_open(context: RuleContext) -> None:
+def before_open(context: RuleContext) -> str | None:
     """Before `open` a driver accesses no hardware; `devices` names it alike for two drivers."""
     before = _connections(context)
     probe, other = context.new(), context.new()
@@ -62,6 +62,8 @@ def before_open(context: RuleContext) -> None:
         raise RuleBroken(f"devices() returned {devices}, not texts")
     if _connections(context) != before:
         raise RuleBroken("it connected to the device before open")
+    line = context.subject.line
+    return None if line is not None and line.ordered else "whether it connects before open was not seen"
 
 
 def _connections(context: RuleContext) -> int:

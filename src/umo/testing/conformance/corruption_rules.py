@@ -8,7 +8,7 @@ from random import Random
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.relay import Change
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
-from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.rules import MADE_UP, Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.spoiling import (
     MAX_CHANNELS,
     NO_ANSWER,
@@ -63,7 +63,7 @@ def _comes_late(context: RuleContext, probe: Probe, behind: bool, asked: DriverC
     if line.spoiled == before:
         return False
     if error is None:
-        raise RuleBroken(f"{first} succeeded before its answer came")
+        raise RuleBroken(f"{first} succeeded before its answer came", MADE_UP)
     error, lost = context.unanswered(later)
     if error is None and lost:
         raise RuleBroken(f"{context.watch.doing} took the late answer to the {first}")
@@ -115,7 +115,7 @@ def answer_in_pieces(context: RuleContext) -> None:
 
 
 @rule(Cost(each=14, waits=6))
-def old_answer(context: RuleContext) -> None:
+def old_answer(context: RuleContext) -> str | None:
     """An earlier answer in place of the right one is an error, where answers carry a number."""
     # The number shows: two answers to one call, while nothing changes, are not alike
     with context.opened() as probe:
@@ -137,6 +137,7 @@ def old_answer(context: RuleContext) -> None:
         recovers(context, probe, values(context, probe), "an earlier answer")
     if not tried:
         raise NotTried("; ".join(why) or NO_ANSWER)
+    return "; ".join(why) or None
 
 
 def _numbered(context: RuleContext, probe: Probe, call: DriverCall) -> bytes | str:

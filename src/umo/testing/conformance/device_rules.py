@@ -88,8 +88,11 @@ def vanish(context: RuleContext) -> str | None:
             pass  # nobody has noticed
         for call in context.transfers(probe):
             if (error := context.failure(context.insist, call)) is not None:
-                raise RuleBroken(f"the device was away and is back, but {context.watch.doing} fails: {text_of(error)}")
-    return context.looked()
+                raise RuleBroken(
+                    f"the device was away and is back, but {context.watch.doing} fails: {text_of(error)}"
+                ) from error
+    unseen = context.subject.outputs and (context.subject.levels is None or not context.readable)
+    return context.looked(*(["whether a write that failed is made up for was not seen: no record"] if unseen else []))
 
 
 def _moves_nothing(context: RuleContext, probe: Probe) -> None:
@@ -125,7 +128,9 @@ def _opens_after_all(context: RuleContext, probe: Probe) -> None:
         return
     try:
         if (error := context.failure(probe.open)) is not None:
-            raise RuleBroken(f"open failed while the device was away, and fails since it is back: {text_of(error)}")
+            raise RuleBroken(
+                f"open failed while the device was away, and fails since it is back: {text_of(error)}"
+            ) from error
     finally:
         context.failure(probe.close)
 
@@ -156,13 +161,16 @@ def two_clients(context: RuleContext) -> str | None:
         finally:
             error = context.failure(context.leave, second)
         if error is not None and refusal is None:
-            raise RuleBroken(f"the second client could not leave: {text_of(error)}")
+            raise RuleBroken(f"the second client could not leave: {text_of(error)}") from error
         context.must_work(first, "a second client came and left")
         _right(context, first, "a second client came and left")
-    remark = context.looked()
     if refusal is not None:
+        context.looked()
         return f"the second is refused: {text_of(refusal)}"
-    return "; ".join(filter(None, (remark, "a second client must not write" if context.subject.sole_writer else "")))
+    if context.subject.sole_writer:
+        return context.looked("a second client must not write")
+    alone = len(context.visible) == 1
+    return context.looked(*(["one output only: nobody wrote another beside it"] if alone else []))
 
 
 def _side_by_side(context: RuleContext, first: Probe, second: Probe) -> None:

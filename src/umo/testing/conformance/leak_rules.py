@@ -77,7 +77,10 @@ def descriptors(context: RuleContext) -> str:
     for what, number in before.items():
         if after[what] > number:
             raise RuleBroken(f"{after[what] - number} {what} more than before are there after {openings} openings")
-    return f"{openings} openings"
+    line = (
+        "" if context.subject.line is not None else ", without lost connections and spoiled answers: there is no line"
+    )
+    return f"{openings} openings{line}"
 
 
 def _open_often(context: RuleContext, least: int, most: int, silent: int) -> list[Probe]:
@@ -240,6 +243,8 @@ def memory(context: RuleContext) -> str:
     if context.subject.line is not None:
         words.append(_over_lost_connections(context, context.subject.line))
         words.append(_without_a_device(context, context.subject.line))
+    else:
+        words.append("no line, so no lost connections")
     return ", ".join(words)
 
 

@@ -29,7 +29,8 @@ def initialise(context: RuleContext) -> str | None:
             probe.initialize(output.channel, output.default)
             context.expect(probe, output, output.default, f"initialize({output.default})")
             _check_the_rest(context, probe, output, others[:MAX_OTHERS])
-    return context.remark()
+    unseen = context.subject.levels is None and len(context.visible) > 1
+    return context.remark(*(["whether the others stay was not seen: no record"] if unseen else []))
 
 
 def _left_levels(context: RuleContext) -> Iterator[tuple[Output, int]]:
@@ -81,7 +82,8 @@ def reset(context: RuleContext) -> str | None:
                 probe.reset(output.channel, output.default)
                 context.expect(probe, output, output.default, f"reset({output.default}) from {raw}")
         _check_others(context, probe)
-    return context.remark()
+    unseen = context.subject.inputs and not context.steady
+    return context.remark(*(["no input is known to be steady, so none was seen to stay"] if unseen else []))
 
 
 def _check_others(context: RuleContext, probe: Probe) -> None:

@@ -217,7 +217,7 @@ def watchdog(context: RuleContext) -> str | None:
                 silence = f"after {duration(UNFED * seconds)} of silence"
                 _check_held(context, probe, f"armed with {duration(long)}, {silence}")
             if (error := _arm(probe, seconds)) is not None:
-                raise RuleBroken(f"the watchdog does not take {duration(seconds)}: {text_of(error)}")
+                raise RuleBroken(f"the watchdog does not take {duration(seconds)}: {text_of(error)}") from error
             _feed(context, probe, seconds)
             _check_let_go(context, probe, seconds)
         finally:

@@ -150,7 +150,7 @@ def process(context: RuleContext) -> str | None:
     finally:
         (gc.enable if on else gc.disable)()
     if text := "".join(printed).strip():
-        raise RuleBroken(f"it prints: {text.splitlines()[0][:80]!r}")
+        raise RuleBroken(f"it prints: {text.splitlines()[0]!r}")
     if changed := change(context.before, state()):
         raise RuleBroken(f"it changed {changed}")
     return remark

@@ -43,6 +43,7 @@ class RuleContext(OutputObserver):
         self.haste = subject.timeout
         """Timeout in s of calls that must time out."""
         self.share = 0.0
+        self.excuses = []
         self.left_out: list[str] = []
         """Parts of the present rule that were left out for want of time, in words."""
         self.times: dict[str, TransferTime] = {}
@@ -105,7 +106,7 @@ class RuleContext(OutputObserver):
         """RuleBroken if a call of any kind fails."""
         for call in self.transfers(probe, default):
             if (error := self.failure(call)) is not None:
-                raise RuleBroken(f"since {since}, {self.watch.doing} fails: {text_of(error)}")
+                raise RuleBroken(f"since {since}, {self.watch.doing} fails: {text_of(error)}") from error
 
     def refused_calls(self, probe: Probe, text: str) -> list[DriverCall]:
         """Reads and writes of a channel that the device refuses, in the directions that it has. Nothing is written

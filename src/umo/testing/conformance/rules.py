@@ -41,6 +41,8 @@ class Cost:
     """Times of the device's watchdog (`Subject.watchdog`)."""
 
 
+MADE_UP = "success without an answer"
+"""A cause of broken rules."""
 NOTHING = Cost(opens=0, each=0)
 
 

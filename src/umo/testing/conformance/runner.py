@@ -178,11 +178,11 @@ def _finding_on(rule: Rule, verdict: Judgement, why: str) -> Finding:
 
 
 def _tried(context: RuleContext, rule: Rule, causes: dict[str, str]) -> Finding:
-    cause, context.left_out = "", []
+    cause, context.left_out, context.excuses = "", [], []
     context.watch.until = inf if rule.theme == "general" else context.budget.latest
     try:
         verdict, remark = Judgement.PASSED, rule.check(context)
-        why = "; ".join(filter(None, [remark, *context.left_out]))
+        why = "; ".join(filter(None, [remark, *dict.fromkeys(context.excuses), *context.left_out]))
         if context.left_out:
             context.budget.parts.append(f"{rule.id}: {'; '.join(context.left_out)}")
     except TimeUp:  # its calls took longer than planned
@@ -191,16 +191,27 @@ def _tried(context: RuleContext, rule: Rule, causes: dict[str, str]) -> Finding:
     except NotTried as reason:
         verdict, why = Judgement.NOT_TRIED, str(reason)
     except RuleBroken as broken:
-        verdict, why, cause = Judgement.FAILED, str(broken), broken.cause
+        verdict, why, cause = Judgement.FAILED, str(broken), broken.cause or _failure(broken.__cause__, causes)
     except OSError as error:
         verdict, why = Judgement.FAILED, f"{call_of(error)} failed: {text_of(error)}"
-        cause = re.sub(r"-?\d+", "#", f"{call_of(error).partition(' ')[0]} failed: {text_of(error)}")
+        cause = _failure(error, causes)
     finally:
         context.watch.until = inf
     if verdict is Judgement.FAILED and cause and (first := causes.setdefault(cause, rule.id)) != rule.id:
         verdict, why = Judgement.NOT_TRIED, f"as above ({first}): {why}"
     context.restore()
     return _finding_on(rule, verdict, why)
+
+
+def _failure(error: BaseException | None, causes: Iterable[str]) -> str:
+    """The cause that a call has failed: what the driver says, whatever the call; one that is known already if it is a
+    part of this. A timeout says nothing of its cause: it is that of this kind of call."""
+    if not isinstance(error, OSError):
+        return ""
+    kind = call_of(error).partition(" ")[0] if isinstance(error, TimeoutError) else ""
+    text = f"{kind} failed: {re.sub(r'-?[0-9]+', '#', text_of(error))}"
+    known = (each for each in causes if each.startswith(" failed: ") and each.removeprefix(" failed: ") in text)
+    return next(known, text)
 
 
 def _in_thread(context: RuleContext, work: Callable[[], T], look: Callable[[], object] = lambda: None) -> T:

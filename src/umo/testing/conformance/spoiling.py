@@ -11,7 +11,7 @@ from umo.errors import text_of
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.relay import Change
 from umo.testing.conformance.rule_context import RuleContext
-from umo.testing.conformance.rules import NotTried, RuleBroken
+from umo.testing.conformance.rules import MADE_UP, NotTried, RuleBroken
 from umo.testing.conformance.subject import Output
 
 T = TypeVar("T")
@@ -55,7 +55,11 @@ def each_spoiled(context: RuleContext, ways: list[Spoilt], structured: bool = Fa
                     tried.add("writes")
     if not tried:
         raise NotTried("answers have no structure by which garbage is noticed" if plain else NO_ANSWER)
-    return f"without {' and '.join(sorted(plain))}, whose answers have no structure" if plain else None
+    words = [f"without {' and '.join(sorted(plain))}, whose answers have no structure"] if plain else []
+    kinds = {"reads"} if texts else set()
+    silent = (kinds | ({"writes"} if context.subject.outputs else set())) - tried - plain
+    words += [f"{' and '.join(sorted(silent))} have no answer over the line"] if silent else []
+    return "; ".join(words) or None
 
 
 def _has_structure(context: RuleContext, probe: Probe, text: str) -> bool:
@@ -94,7 +98,7 @@ def spoiled_read(context: RuleContext, probe: Probe, text: str, way: Spoilt) -> 
     probe.timeout = context.patience
     if changed and not isinstance(found, OSError):
         if way.blind:
-            raise RuleBroken(f"{text} read {found} from {way.words}: that is no reading of now")
+            raise RuleBroken(f"{text} read {found} from {way.words}: that is no reading of now", MADE_UP)
         right = output is not None and context.same(output, known, found)
         if not (right or context.alike(text, known, found) or context.fallen(text, found)) and text in context.known:
             raise RuleBroken(f"{text} read {found} from {way.words}; it is at {known}")

@@ -99,14 +99,15 @@ def directions(context: RuleContext) -> str | None:
     with context.opened() as probe:
         for each in inputs:
             before = probe.read(each.channel)
-            raw = before ^ 1 if each.channel in context.steady else before  # another level, if its change can be seen
+            raw = before ^ 1 if each.channel in context.known else before  # another level, if its change can be seen
             for many in (False, True):
                 what = f"{'write_many' if many else 'write'} to {each.channel}"
                 if context.failure(probe.call, what, _write, probe, each.channel, raw, many) is None:
                     raise RuleBroken(f"a {what}, an input, was taken")
-            if each.channel in context.steady and (after := probe.read(each.channel)) != before:
+            after = probe.read(each.channel)
+            if each.channel in context.known and not context.alike(each.channel, before, after):
                 raise RuleBroken(f"a refused write to {each.channel} changed it from {before} to {after}")
-    unsure = [each.channel for each in inputs if each.channel not in context.steady]
+    unsure = [each.channel for each in inputs if each.channel not in context.known]
     return f"whether it changes {some(unsure)} was not seen: nothing says that the level is steady" if unsure else None
 
 
