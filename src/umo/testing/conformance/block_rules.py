@@ -27,8 +27,8 @@ FEWEST_BLOCKS = 4
 """Blocks that are tried at any rate."""
 MAX_TURNS = 16
 """Blocks that are read one after the other, in two orders of these."""
-TURNS = 9
-"""Times that a few writes follow one another."""
+TURNS, FEWEST_TURNS = 9, 4
+"""Times that a few writes follow one another; that are tried at any rate, also of readings."""
 PATTERNS = 8
 """Patterns of levels beside those in which one output alone is not at its default."""
 
@@ -54,7 +54,7 @@ def patterns(outputs: Sequence[Output]) -> Iterator[list[int]]:
         yield [each.other() if each == alone else each.default for each in outputs]
 
 
-@rule(Cost(each=60, more=150))
+@rule(Cost(each=14, calls=8, more=200))
 def block_read(context: RuleContext) -> str | None:
     """read_many reads what read reads, of all channels in any order, of halves, of pairs and of one."""
     texts = context.readable
@@ -81,15 +81,15 @@ def _read_in_turns(context: RuleContext, probe: Probe) -> None:
     calls = [order for order in orders(context.known)[:MAX_TURNS] if len(order) > 1]
     calls += [calls[0][::-1]] if calls else []
     random = Random(1998)
-    for _ in range(2):
-        for block in random.sample(calls, len(calls)):
-            found = dict(zip(block, probe.read_many(block), strict=True))
-            if random.random() < 0.5:
-                found[block[0]] = probe.read(block[0])
-            for text, raw in found.items():
-                if not context.alike(text, raw, expected[text]):
-                    why = f"{context.watch.doing} gave {raw} for {text}, other calls before it {expected[text]}"
-                    raise RuleBroken(why, f"reading of {text}")
+    turns = random.sample(calls, len(calls)) + random.sample(calls, len(calls))
+    for block in context.as_time_allows(turns, FEWEST_TURNS, "blocks in turns"):
+        found = dict(zip(block, probe.read_many(block), strict=True))
+        if random.random() < 0.5:
+            found[block[0]] = probe.read(block[0])
+        for text, raw in found.items():
+            if not context.alike(text, raw, expected[text]):
+                why = f"{context.watch.doing} gave {raw} for {text}, other calls before it {expected[text]}"
+                raise RuleBroken(why, f"reading of {text}")
 
 
 def _compare(context: RuleContext, probe: Probe, texts: tuple[str, ...]) -> None:
@@ -108,7 +108,7 @@ def _compare(context: RuleContext, probe: Probe, texts: tuple[str, ...]) -> None
             raise RuleBroken(f"read_many read {block[i]} of {texts[i]}{of}, read before and after it {before[i]}")
 
 
-@rule(Cost(each=80, more=300))
+@rule(Cost(each=6, calls=32, more=350))
 def block_write(context: RuleContext) -> str | None:
     """write_many brings each output to its own level: all outputs in any order, halves, pairs and one."""
     outputs = context.required_outputs
@@ -130,7 +130,7 @@ def block_write(context: RuleContext) -> str | None:
 def _write_in_turns(context: RuleContext, probe: Probe) -> None:
     """Blocks of several orders and single outputs in one go; then each is at its own level."""
     outputs, random = context.required_outputs, Random(1998)
-    for turn in range(TURNS):
+    for turn in context.as_time_allows(range(TURNS), FEWEST_TURNS, "turns of writes"):
         levels: dict[Output, int] = {}
         for step in range(1 + turn % 3):
             part = random.sample(outputs, random.randint(1, len(outputs)))
@@ -153,7 +153,7 @@ def _check(context: RuleContext, probe: Probe, outputs: tuple[Output, ...], raws
         context.expect(probe, output, raw, f"{after} of {raw}" if after == "write_many" else after)
 
 
-@rule(Cost(each=10))
+@rule(Cost(each=2, calls=8))
 def block_buffers(context: RuleContext) -> str | None:
     """The arrays of a block belong to the caller: none is kept, and `raws` is not changed."""
     if not context.readable:
@@ -195,7 +195,7 @@ def _outs(probe: Probe, texts: tuple[str, ...]) -> None:
         raise RuleBroken("read_many wrote into the array of an earlier call")
 
 
-@rule(Cost(each=20))
+@rule(Cost(each=4, calls=6))
 def block_failures(context: RuleContext) -> str | None:
     """If a channel of a block fails, the others are transferred, or the error names them too."""
     if not context.subject.refused:

@@ -7,12 +7,12 @@ from typing import Any
 from umo.drivers.contract import Channel, Direction, Driver
 from umo.errors import ChannelError, text_of
 from umo.testing.conformance.rule_context import RuleContext
-from umo.testing.conformance.rules import Cost, RuleBroken, rule
+from umo.testing.conformance.rules import NOTHING, RuleBroken, rule
 
 UNKNOWN = "no such channel \N{REPLACEMENT CHARACTER}"
 
 
-@rule(Cost(opens=0, each=0))
+@rule(NOTHING)
 def channels(context: RuleContext) -> None:
     """A channel's text means one channel of fixed direction and bits; another text raises ChannelError."""
     probe, other = context.new(), context.new()
@@ -48,7 +48,7 @@ def _takes(driver: Driver[Any], text: str) -> bool:
     return True
 
 
-@rule(Cost(opens=0, each=0))
+@rule(NOTHING)
 def before_open(context: RuleContext) -> str | None:
     """Before `open` a driver accesses no hardware; `devices` names it alike for two drivers."""
     before = _connections(context)

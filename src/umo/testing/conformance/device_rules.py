@@ -27,7 +27,7 @@ MAX_LEVEL = 1 << 40
 SOLE_WRITER = "(if it must be alone: `sole_writer` of the subject, --sole-writer)"
 
 
-@rule(Cost(each=12, waits=6))
+@rule(Cost(each=4, calls=8, connects=7, waits=7))
 def reset_after_failure(context: RuleContext) -> str | None:
     """Reset reaches the default also after calls that failed."""
     outputs = context.required_outputs
@@ -64,7 +64,7 @@ def _carried_out_unknown(context: RuleContext, probe: Probe, output: Output) -> 
         context.expect(probe, output, output.default, f"{call} after a write without an answer")
 
 
-@rule(Cost(opens=4, each=17, waits=8))
+@rule(Cost(opens=4, each=4, calls=14, connects=4, waits=8))
 def vanish(context: RuleContext) -> str | None:
     """While the device is away each call fails in time; when it is back the next call works, and what failed is not
     made up for."""
@@ -142,7 +142,7 @@ def _right(context: RuleContext, probe: Probe, after: str) -> None:
         context.expect(probe, output, output.other(number), f"write({output.other(number)}) since {after}")
 
 
-@rule(Cost(opens=3, each=26))
+@rule(Cost(opens=3, each=9, calls=14))
 def two_clients(context: RuleContext) -> str | None:
     """A second driver of the device is refused by an OSError, or works; the first goes on working. What one writes
     stays when the other writes something else, and is what the other reads."""
@@ -218,7 +218,7 @@ def _join(context: RuleContext, second: Probe) -> None:
     context.use(second)
 
 
-@rule(Cost(opens=2, each=36, settles=6))
+@rule(Cost(opens=2, each=10, calls=26, settles=6))
 def fresh(context: RuleContext) -> str | None:
     """A reading is that of its own call, not of an earlier one."""
     # Another driver moves an input; the first has read it before. Only where that level has come for sure
@@ -270,7 +270,7 @@ def _is_old(
     return context.alike(context.view(output), earlier, found) and not context.same(output, raw, found)
 
 
-@rule(Cost(opens=2, waits=2))
+@rule(Cost(opens=3, connects=2, waits=5, sleeps=1))
 def errors_are_named(context: RuleContext) -> None:
     """A failure in a connected machine names the objects, their channels and the driver."""
     loss = context.subject.line.silent if context.subject.line is not None else context.loss

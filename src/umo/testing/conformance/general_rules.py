@@ -7,12 +7,12 @@ from contextlib import suppress
 
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import RuleContext
-from umo.testing.conformance.rules import NOTHING, NotTried, RuleBroken, rule
+from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.taps import Tap
 from umo.text import some
 
 
-@rule(NOTHING)
+@rule(Cost(each=1, calls=2))
 def readings(context: RuleContext) -> None:
     """A reading is an int, within the bits of its channel."""
     # Also of all readings of the rules before
@@ -26,7 +26,7 @@ def readings(context: RuleContext) -> None:
         raise RuleBroken(context.watch.wrong_types[0])
 
 
-@rule(NOTHING)
+@rule(Cost(calls=4, connects=2, waits=2))
 def kind_of_errors(context: RuleContext) -> str | None:
     """A call that fails raises an OSError, whatever failed."""
     # Also of all calls of the rules before
@@ -41,7 +41,7 @@ def kind_of_errors(context: RuleContext) -> str | None:
     return remark
 
 
-@rule(NOTHING)
+@rule(Cost(opens=2, calls=3))
 def end(context: RuleContext) -> str | None:
     """At the end every output is at its default. Closing a driver moves none."""
     # A new driver looks at the outputs

@@ -63,7 +63,7 @@ PER_LOST_CONNECTION = LeakLimit(fewest=FEWEST_OPENINGS, size=1024.0, circular=50
 """Memory that may be left over by each lost connection: one is lost seldom."""
 
 
-@rule(Cost(opens=9, each=18, waits=16, more=600))
+@rule(Cost(opens=9, each=12, calls=100, connects=48, waits=14, sleeps=0.6, more=600))
 def descriptors(context: RuleContext) -> str:
     """No descriptor is left open and no thread is left over, by many openings, lost connections, looks, error answers,
     garbled answers, and calls without an answer."""
@@ -86,9 +86,11 @@ def descriptors(context: RuleContext) -> str:
 def _open_often(context: RuleContext, least: int, most: int, silent: int) -> list[Probe]:
     """Opened, used and closed; the last `silent` ones on a line where nobody answers."""
     closed: list[Probe] = []
-    while len(closed) < least or (len(closed) < most and context.budget.more):
-        context.share = len(closed) / most
+    longest = 0.0
+    while len(closed) < least or (len(closed) < most and context.budget.has(longest)):
+        context.share, began = len(closed) / most, monotonic()
         closed.append(_open_and_cut(context))
+        longest = max(longest, monotonic() - began)
     return closed + [_open_in_silence(context) for _ in range(silent)]
 
 
@@ -165,7 +167,7 @@ def _descriptors(context: RuleContext) -> int:
     return 0  # they can be counted on Linux only
 
 
-@rule(Cost(each=20))
+@rule(Cost(calls=20))
 def time_(context: RuleContext) -> str:
     """The median time per transfer is within the timeout; the certificate has the times."""
     with context.opened(direct=True) as probe:
@@ -205,7 +207,7 @@ def _kinds(context: RuleContext, probe: Probe) -> dict[str, Callable[[], Any]]:
     return kinds
 
 
-@rule(Cost(each=30))
+@rule(Cost(each=1, calls=26, settles=2))
 def long_run(context: RuleContext) -> str:
     """Over many transfers no call fails or becomes slow, each reading is right, and the process does not grow."""
     # Direct, without the line. 70,000 transfers pass the end of a number of 16 bits
@@ -228,7 +230,7 @@ def _compare_with_a_new_one(context: RuleContext, run: LongRun) -> None:
         raise RuleBroken(f"a cycle takes {took}")
 
 
-@rule(Cost(each=100, more=2000))
+@rule(Cost(opens=3, calls=520, connects=13, sleeps=0.5, more=2000))
 def memory(context: RuleContext) -> str:
     """Python's memory does not grow over many calls, without the garbage collector; also not by calls that fail."""
     # The collector is off, as in the control process: an error that holds its own frame stays for ever

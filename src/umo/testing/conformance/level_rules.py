@@ -24,13 +24,13 @@ MOST_LOOKS = 20
 """Looks while the device does not answer, and when it does."""
 OTHER_LEVEL = 2
 """Number of the level that another client writes, beside that of the driver."""
-FEWEST_OUTPUTS = 2
+FEWEST_OUTPUTS = 1
 """Outputs whose requests are told from others, at any rate."""
 Happening = Callable[[RuleContext, "Witness", int], object]
 """Function that brings it about that the driver connects again, or looks. The number is that of the levels."""
 
 
-@rule(Cost(opens=2, each=50, waits=12))
+@rule(Cost(opens=2, each=4, calls=110, connects=10, waits=6, sleeps=0.3))
 def levels_kept(context: RuleContext) -> str | None:
     """Only what is written moves an output: it stays where it is when the driver connects again, after a lost
     connection, a timeout or a garbled answer, and while it looks for its device."""
@@ -134,7 +134,7 @@ class Witness:
         """A client that does not use the line."""
         self._looped = [each for each in context.viewed if self._apart and context.view(each) != each.channel]
         self._writes: dict[Output, Writes] = {}
-        if subject.line is not None and context.readable:
+        if subject.line is not None and subject.levels is None and context.readable:
             tried = context.as_time_allows(subject.outputs, FEWEST_OUTPUTS, "outputs whose requests are told")
             self._writes = {output: writes for output in tried if (writes := known_writes(context, probe, output))}
         recorded = subject.outputs if subject.levels is not None else ()

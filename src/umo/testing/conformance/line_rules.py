@@ -24,7 +24,7 @@ REFERENCE_CALLS = 3
 """Calls that are alike, whose requests are compared."""
 
 
-@rule(Cost(opens=2, each=32, waits=12))
+@rule(Cost(opens=2, each=4, calls=58, connects=13, waits=8, sleeps=0.3))
 def retry(context: RuleContext) -> str | None:
     """A request is sent once within a call, also if it fails: a pulse would come twice."""
     line = context.line
@@ -176,7 +176,7 @@ def _usual_of(context: RuleContext, probe: Probe, writes: bool) -> Traffic | Non
     return context.traffic(probe.read, context.readable[0]) if context.readable else None
 
 
-@rule(Cost(each=12))
+@rule(Cost(each=4, calls=4))
 def error_answer(context: RuleContext) -> str | None:
     """An error that the device answers is an OSError, not a value and not a timeout."""
     if not context.subject.refused:

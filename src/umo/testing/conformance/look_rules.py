@@ -21,7 +21,7 @@ LOOK_INTERVAL = 0.005
 """Time in s between two looks: a period."""
 
 
-@rule(Cost(each=8, waits=8))
+@rule(Cost(each=5, calls=10, connects=6, waits=5, sleeps=1.2))
 def look(context: RuleContext) -> str | None:
     """Looking for a device that does not answer (`look`) waits for nothing, does not find it, says so in the end,
     and raises nothing but an OSError; when it is back it is found, and the next transfers give true values."""

@@ -30,7 +30,7 @@ FEEDS = 6
 """Requests within the time of a watchdog that is not to run out."""
 
 
-@rule(Cost(opens=1, each=6))
+@rule(Cost(each=1, calls=10, sleeps=1))
 def physical_scale(context: RuleContext) -> str:
     """The scale that a driver gives for a channel is one: a resolution that is not 0, a known unit; the same before and
     after `open`. Both ends of a loop-back are the same value by it."""
@@ -97,7 +97,7 @@ def _compared(context: RuleContext, probe: Probe, output: Output, given: Mapping
     return True
 
 
-@rule(Cost(opens=1, each=4 * len(AGE_WAITS)))
+@rule(Cost(each=1, calls=28, sleeps=0.4))
 def ages(context: RuleContext) -> str | None:
     """The age of a reading is no less than the time since the level has changed, if it is an old level, and no more, if
     it is the new one. There is one for each channel of the block."""
@@ -157,7 +157,7 @@ def _time(seconds: float) -> str:
     return duration(round(seconds, 3)) if isfinite(seconds) else f"{seconds} s"
 
 
-@rule(Cost(opens=2, each=6))
+@rule(Cost(each=2, calls=2))
 def report(context: RuleContext) -> str | None:
     """What a driver reports (`report`, and `inspect` of an input) is plain data by name, a line of text; to ask for it
     moves no output."""
@@ -197,7 +197,7 @@ def _is_plain(value: Any) -> bool:
     return value is None or isinstance(value, str | bool | int | float) or hasattr(value, "dtype")
 
 
-@rule(Cost(opens=2, each=4 * FEEDS, watchdogs=6))
+@rule(Cost(each=1, watchdogs=7))
 def watchdog(context: RuleContext) -> str | None:
     """Armed with a time, the watchdog of the circuit lets go of the outputs after that time without a request, and not
     before; each call of `watchdog` sets the time anew."""

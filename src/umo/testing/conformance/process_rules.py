@@ -32,7 +32,7 @@ WAITING_FUNCTIONS = {
 """Functions in C in which drivers wait for their devices."""
 
 
-@rule(Cost(each=16, waits=20))
+@rule(Cost(calls=18, connects=4, waits=4, sleeps=1.3))
 def idle(context: RuleContext) -> str | None:
     """No processor time is used for waiting: not while the device is silent or away, not between calls, not after
     `close`."""
@@ -90,7 +90,7 @@ def _share(context: RuleContext, before: dict[int, tuple[float, float]], took: f
     return max(shares)
 
 
-@rule(Cost(opens=4, each=4))
+@rule(Cost(opens=5, calls=5))
 def interrupt(context: RuleContext) -> str | None:
     """Ctrl-C passes through a call that waits: KeyboardInterrupt is not turned into anything else."""
     # The interrupt is raised where the call would wait in a function in C
@@ -132,7 +132,7 @@ class _Interrupt:
             raise KeyboardInterrupt
 
 
-@rule(Cost(opens=1, each=16, waits=4))
+@rule(Cost(calls=46, connects=5, waits=8))
 def process(context: RuleContext) -> str | None:
     """The process stays as it was: signals, working directory, default timeout of sockets, environment, locale,
     processors, priority, garbage collector, child processes, logging; nothing is printed, also if a call fails."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from functools import partial
 from math import inf
 from time import monotonic
@@ -25,6 +25,10 @@ DriverCall = Callable[[], object]
 T = TypeVar("T")
 MEASURED_CALLS = 3
 """Calls of each kind from which the time of a call is measured."""
+MEASURED_OPENINGS = 2
+"""Openings that are measured: a device may need its time between two."""
+WATCHED_CALLS = 4
+"""Calls within the time of a watchdog."""
 MIN_HASTE = 0.2
 """Timeout in s: no shorter one is chosen by the kit itself."""
 HASTE_FACTOR = 10
@@ -59,26 +63,52 @@ class RuleContext(OutputObserver):
 
     def measure(self) -> None:
         """Time a few calls: sets `pace`, and `haste` for a device that answers much quicker than the timeout."""
-        began = monotonic()
-        taken = []
-        with self.opened() as probe:
-            for call in self.transfers(probe) * MEASURED_CALLS:
-                call()
-                taken.append(self.watch.took)
-        opening = monotonic() - began - sum(taken)
+        opening, taken = 0.0, list[float]()
+        for _ in range(MEASURED_OPENINGS):
+            began = monotonic()
+            with self.opened() as probe:
+                used = [self._timed(call) for call in self.transfers(probe) * MEASURED_CALLS]
+            opening, taken = max(opening, monotonic() - began - sum(used)), taken + used
         self.haste = min(self.subject.timeout, max(MIN_HASTE, HASTE_FACTOR * max(taken, default=0.0)))
         mean = sum(taken) / max(1, len(taken))
-        self.pace = CallTime(opening, mean, self.haste, max(1, len(self.channels)), self.subject.watchdog)
+        watchdog = self.subject.watchdog and self.subject.watchdog + WATCHED_CALLS * mean
+        self.pace = CallTime(
+            opening, mean, self.haste, max(1, len(self.channels)), self._connecting(mean), self._settling(), watchdog
+        )
+
+    def _timed(self, call: DriverCall) -> float:
+        call()
+        return self.watch.took
+
+    def _settling(self) -> float:
+        """Time in s that the levels of all loop-backs take, where no other client sees them come."""
+        looped = [each for each in self.viewed if self.view(each) != each.channel]
+        with self.second() if looped else nullcontext(None) as other:
+            return 0.0 if other is not None else len(looped) * self.subject.settle
+
+    def _connecting(self, transfer: float) -> float:
+        """How much longer a call takes when the connection was lost."""
+        if self.subject.line is None:
+            return 0.0
+        with self.opened() as probe:
+            call = self.transfers(probe)[0]
+            self.subject.line.drop()
+            self.failure(call)
+            first = self.watch.took
+            self.failure(call)  # the first may only have found the end of the connection
+            return max(0.0, first - transfer, self.watch.took - transfer)
 
     def as_time_allows(self, tasks: Sequence[T], fewest: int, what: str) -> Iterator[T]:
         """The tasks of a rule, `fewest` of them at any rate, the others as long as there is time. `what` they are, if
         some are left out: "blocks"."""
+        longest = 0.0
         for number, task in enumerate(tasks):
-            if number >= fewest and not self.budget.more:
+            if number >= fewest and not self.budget.has(longest):
                 self.left_out.append(f"{number} of {len(tasks)} {what}")
                 return
-            self.share = number / len(tasks)
+            self.share, began = number / len(tasks), monotonic()
             yield task
+            longest = max(longest, monotonic() - began)
 
     def transfers(self, probe: Probe, default: bool = True) -> list[DriverCall]:
         """One call of each kind. Outputs are written their defaults, or other levels."""

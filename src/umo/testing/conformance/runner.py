@@ -20,7 +20,7 @@ from umo.testing.conformance.certificate import Certificate, Finding, Judgement,
 from umo.testing.conformance.probe import Stopped, TimeUp, call_of
 from umo.testing.conformance.process_snapshot import State
 from umo.testing.conformance.rule_context import RuleContext
-from umo.testing.conformance.rules import NotTried, Rule, RuleBroken, chosen_rules
+from umo.testing.conformance.rules import ALWAYS, NotTried, Rule, RuleBroken, chosen_rules
 from umo.testing.conformance.subject import Subject
 
 T = TypeVar("T")
@@ -131,7 +131,7 @@ class _Examination:
             self.findings.append(self._finding(number, rule))
 
     def _finding(self, number: int, rule: Rule) -> Finding:
-        general = rule.theme == "general"
+        general = rule.theme == ALWAYS
         if self.ended and not (general and not self.context.watch.over):
             return _finding_on(rule, Judgement.NOT_TRIED, self.ended)
         if not general and not self.context.budget.begin(rule):
@@ -179,7 +179,7 @@ def _finding_on(rule: Rule, verdict: Judgement, why: str) -> Finding:
 
 def _tried(context: RuleContext, rule: Rule, causes: dict[str, str]) -> Finding:
     cause, context.left_out, context.excuses = "", [], []
-    context.watch.until = inf if rule.theme == "general" else context.budget.latest
+    context.watch.until = inf if rule.theme == ALWAYS else context.budget.latest
     try:
         verdict, remark = Judgement.PASSED, rule.check(context)
         why = "; ".join(filter(None, [remark, *dict.fromkeys(context.excuses), *context.left_out]))

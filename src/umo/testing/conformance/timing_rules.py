@@ -24,7 +24,7 @@ MAX_DELAY = 2.0
 """Delay in s at most of an answer that a longer timeout waits for; it is twice the short timeout."""
 
 
-@rule(Cost(opens=8, each=8, waits=16))
+@rule(Cost(opens=5, calls=14, connects=10, waits=16))
 def timeout(context: RuleContext) -> str | None:
     """A call ends within `timeout`, which it reads, by a TimeoutError; also if bytes come without end, or nothing
     answers the request to connect."""
@@ -104,7 +104,7 @@ def _slow(context: RuleContext, timeout: float) -> str:
     return f"{context.watch.doing} took {duration(round(context.watch.took, 3))}, its timeout is {duration(timeout)}"
 
 
-@rule(Cost(each=4, waits=8))
+@rule(Cost(calls=10, connects=7, waits=7, sleeps=1.2))
 def one_deadline(context: RuleContext) -> None:
     """The timeout is that of the whole call: it does not begin anew with each byte or part of an answer."""
     line, tried = context.line, False
@@ -129,7 +129,7 @@ def one_deadline(context: RuleContext) -> None:
         raise NotTried("no call was answered")
 
 
-@rule(Cost(opens=2, each=3, waits=8))
+@rule(Cost(opens=2, calls=4, waits=8))
 def patience(context: RuleContext) -> str | None:
     """A longer `timeout`, set after `open`, holds at once: initialise and reset get one."""
     delay = min(2 * context.haste, MAX_DELAY, context.patience / 2)
