@@ -77,10 +77,9 @@ def descriptors(context: RuleContext) -> str:
     for what, number in before.items():
         if after[what] > number:
             raise RuleBroken(f"{after[what] - number} {what} more than before are there after {openings} openings")
-    line = (
-        "" if context.subject.line is not None else ", without lost connections and spoiled answers: there is no line"
-    )
-    return f"{openings} openings{line}"
+    words = [f"{openings} openings"]
+    words += [] if context.subject.line is not None else ["no line, so no lost connections and spoiled answers"]
+    return "; ".join(words)
 
 
 def _open_often(context: RuleContext, least: int, most: int, silent: int) -> list[Probe]:
