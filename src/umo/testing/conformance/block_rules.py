@@ -26,7 +26,9 @@ LOOKS = 5
 FEWEST_BLOCKS = 4
 """Blocks that are tried at any rate."""
 MAX_TURNS = 16
-"""Blocks that are read one after the other, in two orders of these."""
+"""Blocks that are read one after the other, each in some orders."""
+SINGLE_EACH = 4
+"""Blocks after which a channel is read alone."""
 TURNS, FEWEST_TURNS = 9, 4
 """Times that a few writes follow one another; that are tried at any rate, also of readings."""
 PATTERNS = 8
@@ -78,18 +80,21 @@ def _read_in_turns(context: RuleContext, probe: Probe) -> None:
     """Blocks of several orders and single channels in one go, while nothing changes: what a call gives does not depend
     on the one before."""
     expected = {text: probe.read(text) for text in context.known}
-    calls = [order for order in orders(context.known)[:MAX_TURNS] if len(order) > 1]
-    calls += [calls[0][::-1]] if calls else []
-    random = Random(1998)
-    turns = random.sample(calls, len(calls)) + random.sample(calls, len(calls))
-    for block in context.as_time_allows(turns, FEWEST_TURNS, "blocks in turns"):
+    for number, block in enumerate(context.as_time_allows(_turns(context.known), FEWEST_TURNS, "blocks in turns")):
         found = dict(zip(block, probe.read_many(block), strict=True))
-        if random.random() < 0.5:
+        if number % SINGLE_EACH == 0:
             found[block[0]] = probe.read(block[0])
         for text, raw in found.items():
             if not context.alike(text, raw, expected[text]):
                 why = f"{context.watch.doing} gave {raw} for {text}, other calls before it {expected[text]}"
                 raise RuleBroken(why, f"reading of {text}")
+
+
+def _turns(texts: tuple[str, ...]) -> list[tuple[str, ...]]:
+    """Blocks, each with those of the same channels in another order right behind it."""
+    blocks = [each for each in orders(texts)[:MAX_TURNS] if len(each) > 1]
+    blocks = Random(1998).sample(blocks, len(blocks))
+    return [order for each in blocks for order in (each, each[1:] + each[:1], each[::-1], each)]
 
 
 def _compare(context: RuleContext, probe: Probe, texts: tuple[str, ...]) -> None:

@@ -245,7 +245,7 @@ def _is_fresh(context: RuleContext, probe: Probe, second: Probe | None, output: 
     )
     for reading in readings:
         old = number = 0
-        while old < MAX_OLD and number < MAX_OLD + old:
+        while old < MAX_OLD and number < MAX_OLD * (1 + old):  # one that happens to be at the new level is no proof
             old += _is_old(context, probe, other, output, reading, number)
             number += 1
         if old == MAX_OLD:
@@ -258,7 +258,7 @@ def _is_old(
 ) -> bool:
     """Whether a level is read that was there before, though another has come since for sure."""
     levels = (output.default, output.other(number))
-    before, raw = levels if number % 2 else levels[::-1]
+    before, raw = levels[::-1] if number % 2 else levels
     mover = probe if other is None else other
     mover.write(output.channel, before)
     context.is_read(probe, output, before)

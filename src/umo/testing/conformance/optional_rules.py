@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import nullcontext
 from math import isfinite, isnan
 from time import monotonic, sleep
 from typing import Any
@@ -13,6 +14,7 @@ from umo.objects.units import check_unit, convert, line_between
 from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
 from umo.testing.conformance.probe import Probe
+from umo.testing.conformance.relay import Traffic
 from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
@@ -22,6 +24,8 @@ SCALE_SHARE = 0.05
 """Share of an output's range by which the two ends of a loop-back may differ."""
 AGE_TOLERANCE = 0.02
 """Time in s by which an age may be wrong: the calls around it take their time."""
+AGE_INTERVAL = 0.01
+"""Time in s until it is read once more."""
 AGE_WAITS = (0.0, 0.05, 0.15, 0.0, 0.1)
 """Times in s after which a level that has come is read."""
 UNFED = 1.5
@@ -97,7 +101,7 @@ def _compared(context: RuleContext, probe: Probe, output: Output, given: Mapping
     return True
 
 
-@rule(Cost(each=1, calls=28, sleeps=0.4))
+@rule(Cost(each=1, calls=34, sleeps=0.5))
 def ages(context: RuleContext) -> str | None:
     """The age of a reading is no less than the time since the level has changed, if it is an old level, and no more, if
     it is the new one. There is one for each channel of the block."""
@@ -133,7 +137,7 @@ def _ages(probe: Probe, texts: tuple[str, ...]) -> list[float] | None:
 
 def _moves(context: RuleContext, probe: Probe, output: Output, number: int, pause: float) -> None:
     """A level changes between two times, and is read after a pause."""
-    view, texts = context.view(output), context.readable
+    texts = context.readable
     old, new = (output.other(), output.default) if number % 2 else (output.default, output.other())
     probe.write(output.channel, old)
     context.is_read(probe, output, old)
@@ -142,7 +146,17 @@ def _moves(context: RuleContext, probe: Probe, output: Output, number: int, paus
     probe.write(output.channel, new)
     context.arrive(None, output, new)
     came = monotonic()
-    sleep(pause)
+    for wait in (pause, AGE_INTERVAL):
+        sleep(wait)
+        _check_age(context, probe, output, (old, new), (began, came))
+
+
+def _check_age(
+    context: RuleContext, probe: Probe, output: Output, levels: tuple[int, int], times: tuple[float, float]
+) -> None:
+    """A level is read that has changed between these times."""
+    (old, new), (began, came), texts = levels, times, context.readable
+    view = context.view(output)
     found = dict(zip(texts, probe.read_many(texts), strict=True))[view]
     least = monotonic() - came - context.watch.took - AGE_TOLERANCE
     age = dict(zip(texts, _ages(probe, texts) or (), strict=True))[view]
@@ -258,9 +272,12 @@ def _check_held(context: RuleContext, probe: Probe, when: str) -> None:
 
 def _check_let_go(context: RuleContext, probe: Probe, seconds: float) -> None:
     """Nothing is asked for long enough. It is the circuit's own choice which outputs it lets go of, and to what."""
+    outputs, line = context.required_outputs, context.subject.line
     _drive(context, probe)
-    sleep(UNFED * seconds)
-    outputs = context.required_outputs
+    with line.counting() if line is not None else nullcontext(Traffic()) as traffic:
+        sleep(UNFED * seconds)
+    if traffic.asked:
+        raise NotTried("the driver sends requests by itself while nothing is called, so the watchdog does not run out")
     if all(context.same(each, each.other(), context.level(probe, each)) for each in outputs):
         at = some([f"{each.channel} at {each.other()}" for each in outputs])
         raise RuleBroken(f"armed with {duration(seconds)}, still {at} after {duration(UNFED * seconds)} of silence")
