@@ -14,6 +14,8 @@ from conformance.device import ARM, CHECK, FAILED, HEADER, ITEM, PLACES, READ, W
 from umo.drivers.contract import Channel, Direction, Driver, IntArray, PhysicalScale
 from umo.errors import ChannelError, ChannelsFailed, DeviceTimeout, DriverError
 
+HASTE = 0.025
+"""s: the timeout of calls that are to time out."""
 KINDS = {"out": (Direction.OUTPUT, 8, False), "io": (Direction.BOTH, 12, True), "in": (Direction.INPUT, 16, False)}
 
 
