@@ -8,6 +8,7 @@ import socket
 import sys
 import threading
 import time
+from dataclasses import replace
 from random import Random
 from typing import Any
 
@@ -486,3 +487,77 @@ def test_the_requests_of_a_driver_that_sends_by_itself_are_not_counted() -> None
     with careful(Beats) as subject:
         found = conform(subject, only=["retry"]).finding("retry")
     assert (found.verdict, found.why) == (Judgement.NOT_TRIED, "the driver sends requests by itself")
+
+
+# Words and causes -------------------------------------------------------------------------------------------
+
+
+def test_a_connection_that_is_not_made_again_is_one_cause_of_one_rule() -> None:
+    class Once(Careful):
+        lost = False
+
+        def drop(self) -> None:
+            self.lost = self.lost or self.connection is not None
+            super().drop()
+
+        def connect(self) -> None:
+            if self.lost:
+                raise OSError("the connection was lost")
+            super().connect()
+
+        def open(self) -> None:
+            self.lost = False
+            super().open()
+
+    with careful(Once) as subject:
+        rules = [
+            "late answer",
+            "old answer",
+            "retry",
+            "reset after failure",
+            "vanish",
+            "look",
+            "levels kept",
+            "process",
+        ]
+        certificate = conform(subject, only=rules, cycles=10)
+    first, *others = certificate.findings
+    assert [each.rule for each in certificate.failed] == [first.rule], str(certificate)
+    assert all(each.why.startswith(f"as above ({first.rule}): ") for each in others)
+
+
+def test_a_certificate_that_a_test_shows_begins_with_the_reason() -> None:
+    class Misread(Careful):
+        def read(self, channel: Any) -> int:
+            return super().read(channel) + (channel.text == "in:0")
+
+    with careful(Misread) as subject:
+        shown = repr(conform(subject, only=["range", "reading"]))
+    assert shown.startswith("range: in:0 reads 6; out:0 is at 5, as it should be after write(5)")
+
+
+UNSEEN = {
+    "before open": "whether it connects before open was not seen",
+    "vanish": "every call succeeded, but no level can be seen",
+    "initialise": "whether the others stay was not seen: no record",
+    "two clients": "one output only: nobody wrote another beside it",
+    "end": "whether closing moves one was not seen: it needs a line and a record",
+    "descriptors": "3 openings; no line, so no lost connections and spoiled answers",
+    "kind of errors": "no call can be made to fail: there is no line between driver and device",
+    "idle": "not while the device is silent: there is no line",
+    "watchdog": "nothing says with which time to arm it",
+}
+
+
+@pytest.mark.parametrize("rule", UNSEEN)
+def test_a_rule_says_what_it_did_not_look_at(rule: str) -> None:
+    outputs = (Output("io:0", 0, -2048, 2047), *([Output("io:1", 0, -2048, 2047)] if rule == "initialise" else []))
+    missing: dict[str, Any] = {"outputs": outputs, "loopbacks": (), "refused": (), "levels": None}
+    if rule == "vanish":
+        missing["outputs"] = (Output("out:0"),)
+    else:
+        missing |= {"line": None}
+    with careful(**missing) as subject:
+        found = conform(replace(subject, watchdog=0.0), only=[rule], cycles=10).finding(rule)
+    assert found.verdict is not Judgement.FAILED
+    assert UNSEEN[rule] in found.why

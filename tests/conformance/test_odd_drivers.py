@@ -151,3 +151,15 @@ def test_a_loop_back_that_takes_longer_than_a_cycle_passes_the_long_run() -> Non
         certificate = conform(subject, only=["long run"], cycles=400)
     assert "in:0: compared now and then" in certificate.finding("long run").why
     assert certificate.passed, str(certificate)
+
+
+@pytest.mark.parametrize("driver", [SensorsOnly, OutputsOnly, EventsOnly])
+def test_a_refused_channel_is_used_in_the_directions_that_the_driver_has(driver: type[Careful]) -> None:
+    reads = driver is SensorsOnly
+    channels: dict[str, Any] = {"inputs": INPUTS, "outputs": ()} if reads else {"inputs": (), "outputs": OUTPUTS[1:]}
+    if driver is EventsOnly:
+        channels["outputs"] = (Output("out:1"),)
+    refused = ("in:40",) if reads else ("out:40",)
+    with careful(driver, loopbacks=(), refused=refused, levels=None, **channels) as subject:
+        certificate = conform(subject, only=["process", "memory", "error answer", "retry", "kind of errors"], cycles=20)
+    assert not certificate.failed, str(certificate)
