@@ -200,7 +200,7 @@ def _outs(probe: Probe, texts: tuple[str, ...]) -> None:
         raise RuleBroken("read_many wrote into the array of an earlier call")
 
 
-@rule(Cost(each=4, calls=6))
+@rule(Cost(each=4, calls=6, waits=8))
 def block_failures(context: RuleContext) -> str | None:
     """If a channel of a block fails, the others are transferred, or the error names them too."""
     if not context.subject.refused:
@@ -232,7 +232,8 @@ def _read_with(context: RuleContext, probe: Probe, bad: str) -> None:
     for place in (0, len(texts) // 2, len(texts)):
         block = [*texts[:place], bad, *texts[place:]]
         out = np.full(len(block), -1 << 40, np.int64)
-        named = _named(context.failure(probe.read_many, block, out), block, bad, "read_many")
+        with context.in_haste(probe):
+            named = _named(context.failure(probe.read_many, block, out), block, bad, "read_many")
         for text, raw in zip(block, out.tolist(), strict=True):
             if text not in named and text in context.known and not context.alike(text, raw, expected[text]):
                 raise RuleBroken(
@@ -249,7 +250,8 @@ def _write_with(context: RuleContext, probe: Probe, bad: str) -> None:
         texts = [output.channel for output in outputs]
         block = [*texts[:place], bad, *texts[place:]]
         values = [*raws[:place], 0, *raws[place:]]
-        named = _named(context.failure(probe.write_many, block, values), block, bad, "write_many")
+        with context.in_haste(probe):
+            named = _named(context.failure(probe.write_many, block, values), block, bad, "write_many")
         for output, raw in zip(outputs, raws, strict=True):
             if output.channel not in named:
                 context.expect(probe, output, raw, f"a write_many that failed for {', '.join(named)} only")

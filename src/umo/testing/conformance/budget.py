@@ -17,7 +17,7 @@ LONG_RUN_TRANSFERS = 70_000
 """Transfers of the long run: more than a number of 16 bits has."""
 SPARE_SHARE = 0.3
 """Share of the time to spare that a rule gets which can use it."""
-SPARE_SHARES = {"long run": 0.9, "memory": 1.0}
+SPARE_SHARES = {"long run": 0.9, "memory": 0.5}
 """Shares of the last rules."""
 
 

@@ -176,7 +176,7 @@ def _usual_of(context: RuleContext, probe: Probe, writes: bool) -> Traffic | Non
     return context.traffic(probe.read, context.readable[0]) if context.readable else None
 
 
-@rule(Cost(each=4, calls=4))
+@rule(Cost(each=4, calls=4, waits=8))
 def error_answer(context: RuleContext) -> str | None:
     """An error that the device answers is an OSError, not a value and not a timeout."""
     if not context.subject.refused:
@@ -186,7 +186,8 @@ def error_answer(context: RuleContext) -> str | None:
         expected = values(context, probe)
         for text in context.subject.refused:
             for call in context.refused_calls(probe, text):
-                answered, error = _refusal(context, call)
+                with context.in_haste(probe):
+                    answered, error = _refusal(context, call)
                 if not answered:
                     silent.append(context.watch.doing)
                     continue

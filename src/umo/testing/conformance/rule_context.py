@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import nullcontext, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
 from math import inf
 from time import monotonic
@@ -148,6 +148,13 @@ class RuleContext(OutputObserver):
         if Direction.OUTPUT in direction and self.subject.outputs:
             found += [partial(probe.write, text, 0), partial(probe.write_many, (text,), (0,))]
         return found
+
+    @contextmanager
+    def in_haste(self, probe: Probe) -> Iterator[None]:
+        """Calls that may have to time out, such as those that the device refuses in silence."""
+        probe.timeout = self.haste
+        yield
+        probe.timeout = self.patience
 
     def told(self, probe: Probe) -> bool:
         """Whether the driver is told the values of its inputs: it gives ages, and they are judged by their rule."""
