@@ -141,8 +141,9 @@ def time(node: ast.AST) -> Iterator[ast.AST]:
 def buffer(node: ast.AST) -> Iterator[ast.AST]:
     """What has come in, and the arrays of blocks."""
     match node:
-        case ast.AugAssign(op=ast.Add(), target=ast.Name()):
+        case ast.AugAssign(op=ast.Add(), target=ast.Name(id=name)):
             yield ast.Assign([node.target], node.value)
+            yield ast.Assign([node.target], ast.BinOp(node.value, ast.Add(), ast.Name(name, ast.Load())))
         case ast.Subscript(value=ast.Name(id="out"), slice=ast.Name()):
             yield ast.Subscript(node.value, ast.Constant(0), node.ctx)
         case ast.While(test=ast.Compare()):
@@ -151,6 +152,13 @@ def buffer(node: ast.AST) -> Iterator[ast.AST]:
             yield _with(node, comparators=[ast.BinOp(node.comparators[0], ast.Sub(), ast.Constant(1))])
         case ast.Call(func=ast.Name(id="enumerate"), args=[items]):
             yield ast.Call(node.func, [items, ast.Constant(1)], [])
+        case ast.For(iter=items):
+            yield _with(node, body=[*node.body, ast.Break()])
+            yield _with(node, iter=_cut(ast.Call(ast.Name("list", ast.Load()), [items], []), ast.Constant(1), None))
+        case ast.Name(id="data" | "answer" | "raws", ctx=ast.Load()):
+            yield _cut(node, None, ast.Constant(-1))
+        case ast.Call(func=ast.Attribute(attr="tolist")):
+            yield ast.Call(ast.Name("sorted", ast.Load()), [node], [])
 
 
 def state(node: ast.AST) -> Iterator[ast.AST]:
@@ -201,6 +209,11 @@ KINDS: dict[str, Change] = {
 def _with(node: Any, **fields: Any) -> ast.AST:
     """A copy of a node with other fields."""
     return type(node)(**{name: getattr(node, name) for name in node._fields} | fields)
+
+
+def _cut(node: ast.expr, lower: ast.expr | None, upper: ast.expr | None) -> ast.Subscript:
+    """A part of a sequence."""
+    return ast.Subscript(node, ast.Slice(lower, upper), ast.Load())
 
 
 # The mutants --------------------------------------------------------------------------------------
@@ -330,15 +343,15 @@ def _words(old: ast.AST, new: ast.AST) -> str:
 @cache
 def generated(seed: int, count: int) -> tuple[Generated, ...]:
     """So many mutants: each kind of each driver in turns, no change twice."""
-    random, found = Random(seed), dict[tuple[str, str, int, int], Generated]()
-    pools = {(correct, kind): list(_sites(correct, kind)) for kind in KINDS for correct in DRIVERS}
-    for pool in pools.values():
-        random.shuffle(pool)
+    found = dict[tuple[str, str, str], Generated]()
+    pools = {(kind, correct.name): list(_sites(correct, kind)) for kind in KINDS for correct in DRIVERS}
+    for name, pool in pools.items():
+        Random(f"{seed} {name}").shuffle(pool)
     while len(found) < count and any(pools.values()):
         for pool in pools.values():
             while pool and len(found) < count:
                 each = pool.pop()
-                if found.setdefault((each.owner, each.kind, each.site, each.choice), each) is each:
+                if found.setdefault((each.owner, each.kind, each.words), each) is each:
                     break
     return tuple(found.values())
 

@@ -62,8 +62,7 @@ def _looks_in_vain(context: RuleContext, probe: Probe) -> None:
         probe.timeout = LOOK_TIMEOUT
         took = 0.0
         for _ in range(LOOKS):
-            if context.look(probe) is True and _has_its_own(probe) and context.readable:
-                raise RuleBroken("look says that the device answers, and it does not")
+            _look_in_vain(context, probe)
             took = max(took, context.watch.took)
             if took > AT_ONCE:
                 break
@@ -75,11 +74,19 @@ def _looks_in_vain(context: RuleContext, probe: Probe) -> None:
     raise RuleBroken(f"a look for a device that does not answer took {duration(round(min(slowest), 3))}")
 
 
+def _look_in_vain(context: RuleContext, probe: Probe) -> bool | None:
+    """A look for a device that does not answer, which must not find it."""
+    found = context.look(probe)
+    if found is True and _has_its_own(probe) and context.readable:
+        raise RuleBroken("look says that the device answers, and it does not")
+    return found
+
+
 def _decides(context: RuleContext, probe: Probe) -> None:
     """Looks for a device that stays away come to an end."""
     probe.timeout = context.haste
     end = monotonic() + context.patience
-    while context.look(probe) is None:
+    while _look_in_vain(context, probe) is None:
         if monotonic() > end:
             limit = duration(context.patience)
             raise RuleBroken(f"look has not found out for {limit} that the device does not answer: it returns None")
