@@ -10,8 +10,8 @@ from umo.testing.conformance import conform, runner
 
 SEED, COUNT, PART = 1, 300, 30
 MOST_MISSED = 0.05
-QUICK = (0, 3, 4, 5, 8)
-"""Mutants that a rule of values finds at once."""
+QUICK = (7, 16, 25, 42, 52)
+"""Mutants that a quick rule finds at once, of five kinds."""
 
 
 @pytest.fixture(autouse=True)
