@@ -5,14 +5,17 @@ from __future__ import annotations
 import select
 import socket
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from time import monotonic
+from typing import Any
 
-from conformance.device import CHECK, FAILED, HEADER, ITEM, PLACES, READ, WRITE, frame, size
-from umo.drivers.contract import Channel, Direction, Driver, IntArray
+from conformance.device import ARM, CHECK, FAILED, HEADER, ITEM, PLACES, READ, WRITE, frame, size
+from umo.drivers.contract import Channel, Direction, Driver, IntArray, PhysicalScale
 from umo.errors import ChannelError, ChannelsFailed, DeviceTimeout, DriverError
 
+HASTE = 0.025
+"""s: the timeout of calls that are to time out."""
 KINDS = {"out": (Direction.OUTPUT, 8, False), "io": (Direction.BOTH, 12, True), "in": (Direction.INPUT, 16, False)}
 
 
@@ -97,6 +100,23 @@ class Careful(Driver[Place]):
             self.drop()
             return False
         return None
+
+    def watchdog(self, seconds: float) -> None:
+        self.check_watchdog(seconds)
+        self.exchange(ARM, (self.channel("in:0"),), [round(1000 * seconds)])
+
+    def check_watchdog(self, seconds: float) -> None:
+        if not 0 <= seconds <= 60:
+            raise DriverError("the watchdog takes 0 to 60 s")
+
+    def physical_scale(self, channel: Place) -> PhysicalScale | None:
+        return PhysicalScale(0.02, 0.0, "V")
+
+    def inspect(self, channel: Place) -> str:
+        return f"place {channel.number} has {self.read(channel)}"
+
+    def report(self) -> Mapping[str, Any]:
+        return {"requests": self.number}
 
     # One exchange ------------------------------------------------------------------------------------
 

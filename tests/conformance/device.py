@@ -1,8 +1,8 @@
 """A device on loopback TCP for the tests of the kit, with a record of the levels that its outputs had.
 
-A request: number (16 bits), function (1 read, 2 write), count (8 bits each); per channel its place (8 bits) and a level
-(32 bits); a checksum (16 bits). The answer is the same with a status (0, or an error) for the place; the high bit of
-its function says that a channel failed.
+A request: number (16 bits), function (1 read, 2 write, 3 arm the watchdog), count (8 bits each); per channel its place
+(8 bits) and a level, or the time of the watchdog in ms (32 bits); a checksum (16 bits). The answer is the same with a
+status (0, or an error) for the place; the high bit of its function says that a channel failed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from time import monotonic
 HEADER = struct.Struct(">HBB")
 ITEM = struct.Struct(">Bi")
 CHECK = struct.Struct(">H")
-READ, WRITE, FAILED = 1, 2, 0x80
+READ, WRITE, ARM, FAILED = 1, 2, 3, 0x80
 PLACES = {"out": 0, "io": 16, "in": 32}
 HIGHEST = 48
 """Places from here on are answered with status 2."""
@@ -41,8 +41,8 @@ class Device:
     def __init__(
         self, clients: int = 400, watchdog: float = inf, defaults: Mapping[int, int] | None = None, wire: float = 0.0
     ) -> None:
-        """`watchdog`: s of silence after which the device brings these places to their defaults by itself. `wire`: s
-        after which in:N follows out:N."""
+        """`watchdog`: s of silence after which the device brings these places to their defaults by itself, until it is
+        armed with another time. `wire`: s after which in:N follows out:N."""
         self.raws = dict.fromkeys(range(HIGHEST), 0) | {40 + i: 1000 + 77 * i for i in range(8)}
         self.host, self.port = "127.0.0.1", 0
         self._clients = clients
@@ -86,12 +86,24 @@ class Device:
 
     def _work(self) -> None:
         while not self._end:
-            ready = self._selector.select()
+            ready = self._selector.select(self._until_it_lets_go())
+            self._let_go()
             for key, _ in sorted(ready, key=lambda each: each[0].fileobj is self._listener):  # who leaves goes first
                 if key.fileobj is self._listener:
                     self._accept()
                 elif key.fileobj is not self._wake:
                     self._serve(key.fileobj)  # type: ignore[arg-type]
+
+    def _until_it_lets_go(self) -> float | None:
+        left = self._heard + self._watchdog - monotonic()
+        return max(0.0, left) if left < inf else None
+
+    def _let_go(self) -> None:
+        """The watchdog has run out: the places go to their defaults."""
+        if monotonic() - self._heard > self._watchdog:
+            self._heard = inf
+            for place, raw in self._defaults.items():
+                self._set(place, raw)
 
     def _accept(self) -> None:
         assert self._listener is not None
@@ -119,26 +131,26 @@ class Device:
         body, check = request[: -CHECK.size], request[-CHECK.size :]
         if len(request) != size(count) or check != CHECK.pack(zlib.crc32(body) & 0xFFFF):
             return frame(number, function | FAILED, [(3, 0)] * count)
-        if monotonic() - self._heard > self._watchdog:
-            for place, raw in self._defaults.items():
-                self._set(place, raw)
         self._heard = monotonic()
         done = [self._carry_out(function, *ITEM.unpack_from(request, 4 + 5 * i)) for i in range(count)]
         failed = FAILED if any(status for status, _ in done) else 0
         return frame(number, function | failed, done)
 
     def _carry_out(self, function: int, place: int, raw: int) -> tuple[int, int]:
+        if function == ARM:
+            self._watchdog = raw / 1000 or inf
+            return 0, 0
         if place >= HIGHEST or (function == WRITE and place >= 32):
             return 2, 0
         if function == WRITE:
             self.when_driven()
             self._set(place, raw)
-            if raw != self._levels[place][-1]:
-                self._levels[place].append(raw)
         return 0, self._looped(place - 32) if 32 <= place < 40 else self.raws[place]
 
     def _set(self, place: int, raw: int) -> None:
         self.raws[place] = raw
+        if raw != self._levels[place][-1]:
+            self._levels[place].append(raw)
         if place in self._under_way:
             self._under_way[place].append((monotonic(), raw))
             self._looped(place)

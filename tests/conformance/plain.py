@@ -71,6 +71,7 @@ class Plain(Driver):
             raise DriverError("it is not open")
         if self.connection is None:
             self.connection = socket.create_connection(("127.0.0.1", self.port), max(1e-3, deadline - monotonic()))
+            self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, True)
         return self.connection
 
     def drop(self) -> None:

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from math import inf
 from typing import Any
 
-from conformance.careful import Careful
+from conformance.careful import HASTE, Careful
 from conformance.device import Device
+from conformance.odd import LEVELS
+from conformance.plain import Plain, of_bytes, scpi, serving
 from umo.drivers import Driver
 from umo.drivers.off_cycle import OffCycle
 from umo.drivers.simulated import Simulated
 from umo.testing.conformance import Input, Output, Subject, TcpTap
-
-HASTE = 0.025
-"""s: for calls that are to time out."""
 
 
 @contextmanager
@@ -38,6 +37,7 @@ def careful(
             "line": tap,
             "checksum": True,
             "timeout": HASTE,
+            "watchdog": 0.2,
             "settle": 0.2,
         }
         yield Subject(**given | changes)
@@ -71,3 +71,36 @@ def simulated() -> Subject:
         loopbacks=(("motor", "motor"),),
         device="memory",
     )
+
+
+@contextmanager
+def plain(driver: type[Plain], device: Callable[[bytes], bytes], greatest: int, **more: Any) -> Iterator[Subject]:
+    """A driver of a device with an output and an input that reads it."""
+    with serving(device) as port, TcpTap("127.0.0.1", port) as tap:
+        subject = Subject(
+            driver.__name__,
+            make=lambda: driver(port=tap.port),
+            direct=lambda: driver(port=port),
+            outputs=(Output("out", 0, 0, greatest),),
+            inputs=(Input("in"),),
+            loopbacks=(("out", "in"),),
+            line=tap,
+            timeout=0.1,
+        )
+        yield replace(subject, **more)
+
+
+def of_plain(driver: type[Plain]) -> AbstractContextManager[Subject]:
+    """The device that fits a driver of `plain`."""
+    if driver.__name__ == "Scpi":
+        return plain(driver, scpi(), 65535, refused=("unknown",), settle=0.1)
+    return plain(driver, of_bytes(2), 65535)
+
+
+def memory(driver: type[Driver[Any]]) -> AbstractContextManager[Subject]:
+    """Channels of 64 bits and of one, in a dict."""
+    LEVELS.update(wide=-7, switch=0)
+    return nullcontext(Subject(
+        "memory", make=driver, outputs=(Output("wide", -7, -(2**63), 2**63 - 1), Output("switch")), settle=0.05,
+        levels=lambda text: [LEVELS[text]],
+    ))  # fmt: skip

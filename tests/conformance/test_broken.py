@@ -32,6 +32,16 @@ SIGNS_OF_LIFE = (
     "a look takes a connection for an answer",
     "a look never decides that a device is away",
     "the answer to a look is taken for that of the next call",
+    "blocks give the readings of the same block before",
+    "connecting again writes the last levels",
+    "opened again it goes over the highest level",
+    "a greeting of the device hides a retry of writes",
+    "a thread of all drivers spins once one is closed",
+    "the multiplexer is where the last single reading left it",
+    "the watchdog is armed once only",
+    "ages of readings that are kept are zero",
+    "the scale of an input is that of ten times the range",
+    "the report switches an output off",
 )
 """Those that `make test` tries, with their rule alone."""
 

@@ -8,6 +8,8 @@ import socket
 import sys
 import threading
 import time
+from dataclasses import replace
+from random import Random
 from typing import Any
 
 import pytest
@@ -266,7 +268,7 @@ def test_a_refused_write_to_an_input_that_is_not_steady_is_seen_in_part() -> Non
 def test_the_table_has_the_text_of_a_rule_and_the_remark_behind_it() -> None:
     certificate = conform(simulated(), only=["descriptors", "memory"], cycles=500)
     text = " ".join(str(certificate).replace("│", " ").split())
-    assert "calls without an answer. [5 openings]" in text
+    assert "[5 openings; no line" in text
     assert "3 rounds of 166 cycles" in text
 
 
@@ -364,6 +366,45 @@ def test_the_plan_names_the_rules_that_do_not_fit() -> None:
     assert "late answer" not in budget.plan(CallTime(1.0, 0.2, 0.5, 3), None, line=False).left_out
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_what_the_plan_promises_is_tried_whatever_the_rules_save(seed: int) -> None:
+    random, now = Random(seed), 0.0
+    budget = Budget(random.uniform(20, 900), all_rules(), clock=lambda: now)
+    now += random.uniform(0, 15)  # the calls that were measured: a device may start slowly
+    pace = CallTime(
+        opening=random.uniform(0, 4), transfer=random.uniform(0, 0.3), wait=0.3, channels=3,
+        connecting=random.uniform(0, 4), settling=random.choice([0.0, 2.0]),
+    )  # fmt: skip
+    plan = budget.plan(pace, cycles=None)
+    tried = set()
+    for rule in all_rules():
+        if rule.theme == "general" or budget.begin(rule):
+            tried.add(rule.id)
+            now += random.uniform(0.2, 1.0) * pace.of(rule.cost)
+    assert set(plan.least) - set(plan.left_out) <= tried
+
+
+class StartsWithEachConnection(Careful):
+    """The device needs 300 ms after each connection."""
+
+    def connect(self) -> None:
+        before = self.connection
+        super().connect()
+        if self.connection is not before:
+            time.sleep(min(0.3, self.left()))
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("minutes", [0.3, 0.6])
+def test_a_slow_start_leaves_out_no_rule_that_was_promised(minutes: float) -> None:
+    plans: list[TimePlan] = []
+    with careful(StartsWithEachConnection, timeout=0.5) as subject:
+        certificate = conform(subject, minutes=minutes, plan=plans.append)
+    promised = set(plans[0].least) - set(plans[0].left_out)
+    assert not [each.rule for each in certificate.findings if each.rule in promised and "time was up" in each.why]
+    assert certificate.passed, str(certificate)
+
+
 def test_what_does_not_fit_into_the_time_is_left_out_and_named() -> None:
     plans: list[TimePlan] = []
 
@@ -446,3 +487,77 @@ def test_the_requests_of_a_driver_that_sends_by_itself_are_not_counted() -> None
     with careful(Beats) as subject:
         found = conform(subject, only=["retry"]).finding("retry")
     assert (found.verdict, found.why) == (Judgement.NOT_TRIED, "the driver sends requests by itself")
+
+
+# Words and causes -------------------------------------------------------------------------------------------
+
+
+def test_a_connection_that_is_not_made_again_is_one_cause_of_one_rule() -> None:
+    class Once(Careful):
+        lost = False
+
+        def drop(self) -> None:
+            self.lost = self.lost or self.connection is not None
+            super().drop()
+
+        def connect(self) -> None:
+            if self.lost:
+                raise OSError("the connection was lost")
+            super().connect()
+
+        def open(self) -> None:
+            self.lost = False
+            super().open()
+
+    with careful(Once) as subject:
+        rules = [
+            "late answer",
+            "old answer",
+            "retry",
+            "reset after failure",
+            "vanish",
+            "look",
+            "levels kept",
+            "process",
+        ]
+        certificate = conform(subject, only=rules, cycles=10)
+    first, *others = certificate.findings
+    assert [each.rule for each in certificate.failed] == [first.rule], str(certificate)
+    assert all(each.why.startswith(f"as above ({first.rule}): ") for each in others)
+
+
+def test_a_certificate_that_a_test_shows_begins_with_the_reason() -> None:
+    class Misread(Careful):
+        def read(self, channel: Any) -> int:
+            return super().read(channel) + (channel.text == "in:0")
+
+    with careful(Misread) as subject:
+        shown = repr(conform(subject, only=["range", "reading"]))
+    assert shown.startswith("range: in:0 reads 6; out:0 is at 5, as it should be after write(5)")
+
+
+UNSEEN = {
+    "before open": "whether it connects before open was not seen",
+    "vanish": "every call succeeded, but no level can be seen",
+    "initialise": "whether the others stay was not seen: no record",
+    "two clients": "one output only: nobody wrote another beside it",
+    "end": "whether closing moves one was not seen: it needs a line and a record",
+    "descriptors": "3 openings; no line, so no lost connections and spoiled answers",
+    "kind of errors": "no call can be made to fail: there is no line between driver and device",
+    "idle": "not while the device is silent: there is no line",
+    "watchdog": "nothing says with which time to arm it",
+}
+
+
+@pytest.mark.parametrize("rule", UNSEEN)
+def test_a_rule_says_what_it_did_not_look_at(rule: str) -> None:
+    outputs = (Output("io:0", 0, -2048, 2047), *([Output("io:1", 0, -2048, 2047)] if rule == "initialise" else []))
+    missing: dict[str, Any] = {"outputs": outputs, "loopbacks": (), "refused": (), "levels": None}
+    if rule == "vanish":
+        missing["outputs"] = (Output("out:0"),)
+    else:
+        missing |= {"line": None}
+    with careful(**missing) as subject:
+        found = conform(replace(subject, watchdog=0.0), only=[rule], cycles=10).finding(rule)
+    assert found.verdict is not Judgement.FAILED
+    assert UNSEEN[rule] in found.why

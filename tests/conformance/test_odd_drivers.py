@@ -2,241 +2,43 @@
 
 from __future__ import annotations
 
-import logging
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import replace
-from time import sleep
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from conformance.careful import Careful, Place
-from conformance.device import READ, frame
-from conformance.plain import Bytes, Plain, Scpi, TwoBytes, of_bytes, scpi, serving
-from conformance.subjects import HASTE, careful
+from conformance.careful import Careful
+from conformance.odd import (
+    LEVELS,
+    Beats,
+    ChecksWhatItWrote,
+    Distant,
+    EventsOnly,
+    GreetsTheDevice,
+    LogsItsFailures,
+    LooksByReading,
+    Memory,
+    Moving,
+    NearItsTimeout,
+    Noisy,
+    OneByOne,
+    OutputsOnly,
+    SendsChangesOnly,
+    SensorsOnly,
+    StartsSlowly,
+    Steps,
+    SwitchesOnFirst,
+    Told,
+    WritesTwice,
+)
+from conformance.plain import Bytes, Scpi, TwoBytes, of_bytes, scpi
+from conformance.subjects import careful, plain
 from helpers.tiers import some
-from umo.drivers.contract import Channel, Direction, Driver
-from umo.errors import ChannelError, DeviceTimeout, DriverError
-from umo.testing.conformance import Input, Judgement, Output, Subject, TcpTap, conform
+from umo.testing.conformance import Input, Judgement, Output, Subject, conform
 
 CYCLES = 20
-LEVELS = {"wide": 0, "switch": 0}
-
-
-class Memory(Driver):
-    """Channels of 64 bits and of one."""
-
-    CHANNELS = {
-        "wide": Channel("wide", Direction.BOTH, 64, signed=True),
-        "switch": Channel("switch", Direction.OUTPUT, 1),
-    }
-
-    def channel(self, text: str) -> Channel:
-        if text not in self.CHANNELS:
-            raise ChannelError(text, self.CHANNELS)
-        return self.CHANNELS[text]
-
-    def read(self, channel: Channel) -> int:
-        return LEVELS[channel.text]
-
-    def write(self, channel: Channel, raw: int) -> None:
-        if not channel.lowest <= raw <= channel.highest:
-            raise DriverError(f"{raw} does not fit {channel.text}")
-        LEVELS[channel.text] = raw
-
-
-class NearItsTimeout(Careful):
-    """Each exchange takes most of the timeout."""
-
-    def exchange(self, function: int, channels: Sequence[Place], raws: Sequence[int]) -> list[tuple[int, int]]:
-        sleep(0.7 * HASTE)
-        return super().exchange(function, channels, raws)
-
-
-class Distant(Careful):
-    """Each exchange takes 5 ms."""
-
-    def exchange(self, function: int, channels: Sequence[Place], raws: Sequence[int]) -> list[tuple[int, int]]:
-        sleep(0.005)
-        return super().exchange(function, channels, raws)
-
-
-class StartsSlowly(Careful):
-    """The device needs 60 ms after it was connected; a call with less time ends in time."""
-
-    def open(self) -> None:
-        super().open()
-        if self.timeout < 0.06:
-            sleep(self.timeout)
-            raise DeviceTimeout("the device is starting")
-        sleep(0.06)
-
-
-class SendsChangesOnly(Careful):
-    """A level that the device has confirmed is not sent again on the same connection."""
-
-    def __init__(self, *, host: str = "127.0.0.1", port: int = 4000) -> None:
-        super().__init__(host=host, port=port)
-        self.confirmed: dict[Place, int] = {}
-
-    def drop(self) -> None:
-        super().drop()
-        self.confirmed = {}
-
-    def initialize(self, channel: Place, default: int | None) -> None:
-        self.confirmed.pop(channel, None)
-        super().initialize(channel, default)
-
-    def reset(self, channel: Place, default: int | None) -> None:
-        self.confirmed.pop(channel, None)
-        super().reset(channel, default)
-
-    def write_raws(self, channels: Sequence[Place], raws: list[int]) -> None:
-        new = {c: raw for c, raw in zip(channels, raws, strict=True) if self.confirmed.get(c) != raw}
-        for channel in new:
-            self.confirmed.pop(channel, None)
-        super().write_raws(list(new), list(new.values()))
-        self.confirmed |= new
-
-
-class ChecksWhatItWrote(Careful):
-    """Each write is read back, in one more exchange."""
-
-    def write_raws(self, channels: Sequence[Place], raws: list[int]) -> None:
-        super().write_raws(channels, raws)
-        if channels and [raw for _, raw in self.exchange(READ, channels, [0] * len(channels))] != list(raws):
-            raise DriverError("it was not taken")
-
-
-class SwitchesOnFirst(Careful):
-    """Reset and initialise switch the output on first, by a level of another place: out:2 for out:0."""
-
-    def initialize(self, channel: Place, default: int | None) -> None:
-        self.reset(channel, default)
-
-    def reset(self, channel: Place, default: int | None) -> None:
-        if default is not None:
-            self.write_raws((replace(channel, number=channel.number + 2),), [channel.highest])
-        super().reset(channel, default)
-
-
-class WritesTwice(Careful):
-    """Reset writes the level that is there once more, then the default, twice."""
-
-    def reset(self, channel: Place, default: int | None) -> None:
-        if default is not None:
-            there = self.exchange(READ, (channel,), [0])[0][1]
-            for raw in (there, default, default):
-                self.write(channel, raw)
-
-
-class LogsItsFailures(Careful):
-    """A call that fails tells `logging` why; nothing is set up there, so it would come to stderr."""
-
-    log = logging.getLogger("conformance.careful")
-    log.propagate = False
-
-    def exchange(self, function: int, channels: Sequence[Place], raws: Sequence[int]) -> list[tuple[int, int]]:
-        try:
-            return super().exchange(function, channels, raws)
-        except OSError as error:
-            self.log.warning("failed: %s", error)
-            raise
-
-
-class OneByOne(Careful):
-    """A block is a request for each channel."""
-
-    read_many = Driver.read_many
-    write_many = Driver.write_many
-
-    def read(self, channel: Place) -> int:
-        answer = self.exchange(READ, (channel,), [0])
-        self.check((channel,), answer)
-        return answer[0][1]
-
-
-class GreetsTheDevice(Careful):
-    """A request with its answer follows each connection."""
-
-    greeted: Any = None
-
-    def connect(self) -> None:
-        super().connect()
-        if self.greeted is not self.connection:
-            self.greeted = self.connection
-            self.number += 1
-            self.send(frame(self.number, READ, [(41, 0)]))
-            self.answer(READ, 1)
-            self.number += 1
-
-
-class Beats(Careful):
-    """A thread of its own tells the device, on a connection of its own, that the driver lives."""
-
-    def open(self) -> None:
-        super().open()
-        self.end = threading.Event()
-        self.beat = Careful(host=self.host, port=self.port)
-        self.thread = threading.Thread(target=self.work, daemon=True)
-        self.thread.start()
-
-    def work(self) -> None:
-        while not self.end.wait(0.01):
-            try:
-                self.beat.timeout = 0.02
-                self.beat.is_open or self.beat.open()
-                self.beat.exchange(READ, (self.channel("in:8"),), [0])
-            except OSError:
-                pass
-        self.beat.close()
-
-    def close(self) -> None:
-        super().close()
-        if hasattr(self, "end"):
-            self.end.set()
-            self.thread.join()
-
-
-class Steps(Careful):
-    """The device has steps of 4 for its outputs."""
-
-    def write_raws(self, channels: Sequence[Place], raws: list[int]) -> None:
-        coarse = [raw // 4 * 4 if c.lowest <= raw <= c.highest else raw for c, raw in zip(channels, raws, strict=True)]
-        super().write_raws(channels, coarse)
-
-
-class Moving(Careful):
-    """in:8 and in:9 change with each reading."""
-
-    turn = 0
-
-    def read_many(self, channels: Sequence[Place], out: Any) -> None:
-        super().read_many(channels, out)
-        Moving.turn += 1
-        for i, channel in enumerate(channels):
-            if channel.text in ("in:8", "in:9"):
-                out[i] += self.turn % 7
-
-
-class Lagging(Careful):
-    """in:0 follows out:0 two reads later, and its last digit varies."""
-
-    seen: list[int] = [5, 5, 5]
-    noise = 0
-
-    def read_many(self, channels: Sequence[Place], out: Any) -> None:
-        super().read_many(channels, out)
-        for i, channel in enumerate(channels):
-            if channel.text == "in:0":
-                self.seen[:] = [*self.seen[1:], int(out[i])]
-                Lagging.noise = (self.noise + 1) % 3
-                out[i] = self.seen[0] + self.noise
-
-
 INPUTS = (Input("in:8"), Input("in:9"))
+OUTPUTS = (Output("out:0", 5, 0, 255), Output("out:1", 0, 0, 255))
 MOVING = (Input("in:8", steady=False), Input("in:9", steady=False))
 NO_OUTPUTS: dict[str, Any] = {"outputs": (), "loopbacks": (), "refused": ("in:40",), "levels": None}
 ODD: dict[str, Callable[[], Any]] = {
@@ -260,6 +62,24 @@ ODD: dict[str, Callable[[], Any]] = {
         outputs=(Output("out:0", 5, 0, 255), Output("out:1")), inputs=(), loopbacks=(), refused=(), levels=None
     ),
     "one output": lambda: careful(outputs=(Output("out:0"),), inputs=(), loopbacks=(), refused=()),
+    "sensors only, without a write of its own": lambda: careful(SensorsOnly, inputs=INPUTS, **NO_OUTPUTS),
+    "outputs only, and one that the device refuses": lambda: careful(
+        OutputsOnly, outputs=OUTPUTS, inputs=(), loopbacks=(), refused=("out:40",)
+    ),
+    "outputs only, without a record": lambda: careful(
+        OutputsOnly, outputs=OUTPUTS, inputs=(), loopbacks=(), refused=("out:40",), levels=None
+    ),
+    "events only": lambda: careful(
+        EventsOnly,
+        outputs=(Output("out:0"), Output("out:1")),
+        inputs=(),
+        loopbacks=(),
+        refused=("out:40",),
+        levels=None,
+        checksum=False,
+    ),
+    "it is told its values": lambda: careful(Told),
+    "it looks by reading": lambda: careful(LooksByReading),
     "two channels": lambda: careful(outputs=(Output("out:0"),), inputs=(Input("in:0"),), refused=(), levels=None),
     "its device has a watchdog": lambda: careful(watchdog=0.15, timeout=0.25),
     "no record of levels": lambda: careful(levels=None),
@@ -268,23 +88,6 @@ ODD: dict[str, Callable[[], Any]] = {
     "answers of two bytes without a frame": lambda: plain(TwoBytes, of_bytes(2), 65535),
     "silence for what is unknown": lambda: plain(Scpi, scpi(), 65535, refused=("unknown",), settle=0.1),
 }
-
-
-@contextmanager
-def plain(driver: type[Plain], device: Callable[[bytes], bytes], greatest: int, **more: Any) -> Iterator[Subject]:
-    """A driver of a device with an output and an input that reads it."""
-    with serving(device) as port, TcpTap("127.0.0.1", port) as tap:
-        subject = Subject(
-            driver.__name__,
-            make=lambda: driver(port=tap.port),
-            direct=lambda: driver(port=port),
-            outputs=(Output("out", 0, 0, greatest),),
-            inputs=(Input("in"),),
-            loopbacks=(("out", "in"),),
-            line=tap,
-            timeout=0.1,
-        )
-        yield replace(subject, **more)
 
 
 @pytest.mark.full
@@ -335,7 +138,7 @@ def test_a_channel_of_64_bits_and_a_single_binary_output_pass(subject: Callable[
 @pytest.mark.full
 def test_a_loop_back_that_follows_late_and_with_noise_passes() -> None:
     with careful(
-        Lagging, inputs=(Input("in:0"), Input("in:9")), levels=None,
+        Noisy, wire=0.004, inputs=(Input("in:0"), Input("in:9")), levels=None,
         agree=lambda one, raw, other, seen: 0 <= seen - raw <= 2 if one == "out:0" else raw == seen,
     ) as subject:  # fmt: skip
         lines = ["late answer", "short answer", "garbled answer", "error answer", "answer in pieces", "long run"]
@@ -348,3 +151,15 @@ def test_a_loop_back_that_takes_longer_than_a_cycle_passes_the_long_run() -> Non
         certificate = conform(subject, only=["long run"], cycles=400)
     assert "in:0: compared now and then" in certificate.finding("long run").why
     assert certificate.passed, str(certificate)
+
+
+@pytest.mark.parametrize("driver", [SensorsOnly, OutputsOnly, EventsOnly])
+def test_a_refused_channel_is_used_in_the_directions_that_the_driver_has(driver: type[Careful]) -> None:
+    reads = driver is SensorsOnly
+    channels: dict[str, Any] = {"inputs": INPUTS, "outputs": ()} if reads else {"inputs": (), "outputs": OUTPUTS[1:]}
+    if driver is EventsOnly:
+        channels["outputs"] = (Output("out:1"),)
+    refused = ("in:40",) if reads else ("out:40",)
+    with careful(driver, loopbacks=(), refused=refused, levels=None, **channels) as subject:
+        certificate = conform(subject, only=["process", "memory", "error answer", "retry", "kind of errors"], cycles=20)
+    assert not certificate.failed, str(certificate)

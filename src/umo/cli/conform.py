@@ -188,6 +188,7 @@ def _subject(
         timeout=driver.timeout,
         device=", ".join(wired.hardware.get(name, ())),
         period=driver.period,
+        watchdog=wired.watchdogs.get(name, 0.0),
         refused=_refused(driver, wired, choice.refused),
         agree=partial(_agree, by_text, choice.tolerance),
         structured=choice.structured,

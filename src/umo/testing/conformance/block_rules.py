@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import combinations, cycle, islice
+from random import Random
 from typing import TypeVar
 
 import numpy as np
@@ -24,6 +25,12 @@ LOOKS = 5
 """Looks at a channel until it has stood still for one of them."""
 FEWEST_BLOCKS = 4
 """Blocks that are tried at any rate."""
+MAX_TURNS = 16
+"""Blocks that are read one after the other, each in some orders."""
+SINGLE_EACH = 4
+"""Blocks after which a channel is read alone."""
+TURNS, FEWEST_TURNS = 9, 4
+"""Times that a few writes follow one another; that are tried at any rate, also of readings."""
 PATTERNS = 8
 """Patterns of levels beside those in which one output alone is not at its default."""
 
@@ -49,7 +56,7 @@ def patterns(outputs: Sequence[Output]) -> Iterator[list[int]]:
         yield [each.other() if each == alone else each.default for each in outputs]
 
 
-@rule(Cost(each=20, more=150))
+@rule(Cost(each=14, calls=8, more=200))
 def block_read(context: RuleContext) -> str | None:
     """read_many reads what read reads, of all channels in any order, of halves, of pairs and of one."""
     texts = context.readable
@@ -63,8 +70,31 @@ def block_read(context: RuleContext) -> str | None:
                 probe.write(output.channel, raw)
             _compare(context, probe, order)
         probe.read_many(())
+        if not context.told(probe):
+            _read_in_turns(context, probe)
     moving = [each.channel for each in context.subject.inputs if not each.steady]
     return f"{some(moving)}: only as far as they stand still" if moving else None
+
+
+def _read_in_turns(context: RuleContext, probe: Probe) -> None:
+    """Blocks of several orders and single channels in one go, while nothing changes: what a call gives does not depend
+    on the one before."""
+    expected = {text: probe.read(text) for text in context.known}
+    for number, block in enumerate(context.as_time_allows(_turns(context.known), FEWEST_TURNS, "blocks in turns")):
+        found = dict(zip(block, probe.read_many(block), strict=True))
+        if number % SINGLE_EACH == 0:
+            found[block[0]] = probe.read(block[0])
+        for text, raw in found.items():
+            if not context.alike(text, raw, expected[text]):
+                why = f"{context.watch.doing} gave {raw} for {text}, other calls before it {expected[text]}"
+                raise RuleBroken(why, f"reading of {text}")
+
+
+def _turns(texts: tuple[str, ...]) -> list[tuple[str, ...]]:
+    """Blocks, each with those of the same channels in another order right behind it."""
+    blocks = [each for each in orders(texts)[:MAX_TURNS] if len(each) > 1]
+    blocks = Random(1998).sample(blocks, len(blocks))
+    return [order for each in blocks for order in (each, each[1:] + each[:1], each[::-1], each)]
 
 
 def _compare(context: RuleContext, probe: Probe, texts: tuple[str, ...]) -> None:
@@ -83,7 +113,7 @@ def _compare(context: RuleContext, probe: Probe, texts: tuple[str, ...]) -> None
             raise RuleBroken(f"read_many read {block[i]} of {texts[i]}{of}, read before and after it {before[i]}")
 
 
-@rule(Cost(each=20, more=300))
+@rule(Cost(each=6, calls=32, more=350))
 def block_write(context: RuleContext) -> str | None:
     """write_many brings each output to its own level: all outputs in any order, halves, pairs and one."""
     outputs = context.required_outputs
@@ -98,7 +128,24 @@ def block_write(context: RuleContext) -> str | None:
             _check(context, probe, part, raws, "write_many")
             _check(context, probe, tuple(before), list(before.values()), "a write_many of others")
         probe.write_many([], [])
+        _write_in_turns(context, probe)
     return context.remark()
+
+
+def _write_in_turns(context: RuleContext, probe: Probe) -> None:
+    """Blocks of several orders and single outputs in one go; then each is at its own level."""
+    outputs, random = context.required_outputs, Random(1998)
+    for turn in context.as_time_allows(range(TURNS), FEWEST_TURNS, "turns of writes"):
+        levels: dict[Output, int] = {}
+        for step in range(1 + turn % 3):
+            part = random.sample(outputs, random.randint(1, len(outputs)))
+            levels |= {each: each.other(turn + step + place) for place, each in enumerate(part)}
+            probe.write_many([each.channel for each in part], [levels[each] for each in part])
+            levels[part[0]] = part[0].other(turn + step + 7)
+            probe.write(part[0].channel, levels[part[0]])
+            if context.readable:
+                probe.read(context.readable[turn % len(context.readable)])
+        _check(context, probe, tuple(levels), list(levels.values()), "writes in turns")
 
 
 def _parts(outputs: tuple[Output, ...]) -> Iterator[tuple[tuple[Output, ...], list[int]]]:
@@ -111,14 +158,17 @@ def _check(context: RuleContext, probe: Probe, outputs: tuple[Output, ...], raws
         context.expect(probe, output, raw, f"{after} of {raw}" if after == "write_many" else after)
 
 
-@rule(Cost(each=10))
+@rule(Cost(each=2, calls=8))
 def block_buffers(context: RuleContext) -> str | None:
     """The arrays of a block belong to the caller: none is kept, and `raws` is not changed."""
+    if not context.readable:
+        context.required_outputs  # noqa: B018  NotTried
     with context.opened() as probe:
-        _raws(context, probe)
+        if context.visible:
+            _raws(context, probe)
         if context.readable:
             _outs(probe, context.readable)
-    return context.remark()
+    return context.remark(*([] if context.readable else ["no inputs, so only the arrays of writes"]))
 
 
 def _raws(context: RuleContext, probe: Probe) -> None:
@@ -150,7 +200,7 @@ def _outs(probe: Probe, texts: tuple[str, ...]) -> None:
         raise RuleBroken("read_many wrote into the array of an earlier call")
 
 
-@rule(Cost(each=20))
+@rule(Cost(each=4, calls=6, waits=8))
 def block_failures(context: RuleContext) -> str | None:
     """If a channel of a block fails, the others are transferred, or the error names them too."""
     if not context.subject.refused:
@@ -182,7 +232,8 @@ def _read_with(context: RuleContext, probe: Probe, bad: str) -> None:
     for place in (0, len(texts) // 2, len(texts)):
         block = [*texts[:place], bad, *texts[place:]]
         out = np.full(len(block), -1 << 40, np.int64)
-        named = _named(context.failure(probe.read_many, block, out), block, bad, "read_many")
+        with context.in_haste(probe):
+            named = _named(context.failure(probe.read_many, block, out), block, bad, "read_many")
         for text, raw in zip(block, out.tolist(), strict=True):
             if text not in named and text in context.known and not context.alike(text, raw, expected[text]):
                 raise RuleBroken(
@@ -199,7 +250,8 @@ def _write_with(context: RuleContext, probe: Probe, bad: str) -> None:
         texts = [output.channel for output in outputs]
         block = [*texts[:place], bad, *texts[place:]]
         values = [*raws[:place], 0, *raws[place:]]
-        named = _named(context.failure(probe.write_many, block, values), block, bad, "write_many")
+        with context.in_haste(probe):
+            named = _named(context.failure(probe.write_many, block, values), block, bad, "write_many")
         for output, raw in zip(outputs, raws, strict=True):
             if output.channel not in named:
                 context.expect(probe, output, raw, f"a write_many that failed for {', '.join(named)} only")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from time import monotonic
 
 from umo.presentation.durations import duration, lasting
-from umo.testing.conformance.rules import LINE, NOTHING, Rule
+from umo.testing.conformance.rules import ALWAYS, LINE, NOTHING, Cost, Rule
 
 LATE_SHARE, LATE_TIME = 0.1, 5.0
 """Share of the budget, and time in s, by which a rule may take longer than planned before it is cut short."""
@@ -17,7 +17,7 @@ LONG_RUN_TRANSFERS = 70_000
 """Transfers of the long run: more than a number of 16 bits has."""
 SPARE_SHARE = 0.3
 """Share of the time to spare that a rule gets which can use it."""
-SPARE_SHARES = {"long run": 0.9, "memory": 1.0}
+SPARE_SHARES = {"long run": 0.9, "memory": 0.5}
 """Shares of the last rules."""
 
 
@@ -31,6 +31,19 @@ class CallTime:
     wait: float = 0.0
     """Time to wait for a timeout."""
     channels: int = 1
+    connecting: float = 0.0
+    """Time that a call takes longer, as it connects again."""
+    settling: float = 0.0
+    """Time that the levels of all loop-backs take."""
+    watchdog: float = 0.0
+    """Time of the device's own watchdog."""
+
+    def of(self, cost: Cost) -> float:
+        """The time of a rule with this cost, at least."""
+        transfers = (cost.calls + cost.each * self.channels) * self.transfer
+        measured = cost.opens * self.opening + transfers + cost.connects * self.connecting
+        known = cost.waits * self.wait + cost.settles * self.settling + cost.watchdogs * self.watchdog + cost.sleeps
+        return measured * SAFETY_FACTOR + known
 
 
 @dataclass(frozen=True)
@@ -39,7 +52,7 @@ class TimePlan:
 
     pace: CallTime
     budget: float
-    """Time in s that it may take."""
+    """Time in s that it may still take, after the few calls that were measured."""
     least: dict[str, float]
     """Time in s of each rule at least."""
     shown: dict[str, float]
@@ -84,6 +97,10 @@ class Budget:
         self._rules = rules
         self._least: dict[str, float] = {rule.id: 0.0 for rule in rules}
         self._until = self._end
+        self._unpromised: frozenset[str] = frozenset()
+        """Rules that will not fit, as the plan says."""
+        self._kept = 0.0
+        """Time in s for the rules that are tried at any rate."""
         self.left_out: list[str] = []
         """Rules that did not fit."""
         self.parts: list[str] = []
@@ -92,25 +109,36 @@ class Budget:
     def plan(self, pace: CallTime, cycles: int | None, line: bool = True) -> TimePlan:
         """Taken as the basis from now on. `cycles`: of the long run; None: all that it can use. `line`: whether there
         is one between driver and device."""
-        opening, transfer = pace.opening * SAFETY_FACTOR, pace.transfer * pace.channels * SAFETY_FACTOR
-        shown = {}
+        transfer, shown = pace.transfer * SAFETY_FACTOR, {}
         for rule in self._rules:
             cost = rule.cost if line or rule.theme not in LINE else NOTHING
-            self._least[rule.id] = cost.opens * opening + cost.each * transfer + cost.waits * pace.wait
-            more = pace.transfer * SAFETY_FACTOR * LONG_RUN_TRANSFERS if rule.id == "long run" else cost.more * transfer
-            shown[rule.id] = self._least[rule.id] + (more if cycles is None else min(more, cycles * transfer))
-        return TimePlan(pace, self._seconds, dict(self._least), shown)
+            self._least[rule.id] = pace.of(cost) if rule.theme != ALWAYS else 0.0
+            more = transfer * (LONG_RUN_TRANSFERS if rule.id == "long run" else cost.more * pace.channels)
+            most = more if cycles is None else min(more, cycles * transfer * pace.channels)
+            shown[rule.id] = self._least[rule.id] + most
+        self._kept = sum(pace.of(rule.cost) for rule in self._rules if rule.theme == ALWAYS)
+        plan = TimePlan(pace, max(0.0, self._left), dict(self._least), shown)
+        self._unpromised = frozenset(plan.left_out)
+        return plan
+
+    @property
+    def _left(self) -> float:
+        """Time in s, without that of the rules that are tried at any rate."""
+        return self._end - self._clock() - self._kept
 
     def begin(self, rule: Rule) -> bool:
-        """Whether the rule fits. If so, `more` is for it from now on."""
-        left = self._end - self._clock()
-        if left < self._least[rule.id]:
+        """Whether the rule fits; if so, `more` is for it from now on. One that was promised fits also if those before
+        took a little longer; one that was not, if it takes nothing from those behind it that were."""
+        left, least = self._left, self._least[rule.id]
+        behind = [each.id for each in self._rules[self._rules.index(rule) + 1 :]]
+        promised = sum(self._least[each] for each in behind if each not in self._unpromised)
+        needed = least + promised if rule.id in self._unpromised else least - LATE_SHARE * self._seconds
+        if left < needed:
             self.left_out.append(rule.id)
             return False
-        behind = self._rules[self._rules.index(rule) + 1 :]
-        spare = max(0.0, left - self._least[rule.id] - sum(self._least[each.id] for each in behind))
+        spare = max(0.0, left - least - sum(self._least[each] for each in behind))
         share = SPARE_SHARES.get(rule.id, SPARE_SHARE)
-        self._until = self._clock() + self._least[rule.id] + share * spare
+        self._until = self._clock() + least + share * spare
         return True
 
     @property
@@ -121,4 +149,8 @@ class Budget:
     @property
     def more(self) -> bool:
         """Whether the rule may go on with what it need not do."""
-        return self._clock() < self._until
+        return self.has(0.0)
+
+    def has(self, seconds: float) -> bool:
+        """Whether it may do more that takes so long."""
+        return self._clock() + seconds < self._until

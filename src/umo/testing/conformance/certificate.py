@@ -69,7 +69,7 @@ class TransferTime:
 
 @dataclass(frozen=True, repr=False)
 class Certificate:
-    """Findings of the kit. `str` is a table, `repr` a line with what is broken. It holds no paths or names of the
+    """Findings of the kit. `str` is a table, `repr` a line, what is broken first. It holds no paths or names of the
     computer, except those of `devices`."""
 
     name: str
@@ -157,7 +157,8 @@ class Certificate:
         return "\n" + captured.get()
 
     def __repr__(self) -> str:
-        return "; ".join([self.summary, *(f"{each.rule}: {each.why}" for each in self.failed)])
+        failed = [f"{each.rule}: {each.why}" for each in self.failed]
+        return "; ".join([*failed, self.summary])  # pytest cuts what is long: the reason stands first
 
     def to_json(self) -> str:
         return json.dumps(asdict(self), indent=1, ensure_ascii=False) + "\n"

@@ -7,12 +7,12 @@ from typing import Any
 from umo.drivers.contract import Channel, Direction, Driver
 from umo.errors import ChannelError, text_of
 from umo.testing.conformance.rule_context import RuleContext
-from umo.testing.conformance.rules import Cost, RuleBroken, rule
+from umo.testing.conformance.rules import NOTHING, RuleBroken, rule
 
 UNKNOWN = "no such channel \N{REPLACEMENT CHARACTER}"
 
 
-@rule(Cost(opens=0, each=0))
+@rule(NOTHING)
 def channels(context: RuleContext) -> None:
     """A channel's text means one channel of fixed direction and bits; another text raises ChannelError."""
     probe, other = context.new(), context.new()
@@ -48,8 +48,8 @@ def _takes(driver: Driver[Any], text: str) -> bool:
     return True
 
 
-@rule(Cost(opens=0, each=0))
-def before_open(context: RuleContext) -> None:
+@rule(NOTHING)
+def before_open(context: RuleContext) -> str | None:
     """Before `open` a driver accesses no hardware; `devices` names it alike for two drivers."""
     before = _connections(context)
     probe, other = context.new(), context.new()
@@ -62,6 +62,8 @@ def before_open(context: RuleContext) -> None:
         raise RuleBroken(f"devices() returned {devices}, not texts")
     if _connections(context) != before:
         raise RuleBroken("it connected to the device before open")
+    line = context.subject.line
+    return None if line is not None and line.ordered else "whether it connects before open was not seen"
 
 
 def _connections(context: RuleContext) -> int:

@@ -8,7 +8,7 @@ from random import Random
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.relay import Change
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
-from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.rules import MADE_UP, Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.spoiling import (
     MAX_CHANNELS,
     NO_ANSWER,
@@ -18,6 +18,7 @@ from umo.testing.conformance.spoiling import (
     rewrite,
     spoiled_read,
     values,
+    watching,
 )
 
 UNSTEADY = (
@@ -26,7 +27,7 @@ UNSTEADY = (
 )
 
 
-@rule(Cost(each=16, waits=24))
+@rule(Cost(each=6, calls=44, connects=40, waits=40, settles=2))
 def late_answer(context: RuleContext) -> str | None:
     """After a timeout, the late answer is never taken for that of a later request."""
     # The answer to the later request gets lost: if the call succeeds, it took the late one
@@ -63,7 +64,7 @@ def _comes_late(context: RuleContext, probe: Probe, behind: bool, asked: DriverC
     if line.spoiled == before:
         return False
     if error is None:
-        raise RuleBroken(f"{first} succeeded before its answer came")
+        raise RuleBroken(f"{first} succeeded before its answer came", MADE_UP)
     error, lost = context.unanswered(later)
     if error is None and lost:
         raise RuleBroken(f"{context.watch.doing} took the late answer to the {first}")
@@ -101,7 +102,7 @@ def _alive(context: RuleContext, probe: Probe) -> None:
     probe.timeout = context.haste
 
 
-@rule(Cost(each=8))
+@rule(Cost(each=3, calls=4, sleeps=0.3))
 def answer_in_pieces(context: RuleContext) -> None:
     """An answer that comes in several pieces is put together."""
     line = context.line
@@ -114,8 +115,8 @@ def answer_in_pieces(context: RuleContext) -> None:
         raise NotTried(NO_ANSWER)
 
 
-@rule(Cost(each=14, waits=6))
-def old_answer(context: RuleContext) -> None:
+@rule(Cost(each=4, calls=16, connects=8, waits=8))
+def old_answer(context: RuleContext) -> str | None:
     """An earlier answer in place of the right one is an error, where answers carry a number."""
     # The number shows: two answers to one call, while nothing changes, are not alike
     with context.opened() as probe:
@@ -137,6 +138,7 @@ def old_answer(context: RuleContext) -> None:
         recovers(context, probe, values(context, probe), "an earlier answer")
     if not tried:
         raise NotTried("; ".join(why) or NO_ANSWER)
+    return "; ".join(why) or None
 
 
 def _numbered(context: RuleContext, probe: Probe, call: DriverCall) -> bytes | str:
@@ -161,7 +163,7 @@ def _numbered(context: RuleContext, probe: Probe, call: DriverCall) -> bytes | s
     return bytes(answers[-1])
 
 
-@rule(Cost(opens=2, each=40, waits=18))
+@rule(Cost(opens=4, calls=84, connects=16, waits=10, settles=12))
 def short_answer(context: RuleContext) -> str | None:
     """An answer that is cut short, with or without the end of the connection, is an error."""
 
@@ -177,14 +179,16 @@ def short_answer(context: RuleContext) -> str | None:
             Spoilt("the first byte of an answer and the end of the connection", lambda a: a[:1], hangup=True),
         ],
     )
-    with context.opened() as probe:
+    with context.opened() as probe, watching(context) as watcher:
         for text in context.known[:MAX_CHANNELS]:
             for hangup in (False, True):
-                spoiled_read(context, probe, text, Spoilt("an answer without its end", lambda a: a[:-1], hangup))
+                spoiled_read(
+                    context, probe, watcher, text, Spoilt("an answer without its end", lambda a: a[:-1], hangup)
+                )
     return whole
 
 
-@rule(Cost(each=50, waits=20))
+@rule(Cost(opens=2, each=6, calls=150, connects=34, waits=12, settles=22))
 def garbled_answer(context: RuleContext) -> str | None:
     """An answer whose structure is garbled (its start, all of it, random bytes) is an error. A changed digit or
     register in a sound answer cannot be noticed; it is tried only where answers have a checksum."""

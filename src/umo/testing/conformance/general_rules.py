@@ -7,11 +7,12 @@ from contextlib import suppress
 
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import RuleContext
-from umo.testing.conformance.rules import NOTHING, NotTried, RuleBroken, rule
+from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.taps import Tap
 from umo.text import some
 
 
-@rule(NOTHING)
+@rule(Cost(each=1, calls=2))
 def readings(context: RuleContext) -> None:
     """A reading is an int, within the bits of its channel."""
     # Also of all readings of the rules before
@@ -25,17 +26,22 @@ def readings(context: RuleContext) -> None:
         raise RuleBroken(context.watch.wrong_types[0])
 
 
-@rule(NOTHING)
-def kind_of_errors(context: RuleContext) -> None:
+@rule(Cost(calls=4, connects=2, waits=2))
+def kind_of_errors(context: RuleContext) -> str | None:
     """A call that fails raises an OSError, whatever failed."""
     # Also of all calls of the rules before
-    with suppress(OSError, NotTried), context.opened() as probe:
-        context.fail_some(probe)
+    remark = None
+    try:
+        with suppress(OSError), context.opened() as probe:
+            context.fail_some(probe)
+    except NotTried as reason:
+        remark = str(reason)
     if context.watch.wrong_kinds:
         raise RuleBroken(context.watch.wrong_kinds[0])
+    return remark
 
 
-@rule(NOTHING)
+@rule(Cost(opens=2, calls=3))
 def end(context: RuleContext) -> str | None:
     """At the end every output is at its default. Closing a driver moves none."""
     # A new driver looks at the outputs
@@ -49,15 +55,15 @@ def end(context: RuleContext) -> str | None:
         for output in context.visible:  # reset again: a model that is opened anew knows nothing of the reset before
             probe.reset(output.channel, output.default)
             context.expect(probe, output, output.default, f"reset({output.default}) at the end")
-    _check_closed(context, probe)
+    if context.subject.line is None or context.subject.levels is None:
+        return context.looked("whether closing moves one was not seen: it needs a line and a record")
+    _check_closed(context, probe, context.subject.line)
     return context.looked()
 
 
-def _check_closed(context: RuleContext, closed: Probe) -> None:
+def _check_closed(context: RuleContext, closed: Probe, line: Tap) -> None:
     """A device may let go of its outputs by itself when a connection ends: it does so without a `close` too."""
-    line, outputs = context.subject.line, context.visible
-    if line is None or context.subject.levels is None:
-        return
+    outputs = context.visible
     for output in outputs:
         if not context.is_at(closed, output, output.default):
             text = f"{output.channel} is at {context.last_level} since the driver was closed, not at {output.default}"

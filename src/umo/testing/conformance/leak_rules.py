@@ -31,6 +31,8 @@ FEWEST_OPENINGS = 3
 """Openings that are made at any rate."""
 SILENT_OPENINGS = 3
 """Openings on a line where nobody answers."""
+LOOK_INTERVAL = 0.005
+"""Time in s between two looks: a period."""
 MAX_CLOSING_TIME = 5.0
 """Time in s until what was closed has ended at the other end too."""
 TIMED_CALLS = 300
@@ -61,10 +63,10 @@ PER_LOST_CONNECTION = LeakLimit(fewest=FEWEST_OPENINGS, size=1024.0, circular=50
 """Memory that may be left over by each lost connection: one is lost seldom."""
 
 
-@rule(Cost(opens=9, each=18, waits=16, more=600))
+@rule(Cost(opens=9, each=12, calls=100, connects=48, waits=14, sleeps=0.6, more=600))
 def descriptors(context: RuleContext) -> str:
-    """No descriptor is left open and no thread is left over, by many openings, lost connections, and calls without an
-    answer."""
+    """No descriptor is left open and no thread is left over, by many openings, lost connections, looks, error answers,
+    garbled answers, and calls without an answer."""
     most = OPENINGS if context.cycles is None else max(FEWEST_OPENINGS, context.cycles // OPENINGS)
     _open_often(context, 2, 2, 1)  # imports, caches
     before = _counts(context, None)
@@ -75,15 +77,19 @@ def descriptors(context: RuleContext) -> str:
     for what, number in before.items():
         if after[what] > number:
             raise RuleBroken(f"{after[what] - number} {what} more than before are there after {openings} openings")
-    return f"{openings} openings"
+    words = [f"{openings} openings"]
+    words += [] if context.subject.line is not None else ["no line, so no lost connections and spoiled answers"]
+    return "; ".join(words)
 
 
 def _open_often(context: RuleContext, least: int, most: int, silent: int) -> list[Probe]:
     """Opened, used and closed; the last `silent` ones on a line where nobody answers."""
     closed: list[Probe] = []
-    while len(closed) < least or (len(closed) < most and context.budget.more):
-        context.share = len(closed) / most
+    longest = 0.0
+    while len(closed) < least or (len(closed) < most and context.budget.has(longest)):
+        context.share, began = len(closed) / most, monotonic()
         closed.append(_open_and_cut(context))
+        longest = max(longest, monotonic() - began)
     return closed + [_open_in_silence(context) for _ in range(silent)]
 
 
@@ -94,15 +100,28 @@ def _open_in_silence(context: RuleContext) -> Probe:
         context.failure(probe.open)
         for call in context.transfers(probe)[::2]:
             context.failure(call)
-        context.failure(probe.close)
+        _look_often(context, probe)
+    _look_often(context, probe)
+    context.failure(probe.close)
     return probe
+
+
+def _look_often(context: RuleContext, probe: Probe) -> None:
+    """Until the device is found, or is not, or longer than that may take."""
+    end = monotonic() + 2 * context.haste
+    while context.look(probe) is None and monotonic() < end:
+        sleep(LOOK_INTERVAL)
 
 
 def _open_and_cut(context: RuleContext) -> Probe:
     line = context.subject.line
     with context.opened() as probe:
         context.use(probe)
+        for text in context.subject.refused:
+            for call in context.refused_calls(probe, text):
+                context.failure(call)
         if line is not None:
+            _garble(context, probe)
             line.drop()
             for _ in range(2):  # the first may find the end of the connection
                 context.try_out(probe)
@@ -112,6 +131,21 @@ def _open_and_cut(context: RuleContext) -> Probe:
             context.failure(other.open)
             context.failure(other.close)
     return probe
+
+
+def _garble(context: RuleContext, probe: Probe) -> None:
+    """Answers in which every byte is wrong, or the last one, and that to an earlier request."""
+    probe.timeout = context.haste
+    for call in context.transfers(probe)[:4:2]:
+        earlier = context.traffic(context.insist, call).answer
+        for spoil in (
+            lambda answer: bytes(each ^ 0x95 for each in answer),
+            lambda answer: answer[:-1] + b"~",
+            lambda answer: earlier,  # noqa: B023
+        ):
+            context.failure(context.insist, call)
+            context.spoiled(spoil, False, call)
+    probe.timeout = context.patience
 
 
 def _counts(context: RuleContext, goal: dict[str, int] | None) -> dict[str, int]:
@@ -132,7 +166,7 @@ def _descriptors(context: RuleContext) -> int:
     return 0  # they can be counted on Linux only
 
 
-@rule(Cost(each=20))
+@rule(Cost(calls=20))
 def time_(context: RuleContext) -> str:
     """The median time per transfer is within the timeout; the certificate has the times."""
     with context.opened(direct=True) as probe:
@@ -172,7 +206,7 @@ def _kinds(context: RuleContext, probe: Probe) -> dict[str, Callable[[], Any]]:
     return kinds
 
 
-@rule(Cost(each=30))
+@rule(Cost(each=1, calls=26, settles=2))
 def long_run(context: RuleContext) -> str:
     """Over many transfers no call fails or becomes slow, each reading is right, and the process does not grow."""
     # Direct, without the line. 70,000 transfers pass the end of a number of 16 bits
@@ -195,7 +229,7 @@ def _compare_with_a_new_one(context: RuleContext, run: LongRun) -> None:
         raise RuleBroken(f"a cycle takes {took}")
 
 
-@rule(Cost(each=100, more=2000))
+@rule(Cost(opens=3, calls=520, connects=13, sleeps=0.5, more=2000))
 def memory(context: RuleContext) -> str:
     """Python's memory does not grow over many calls, without the garbage collector; also not by calls that fail."""
     # The collector is off, as in the control process: an error that holds its own frame stays for ever
@@ -210,6 +244,8 @@ def memory(context: RuleContext) -> str:
     if context.subject.line is not None:
         words.append(_over_lost_connections(context, context.subject.line))
         words.append(_without_a_device(context, context.subject.line))
+    else:
+        words.append("no line, so no lost connections")
     return ", ".join(words)
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Callable, Sequence
 from itertools import combinations
 from time import sleep
 from typing import Any
@@ -21,11 +20,11 @@ IDLE_TIME = 0.1
 """Time in s in which a driver that is left alone must send nothing to be judged."""
 EQUAL_WRITES = 3
 """Writes of one level, whose requests are compared."""
-REFERENCE_CALLS = 2
-"""Calls that succeed, whose requests are counted."""
+REFERENCE_CALLS = 3
+"""Calls that are alike, whose requests are compared."""
 
 
-@rule(Cost(opens=2, each=32, waits=12))
+@rule(Cost(opens=2, each=4, calls=58, connects=13, waits=8, sleeps=0.3))
 def retry(context: RuleContext) -> str | None:
     """A request is sent once within a call, also if it fails: a pulse would come twice."""
     line = context.line
@@ -47,7 +46,7 @@ def retry(context: RuleContext) -> str | None:
                 continue
             tried = True
             for what, change, hangup in faults:
-                traffic = _counted(context, probe, number, lambda: line.spoiling(change, hangup=hangup))  # noqa: B023
+                traffic = _counted(context, probe, number, lambda: line.spoiling(_first_only(change), hangup=hangup))  # noqa: B023
                 _check_once(context, traffic, usual, opening, what)
         _check_refused(context, probe, opening)
         if context.subject.outputs:
@@ -57,13 +56,13 @@ def retry(context: RuleContext) -> str | None:
     return None
 
 
-def _opening(context: RuleContext) -> list[int]:
-    """The lengths of what a driver sends to open: a call that connects again may send them too."""
+def _opening(context: RuleContext) -> list[bytes]:
+    """What a driver sends to open: a call that connects again may send it too."""
     probe = context.new()
     with context.line.counting() as traffic:
         probe.open()
     context.failure(probe.close)
-    return [len(each) for each in traffic.requests]
+    return traffic.requests
 
 
 def _counted(context: RuleContext, probe: Probe, number: int, fault: Callable[[], Any] | None = None) -> Traffic:
@@ -83,27 +82,63 @@ def _counted(context: RuleContext, probe: Probe, number: int, fault: Callable[[]
     return traffic
 
 
-def _check_once(context: RuleContext, traffic: Traffic, usual: list[Traffic], opening: list[int], what: str) -> None:
-    """RuleBroken if a request of the usual length was sent more often than usual."""
-    if traffic.asked <= max(each.asked for each in usual) or not traffic.requests:
-        return
-    length = len(traffic.requests[0])
-    sent = sum(len(each) == length for each in traffic.requests)
-    most = max(sum(len(each) == length for each in one.requests) for one in usual) or 1
-    if sent > most + opening.count(length):
+def _first_only(change: Change) -> Change:
+    """A greeting that comes before the second attempt is answered, or the attempt is never made."""
+    seen: list[bytes] = []
+
+    def once(answer: bytes) -> bytes:
+        seen.append(answer)
+        return change(answer) if len(seen) == 1 else answer
+
+    return once
+
+
+def _check_once(context: RuleContext, traffic: Traffic, usual: list[Traffic], opening: list[bytes], what: str) -> None:
+    """RuleBroken if a request was sent more often than usual."""
+    kinds = list(zip(*(each.requests for each in usual), strict=False))
+    for alike in kinds:
+        most = max(_count(each.requests, alike) for each in usual)
+        _check_count(context, traffic, alike, most, opening, what)
+
+
+def _check_count(
+    context: RuleContext, traffic: Traffic, alike: Sequence[bytes], most: int, opening: list[bytes], what: str
+) -> None:
+    """A greeting that looks the same may come once more, as the driver connects again."""
+    sent = _count(traffic.requests, alike)
+    if sent > most + _count(opening, alike):
         raise RuleBroken(f"{context.watch.doing} sent its request {sent} times when it {what}")
 
 
-def _check_refused(context: RuleContext, probe: Probe, opening: list[int]) -> None:
+def _count(requests: Sequence[bytes], alike: Sequence[bytes]) -> int:
+    """How many of the requests have the bytes that all of these have in common; if these are not of one length, how
+    many are as long as the first."""
+    same = constant(alike)
+    if not same:
+        return sum(len(each) == len(alike[0]) for each in requests)
+    return sum(
+        len(each) == len(alike[0]) and all(each[place] == raw for place, raw in same.items()) for each in requests
+    )
+
+
+def _check_refused(context: RuleContext, probe: Probe, opening: list[bytes]) -> None:
     """A request that the device answers with an error is sent as often as one that it carries out."""
     for text in context.subject.refused:
-        for call in list(_transfers_of(context, probe, text))[::2]:
-            usual = _usual_of(context, probe, call.func == probe.write)
+        for number, call in enumerate(context.refused_calls(probe, text)[::2]):
+            writes = number or Direction.INPUT not in probe.channel(text).direction
+            usual = _usual_of(context, probe, bool(writes))
             probe.timeout = context.patience
-            with context.line.counting() as traffic:
-                context.failure(call)
-            if usual is not None:
-                _check_once(context, traffic, [usual], opening, "was refused")
+            refused = [_asked_in_vain(context, call) for _ in range(REFERENCE_CALLS)]
+            alike = [each.requests[0] for each in refused if each.requests]
+            if usual is not None and alike:
+                most = sum(len(each) == len(alike[0]) for each in usual.requests) or 1
+                _check_count(context, refused[-1], alike, most, opening, "was refused")
+
+
+def _asked_in_vain(context: RuleContext, call: DriverCall) -> Traffic:
+    with context.line.counting() as traffic:
+        context.failure(call)
+    return traffic
 
 
 def _check_doubled(context: RuleContext, probe: Probe, output: Output) -> None:
@@ -141,7 +176,7 @@ def _usual_of(context: RuleContext, probe: Probe, writes: bool) -> Traffic | Non
     return context.traffic(probe.read, context.readable[0]) if context.readable else None
 
 
-@rule(Cost(each=12))
+@rule(Cost(each=4, calls=4, waits=8))
 def error_answer(context: RuleContext) -> str | None:
     """An error that the device answers is an OSError, not a value and not a timeout."""
     if not context.subject.refused:
@@ -150,8 +185,9 @@ def error_answer(context: RuleContext) -> str | None:
     with context.opened() as probe:
         expected = values(context, probe)
         for text in context.subject.refused:
-            for call in _transfers_of(context, probe, text):
-                answered, error = _refusal(context, call)
+            for call in context.refused_calls(probe, text):
+                with context.in_haste(probe):
+                    answered, error = _refusal(context, call)
                 if not answered:
                     silent.append(context.watch.doing)
                     continue
@@ -177,14 +213,3 @@ def _refusal(context: RuleContext, call: DriverCall) -> tuple[str, OSError | Non
     if not traffic.asked:
         return "perhaps", error
     return "seen" if traffic.answer else "", error
-
-
-def _transfers_of(context: RuleContext, probe: Probe, text: str) -> Iterator[partial[Any]]:
-    """Reads and writes of a channel that the device refuses, in the directions that it has."""
-    direction = probe.channel(text).direction
-    if Direction.INPUT in direction:
-        yield partial(probe.read, text)
-        yield partial(probe.read_many, (text,))
-    if Direction.OUTPUT in direction and context.subject.outputs:
-        yield partial(probe.write, text, 0)
-        yield partial(probe.write_many, (text,), (0,))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections import deque
 from functools import partial
+from itertools import pairwise
 from math import inf
 
 import numpy as np
@@ -53,6 +54,7 @@ class LongRun:
         self._lags: set[str] = set()
         """Channels whose level takes its time, or that do not read it exactly."""
         self._steady = {text: probe.read(text) for text in context.steady if text in context.readable}
+        self._told = context.told(probe)
         self._before: dict[str, int] = {}
         self.failing = self._failing()
         self.per_cycle = 2 * bool(self.readable) + 2 * bool(self.outputs)
@@ -128,7 +130,8 @@ class LongRun:
         if not self._shown and not self._steady:
             words.append("no reading is known beforehand, so none was compared")
         if self._lags:
-            words.append(f"{', '.join(sorted(self._lags))}: compared now and then, as the level takes its time")
+            why = "the driver is told its values" if self._told else "the level takes its time"
+            words.append(f"{', '.join(sorted(self._lags))}: compared now and then, as {why}")
         if not self._grown:
             words.append("too few to see the process grow")
         return "; ".join(words)
@@ -159,14 +162,36 @@ class LongRun:
 
     def _explain(self, view: str, output: Output, raw: int, now: int, number: int) -> None:
         """A loop-back may take its time: it is on its way then, and gets there. One that takes longer than a cycle, as
-        the first ones show, may be on its way to any of the levels before."""
+        the first ones show, may be on its way to any of the levels before. It is no matter of time if the level has
+        long come, and the next block gives the one before all the same."""
         low, high = sorted((raw, self._before.get(view, output.default)))
         there = self.context.is_read(self.probe, output, raw)
         on_its_way = low <= now <= high or view in self._lags or self.context.subject.agree is not None
         if not there or (not on_its_way and number > WARMING_CYCLES):
             recorded = self.context.subject.levels is not None
             self._wrong(view, now, raw, f"reading of {view}" if recorded else f"level of {output.channel}")
+        if view not in self._lags and not self._told:
+            self._check_is_time(view, output)
         self._lags.add(view)
+
+    def _check_is_time(self, view: str, output: Output) -> None:
+        """RuleBroken if a block reads the level that was there before, though the present one has come."""
+        place, levels = self._place[view], (output.default, output.other(), output.default)
+        for before, raw in pairwise(levels):
+            self._write_all(output, before)
+            self.context.is_read(self.probe, output, before)
+            self.probe.read_many(self.context.readable)
+            self._write_all(output, raw)
+            self.context.arrive(None, output, raw)
+            if self.context.same(output, raw, found := self.probe.read_many(self.context.readable)[place]):
+                return
+        text = f"a block read {found} of {view}; {output.channel} was brought to {raw} before, and the level has come"
+        raise RuleBroken(text, f"earlier reading of {view}")
+
+    def _write_all(self, output: Output, raw: int) -> None:
+        outputs = self.context.subject.outputs
+        self.probe.write_many([each.channel for each in outputs],
+                              [raw if each == output else each.default for each in outputs])  # fmt: skip
 
     def _wrong(self, text: str, now: int, expected: int, cause: str) -> None:
         raise RuleBroken(f"{text} read {now} after {self.calls:,} transfers, not {expected}", cause)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from time import monotonic, sleep
 
 from umo.drivers.contract import Driver
-from umo.errors import text_of
 from umo.presentation.durations import duration
-from umo.testing.conformance.probe import Probe, WrongKind
+from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.spoiling import TRIES, recovers, values
@@ -22,7 +21,7 @@ LOOK_INTERVAL = 0.005
 """Time in s between two looks: a period."""
 
 
-@rule(Cost(each=8, waits=8))
+@rule(Cost(each=5, calls=10, connects=6, waits=5, sleeps=1.2))
 def look(context: RuleContext) -> str | None:
     """Looking for a device that does not answer (`look`) waits for nothing, does not find it, says so in the end,
     and raises nothing but an OSError; when it is back it is found, and the next transfers give true values."""
@@ -63,8 +62,7 @@ def _looks_in_vain(context: RuleContext, probe: Probe) -> None:
         probe.timeout = LOOK_TIMEOUT
         took = 0.0
         for _ in range(LOOKS):
-            if _look(context, probe) is True and _has_its_own(probe) and context.readable:
-                raise RuleBroken("look says that the device answers, and it does not")
+            _look_in_vain(context, probe)
             took = max(took, context.watch.took)
             if took > AT_ONCE:
                 break
@@ -76,11 +74,19 @@ def _looks_in_vain(context: RuleContext, probe: Probe) -> None:
     raise RuleBroken(f"a look for a device that does not answer took {duration(round(min(slowest), 3))}")
 
 
+def _look_in_vain(context: RuleContext, probe: Probe) -> bool | None:
+    """A look for a device that does not answer, which must not find it."""
+    found = context.look(probe)
+    if found is True and _has_its_own(probe) and context.readable:
+        raise RuleBroken("look says that the device answers, and it does not")
+    return found
+
+
 def _decides(context: RuleContext, probe: Probe) -> None:
     """Looks for a device that stays away come to an end."""
     probe.timeout = context.haste
     end = monotonic() + context.patience
-    while _look(context, probe) is None:
+    while _look_in_vain(context, probe) is None:
         if monotonic() > end:
             limit = duration(context.patience)
             raise RuleBroken(f"look has not found out for {limit} that the device does not answer: it returns None")
@@ -90,20 +96,7 @@ def _decides(context: RuleContext, probe: Probe) -> None:
 def _is_found(context: RuleContext, probe: Probe) -> None:
     probe.timeout = context.patience
     end = monotonic() + context.patience
-    while _look(context, probe) is not True:
+    while context.look(probe) is not True:
         if monotonic() > end:
             raise RuleBroken(f"the device answers again, and look has not found it for {duration(context.patience)}")
         sleep(LOOK_INTERVAL)
-
-
-def _look(context: RuleContext, probe: Probe) -> bool | None:
-    """The outcome of a look; False for an OSError."""
-    try:
-        found = probe.call("look", probe.driver.look)
-    except WrongKind as error:
-        raise RuleBroken(f"look raised {text_of(error)}, which is no OSError") from error
-    except OSError:
-        return False
-    if found is not None and not isinstance(found, bool):
-        raise RuleBroken(f"look returned {found!r}, which is neither a bool nor None")
-    return found

@@ -27,6 +27,8 @@ ONLY_CONFIRMED = (
 class OutputObserver(DriverFactory):
     """The levels of the outputs, as far as they can be seen."""
 
+    excuses: list[str]
+    """What the present rule took for the device's own doing, in words."""
     last_level = 0
     """Level that `is_at` or `is_read` found last."""
 
@@ -75,11 +77,11 @@ class OutputObserver(DriverFactory):
         words = [f"except {some(unseen)}, whose level cannot be seen"] if unseen else []
         return "; ".join((*words, *more)) or None
 
-    def looked(self) -> str | None:
+    def looked(self, *more: str) -> str | None:
         """The remark at the end of a rule whose calls succeeded; NotTried if it could see none of the outputs."""
         if self.subject.outputs and not self.visible:
             raise NotTried(ONLY_CONFIRMED)
-        return self.remark()
+        return self.remark(*more)
 
     # Levels -------------------------------------------------------------------------------------------
 
@@ -181,7 +183,9 @@ class OutputObserver(DriverFactory):
         probe = self.new(direct=True)
         try:
             probe.open()
-            return self.alike(text, found, probe.read(text))
+            if fell := self.alike(text, found, probe.read(text)):
+                self.excuses.append(f"{text} fell to its default in the meantime, taken for the device's own doing")
+            return fell
         except OSError:
             return False
         finally:

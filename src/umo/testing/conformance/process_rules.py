@@ -32,21 +32,38 @@ WAITING_FUNCTIONS = {
 """Functions in C in which drivers wait for their devices."""
 
 
-@rule(Cost(each=4, waits=8))
+@rule(Cost(calls=18, connects=4, waits=4, sleeps=1.3))
 def idle(context: RuleContext) -> str | None:
-    """No processor time is used for waiting: not while the device is silent, not between calls."""
+    """No processor time is used for waiting: not while the device is silent or away, not between calls, not after
+    `close`."""
     if not threads():
         raise NotTried("the kernel does not tell the processor time of threads")
     with context.opened() as probe:
         for call in context.transfers(probe)[::2]:
             call()
         _quiet(context, lambda: sleep(IDLE_TIME), "between two calls")
-        if context.subject.line is None:
-            return "between calls only: there is no line that could be silent"
-        probe.timeout = max(context.haste, IDLE_TIME)
-        for call in context.transfers(probe)[:4:2]:
-            _quiet(context, partial(context.unanswered, call), "")
-    return None
+        if context.subject.line is not None:
+            probe.timeout = max(context.haste, IDLE_TIME)
+            for call in context.transfers(probe)[:4:2]:
+                _quiet(context, partial(context.unanswered, call), "")
+        if context.subject.line is not None or context.subject.gone is not None:
+            _quiet_while_away(context, probe)
+    _quiet(context, lambda: sleep(IDLE_TIME), "after close")
+    return None if context.subject.line is not None else "not while the device is silent: there is no line"
+
+
+def _quiet_while_away(context: RuleContext, probe: Probe) -> None:
+    """Before a call finds out that the connection is lost, and after it."""
+    probe.timeout = context.patience
+    for call in context.transfers(probe)[:1]:
+        context.insist(call)
+    probe.timeout = context.haste
+    with context.loss():
+        _quiet(context, lambda: sleep(IDLE_TIME), "while the device was away")
+        context.try_out(probe)
+        _quiet(context, lambda: sleep(IDLE_TIME), "while the device was away, after calls that failed")
+    probe.timeout = context.patience
+    context.try_out(probe)
 
 
 def _quiet(context: RuleContext, wait: Callable[[], object], when: str) -> None:
@@ -73,7 +90,7 @@ def _share(context: RuleContext, before: dict[int, tuple[float, float]], took: f
     return max(shares)
 
 
-@rule(Cost(opens=4, each=4))
+@rule(Cost(opens=5, calls=5))
 def interrupt(context: RuleContext) -> str | None:
     """Ctrl-C passes through a call that waits: KeyboardInterrupt is not turned into anything else."""
     # The interrupt is raised where the call would wait in a function in C
@@ -115,7 +132,7 @@ class _Interrupt:
             raise KeyboardInterrupt
 
 
-@rule(Cost(opens=1, each=16, waits=4))
+@rule(Cost(calls=46, connects=5, waits=8))
 def process(context: RuleContext) -> str | None:
     """The process stays as it was: signals, working directory, default timeout of sockets, environment, locale,
     processors, priority, garbage collector, child processes, logging; nothing is printed, also if a call fails."""
@@ -133,7 +150,7 @@ def process(context: RuleContext) -> str | None:
     finally:
         (gc.enable if on else gc.disable)()
     if text := "".join(printed).strip():
-        raise RuleBroken(f"it prints: {text.splitlines()[0][:80]!r}")
+        raise RuleBroken(f"it prints: {text.splitlines()[0]!r}")
     if changed := change(context.before, state()):
         raise RuleBroken(f"it changed {changed}")
     return remark

@@ -46,6 +46,16 @@ def looks_for_pulses(context: RuleContext, output: Output) -> bool:
     return all(way is not None for _, _, way in ways)
 
 
+def known_writes(context: RuleContext, probe: Probe, output: Output) -> Writes | None:
+    """The requests of writes of an output; None if they cannot be told, also not from those of a reading."""
+    levels = _levels(output)
+    writes = Writes((raw, sent) for raw, sent in _written(context, probe, output, levels) if sent)
+    with context.line.counting() as traffic:
+        probe.read(context.readable[0])
+        probe.read_many(context.readable)
+    return writes if writes.tell and writes.found_in(traffic.requests) is None else None
+
+
 def _written(context: RuleContext, probe: Probe, output: Output, levels: list[int]) -> list[tuple[int, bytes]]:
     return [(raw, _sent(context, probe.write, output.channel, raw)) for raw in _order(levels)]
 
@@ -103,6 +113,18 @@ class Writes:
         more than one way to read them. None if they are not the same as writes."""
         ways = list(self._ways(sent, MAX_WRITES))
         return next((way for way in ways if set(way) <= set(allowed)), ways[0] if ways else None)
+
+    @property
+    def tell(self) -> bool:
+        """Whether the level can be told of any request."""
+        return any(form.tells for form in self._forms.values())
+
+    def found_in(self, requests: Iterable[bytes]) -> int | None:
+        """The level of a write among these requests, None if there is none."""
+        sent = b"".join(requests)
+        return next(
+            (raw for raw, form in self._forms.items() for place in range(len(sent) - form.length + 1)
+             if form.tells and form.fits(sent[place : place + form.length])), None)  # fmt: skip
 
     def _ways(self, sent: bytes, most: int) -> Iterator[list[int]]:
         if not sent:

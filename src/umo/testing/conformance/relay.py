@@ -253,7 +253,7 @@ class Relay(ABC):
         elif changed is not None:
             self._put(tapped, tapped.driver, tapped.held + changed)
             tapped.held = b""
-            if mode.hangup:
+            if mode.hangup and changed != answer:
                 self._close(tapped)
         elif mode.step:
             tapped.trickle, tapped.next_due = answer, monotonic() + mode.step

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
 from math import inf
 from time import monotonic
 from typing import Any, TypeVar
 
+from umo.drivers.contract import Direction
 from umo.errors import text_of
 from umo.testing.conformance.budget import Budget, CallTime
 from umo.testing.conformance.certificate import TransferTime
 from umo.testing.conformance.output_observer import OutputObserver
-from umo.testing.conformance.probe import Probe, call_of
+from umo.testing.conformance.probe import Probe, WrongKind, call_of
 from umo.testing.conformance.process_snapshot import State, state, threads
 from umo.testing.conformance.relay import Change, Traffic
 from umo.testing.conformance.rules import NotTried, RuleBroken
@@ -24,6 +25,10 @@ DriverCall = Callable[[], object]
 T = TypeVar("T")
 MEASURED_CALLS = 3
 """Calls of each kind from which the time of a call is measured."""
+MEASURED_OPENINGS = 2
+"""Openings that are measured: a device may need its time between two."""
+WATCHED_CALLS = 4
+"""Calls within the time of a watchdog."""
 MIN_HASTE = 0.2
 """Timeout in s: no shorter one is chosen by the kit itself."""
 HASTE_FACTOR = 10
@@ -42,6 +47,7 @@ class RuleContext(OutputObserver):
         self.haste = subject.timeout
         """Timeout in s of calls that must time out."""
         self.share = 0.0
+        self.excuses = []
         self.left_out: list[str] = []
         """Parts of the present rule that were left out for want of time, in words."""
         self.times: dict[str, TransferTime] = {}
@@ -57,26 +63,52 @@ class RuleContext(OutputObserver):
 
     def measure(self) -> None:
         """Time a few calls: sets `pace`, and `haste` for a device that answers much quicker than the timeout."""
-        began = monotonic()
-        taken = []
-        with self.opened() as probe:
-            for call in self.transfers(probe) * MEASURED_CALLS:
-                call()
-                taken.append(self.watch.took)
-        opening = monotonic() - began - sum(taken)
+        opening, taken = 0.0, list[float]()
+        for _ in range(MEASURED_OPENINGS):
+            began = monotonic()
+            with self.opened() as probe:
+                used = [self._timed(call) for call in self.transfers(probe) * MEASURED_CALLS]
+            opening, taken = max(opening, monotonic() - began - sum(used)), taken + used
         self.haste = min(self.subject.timeout, max(MIN_HASTE, HASTE_FACTOR * max(taken, default=0.0)))
         mean = sum(taken) / max(1, len(taken))
-        self.pace = CallTime(opening, mean, self.haste, max(1, len(self.channels)))
+        watchdog = self.subject.watchdog and self.subject.watchdog + WATCHED_CALLS * mean
+        self.pace = CallTime(
+            opening, mean, self.haste, max(1, len(self.channels)), self._connecting(mean), self._settling(), watchdog
+        )
+
+    def _timed(self, call: DriverCall) -> float:
+        call()
+        return self.watch.took
+
+    def _settling(self) -> float:
+        """Time in s that the levels of all loop-backs take, where no other client sees them come."""
+        looped = [each for each in self.viewed if self.view(each) != each.channel]
+        with self.second() if looped else nullcontext(None) as other:
+            return 0.0 if other is not None else len(looped) * self.subject.settle
+
+    def _connecting(self, transfer: float) -> float:
+        """How much longer a call takes when the connection was lost."""
+        if self.subject.line is None:
+            return 0.0
+        with self.opened() as probe:
+            call = self.transfers(probe)[0]
+            self.subject.line.drop()
+            self.failure(call)
+            first = self.watch.took
+            self.failure(call)  # the first may only have found the end of the connection
+            return max(0.0, first - transfer, self.watch.took - transfer)
 
     def as_time_allows(self, tasks: Sequence[T], fewest: int, what: str) -> Iterator[T]:
         """The tasks of a rule, `fewest` of them at any rate, the others as long as there is time. `what` they are, if
         some are left out: "blocks"."""
+        longest = 0.0
         for number, task in enumerate(tasks):
-            if number >= fewest and not self.budget.more:
+            if number >= fewest and not self.budget.has(longest):
                 self.left_out.append(f"{number} of {len(tasks)} {what}")
                 return
-            self.share = number / len(tasks)
+            self.share, began = number / len(tasks), monotonic()
             yield task
+            longest = max(longest, monotonic() - began)
 
     def transfers(self, probe: Probe, default: bool = True) -> list[DriverCall]:
         """One call of each kind. Outputs are written their defaults, or other levels."""
@@ -104,13 +136,50 @@ class RuleContext(OutputObserver):
         """RuleBroken if a call of any kind fails."""
         for call in self.transfers(probe, default):
             if (error := self.failure(call)) is not None:
-                raise RuleBroken(f"since {since}, {self.watch.doing} fails: {text_of(error)}")
+                raise RuleBroken(f"since {since}, {self.watch.doing} fails: {text_of(error)}") from error
+
+    def refused_calls(self, probe: Probe, text: str) -> list[DriverCall]:
+        """Reads and writes of a channel that the device refuses, in the directions that it has. Nothing is written
+        where nothing may be driven."""
+        direction = probe.channel(text).direction
+        found: list[DriverCall] = []
+        if Direction.INPUT in direction:
+            found += [partial(probe.read, text), partial(probe.read_many, (text,))]
+        if Direction.OUTPUT in direction and self.subject.outputs:
+            found += [partial(probe.write, text, 0), partial(probe.write_many, (text,), (0,))]
+        return found
+
+    @contextmanager
+    def in_haste(self, probe: Probe) -> Iterator[None]:
+        """Calls that may have to time out, such as those that the device refuses in silence."""
+        probe.timeout = self.haste
+        yield
+        probe.timeout = self.patience
+
+    def told(self, probe: Probe) -> bool:
+        """Whether the driver is told the values of its inputs: it gives ages, and they are judged by their rule."""
+        if not self.readable:
+            return False
+        probe.read_many(self.readable)
+        return probe.call("ages", probe.driver.ages, tuple(map(probe.channel, self.readable))) is not None
 
     def insist(self, call: Callable[..., T], *arguments: Any) -> T:
         """A call that may fail once: only then the driver may find out what the calls before have left behind."""
         with suppress(OSError):
             return call(*arguments)
         return call(*arguments)
+
+    def look(self, probe: Probe) -> bool | None:
+        """The outcome of a look; False for an OSError, RuleBroken for what a look must not return or raise."""
+        try:
+            found = probe.call("look", probe.driver.look)
+        except WrongKind as error:
+            raise RuleBroken(f"look raised {text_of(error)}, which is no OSError") from error
+        except OSError:
+            return False
+        if found is not None and not isinstance(found, bool):
+            raise RuleBroken(f"look returned {found!r}, which is neither a bool nor None")
+        return found
 
     def dead(self) -> str:
         """Why the device cannot be used at all; empty if it can."""
@@ -173,8 +242,8 @@ class RuleContext(OutputObserver):
     def fail_some(self, probe: Probe) -> None:
         """Calls that fail, by whatever means there are; NotTried without any."""
         if self.subject.refused:
-            self.failure(probe.write, self.subject.refused[0], 0)
-            self.failure(probe.read, self.subject.refused[0])
+            for call in self.refused_calls(probe, self.subject.refused[0])[::-2]:
+                self.failure(call)
         elif self.subject.line is None and self.subject.gone is None:
             raise NotTried(f"no call can be made to fail: {NO_LINE}, and no channel that the device refuses")
         probe.timeout = self.haste

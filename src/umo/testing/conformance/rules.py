@@ -29,15 +29,27 @@ class Cost:
 
     opens: float = 1
     """Drivers that are opened; each channel is initialised, reset and finalised."""
-    each: float = 1
+    each: float = 0
     """Transfers of each channel."""
+    calls: float = 0
+    """Transfers beside these, however many channels there are."""
+    connects: float = 0
+    """Calls that connect again, as the connection was lost before."""
     waits: float = 0
     """Calls that wait for their timeout."""
     more: float = 0
     """Transfers of each channel that are made beside `each` if there is time."""
+    settles: float = 0
+    """Times that a level takes through a loop-back, of each output that has one."""
+    sleeps: float = 0
+    """Time in s in which nothing is called."""
+    watchdogs: float = 0
+    """Times of the device's watchdog (`Subject.watchdog`)."""
 
 
-NOTHING = Cost(opens=0, each=0)
+MADE_UP = "success without an answer"
+"""A cause of broken rules."""
+NOTHING = Cost(opens=0)
 
 
 @dataclass(frozen=True)
@@ -58,7 +70,12 @@ class Rule:
 
 LINE = ("timing", "corruption", "line")
 """Themes that need a line between driver and device."""
-THEMES = ("channel", "value", "block", "lifecycle", *LINE, "device", "look", "process", "leak", "general")
+ALWAYS = "general"
+"""The theme that is tried at any rate."""
+THEMES = (
+    "channel", "value", "block", "lifecycle", *LINE,
+    "device", "look", "level", "optional", "process", "leak", ALWAYS,
+)  # fmt: skip
 """Modules of rules, in the order in which they are tried."""
 _RULES: dict[str, Rule] = {}
 C = TypeVar("C", bound=Callable[..., "str | None"])

@@ -20,7 +20,7 @@ from umo.testing.conformance.certificate import Certificate, Finding, Judgement,
 from umo.testing.conformance.probe import Stopped, TimeUp, call_of
 from umo.testing.conformance.process_snapshot import State
 from umo.testing.conformance.rule_context import RuleContext
-from umo.testing.conformance.rules import NotTried, Rule, RuleBroken, chosen_rules
+from umo.testing.conformance.rules import ALWAYS, NotTried, Rule, RuleBroken, chosen_rules
 from umo.testing.conformance.subject import Subject
 
 T = TypeVar("T")
@@ -131,7 +131,7 @@ class _Examination:
             self.findings.append(self._finding(number, rule))
 
     def _finding(self, number: int, rule: Rule) -> Finding:
-        general = rule.theme == "general"
+        general = rule.theme == ALWAYS
         if self.ended and not (general and not self.context.watch.over):
             return _finding_on(rule, Judgement.NOT_TRIED, self.ended)
         if not general and not self.context.budget.begin(rule):
@@ -178,11 +178,11 @@ def _finding_on(rule: Rule, verdict: Judgement, why: str) -> Finding:
 
 
 def _tried(context: RuleContext, rule: Rule, causes: dict[str, str]) -> Finding:
-    cause, context.left_out = "", []
-    context.watch.until = inf if rule.theme == "general" else context.budget.latest
+    cause, context.left_out, context.excuses = "", [], []
+    context.watch.until = inf if rule.theme == ALWAYS else context.budget.latest
     try:
         verdict, remark = Judgement.PASSED, rule.check(context)
-        why = "; ".join(filter(None, [remark, *context.left_out]))
+        why = "; ".join(filter(None, [remark, *dict.fromkeys(context.excuses), *context.left_out]))
         if context.left_out:
             context.budget.parts.append(f"{rule.id}: {'; '.join(context.left_out)}")
     except TimeUp:  # its calls took longer than planned
@@ -191,16 +191,27 @@ def _tried(context: RuleContext, rule: Rule, causes: dict[str, str]) -> Finding:
     except NotTried as reason:
         verdict, why = Judgement.NOT_TRIED, str(reason)
     except RuleBroken as broken:
-        verdict, why, cause = Judgement.FAILED, str(broken), broken.cause
+        verdict, why, cause = Judgement.FAILED, str(broken), broken.cause or _failure(broken.__cause__, causes)
     except OSError as error:
         verdict, why = Judgement.FAILED, f"{call_of(error)} failed: {text_of(error)}"
-        cause = re.sub(r"-?\d+", "#", f"{call_of(error).partition(' ')[0]} failed: {text_of(error)}")
+        cause = _failure(error, causes)
     finally:
         context.watch.until = inf
     if verdict is Judgement.FAILED and cause and (first := causes.setdefault(cause, rule.id)) != rule.id:
         verdict, why = Judgement.NOT_TRIED, f"as above ({first}): {why}"
     context.restore()
     return _finding_on(rule, verdict, why)
+
+
+def _failure(error: BaseException | None, causes: Iterable[str]) -> str:
+    """The cause that a call has failed: what the driver says, whatever the call; one that is known already if it is a
+    part of this. A timeout says nothing of its cause: it is that of this kind of call."""
+    if not isinstance(error, OSError):
+        return ""
+    kind = call_of(error).partition(" ")[0] if isinstance(error, TimeoutError) else ""
+    text = f"{kind} failed: {re.sub(r'-?[0-9]+', '#', text_of(error))}"
+    known = (each for each in causes if each.startswith(" failed: ") and each.removeprefix(" failed: ") in text)
+    return next(known, text)
 
 
 def _in_thread(context: RuleContext, work: Callable[[], T], look: Callable[[], object] = lambda: None) -> T:

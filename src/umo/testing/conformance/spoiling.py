@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -11,7 +11,7 @@ from umo.errors import text_of
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.relay import Change
 from umo.testing.conformance.rule_context import RuleContext
-from umo.testing.conformance.rules import NotTried, RuleBroken
+from umo.testing.conformance.rules import MADE_UP, NotTried, RuleBroken
 from umo.testing.conformance.subject import Output
 
 T = TypeVar("T")
@@ -38,7 +38,7 @@ class Spoilt:
 def each_spoiled(context: RuleContext, ways: list[Spoilt], structured: bool = False) -> str | None:
     """Reads and a write with each of the answers; `structured`: only answers that have a structure."""
     tried, plain = set(), set()
-    with context.opened() as probe:
+    with context.opened() as probe, watching(context) as watcher:
         texts = [context.view(each) for each in context.viewed[:MAX_CHANNELS]]
         texts += [text for text in context.readable if text not in texts and context.default(text) is None]
         texts = texts[:MAX_CHANNELS]
@@ -46,7 +46,7 @@ def each_spoiled(context: RuleContext, ways: list[Spoilt], structured: bool = Fa
             plain = {text for text in texts if not _has_structure(context, probe, text)}
         for way in ways:
             for text in texts:
-                if text not in plain and spoiled_read(context, probe, text, way):
+                if text not in plain and spoiled_read(context, probe, watcher, text, way):
                     tried.add("reads")
             if context.subject.outputs and "writes" not in plain:
                 if structured and not _acknowledged(context, probe):
@@ -55,7 +55,11 @@ def each_spoiled(context: RuleContext, ways: list[Spoilt], structured: bool = Fa
                     tried.add("writes")
     if not tried:
         raise NotTried("answers have no structure by which garbage is noticed" if plain else NO_ANSWER)
-    return f"without {' and '.join(sorted(plain))}, whose answers have no structure" if plain else None
+    words = [f"without {' and '.join(sorted(plain))}, whose answers have no structure"] if plain else []
+    kinds = {"reads"} if texts else set()
+    silent = (kinds | ({"writes"} if context.subject.outputs else set())) - tried - plain
+    words += [f"{' and '.join(sorted(silent))} have no answer over the line"] if silent else []
+    return "; ".join(words) or None
 
 
 def _has_structure(context: RuleContext, probe: Probe, text: str) -> bool:
@@ -83,18 +87,24 @@ def _answer(context: RuleContext, probe: Probe, call: Callable[..., object], *ar
     return context.traffic(call, *arguments).answer
 
 
-def spoiled_read(context: RuleContext, probe: Probe, text: str, way: Spoilt) -> bool:
+def watching(context: RuleContext) -> AbstractContextManager[Probe | None]:
+    """Another client that sees a level come through a loop-back."""
+    looped = any(context.view(each) != each.channel for each in context.viewed)
+    return context.second(direct=True) if looped else nullcontext(None)
+
+
+def spoiled_read(context: RuleContext, probe: Probe, watcher: Probe | None, text: str, way: Spoilt) -> bool:
     """The read must fail or be right. Its level is moved between a good reading and this one, where an output drives
     it. Whether there was an answer to change."""
     probe.timeout = context.patience
     output = next((each for each in context.viewed if context.view(each) == text), None)
-    known = _moved(context, probe, output) if output is not None else probe.read(text)
+    known = _moved(context, probe, watcher, output) if output is not None else probe.read(text)
     probe.timeout = context.haste
     found, changed = context.spoiled(way.change, way.hangup, probe.read, text)
     probe.timeout = context.patience
     if changed and not isinstance(found, OSError):
         if way.blind:
-            raise RuleBroken(f"{text} read {found} from {way.words}: that is no reading of now")
+            raise RuleBroken(f"{text} read {found} from {way.words}: that is no reading of now", MADE_UP)
         right = output is not None and context.same(output, known, found)
         if not (right or context.alike(text, known, found) or context.fallen(text, found)) and text in context.known:
             raise RuleBroken(f"{text} read {found} from {way.words}; it is at {known}")
@@ -102,7 +112,7 @@ def spoiled_read(context: RuleContext, probe: Probe, text: str, way: Spoilt) -> 
     return changed
 
 
-def _moved(context: RuleContext, probe: Probe, output: Output) -> int:
+def _moved(context: RuleContext, probe: Probe, watcher: Probe | None, output: Output) -> int:
     """The level to which an output has come since it was read for the last time."""
     before, now = output.other(1), output.other(2)
     if before == now:
@@ -111,8 +121,7 @@ def _moved(context: RuleContext, probe: Probe, output: Output) -> int:
     context.is_read(probe, output, before)
     probe.write(output.channel, now)
     if context.view(output) != output.channel:
-        with context.second(direct=True) as watcher:
-            context.arrive(watcher, output, now)
+        context.arrive(watcher, output, now)
     return now
 
 

@@ -11,7 +11,7 @@ from umo.errors import text_of
 from umo.presentation.durations import duration
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
-from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.rules import MADE_UP, Cost, NotTried, RuleBroken, rule
 
 T = TypeVar("T")
 TRIES = 3
@@ -24,8 +24,8 @@ MAX_DELAY = 2.0
 """Delay in s at most of an answer that a longer timeout waits for; it is twice the short timeout."""
 
 
-@rule(Cost(opens=8, each=8, waits=16))
-def timeout(context: RuleContext) -> None:
+@rule(Cost(opens=5, calls=14, connects=10, waits=16))
+def timeout(context: RuleContext) -> str | None:
     """A call ends within `timeout`, which it reads, by a TimeoutError; also if bytes come without end, or nothing
     answers the request to connect."""
     line = context.line
@@ -38,18 +38,18 @@ def timeout(context: RuleContext) -> None:
         for call in (*first, *context.transfers(probe)):
             error, lost = _timed(context, probe, partial(context.unanswered, call))
             if error is None and lost:
-                raise RuleBroken(f"{context.watch.doing} succeeded without an answer")
+                raise RuleBroken(f"{context.watch.doing} succeeded without an answer", MADE_UP)
             if error is not None and not isinstance(error, TimeoutError):
                 raise RuleBroken(
                     f"{context.watch.doing} raised {type(error).__name__}, not a TimeoutError: {text_of(error)}"
-                )
+                ) from error
         with line.endless(context.haste / 4):
             for call in context.transfers(probe)[1::2]:  # the blocks
                 in_time(context, probe, call)
     probes = [context.new() for _ in range(TRIES)]
     with line.silent():
         _open_in_time(context, probes)
-    _without_a_connection(context)
+    return None if _without_a_connection(context) else "requests to connect are always answered on this line"
 
 
 def _open_in_time(context: RuleContext, probes: list[Probe]) -> None:
@@ -67,7 +67,8 @@ def _open_in_time(context: RuleContext, probes: list[Probe]) -> None:
     raise RuleBroken(slow)
 
 
-def _without_a_connection(context: RuleContext) -> None:
+def _without_a_connection(context: RuleContext) -> bool:
+    """Whether requests to connect can be left without an answer."""
     others = [context.new() for _ in range(TRIES)]
     with context.opened() as probe:
         probe.timeout = context.haste
@@ -77,6 +78,7 @@ def _without_a_connection(context: RuleContext) -> None:
                     if in_time(context, probe, call) is None:
                         raise RuleBroken(f"{context.watch.doing} succeeded without a connection")
                 _open_in_time(context, others)
+    return possible
 
 
 def in_time(context: RuleContext, probe: Probe, call: Callable[..., object], *arguments: Any) -> OSError | None:
@@ -90,7 +92,7 @@ def _timed(context: RuleContext, probe: Probe, attempt: Callable[[], T]) -> T:
         found = attempt()
         if context.watch.took <= allowed(probe.timeout):
             return found
-    raise RuleBroken(_slow(context, probe.timeout))
+    raise RuleBroken(_slow(context, probe.timeout), f"time of {context.watch.doing}")
 
 
 def allowed(timeout: float) -> float:
@@ -102,7 +104,7 @@ def _slow(context: RuleContext, timeout: float) -> str:
     return f"{context.watch.doing} took {duration(round(context.watch.took, 3))}, its timeout is {duration(timeout)}"
 
 
-@rule(Cost(each=4, waits=8))
+@rule(Cost(calls=10, connects=7, waits=7, sleeps=1.2))
 def one_deadline(context: RuleContext) -> None:
     """The timeout is that of the whole call: it does not begin anew with each byte or part of an answer."""
     line, tried = context.line, False
@@ -127,7 +129,7 @@ def one_deadline(context: RuleContext) -> None:
         raise NotTried("no call was answered")
 
 
-@rule(Cost(opens=2, each=3, waits=8))
+@rule(Cost(opens=2, calls=4, waits=8))
 def patience(context: RuleContext) -> str | None:
     """A longer `timeout`, set after `open`, holds at once: initialise and reset get one."""
     delay = min(2 * context.haste, MAX_DELAY, context.patience / 2)
@@ -149,7 +151,7 @@ def patience(context: RuleContext) -> str | None:
                 probe.timeout = context.patience
                 if (error := context.failure(call)) is not None:
                     times = f"a timeout of {duration(context.patience)} and an answer after {duration(delay)}"
-                    raise RuleBroken(f"{context.watch.doing} failed with {times}: {text_of(error)}")
+                    raise RuleBroken(f"{context.watch.doing} failed with {times}: {text_of(error)}") from error
     return None if hurried else f"open needs more than {duration(quick)}: it was opened with the longer timeout"
 
 

@@ -19,7 +19,7 @@ FEWEST_LEVELS = 8
 """Levels of each output that are tried at any rate."""
 
 
-@rule()
+@rule(Cost(each=1, calls=4))
 def answers(context: RuleContext) -> None:
     """The device answers: channels are initialised, inputs are read, outputs are written their defaults."""
     # The other rules are not tried if it does not
@@ -27,7 +27,7 @@ def answers(context: RuleContext) -> None:
         raise RuleBroken(why, "dead")
 
 
-@rule(Cost(each=12, more=600))
+@rule(Cost(each=7, calls=10, more=600))
 def range_(context: RuleContext) -> str | None:
     """An output takes every raw level of its range exactly, and is read so. Tried: both ends, powers of two and their
     neighbours, every value of each byte."""
@@ -41,7 +41,7 @@ def range_(context: RuleContext) -> str | None:
     return context.remark()
 
 
-@rule(Cost(each=18, more=18))
+@rule(Cost(each=6, calls=18, more=18))
 def one_beyond(context: RuleContext) -> str | None:
     """A raw level beyond the channel's bits is refused by an OSError, and changes nothing."""
     # Outputs are tried where a driver that clamps or wraps would not leave the range that may be driven
@@ -89,7 +89,7 @@ def _refused(context: RuleContext, probe: Probe, output: Output, raw: int) -> No
             raise RuleBroken(f"{output.channel} went to {came_to} with a write of {raw}, which was refused")
 
 
-@rule()
+@rule(Cost(each=4, calls=2))
 def directions(context: RuleContext) -> str | None:
     """A write to an input is refused, and changes nothing."""
     probe = context.new()
@@ -99,18 +99,19 @@ def directions(context: RuleContext) -> str | None:
     with context.opened() as probe:
         for each in inputs:
             before = probe.read(each.channel)
-            raw = before ^ 1 if each.channel in context.steady else before  # another level, if its change can be seen
+            raw = before ^ 1 if each.channel in context.known else before  # another level, if its change can be seen
             for many in (False, True):
                 what = f"{'write_many' if many else 'write'} to {each.channel}"
                 if context.failure(probe.call, what, _write, probe, each.channel, raw, many) is None:
                     raise RuleBroken(f"a {what}, an input, was taken")
-            if each.channel in context.steady and (after := probe.read(each.channel)) != before:
+            after = probe.read(each.channel)
+            if each.channel in context.known and not context.alike(each.channel, before, after):
                 raise RuleBroken(f"a refused write to {each.channel} changed it from {before} to {after}")
-    unsure = [each.channel for each in inputs if each.channel not in context.steady]
+    unsure = [each.channel for each in inputs if each.channel not in context.known]
     return f"whether it changes {some(unsure)} was not seen: nothing says that the level is steady" if unsure else None
 
 
-@rule(Cost(each=6))
+@rule(Cost(each=2, calls=2))
 def reading(context: RuleContext) -> str | None:
     """Reading changes no output."""
     if not context.readable:

@@ -37,7 +37,7 @@ SUBJECT = Subject(
 
 def test_the_driver_keeps_its_contract() -> None:
     certificate = conform(SUBJECT, cycles=1000)
-    assert certificate.passed, certificate
+    assert certificate.passed, str(certificate)
 
 
 def test_an_unknown_channel_is_answered_with_those_that_exist() -> None:

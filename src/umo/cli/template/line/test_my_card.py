@@ -44,7 +44,7 @@ def subject() -> Iterator[Subject]:
 
 def test_the_driver_keeps_its_contract(subject: Subject) -> None:
     certificate = conform(subject, cycles=300)
-    assert certificate.passed, certificate
+    assert certificate.passed, str(certificate)
 
 
 def test_an_unknown_channel_is_answered_with_those_that_exist() -> None:

@@ -1,0 +1,182 @@
+"""A rule of levels: only what is written moves an output."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from functools import partial
+from time import sleep
+
+from umo.testing.conformance.probe import Probe
+from umo.testing.conformance.pulses import Writes, known_writes
+from umo.testing.conformance.relay import Traffic
+from umo.testing.conformance.rule_context import DriverCall, RuleContext
+from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
+from umo.testing.conformance.spoiling import rewrite
+from umo.testing.conformance.subject import Output
+from umo.text import some
+
+TRIES = 2
+"""Times that an output must move, each time: a watchdog of the device may run out in the same moment."""
+LOOK_INTERVAL = 0.005
+"""Time in s between two looks: a period."""
+MOST_LOOKS = 20
+"""Looks while the device does not answer, and when it does."""
+OTHER_LEVEL = 2
+"""Number of the level that another client writes, beside that of the driver."""
+FEWEST_OUTPUTS = 1
+"""Outputs whose requests are told from others, at any rate."""
+Happening = Callable[[RuleContext, "Witness", int], object]
+"""Function that brings it about that the driver connects again, or looks. The number is that of the levels."""
+
+
+@rule(Cost(opens=2, each=4, calls=110, connects=10, waits=6, sleeps=0.3))
+def levels_kept(context: RuleContext) -> str | None:
+    """Only what is written moves an output: it stays where it is when the driver connects again, after a lost
+    connection, a timeout or a garbled answer, and while it looks for its device."""
+    if not context.subject.outputs:
+        raise NotTried("the driver has no outputs")
+    happenings = _happenings(context)
+    with context.opened() as probe, context.second(direct=True) as other:
+        witness = Witness(context, probe, other)
+        if not witness.watched:
+            raise NotTried("nobody else sees a level: it needs a record of levels, a loop-back and a second client, or "
+                           "requests of writes that the tap can tell")  # fmt: skip
+        for what, happening in happenings.items():
+            for left in reversed(range(TRIES)):
+                if not (moved := _moved(context, witness, happening, left)):
+                    break
+            else:
+                raise RuleBroken(f"{moved}, after {what}: nobody has written it")
+    return witness.remark
+
+
+def _happenings(context: RuleContext) -> Mapping[str, Happening]:
+    """What may happen before the next call, by its words."""
+    context.loss  # noqa: B018  NotTried
+    found: dict[str, Happening] = {"the device was away": _away}
+    if (line := context.subject.line) is not None:
+        found["a lost connection"] = lambda *_: line.drop()
+        found |= {"a timeout": _in_vain, "a garbled answer": _garbled, "a look": _looked}
+    return found
+
+
+def _moved(context: RuleContext, witness: Witness, happening: Happening, number: int) -> str:
+    """What has moved, in words; empty if nothing has."""
+    probe, witness.seen = witness.probe, ""
+    for place, output in enumerate(context.subject.outputs):
+        rewrite(context, probe, output, output.other(number + place), "what was tried before")
+    for place, output in enumerate(context.subject.outputs):
+        if output in context.viewed:
+            context.is_read(probe, output, output.other(number + place))
+    happening(context, witness, number)
+    witness.write(context.subject.outputs[0], number + OTHER_LEVEL)
+    probe.timeout = context.patience
+    for call in _harmless(context, probe, number) * 2:  # the first may find the end of the connection
+        with witness.looking():
+            context.failure(call)
+    return witness.seen
+
+
+def _harmless(context: RuleContext, probe: Probe, number: int) -> list[DriverCall]:
+    """Calls that move nothing: of a driver without inputs a write of the level that is there."""
+    if context.readable:
+        return [partial(probe.read, context.readable[0]), partial(probe.read_many, context.readable)]
+    first = context.subject.outputs[0]
+    return [partial(probe.write, first.channel, first.other(number))]
+
+
+def _in_vain(context: RuleContext, witness: Witness, number: int) -> None:
+    context.unanswered(_in_haste(context, witness, number))
+
+
+def _garbled(context: RuleContext, witness: Witness, number: int) -> None:
+    context.spoiled(lambda answer: bytes(each ^ 0x95 for each in answer), False, _in_haste(context, witness, number))
+
+
+def _away(context: RuleContext, witness: Witness, number: int) -> None:
+    with context.loss():
+        context.failure(_in_haste(context, witness, number))
+
+
+def _looked(context: RuleContext, witness: Witness, number: int) -> None:
+    """Looks while the device is silent, and when it answers again."""
+    with context.line.silent():
+        context.failure(_in_haste(context, witness, number))
+        _look_often(context, witness)
+    _look_often(context, witness)
+
+
+def _look_often(context: RuleContext, witness: Witness) -> None:
+    found: bool | None = None
+    for _ in range(MOST_LOOKS):
+        with witness.looking():
+            found = context.look(witness.probe)
+        if found is True:
+            return
+        sleep(LOOK_INTERVAL)
+
+
+def _in_haste(context: RuleContext, witness: Witness, number: int) -> DriverCall:
+    witness.probe.timeout = context.haste
+    return _harmless(context, witness.probe, number)[0]
+
+
+class Witness:
+    """Who sees the outputs beside the driver: a record, another client through the loop-backs, and the tap."""
+
+    def __init__(self, context: RuleContext, probe: Probe, other: Probe | None) -> None:
+        self.context, self.probe = context, probe
+        self.seen = ""
+        """The first movement, in words."""
+        subject = context.subject
+        self._apart = other if subject.line is None or subject.direct is not None else None
+        """A client that does not use the line."""
+        self._looped = [each for each in context.viewed if self._apart and context.view(each) != each.channel]
+        self._writes: dict[Output, Writes] = {}
+        if subject.line is not None and subject.levels is None and context.readable:
+            tried = context.as_time_allows(subject.outputs, FEWEST_OUTPUTS, "outputs whose requests are told")
+            self._writes = {output: writes for output in tried if (writes := known_writes(context, probe, output))}
+        recorded = subject.outputs if subject.levels is not None else ()
+        self.watched = {each.channel for each in (*recorded, *self._looped, *self._writes)}
+
+    def write(self, output: Output, number: int) -> None:
+        """What another client writes meanwhile stays, where it may write."""
+        if self._apart is not None and self.context.readable and not self.context.subject.sole_writer:
+            self.context.insist(self._apart.write, output.channel, output.other(number))
+            if output in self._looped:
+                self.context.is_read(self._apart, output, output.other(number))
+
+    @property
+    def remark(self) -> str | None:
+        """Words for the outputs that nobody else sees."""
+        unseen = [each.channel for each in self.context.subject.outputs if each.channel not in self.watched]
+        return f"nobody watched {some(unseen)}" if unseen else None
+
+    @contextmanager
+    def looking(self) -> Iterator[None]:
+        """A call that writes nothing. What moves before it, the device itself has moved."""
+        context, before = self.context, self._levels()
+        with context.subject.line.counting() if context.subject.line is not None else nullcontext(Traffic()) as traffic:
+            yield
+        doing = context.watch.doing
+        for output, writes in self._writes.items():
+            if (raw := writes.found_in(traffic.requests)) is not None:
+                self._note(f"{doing} sent the request of a write of {raw} to {output.channel}")
+        for output, levels in self._levels().items():
+            for now in levels:
+                if not context.alike(output.channel, before[output][-1], now):
+                    self._note(f"{output.channel} went from {before[output][-1]} to {now} in a {doing}")
+
+    def _note(self, text: str) -> None:
+        self.seen = self.seen or text
+
+    def _levels(self) -> dict[Output, list[int]]:
+        """The levels that the outputs had since the last look at them, as far as others see them."""
+        record, other = self.context.subject.levels, self._apart
+        if record is not None:
+            return {each: list(record(each.channel)) for each in self.context.subject.outputs}
+        if other is None or not self._looped:
+            return {}
+        other.timeout = self.context.patience
+        return {each: [self.context.insist(other.read, self.context.view(each))] for each in self._looped}
