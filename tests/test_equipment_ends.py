@@ -194,6 +194,7 @@ def test_a_refused_start_keeps_nothing_while_the_collector_is_off() -> None:
                 m.a.cycle.start(m.a.heat())
             await next_period()
 
+    gc.collect()  # what other tests have left
     gc.disable()
     try:
         with Rig() as rig:

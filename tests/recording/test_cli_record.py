@@ -115,6 +115,7 @@ def limit_files(patch: pytest.MonkeyPatch, room: int) -> None:
         return write(file, data[: room - at], at)
 
     patch.setattr(os, "pwrite", pwrite)
+    patch.setattr("umo.process.job.source_files", lambda *run: {})  # those of all tests are in this process
 
 
 def test_a_full_disk_ends_the_record_in_words_and_not_the_run(umo: Umo, monkeypatch: pytest.MonkeyPatch) -> None:
