@@ -161,7 +161,7 @@ def test_a_part_of_the_wrong_type_is_told_what_was_meant(given: object, words: s
 
 def test_a_default_that_is_no_state_is_told_the_states() -> None:
     with pytest.raises(DeclarationError, match=r"write OpenClosed\.OPEN or OpenClosed\.CLOSED"):
-        BinaryActuator(OpenClosed, one=OpenClosed.OPEN, default=True)  # type: ignore[arg-type]
+        BinaryActuator(OpenClosed, one=OpenClosed.OPEN, default=True)  # type: ignore[type-var]
 
 
 @pytest.mark.parametrize(("unit", "near"), [("milimeter", "millimeter"), ("secnd", "second"), ("volts/secnd", "")])
@@ -174,7 +174,7 @@ def test_a_law_with_a_yield_or_without_self_is_refused_with_its_place() -> None:
     with pytest.raises(DeclarationError, match=r"Odd\.control has a `yield` in it.*test_mistakes_of_beginners\.py:\d"):
 
         class Odd(Compound):
-            def control(self):
+            def control(self):  # type: ignore[no-untyped-def]
                 yield
 
     with pytest.raises(DeclarationError, match=r"Odder\.setup takes no object: write `def setup\(self\)`"):
