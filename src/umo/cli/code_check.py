@@ -25,6 +25,7 @@ from umo.objects.atomic import Binary
 from umo.process.station import Station
 from umo.text import shown_path
 
+from . import code_control
 from .code_states import CodeObjects
 from .code_values import (
     Exactly,
@@ -105,10 +106,14 @@ class _Check:
         self._look(NameScope(self._code.tree, None, self._code), None)
         return sorted(self._found)
 
-    def _tell(self, node: ast.expr, text: str) -> None:
+    def _tell_all(self, found: code_control.Remarks) -> None:
+        for node, text in found:
+            self._tell(node, text)
+
+    def _tell(self, node: Any, text: str) -> None:
         self._found[node.lineno, text.replace("{}", self._shown(node))] = None
 
-    def _shown(self, node: ast.expr) -> str:
+    def _shown(self, node: ast.AST) -> str:
         return " ".join((ast.get_source_segment(self._source, node) or ast.unparse(node)).split())
 
     # What is looked at ---------------------------------------------------------------------------------
@@ -119,9 +124,13 @@ class _Check:
             for kind, look in _LOOKS:
                 if isinstance(node, kind):
                     look(self, node, scope)
+            for kind, of_control in code_control.LOOKS:
+                if isinstance(node, kind):
+                    self._tell_all(of_control(self._code, node, scope))
             if isinstance(node, FunctionNode | ast.Lambda):
                 self._look(NameScope(node, scope, self._code, self._owner(node, in_class)), None)
             elif isinstance(node, ast.ClassDef):
+                self._tell_all(code_control.in_class(self._code, node, self._attributes.read))
                 self._look(scope, node)
 
     def _owner(self, node: Any, in_class: ast.ClassDef | None) -> type | None:

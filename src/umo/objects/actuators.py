@@ -92,7 +92,8 @@ class BinaryActuator(Actuator, Binary[S]):
         self._expires, self._when_suspended = _expiry(expires), _reaction(when_suspended)
         self._max_age = _retried(on_error, max_age)
         if type(default) is not states:
-            raise DeclarationError(f"default={default!r} is not a state of {states.__name__}")
+            known = " or ".join(f"{states.__name__}.{each.name}" for each in states)
+            raise DeclarationError(f"default={default!r} is not a state of {states.__name__}: write {known}")
         self._default = default
 
     @property

@@ -161,8 +161,18 @@ class Binary(Atomic, Generic[S]):
             return 0
         raise StateError(
             f"{self.path or type(self).__name__}: {state!r} is not a state of {self._states.__name__} "
-            f"({self._one} or {self._zero})"
+            f"({self._one} or {self._zero}){self._meant(state)}"
         )
+
+    def _meant(self, given: object) -> str:
+        """The state to write for a text, a truth value or a number; "": none is near."""
+        for state in (self._one, self._zero):
+            if isinstance(given, str) and given.casefold() in (state.name.casefold(), str(state.value).casefold()):
+                return f": write {type(state).__name__}.{state.name}"
+        if isinstance(given, bool | int | np.bool_) and given in (0, 1):
+            one, zero = (f"{type(state).__name__}.{state.name}" for state in (self._one, self._zero))
+            return f": write {one} or {zero}; its wiring, not a truth value, says which is 1"
+        return ""
 
     def _shown(self) -> str:
         level = self._image.values[self._slot]

@@ -32,8 +32,8 @@ from umo.objects.paths import named
 from umo.objects.reaction import Reaction
 from umo.signature import hints_of
 from umo.states import shown
-from umo.text import cut_repr
-from umo.user_code import check_overrides
+from umo.text import cut_repr, in_brackets, shown_place
+from umo.user_code import check_overrides, definition
 
 if TYPE_CHECKING:
     from umo.objects.interlock import Interlock
@@ -293,6 +293,15 @@ class Compound(Node):
 
 def _check_hooks(cls: type[Compound]) -> None:
     check_overrides(cls)
+    for name in ("control", "setup", "interlocks"):
+        code = getattr(vars(cls).get(name), "__code__", None)
+        if code is None:
+            continue
+        place = in_brackets(shown_place(definition(vars(cls)[name])))
+        if code.co_flags & inspect.CO_GENERATOR and name != "interlocks":
+            raise DeclarationError(f"{cls.__name__}.{name} has a `yield` in it, so nothing of it would be done{place}")
+        if not code.co_argcount and not code.co_flags & inspect.CO_VARARGS:
+            raise DeclarationError(f"{cls.__name__}.{name} takes no object: write `def {name}(self)`{place}")
     if not inspect.iscoroutinefunction(cls.on_resume):
         raise DeclarationError(f"{cls.__name__}.on_resume must be a sequence: `async def on_resume(self)`")
 
@@ -354,7 +363,10 @@ def _check_type(where: str, value: object, hint: Any) -> None:
         raise DeclarationError(f"{where} is annotated {hint}, not as a {CONTAINERS[type(value)]}")
     elif isinstance(origin, type) and issubclass(origin, Node):
         if not isinstance(value, origin):
-            raise DeclarationError(f"{where} must be a {origin.__name__}, not {value!r}")
+            instead = f": write `{origin.__name__}(...)`" if isinstance(value, type) else ""
+            if isinstance(value, tuple) and len(value) == 1:
+                instead = ": a comma after an object makes a tuple of it"
+            raise DeclarationError(f"{where} must be a {origin.__name__}, not {value!r}{instead}")
         if isinstance(value, Binary) and args and isinstance(args[0], type) and value.states is not args[0]:
             raise DeclarationError(f"{where} must have the states {args[0].__name__}, not {value.states.__name__}")
     elif isinstance(value, Node) and hint is not Any and get_origin(hint) not in (Union, UnionType):

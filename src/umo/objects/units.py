@@ -14,7 +14,7 @@ import numpy as np
 
 from umo.errors import DeclarationError, RangeError, text_of
 from umo.presentation.value_text import measure
-from umo.text import cut_repr
+from umo.text import cut_repr, did_you_mean
 
 if TYPE_CHECKING:
     from pint import UnitRegistry
@@ -59,8 +59,15 @@ def _checked_unit(unit: str) -> str:
     try:
         registry().parse_units(unit)
     except Exception as error:  # pint raises a dozen types, some of them tokenizer errors
-        raise DeclarationError(f"{unit!r} is not a unit that pint knows ({error})") from None
+        near = did_you_mean(unit, _unit_names())
+        raise DeclarationError(f"{unit!r} is not a unit that pint knows ({error}){near}") from None
     return unit
+
+
+def _unit_names() -> list[str]:
+    """Names of units, those of SI with their usual prefixes too."""
+    plain = ("meter", "metre", "second", "gram", "volt", "ampere", "liter", "watt", "hertz", "pascal", "newton", "bar")
+    return [*(prefix + each for prefix in ("milli", "micro", "centi", "kilo", "mega") for each in plain), *registry()]
 
 
 def same_unit(one: str, other: str) -> bool:

@@ -16,8 +16,8 @@ from umo.cycle.not_awaited import heard
 from umo.errors import DeclarationError, UmoError, text_of
 from umo.objects import Compound
 from umo.system.packages import MARK, SHIPPED, package_of
-from umo.text import did_you_mean
-from umo.user_code import is_interrupt, told_as
+from umo.text import did_you_mean, in_brackets, shown_place
+from umo.user_code import definition, is_interrupt, told_as
 
 GROUP = "umo.stations"
 """Entry points of stations that packages install: the name, and the package that is the station's folder."""
@@ -112,8 +112,23 @@ def declared(make: Callable[..., Any], what: str, options: Mapping[str, Any]) ->
     with told_as(DeclarationError, f"{what} failed"), heard():
         root = make(**options)
     if not isinstance(root, Compound):
-        raise DeclarationError(f"{what} returned {root!r}, not a Compound")
+        raise DeclarationError(f"{what} returned {root!r}, not a Compound{_instead(root)}")
+    if not hasattr(root, "_parent"):
+        place = in_brackets(shown_place(definition(type(root).__init__)))
+        text = (
+            f"{type(root).__name__}.__init__ does not make the parts: write `setup` in its place, which is called then"
+        )
+        raise DeclarationError(f"{text}{place}")
     return root
+
+
+def _instead(root: object) -> str:
+    """What to write where a machine was expected."""
+    if root is None:
+        return ": write `return` before the machine"
+    if isinstance(root, type) and issubclass(root, Compound):
+        return f": write `{root.__name__}(...)`, with its parts"
+    return ""
 
 
 def shipped() -> dict[str, Path]:

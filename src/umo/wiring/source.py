@@ -101,8 +101,21 @@ def _load(source: WiringSource, path: Path) -> dict[str, Any]:
     except FileNotFoundError:
         source.mistake("", "no such file")
     except (OSError, ValueError) as error:  # TOML and UTF-8 errors are ValueErrors
-        source.mistake("", f"cannot be read: {error}")
+        source.mistake("", f"cannot be read: {error}{_toml_hint(str(error))}")
     return {}
+
+
+def _toml_hint(error: str) -> str:
+    """What a beginner meant by what TOML refuses."""
+    if error.startswith("Invalid value"):
+        return '; a text stands in quotation marks: "tank"'
+    if error.startswith("Cannot declare"):
+        return "; one [table] of a name holds all its keys"
+    if error.startswith("Cannot overwrite"):
+        return "; each key is given once"
+    if "codec can't decode" in error:
+        return "; save the file as UTF-8"
+    return ""
 
 
 def _fill(source: WiringSource, data: Mapping[str, Any]) -> None:

@@ -1,0 +1,211 @@
+"""Mistakes in the code of a station that are no matter of sequences: objects in the place of their values, parts that
+are assigned, wrong names and values, loops and blocks that swallow a stop. What is not certain is not told."""
+
+from __future__ import annotations
+
+import ast
+import asyncio
+import datetime
+import difflib
+import inspect
+import os
+import subprocess
+import threading
+import time
+import urllib.request
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+from umo.objects import Atomic, Compound
+from umo.objects.atomic import Binary
+
+from .code_values import Exactly, FunctionNode, InnerFunction, Instance, ModuleCode, NameScope, within
+
+Remarks = Iterator[tuple[Any, str]]
+"""Nodes and what is told of each; `{}` stands for its source."""
+BLOCKING = (
+    *(os.system, urllib.request.urlopen),
+    *(subprocess.run, subprocess.call, subprocess.check_call, subprocess.check_output),
+)
+"""What waits for another program, or for a network."""
+CLOCKS = (
+    *(time.time, time.monotonic, time.perf_counter, time.time_ns, time.monotonic_ns, time.perf_counter_ns),
+    *(vars(datetime.datetime)[name] for name in ("now", "utcnow", "today") if name in vars(datetime.datetime)),
+)
+"""What tells the time of the computer."""
+ASYNCIO: Mapping[Any, str] = {
+    asyncio.run: "`await` the sequence",
+    asyncio.sleep: "`await wait(...)`",
+    asyncio.create_task: "`cycle.start(...)`",
+    asyncio.ensure_future: "`cycle.start(...)`",
+    asyncio.gather: "`await together(...)`",
+    asyncio.wait_for: "`async with timeout(...):`",
+}
+"""Functions of asyncio, and what takes their place in a sequence."""
+ANOTHER_WORD: Mapping[str, str] = {"value": "read", "get": "read", "set": "write", "put": "write", "state": "read"}
+"""What other libraries call it."""
+HOOKS = ("control", "setup", "interlocks")
+"""What a class may have for umo to call."""
+CHANGING = frozenset(("append", "extend", "insert", "add", "update", "setdefault", "appendleft"))
+"""What changes a container."""
+ENDS = (ast.Await, ast.AsyncWith, ast.AsyncFor, ast.Break, ast.Return, ast.Raise, ast.Yield, ast.YieldFrom)
+"""What a loop may wait by, or end by."""
+ORDERED = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
+
+
+def _object(code: ModuleCode, node: ast.expr, scope: NameScope) -> type[Atomic] | None:
+    """The class, where an expression is an actuator or a sensor."""
+    found = code.thing(node, scope)
+    return found.kind if isinstance(found, Instance) and issubclass(found.kind, Atomic) else None
+
+
+def _value(code: ModuleCode, node: ast.expr, scope: NameScope) -> Any:
+    found = code.thing(node, scope)
+    return found.value if isinstance(found, Exactly) else None
+
+
+def _in_control(scope: NameScope) -> bool:
+    is_law = getattr(scope.node, "name", "") == "control" and scope.owner is not None
+    return is_law or isinstance(scope.node, ast.AsyncFunctionDef)
+
+
+def _inside(statements: list[ast.stmt]) -> Iterator[ast.AST]:
+    """All nodes of statements, but for those of functions in them."""
+    yield from within(ast.Module(statements, []))
+
+
+# Objects and values ---------------------------------------------------------------------------------------
+
+
+def _calculated(code: ModuleCode, node: ast.BinOp, scope: NameScope) -> Remarks:
+    for each in (node.left, node.right):
+        if _object(code, each, scope) and not isinstance(node.op, ast.BitOr):
+            yield each, "`{}` is an object, not its value: write `{}.read()`"
+
+
+def _written(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:
+    """What an actuator cannot take."""
+    if not (isinstance(node.func, ast.Attribute) and node.func.attr == "write" and node.args):
+        return
+    kind, given = _object(code, node.func.value, scope), node.args[0]
+    if kind is None or not isinstance(given, ast.Constant):
+        return
+    if issubclass(kind, Binary):
+        yield node, f"`{{}}`: a {kind.__name__} takes one of its states, such as OnOff.ON, not {given.value!r}"
+    elif given.value is None or isinstance(given.value, str | bytes | bool):
+        yield node, f"`{{}}`: a {kind.__name__} takes a number in its unit, not {given.value!r}"
+
+
+def _without_effect(code: ModuleCode, node: ast.Expr, scope: NameScope) -> Remarks:
+    if isinstance(node.value, ast.Compare) and _in_control(scope):
+        yield (
+            node.value,
+            "`{}` is compared, and nothing is done with the result: an assignment is `=`, a value is written",
+        )
+
+
+# Time -----------------------------------------------------------------------------------------------------
+
+
+def _called(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:
+    if not _in_control(scope):
+        return
+    value = _value(code, node.func, scope)
+    if any(value is each for each in BLOCKING):
+        yield node, "`{}` stops the whole machine while it waits: do it in another program, or before the run"
+    if isinstance(node.func, ast.Attribute) and node.func.attr in ("sample", "update") and not node.args:
+        of = code.thing(node.func.value, scope)
+        if isinstance(of, Instance) and issubclass(of.kind, Compound) and value is vars(Compound).get(node.func.attr):
+            yield node, "`{}`: the cycle does this in each period: leave it out"
+    if value is threading.Thread:
+        yield from _thread(code, node, scope)
+    for each, instead in ASYNCIO.items():
+        if value is each:
+            yield node, f"`{{}}`: asyncio cannot be used in a sequence: write {instead}"
+
+
+def _thread(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:
+    """A thread that writes, beside the cycle."""
+    target: Any = next((each.value for each in node.keywords if each.arg == "target"), None)
+    inner, found = scope, code.thing(target, scope) if target is not None else None
+    if isinstance(found, InnerFunction):
+        target, inner = found.node, NameScope(found.node, scope, code)
+    for each in ast.walk(target) if target is not None else ():
+        if isinstance(each, ast.Attribute) and each.attr == "write" and _object(code, each.value, inner):
+            yield node, "`{}` writes beside the cycle, at any time of a period: write in a sequence, `cycle.start(...)`"
+            return
+
+
+def _endless(code: ModuleCode, node: ast.While, scope: NameScope) -> Remarks:
+    is_true = isinstance(node.test, ast.Constant) and bool(node.test.value)
+    if is_true and _in_control(scope) and not any(isinstance(each, (*ENDS, ast.Try)) for each in _inside(node.body)):
+        yield node.test, "no period passes in this loop, so the machine stops in it: write `await next_period()` in it"
+
+
+# Blocks ---------------------------------------------------------------------------------------------------
+
+
+def _swallowed(code: ModuleCode, node: ast.Try, scope: NameScope) -> Remarks:
+    """A stop of the machine goes through a sequence as an exception."""
+    if not isinstance(scope.node, ast.AsyncFunctionDef):
+        return
+    if any(isinstance(each, ast.Await) for each in _inside(node.body)):
+        for handler in node.handlers:
+            everything = handler.type is None or _value(code, handler.type, scope) is BaseException
+            if everything and not any(isinstance(each, ast.Raise) for each in _inside(handler.body)):
+                yield handler, "this block swallows the stop of the sequence too: write `except Exception:`"
+    for each in node.finalbody:
+        if isinstance(each, ast.Return):
+            yield (
+                each,
+                "`return` in `finally` swallows the stop of the sequence, and every error: write it after the block",
+            )
+
+
+# Classes --------------------------------------------------------------------------------------------------
+
+
+def in_class(code: ModuleCode, node: ast.ClassDef, read: set[str]) -> Remarks:
+    """`read`: the attributes that are read anywhere in the station."""
+    kind = code.class_at(node)
+    if kind is None or not issubclass(kind, Compound):
+        return
+    for each in node.body:
+        if isinstance(each, FunctionNode) and not each.decorator_list:
+            yield from _method(kind, each, read)
+        elif isinstance(each, ast.Assign) and isinstance(each.value, ast.List | ast.Dict | ast.Set):
+            names = {target.id for target in each.targets if isinstance(target, ast.Name)}
+            if names & set(_changed(node)):
+                name = next(iter(names))
+                yield each, f"`{name}` is one for all objects and all runs: write `self.{name} = ...` in `setup`"
+
+
+def _method(kind: type, node: Any, read: set[str]) -> Remarks:
+    arguments = node.args
+    if not (arguments.posonlyargs or arguments.args or arguments.vararg):
+        yield node, f"`{node.name}` takes no object: write `def {node.name}(self)`"
+    near = difflib.get_close_matches(node.name, HOOKS, 1, 0.85)
+    inherited = any(node.name in vars(base) for base in inspect.getmro(kind)[1:])
+    if near and node.name not in (*HOOKS, *read) and not inherited and not node.name.startswith("_"):
+        yield node, f"nobody calls `{node.name}`: umo calls `{near[0]}`"
+
+
+def _changed(node: ast.ClassDef) -> Iterator[str]:
+    """The attributes of `self` that methods change where they are, and do not make."""
+    made = {each.attr for each in ast.walk(node) if isinstance(each, ast.Attribute) and isinstance(each.ctx, ast.Store)}
+    for each in ast.walk(node):
+        if isinstance(each, ast.Call) and isinstance(each.func, ast.Attribute) and each.func.attr in CHANGING:
+            of = each.func.value
+            is_own = isinstance(of, ast.Attribute) and isinstance(of.value, ast.Name) and of.value.id == "self"
+            if is_own and of.attr not in made:  # type: ignore[attr-defined]
+                yield of.attr  # type: ignore[attr-defined]
+
+
+LOOKS: tuple[tuple[Any, Callable[[ModuleCode, Any, NameScope], Remarks]], ...] = (
+    (ast.BinOp, _calculated),
+    (ast.Call, _written),
+    (ast.Call, _called),
+    (ast.Expr, _without_effect),
+    (ast.While, _endless),
+    (ast.Try, _swallowed),
+)
