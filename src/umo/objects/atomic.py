@@ -161,10 +161,10 @@ class Binary(Atomic, Generic[S]):
             return 0
         raise StateError(
             f"{self.path or type(self).__name__}: {state!r} is not a state of {self._states.__name__} "
-            f"({self._one} or {self._zero}){self._meant(state)}"
+            f"({self._one} or {self._zero}){self._nearest(state)}"
         )
 
-    def _meant(self, given: object) -> str:
+    def _nearest(self, given: object) -> str:
         """The state to write for a text, a truth value or a number; "": none is near."""
         for state in (self._one, self._zero):
             if isinstance(given, str) and given.casefold() in (state.name.casefold(), str(state.value).casefold()):
