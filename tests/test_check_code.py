@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import re
 import shutil
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from typer.testing import Result
 
+from helpers.checked_code import own_modules, told
 from helpers.machines import TEMPLATE
-from umo.cli.code_check import mistakes_in
 from umo.process.station import Station, find, shipped
-from umo.system import packages
 
 Told = dict[str, list[str]]
 """What is told of each code."""
@@ -138,27 +136,14 @@ def made(folder: Path, code: str = "pass", *, helper: str = "pass", parameter: s
     return find(folder)
 
 
-def forget_modules(known: set[str]) -> None:
-    for name in [each for each in sys.modules if each.startswith(packages.PREFIX) and each not in known]:
-        del sys.modules[name]
-
-
 @pytest.fixture(autouse=True)
 def modules_as_before() -> Iterator[None]:
-    known = set(sys.modules)
-    yield
-    forget_modules(known)
-
-
-def told(station: Station) -> list[str]:
-    """The mistakes, without the folder."""
-    machine = station.machine()
-    station.module("application")
-    return [str(each).rpartition("/")[2] for each in mistakes_in(station, machine)]
+    with own_modules():
+        yield
 
 
 @pytest.fixture(scope="module")
-def in_functions(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Told]:
+def in_functions(tmp_path_factory: pytest.TempPathFactory) -> Told:
     """What is told of each of these mistakes. They stand in functions of one station."""
     codes = [*NOT_AWAITED, *(code for code, _ in (*THROUGH, *OTHERS))]
     folder = tmp_path_factory.mktemp("stations")
@@ -170,12 +155,13 @@ def in_functions(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Told]:
         file.write_text(file.read_text() + function)
         lines.append((len(file.read_text().splitlines()), code))
     found: dict[str, list[str]] = {code: [] for code in codes}
-    for each in told(station):
+    with own_modules():
+        mistakes = told(station)
+    for each in mistakes:
         place, _, text = each.partition(": ")
         line = int(place.partition(":")[2])
         found[next(code for last, code in lines if line <= last)].append(text)
-    yield found
-    forget_modules(set())
+    return found
 
 
 NOT_AWAITED = [

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from typer.testing import Result
 
-from umo.cli.code_check import mistakes_in
+from helpers.checked_code import own_modules, told
 from umo.process.station import Station, find
-from umo.system import packages
 
 OBJECTS = """
 from collections.abc import Mapping, Sequence
@@ -104,17 +102,8 @@ def made(folder: Path, code: str = "pass", *, helper: str = "pass", control: str
 
 @pytest.fixture(autouse=True)
 def modules_as_before() -> Iterator[None]:
-    known = set(sys.modules)
-    yield
-    for name in [each for each in sys.modules if each.startswith(packages.PREFIX) and each not in known]:
-        del sys.modules[name]
-
-
-def told(station: Station) -> list[str]:
-    """The mistakes, without the folder."""
-    machine = station.machine()
-    station.module("application")
-    return [str(each).rpartition("/")[2] for each in mistakes_in(station, machine)]
+    with own_modules():
+        yield
 
 
 OF_READY = "is a state of PassFail, and never OpenClosed.OPEN: write `is PassFail.PASS` or `is PassFail.FAIL`"

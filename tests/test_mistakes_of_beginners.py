@@ -3,35 +3,25 @@
 from __future__ import annotations
 
 import shutil
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from helpers.checked_code import own_modules, told
 from helpers.machines import TEMPLATE
 from umo import BinaryActuator, Compound, DigitalSensor
-from umo.cli.code_check import mistakes_in
 from umo.errors import DeclarationError, StateError
 from umo.objects.units import check_unit
-from umo.process.station import Station, declared, find
+from umo.process.station import declared, find
 from umo.states import OpenClosed
-from umo.system import packages
 from umo.wiring import check
 
 
 @pytest.fixture(autouse=True)
 def modules_as_before() -> Iterator[None]:
-    known = set(sys.modules)
-    yield
-    for name in [each for each in sys.modules if each.startswith(packages.PREFIX) and each not in known]:
-        del sys.modules[name]
-
-
-def told(station: Station) -> list[str]:
-    machine = station.machine()
-    station.module("application")
-    return [str(each).rpartition("/")[2] for each in mistakes_in(station, machine)]
+    with own_modules():
+        yield
 
 
 IMPORTS = """import asyncio
@@ -73,7 +63,7 @@ CLASS = {
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, list[str]]]:
+def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
     """What is told of each: all stand in functions and classes of one station."""
     folder = Path(shutil.copytree(TEMPLATE, tmp_path_factory.mktemp("stations") / "mine"))
     file, control = folder / "application.py", folder / "control.py"
@@ -88,14 +78,13 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, list[s
         control.write_text(f"{control.read_text()}\n\nclass Mistaken{number}(Compound):\n{code}")
         lines.append(("control.py", len(control.read_text().splitlines()), code))
     all_told: dict[str, list[str]] = {code: [] for _, _, code in lines}
-    known = set(sys.modules)
-    for each in told(find(folder)):
+    with own_modules():
+        mistakes = told(find(folder))
+    for each in mistakes:
         place, _, text = each.partition(": ")
         name, _, line = place.partition(":")
         all_told[next(code for of, last, code in lines if of == name and int(line) <= last)].append(text)
-    yield all_told
-    for name in [each for each in sys.modules if each.startswith(packages.PREFIX) and each not in known]:
-        del sys.modules[name]
+    return all_told
 
 
 @pytest.mark.parametrize("code", [*SEQUENCE, *CLASS])

@@ -1,7 +1,6 @@
 """Mistakes in the code of a station that show late when it runs, or never: a sequence that nobody awaits, a function
 that nobody calls, a condition that is worked out once, a comparison that is never true, an attribute that nothing has.
-Nothing of the code is carried out; what is not certain is not
-told."""
+Nothing of the code is carried out; what is not certain is not told."""
 
 from __future__ import annotations
 
@@ -20,7 +19,7 @@ from umo.alarms import Alarm
 from umo.control import Lock, first, timeout, together, unless, until
 from umo.cycle.sequence_mistakes import called_name
 from umo.errors import Mistake
-from umo.objects import Atomic, Compound, Interlock, link
+from umo.objects import Compound, Interlock, link
 from umo.objects.atomic import Binary
 from umo.process.station import Station
 from umo.text import shown_path
@@ -28,6 +27,7 @@ from umo.text import shown_path
 from . import code_control
 from .code_states import CodeObjects
 from .code_values import (
+    ENDS,
     Exactly,
     FunctionNode,
     InnerFunction,
@@ -48,8 +48,6 @@ BLOCKING = (time.sleep, builtins.input)
 """What waits without letting periods pass."""
 SEQUENCES = (together, first, link.Cycle.start)
 """What takes sequences only."""
-ENDS = (ast.Await, ast.AsyncWith, ast.AsyncFor, ast.Break, ast.Return, ast.Raise, ast.Yield, ast.YieldFrom)
-"""What a loop may wait by, or end by."""
 VALUES = (ast.Compare, ast.BoolOp, ast.UnaryOp, ast.Constant, ast.JoinedStr)
 """Expressions that are no functions."""
 
@@ -166,7 +164,7 @@ class _Check:
 
     def _returned(self, node: ast.Return, scope: NameScope) -> None:
         """What a law returns goes nowhere."""
-        is_law = isinstance(scope.node, ast.FunctionDef) and _in_control(scope)
+        is_law = isinstance(scope.node, ast.FunctionDef) and scope.is_control
         if is_law and node.value is not None and isinstance(self._code.thing(node.value, scope), MadeSequence):
             self._tell(node.value, NOT_AWAITED)
 
@@ -183,8 +181,8 @@ class _Check:
             self._tell(node.test, "`{}` stays what it is while no period passes: write `await until(lambda: ...)`")
 
     def _is_reading(self, node: ast.Call, scope: NameScope) -> bool:
-        of = self._code.thing(node.func.value, scope) if isinstance(node.func, ast.Attribute) else None
-        return isinstance(of, Instance) and issubclass(of.kind, Atomic) and called_name(node) == "read"
+        of = self._code.atomic(node.func.value, scope) if isinstance(node.func, ast.Attribute) else None
+        return of is not None and called_name(node) == "read"
 
     def _filters(self, node: ast.comprehension, scope: NameScope) -> None:
         for each in node.ifs:
@@ -236,10 +234,9 @@ class _Check:
     # Conditions ----------------------------------------------------------------------------------------
 
     def _called(self, node: ast.Call, scope: NameScope) -> None:
-        function = self._code.thing(node.func, scope)
-        value = function.value if isinstance(function, Exactly) else None
+        value = self._code.value(node.func, scope)
         given = [each for each in node.args if not isinstance(each, ast.Starred)]
-        if any(value is each for each in BLOCKING) and _in_control(scope):
+        if any(value is each for each in BLOCKING) and scope.is_control:
             self._tell(node, "`{}` stops the whole machine: write `await wait(...)` in a sequence")
         if any(value is each for each in SEQUENCES):
             for each in given:
@@ -265,8 +262,8 @@ class _Check:
             self._tell(node, "`{}` is a sequence, which is always true: a condition acts at once")
         elif function and isinstance(found, MadeSequence):
             self._tell(node, "`{}` is a sequence, no condition: write `await {}`")
-        elif function and isinstance(found, Instance) and issubclass(found.kind, Atomic):
-            compared = " is ..." if issubclass(found.kind, Binary) else " > ..."
+        elif function and (kind := self._code.atomic(node, scope)):
+            compared = " is ..." if issubclass(kind, Binary) else " > ..."
             self._tell(node, f"`{{}}` is an object, no function: write `{function}(lambda: {{}}.read(){compared})`")
         elif function and isinstance(node, VALUES):
             self._tell(node, f"`{{}}` is worked out once, before: write `{function}(lambda: {{}})`")
@@ -288,12 +285,6 @@ _LOOKS: tuple[tuple[Any, Callable[[_Check, Any, NameScope], None]], ...] = (
     (ast.Compare | ast.Match, _Check._states),
     (ast.Attribute, _Check._attribute),
 )
-
-
-def _in_control(scope: NameScope) -> bool:
-    """Whether it is the code of a sequence or a law."""
-    is_law = getattr(scope.node, "name", "") == "control" and scope.owner is not None
-    return is_law or isinstance(scope.node, ast.AsyncFunctionDef)
 
 
 def _is_read(name: ast.Name) -> bool:

@@ -1,25 +1,24 @@
-"""Mistakes in the code of a station that are no matter of sequences: objects in the place of their values, parts that
-are assigned, wrong names and values, loops and blocks that swallow a stop. What is not certain is not told."""
+"""Mistakes in the code of a station that are no matter of sequences: objects calculated with in the place of their
+values, wrong values, code that waits where no period passes, blocks that swallow a stop, what all objects of a class
+share. What is not certain is not told."""
 
 from __future__ import annotations
 
 import ast
 import asyncio
-import datetime
 import difflib
 import inspect
 import os
 import subprocess
 import threading
-import time
 import urllib.request
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from umo.objects import Atomic, Compound
+from umo.objects import Compound
 from umo.objects.atomic import Binary
 
-from .code_values import Exactly, FunctionNode, InnerFunction, Instance, ModuleCode, NameScope, within
+from .code_values import ENDS, FunctionNode, InnerFunction, Instance, ModuleCode, NameScope, within
 
 Remarks = Iterator[tuple[Any, str]]
 """Nodes and what is told of each; `{}` stands for its source."""
@@ -28,11 +27,6 @@ BLOCKING = (
     *(subprocess.run, subprocess.call, subprocess.check_call, subprocess.check_output),
 )
 """What waits for another program, or for a network."""
-CLOCKS = (
-    *(time.time, time.monotonic, time.perf_counter, time.time_ns, time.monotonic_ns, time.perf_counter_ns),
-    *(vars(datetime.datetime)[name] for name in ("now", "utcnow", "today") if name in vars(datetime.datetime)),
-)
-"""What tells the time of the computer."""
 ASYNCIO: Mapping[Any, str] = {
     asyncio.run: "`await` the sequence",
     asyncio.sleep: "`await wait(...)`",
@@ -42,31 +36,10 @@ ASYNCIO: Mapping[Any, str] = {
     asyncio.wait_for: "`async with timeout(...):`",
 }
 """Functions of asyncio, and what takes their place in a sequence."""
-ANOTHER_WORD: Mapping[str, str] = {"value": "read", "get": "read", "set": "write", "put": "write", "state": "read"}
-"""What other libraries call it."""
 HOOKS = ("control", "setup", "interlocks")
 """What a class may have for umo to call."""
 CHANGING = frozenset(("append", "extend", "insert", "add", "update", "setdefault", "appendleft"))
 """What changes a container."""
-ENDS = (ast.Await, ast.AsyncWith, ast.AsyncFor, ast.Break, ast.Return, ast.Raise, ast.Yield, ast.YieldFrom)
-"""What a loop may wait by, or end by."""
-ORDERED = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
-
-
-def _object(code: ModuleCode, node: ast.expr, scope: NameScope) -> type[Atomic] | None:
-    """The class, where an expression is an actuator or a sensor."""
-    found = code.thing(node, scope)
-    return found.kind if isinstance(found, Instance) and issubclass(found.kind, Atomic) else None
-
-
-def _value(code: ModuleCode, node: ast.expr, scope: NameScope) -> Any:
-    found = code.thing(node, scope)
-    return found.value if isinstance(found, Exactly) else None
-
-
-def _in_control(scope: NameScope) -> bool:
-    is_law = getattr(scope.node, "name", "") == "control" and scope.owner is not None
-    return is_law or isinstance(scope.node, ast.AsyncFunctionDef)
 
 
 def _inside(statements: list[ast.stmt]) -> Iterator[ast.AST]:
@@ -79,7 +52,7 @@ def _inside(statements: list[ast.stmt]) -> Iterator[ast.AST]:
 
 def _calculated(code: ModuleCode, node: ast.BinOp, scope: NameScope) -> Remarks:
     for each in (node.left, node.right):
-        if _object(code, each, scope) and not isinstance(node.op, ast.BitOr):
+        if code.atomic(each, scope) and not isinstance(node.op, ast.BitOr):
             yield each, "`{}` is an object, not its value: write `{}.read()`"
 
 
@@ -87,7 +60,7 @@ def _written(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:
     """What an actuator cannot take."""
     if not (isinstance(node.func, ast.Attribute) and node.func.attr == "write" and node.args):
         return
-    kind, given = _object(code, node.func.value, scope), node.args[0]
+    kind, given = code.atomic(node.func.value, scope), node.args[0]
     if kind is None or not isinstance(given, ast.Constant):
         return
     if issubclass(kind, Binary):
@@ -97,7 +70,7 @@ def _written(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:
 
 
 def _without_effect(code: ModuleCode, node: ast.Expr, scope: NameScope) -> Remarks:
-    if isinstance(node.value, ast.Compare) and _in_control(scope):
+    if isinstance(node.value, ast.Compare) and scope.is_control:
         yield (
             node.value,
             "`{}` is compared, and nothing is done with the result: an assignment is `=`, a value is written",
@@ -108,9 +81,9 @@ def _without_effect(code: ModuleCode, node: ast.Expr, scope: NameScope) -> Remar
 
 
 def _called(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:
-    if not _in_control(scope):
+    if not scope.is_control:
         return
-    value = _value(code, node.func, scope)
+    value = code.value(node.func, scope)
     if any(value is each for each in BLOCKING):
         yield node, "`{}` stops the whole machine while it waits: do it in another program, or before the run"
     if isinstance(node.func, ast.Attribute) and node.func.attr in ("sample", "update") and not node.args:
@@ -131,14 +104,14 @@ def _thread(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:
     if isinstance(found, InnerFunction):
         target, inner = found.node, NameScope(found.node, scope, code)
     for each in ast.walk(target) if target is not None else ():
-        if isinstance(each, ast.Attribute) and each.attr == "write" and _object(code, each.value, inner):
+        if isinstance(each, ast.Attribute) and each.attr == "write" and code.atomic(each.value, inner):
             yield node, "`{}` writes beside the cycle, at any time of a period: write in a sequence, `cycle.start(...)`"
             return
 
 
 def _endless(code: ModuleCode, node: ast.While, scope: NameScope) -> Remarks:
     is_true = isinstance(node.test, ast.Constant) and bool(node.test.value)
-    if is_true and _in_control(scope) and not any(isinstance(each, (*ENDS, ast.Try)) for each in _inside(node.body)):
+    if is_true and scope.is_control and not any(isinstance(each, (*ENDS, ast.Try)) for each in _inside(node.body)):
         yield node.test, "no period passes in this loop, so the machine stops in it: write `await next_period()` in it"
 
 
@@ -151,7 +124,7 @@ def _swallowed(code: ModuleCode, node: ast.Try, scope: NameScope) -> Remarks:
         return
     if any(isinstance(each, ast.Await) for each in _inside(node.body)):
         for handler in node.handlers:
-            everything = handler.type is None or _value(code, handler.type, scope) is BaseException
+            everything = handler.type is None or code.value(handler.type, scope) is BaseException
             if everything and not any(isinstance(each, ast.Raise) for each in _inside(handler.body)):
                 yield handler, "this block swallows the stop of the sequence too: write `except Exception:`"
     for each in node.finalbody:

@@ -15,7 +15,7 @@ from umo.objects.atomic import Binary
 from umo.objects.attributes import DeclaredAttributes, names_in
 from umo.objects.stored_names import stores_in
 from umo.signature import hints_of
-from umo.states import TwoState, comparisons
+from umo.states import TwoState, comparisons, shown
 from umo.text import near_attribute
 
 from .code_values import Exactly, Instance, ModuleCode, NameScope, Objects
@@ -48,9 +48,9 @@ class CodeObjects:
                     yield from self._compared(left, "==", each, scope)
                 continue
             yield from self._of_two_types(left, right, scope)
-            shown = SIGNS.get(type(sign), "==")
-            yield from self._compared(left, shown, right, scope)
-            yield from self._compared(right, TURNED.get(shown, shown), left, scope)
+            as_written = SIGNS.get(type(sign), "==")
+            yield from self._compared(left, as_written, right, scope)
+            yield from self._compared(right, TURNED.get(as_written, as_written), left, scope)
 
     def _of_two_types(self, one: ast.expr, other: ast.expr, scope: NameScope) -> Iterator[tuple[ast.expr, str]]:
         """Of two states that are read."""
@@ -75,14 +75,14 @@ class CodeObjects:
         states = None if written is MISSING else self.states_of(one, scope)
         if states is not None and type(written) is not states:
             nearest = comparisons(states, written)
-            yield one, f"`{{}}` is a state of {states.__name__}, and never {_shown(written)}: write {nearest}"
+            yield one, f"`{{}}` is a state of {states.__name__}, and never {shown(written)}: write {nearest}"
         items = [] if written is MISSING or states else self.objects(one, scope)
         if items and all(isinstance(each, Binary) for each in items):
             if len(kinds := {each.states for each in items}) == 1:
                 nearest = comparisons(kinds.pop(), written, "{}.read() ")
                 yield one, f"`{{}}` is an object, not its state: write {nearest}"
         elif items and all(isinstance(each, Atomic) for each in items):
-            number = _shown(written) if isinstance(written, int | float) else "..."
+            number = shown(written) if isinstance(written, int | float) else "..."
             yield one, f"`{{}}` is an object, not its value: write `{{}}.read() {sign} {number}`"
 
     def always_true(self, node: ast.expr, scope: NameScope) -> str | None:
@@ -200,10 +200,6 @@ def _elements(items: Iterable[Any]) -> list[Any]:
         else:
             return []
     return found
-
-
-def _shown(written: Any) -> str:
-    return f"{type(written).__name__}.{written.name}" if isinstance(written, Enum) else repr(written)
 
 
 def _has_declared(kind: type) -> bool:

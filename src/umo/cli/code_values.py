@@ -12,12 +12,14 @@ from functools import cached_property
 from types import FunctionType, ModuleType, NoneType, UnionType
 from typing import Annotated, Any, NamedTuple, TypeVar, Union, get_args, get_origin
 
-from umo.objects import Compound, walk
+from umo.objects import Atomic, Compound, walk
 from umo.objects.laws import laws_in
 from umo.signature import evaluated, hints_of
 
 FunctionNode = ast.FunctionDef | ast.AsyncFunctionDef
 ScopeNode = ast.Module | ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
+ENDS = (ast.Await, ast.AsyncWith, ast.AsyncFor, ast.Break, ast.Return, ast.Raise, ast.Yield, ast.YieldFrom)
+"""What a loop may wait by, or end by."""
 
 
 class Exactly(NamedTuple):
@@ -75,6 +77,12 @@ class NameScope:
             for name, binding in _bindings(self.node):
                 found.setdefault(name, []).append(binding)
         return found
+
+    @property
+    def is_control(self) -> bool:
+        """Whether it is the code of a sequence or a law."""
+        is_law = getattr(self.node, "name", "") == "control" and self.owner is not None
+        return is_law or isinstance(self.node, ast.AsyncFunctionDef)
 
     def look_up(self, name: str) -> Thing | None:
         bindings = self.bindings.get(name)
@@ -204,6 +212,16 @@ class ModuleCode:
             return work(self, node, scope)
         finally:
             self._at_work.discard(id(node))
+
+    def value(self, node: ast.expr, scope: NameScope) -> Any:
+        """The very object that an expression is; None: that is not certain."""
+        found = self.thing(node, scope)
+        return found.value if isinstance(found, Exactly) else None
+
+    def atomic(self, node: ast.expr, scope: NameScope) -> type[Atomic] | None:
+        """The class, where an expression is an actuator or a sensor."""
+        found = self.thing(node, scope)
+        return found.kind if isinstance(found, Instance) and issubclass(found.kind, Atomic) else None
 
     def _name(self, node: ast.Name, scope: NameScope) -> Thing | None:
         return scope.look_up(node.id)
