@@ -34,7 +34,7 @@ class TwoState(Enum):
     if not TYPE_CHECKING:  # typed, mypy would skip what follows an `if state:`, and not look at `state == 1`
 
         def __bool__(self):
-            raise TypeError(f"{self} has no truth value; compare it: `is {type(self).__name__}.{self.name}`")
+            raise TypeError(f"{self} has no truth value; compare it: `is {shown(self)}`")
 
         def __eq__(self, other):
             if self is other:

@@ -14,6 +14,7 @@ from umo.objects.truth import is_one_of
 from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
 from umo.presentation.value_text import measure, span
+from umo.states import shown
 
 OnWriteError: TypeAlias = Literal["raise", "retry"]
 """The effect of a write that the device did not confirm."""
@@ -92,7 +93,7 @@ class BinaryActuator(Actuator, Binary[S]):
         self._expires, self._when_suspended = _expiry(expires), _reaction(when_suspended)
         self._max_age = _retried(on_error, max_age)
         if type(default) is not states:
-            known = " or ".join(f"{states.__name__}.{each.name}" for each in states)
+            known = " or ".join(map(shown, states))
             raise DeclarationError(f"default={default!r} is not a state of {states.__name__}: write {known}")
         self._default = default
 

@@ -21,7 +21,7 @@ from umo.objects.truth import checked_truth
 from umo.objects.units import check_unit, convert
 from umo.presentation.digits import NO_VALUE, digits_of, number_text
 from umo.presentation.value_text import measure, quality_text, span
-from umo.states import TwoState, comparisons
+from umo.states import TwoState, comparisons, shown
 from umo.text import cut_repr
 
 if TYPE_CHECKING:
@@ -168,10 +168,9 @@ class Binary(Atomic, Generic[S]):
         """The state to write for a text, a truth value or a number; "": none is near."""
         for state in (self._one, self._zero):
             if isinstance(given, str) and given.casefold() in (state.name.casefold(), str(state.value).casefold()):
-                return f": write {type(state).__name__}.{state.name}"
+                return f": write {shown(state)}"
         if isinstance(given, bool | int | np.bool_) and given in (0, 1):
-            one, zero = (f"{type(state).__name__}.{state.name}" for state in (self._one, self._zero))
-            return f": write {one} or {zero}; its wiring, not a truth value, says which is 1"
+            return f": write {shown(self._one)} or {shown(self._zero)}; its wiring, not a truth value, says which is 1"
         return ""
 
     def _shown(self) -> str:
