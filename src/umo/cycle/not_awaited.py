@@ -22,7 +22,7 @@ from threading import get_ident
 from types import CodeType, FrameType
 from typing import Any, TypeVar
 
-from umo.cycle.sequence_mistakes import called_name
+from umo.cycle.sequence_mistakes import calls_in
 from umo.errors import NotAwaited
 from umo.text import CodePlace, is_own, shown_place
 
@@ -190,16 +190,8 @@ def _text(coroutine: Any, origin: CodePlace) -> str:
 
 def _call_in(line: str, name: str) -> str:
     """The call of the function in a line of the source; of one that goes on in the next line its name."""
-    text = line.strip()
-    for whole in (text, f"{text} pass", f"{text} pass".removeprefix("el")):
-        try:
-            nodes = ast.walk(ast.parse(whole))
-        except (SyntaxError, ValueError):
-            continue
-        for node in nodes:
-            if isinstance(node, ast.Call) and called_name(node) == name:
-                return ast.get_source_segment(whole, node) or name
-    return f"{name}(...)"
+    found = (ast.get_source_segment(whole, call) for whole, call in calls_in(line.strip(), name))
+    return next(filter(None, found), f"{name}(...)")
 
 
 class _Pending:

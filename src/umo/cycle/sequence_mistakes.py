@@ -7,14 +7,14 @@ import ast
 import inspect
 import linecache
 import sys
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from itertools import islice
 from types import CoroutineType, FrameType, FunctionType
 from typing import Any
 
 from umo.objects import Atomic
 from umo.objects.atomic import Binary
-from umo.states import TwoState
+from umo.states import TwoState, shown
 from umo.text import cut_repr, is_own, str_of
 
 AWAITABLE_HINT = "a sequence can await only the functions of umo.control"
@@ -67,7 +67,7 @@ def check_condition(function: str, condition: object) -> None:
 
 def _compared(function: str, item: Atomic, source: str) -> str:
     if isinstance(item, Binary):
-        return f"write `{function}(lambda: {source}.read() is {type(item.one).__name__}.{item.one.name})`"
+        return f"write `{function}(lambda: {source}.read() is {shown(item.one)})`"
     return f"write such as `{function}(lambda: {source}.read() > 5.0)`"
 
 
@@ -81,7 +81,7 @@ def _instead(function: str, given: object, source: str) -> str:
     if isinstance(given, Atomic):
         return f"`{name}` is an object: {_compared(function, given, name)}"
     if isinstance(given, TwoState):
-        compared = f"{name} is {type(given).__name__}.{given.name}"
+        compared = f"{name} is {shown(given)}"
         return f"`{name}` was read once, before, and gave {given}: write `{function}(lambda: {compared})`"
     if source and not isinstance(given, type):
         once = f"`{source}` was worked out once, before, and gave {cut_repr(given)}"
@@ -101,15 +101,21 @@ def _first_argument(function: str, frame: FrameType | None) -> str:
 
 
 def _argument_in(text: str, function: str) -> str:
-    for whole in (text, f"{text} pass"):
+    for whole, call in calls_in(text, function):
+        if call.args:
+            return " ".join((ast.get_source_segment(whole, call.args[0]) or "").split())
+    return ""
+
+
+def calls_in(text: str, name: str) -> Iterator[tuple[str, ast.Call]]:
+    """The calls of a function in a piece of source, such as a line that begins a block, each with the whole of which it
+    is a part."""
+    for whole in (text, f"{text} pass", f"{text} pass".removeprefix("el")):
         try:
-            tree = ast.parse(whole)
+            nodes = ast.walk(ast.parse(whole))
         except (SyntaxError, ValueError):
             continue
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Call) and node.args and called_name(node) == function:
-                return " ".join((ast.get_source_segment(whole, node.args[0]) or "").split())
-    return ""
+        yield from ((whole, node) for node in nodes if isinstance(node, ast.Call) and called_name(node) == name)
 
 
 def called_name(call: ast.Call) -> str:
