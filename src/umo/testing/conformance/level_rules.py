@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from functools import partial
 from time import sleep
 
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.pulses import Writes, known_writes
-from umo.testing.conformance.relay import Traffic
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.spoiling import rewrite
@@ -157,7 +156,7 @@ class Witness:
     def looking(self) -> Iterator[None]:
         """A call that writes nothing. What moves before it, the device itself has moved."""
         context, before = self.context, self._levels()
-        with context.subject.line.counting() if context.subject.line is not None else nullcontext(Traffic()) as traffic:
+        with context.counted() as traffic:
             yield
         doing = context.watch.doing
         for output, writes in self._writes.items():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import nullcontext
 from math import isfinite, isnan
 from time import monotonic, sleep
 from typing import Any
@@ -14,7 +13,6 @@ from umo.objects.units import check_unit, convert, line_between
 from umo.presentation.digits import number_text
 from umo.presentation.durations import duration
 from umo.testing.conformance.probe import Probe
-from umo.testing.conformance.relay import Traffic
 from umo.testing.conformance.rule_context import RuleContext
 from umo.testing.conformance.rules import Cost, NotTried, RuleBroken, rule
 from umo.testing.conformance.subject import Output
@@ -272,9 +270,9 @@ def _check_held(context: RuleContext, probe: Probe, when: str) -> None:
 
 def _check_let_go(context: RuleContext, probe: Probe, seconds: float) -> None:
     """Nothing is asked for long enough. It is the circuit's own choice which outputs it lets go of, and to what."""
-    outputs, line = context.required_outputs, context.subject.line
+    outputs = context.required_outputs
     _drive(context, probe)
-    with line.counting() if line is not None else nullcontext(Traffic()) as traffic:
+    with context.counted() as traffic:
         sleep(UNFED * seconds)
     if traffic.asked:
         raise NotTried("the driver sends requests by itself while nothing is called, so the watchdog does not run out")

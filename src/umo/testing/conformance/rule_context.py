@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import partial
 from math import inf
 from time import monotonic
@@ -238,6 +238,11 @@ class RuleContext(OutputObserver):
         with self.line.counting(answers=True) as traffic:
             call(*arguments)
         return traffic
+
+    def counted(self) -> AbstractContextManager[Traffic]:
+        """The traffic within a block; none is seen without a line."""
+        line = self.subject.line
+        return nullcontext(Traffic()) if line is None else line.counting()
 
     def fail_some(self, probe: Probe) -> None:
         """Calls that fail, by whatever means there are; NotTried without any."""
