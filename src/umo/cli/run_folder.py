@@ -78,31 +78,27 @@ class RunSummary:
     def summary(self, *, running: bool = False) -> dict[str, Any]:
         """As plain data; of a run that goes on, as it stands."""
         statistics = self.statistics
-        injected = {"injected_faults": list(self.injected)} if self.injected else {}
-        found = [asdict(each) for each in self.equipment_faults.mistakes]
-        mistakes = {"mistakes": found} if found else {}
-        return (
-            injected
-            | mistakes
-            | {
-                "state": "running" if running else "ended",
-                "status": None if running else self.outcome.status,
-                "failure": self.failed,
-                "stopped_by": self.outcome.stopper,
-                "progress": self.progress._asdict(),
-                "equipment_faults": self._faults(),
-                "alarms": self._alarms(),
-                "periods": statistics.periods,
-                "missed_periods": statistics.missed,
-                "period_us": {
-                    "median": _rounded(statistics.percentile(50), 2),
-                    "p99": _rounded(statistics.percentile(99), 2),
-                },
-                "realtime_factor": _rounded(self.realtime_factor, 3),
-                "reports": self.outcome.reports,
-                "result": self.outcome.result,
-            }
-        )
+        optional: dict[str, Any] = {"injected_faults": list(self.injected)} if self.injected else {}
+        if mistakes := self.equipment_faults.mistakes:
+            optional["mistakes"] = [asdict(each) for each in mistakes]
+        return optional | {
+            "state": "running" if running else "ended",
+            "status": None if running else self.outcome.status,
+            "failure": self.failed,
+            "stopped_by": self.outcome.stopper,
+            "progress": self.progress._asdict(),
+            "equipment_faults": self._faults(),
+            "alarms": self._alarms(),
+            "periods": statistics.periods,
+            "missed_periods": statistics.missed,
+            "period_us": {
+                "median": _rounded(statistics.percentile(50), 2),
+                "p99": _rounded(statistics.percentile(99), 2),
+            },
+            "realtime_factor": _rounded(self.realtime_factor, 3),
+            "reports": self.outcome.reports,
+            "result": self.outcome.result,
+        }
 
     def save(self, path: Path, *, running: bool = False) -> None:
         path.write_text(json.dumps(self.summary(running=running), indent=2) + "\n", encoding="utf-8")
@@ -113,9 +109,7 @@ class RunSummary:
             table.add_row("injected fault", fault)
         if self.progress.total:
             table.add_row("progress", f"{self.progress.done} of {self.progress.total}, {self.progress.text}")
-        for name, value in (*self._fault_rows(), *self._alarm_rows()):
-            table.add_row(name, value)
-        for name, value in self._mistake_rows():
+        for name, value in (*self._fault_rows(), *self._alarm_rows(), *self._mistake_rows()):
             table.add_row(name, value)
         statistics = self.statistics
         why = " (why: `umo why`)" if statistics.missed else ""

@@ -169,8 +169,12 @@ def _name(part: str) -> str:
     if kind == CONTROL:
         return f"{CONTROL_CODE}{' of' * bool(of)} {of}".rstrip()
     if of:
-        return f"driver {of} ({'it is away, and was tried' if kind == TRY else kind})"
+        return f"driver {of} ({_driver_work(kind)})"
     return "waking up" if part == WAKE else "observers and the frame"
+
+
+def _driver_work(kind: str) -> str:
+    return "it is away, and was tried" if kind == TRY else kind
 
 
 def split(frames: Frames, layout: Layout) -> PhaseTimes:
@@ -218,8 +222,7 @@ def _judge(part: str, excess: float, took: float, counted: dict[str, int]) -> tu
     if kind == CONTROL:
         return Cause.CONTROL, f"{_name(part)} took {lasted}{waited}"
     if driver:
-        name, _, what = _name(part).partition(" (")
-        return Cause.DRIVER, f"{name} took {lasted} ({what}"
+        return Cause.DRIVER, f"driver {driver} took {lasted} ({_driver_work(kind)})"
     if part == WAKE:
         text = f"the timer woke {lasted} late, but no other process used the core: interrupts, or the host of this VM"
         return Cause.WAKE, text

@@ -13,11 +13,11 @@ from __future__ import annotations
 import asyncio
 import json
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
@@ -30,6 +30,7 @@ from umo.page.tuning_answer import TuningQuestion
 from umo.page.visitor import Visitor
 from umo.page.watched_run import Watched
 
+T = TypeVar("T")
 MAX_SUBSCRIPTIONS = 16
 """Subscriptions of one page, at most."""
 MAX_REQUESTS = 64
@@ -146,7 +147,8 @@ class Session:
 
     async def _tell_stations(self) -> None:
         """The list when it has changed, and the description of a run that is new."""
-        lines = list(self._lines())
+        told = (self._of(watched, watched.line) for watched in list(self._feed.watched.values()))
+        lines = [line for line in told if line is not None]
         runs = list(self._feed.watched.values())
         if (text := json.dumps({"type": "stations", "stations": lines})) != self._stations:
             self._stations = text
@@ -165,12 +167,13 @@ class Session:
                 watched.viewers += 1
                 await self._tell(watched.description())
 
-    def _lines(self) -> Iterator[dict[str, Any]]:
-        for watched in list(self._feed.watched.values()):
-            try:
-                yield watched.line()
-            except Exception as error:  # of a damaged ring: the others are shown
-                self._feed.drop(watched, error)
+    def _of(self, watched: Watched, tell: Callable[[], T]) -> T | None:
+        """What is told of a run. None: its ring is damaged; it is shown no longer, and the others are."""
+        try:
+            return tell()
+        except Exception as error:
+            self._feed.drop(watched, error)
+            return None
 
     async def _tell_fleet(self) -> None:
         """The table of the fleet, once a second if it has changed, while the page shows no station."""
@@ -188,10 +191,7 @@ class Session:
             return
         full = self._state == 0 or watched.number != self._state + 1
         self._state = watched.number
-        try:
-            text = watched.state(full)
-        except Exception as error:  # of a damaged ring: the others are shown
-            self._feed.drop(watched, error)
+        if (text := self._of(watched, lambda: watched.state(full))) is None:
             return
         await self._send(text)
         if self._extremes is not None and (news := self._extremes.next()) is not None:

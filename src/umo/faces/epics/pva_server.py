@@ -25,8 +25,6 @@ SILENCE = 20
 """Time in s after which a client that hangs is taken for gone: its library gives a sign of life every 15 s."""
 MAX_CHANNELS = 1000
 """Channels at most to what is kept up: each client has its own."""
-
-
 MAX_ASKED = 32
 """Puts and calls of one connection at most whose user is being looked up: a flood keeps no other waiting for long."""
 
