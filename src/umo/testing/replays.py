@@ -34,7 +34,8 @@ def assert_replays(
     own.
     """
     result = _replayed(file, station, wiring, "assert_replays", damaged)
-    assert result is None or result.identical or (damaged and result.difference is None), str(result)
+    if result is not None and not (result.identical or (damaged and result.difference is None)):
+        raise AssertionError(str(result))
 
 
 def assert_no_error(
@@ -47,8 +48,10 @@ def assert_no_error(
     """Replay a recording of which `umo shrink` has left periods out: AssertionError as long as the control code of
     today ends with an error on these inputs. Else as `assert_replays`."""
     result = _replayed(file, station, wiring, "assert_no_error", damaged)
-    assert result is None or result.error is None, str(result.error)
-    assert result is None or damaged or not result.inexact, str(result)
+    if result is not None and result.error is not None:
+        raise AssertionError(str(result.error))
+    if result is not None and result.inexact and not damaged:
+        raise AssertionError(str(result))
 
 
 def _replayed(
@@ -78,5 +81,6 @@ def _replayed(
     *_, end = ["", *done.stderr.strip().splitlines()]
     if "NotReplayable: " in end:
         raise NotReplayable(end.partition("NotReplayable: ")[2])
-    assert done.returncode == 0, done.stderr.partition("AssertionError: ")[2] or done.stdout + done.stderr
+    if done.returncode:
+        raise AssertionError(done.stderr.partition("AssertionError: ")[2] or done.stdout + done.stderr)
     return None
