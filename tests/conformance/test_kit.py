@@ -8,9 +8,12 @@ import socket
 import sys
 import threading
 import time
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from random import Random
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 from pydantic import TypeAdapter
@@ -18,9 +21,9 @@ from pydantic import TypeAdapter
 from conformance.careful import Careful
 from conformance.device import READ, frame
 from conformance.subjects import careful, simulated
-from umo.drivers.contract import Channel, Driver
+from umo.drivers.contract import Channel, Direction, Driver
 from umo.drivers.simulated import Simulated
-from umo.errors import StopError
+from umo.errors import DriverError, StopError
 from umo.testing.conformance import (
     Certificate,
     Input,
@@ -301,6 +304,105 @@ def test_a_driver_that_cannot_be_made_again_is_told_and_ends_the_run() -> None:
     assert first.verdict is Judgement.FAILED and "no more handles" in first.why
     why = "making the driver failed: the library has no more handles"
     assert {each.why for each in others} == {f"since the rule {first.rule}: {why}"}
+
+
+WIRE_DELAY = 0.006
+"""Time in s that a level takes through the wire from an output to its input."""
+
+
+class Wired(Simulated):
+    """Outputs, each with a wire to an input `back:NAME`, through which a level takes its time. The device is away
+    while `away`; it comes back with all outputs at 0, and the driver then brings those it uses to their defaults."""
+
+    levels: ClassVar[dict[str, deque[tuple[float, int]]]] = {}
+    """The last levels of each output, with the times at which they came."""
+    away: ClassVar[bool] = False
+    losses: ClassVar[int] = 0
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._defaults: dict[str, int] = {}
+        self._seen = self.losses
+
+    @contextmanager
+    @staticmethod
+    def gone() -> Iterator[None]:
+        Wired.away = True
+        for level in Wired.levels.values():
+            level.append((time.monotonic(), 0))
+        try:
+            yield
+        finally:
+            Wired.away, Wired.losses = False, Wired.losses + 1
+
+    def channel(self, text: str) -> Channel:
+        return Channel(text, Direction.INPUT if text.startswith("back:") else Direction.BOTH, 8)
+
+    def initialize(self, channel: Channel, default: int | None) -> None:
+        if default is not None:
+            self.write(channel, default)
+            self._defaults[channel.text] = default
+
+    def reset(self, channel: Channel, default: int | None) -> None:
+        if default is not None:
+            self.write(channel, default)
+
+    def write(self, channel: Channel, raw: int) -> None:
+        self._connect()
+        if Direction.OUTPUT not in channel.direction:
+            raise DriverError(f"{channel.text} is an input")
+        channel.fit(raw)
+        self.levels.setdefault(channel.text, deque(maxlen=100)).append((time.monotonic(), raw))
+
+    def read(self, channel: Channel) -> int:
+        self._connect()
+        output = channel.text.removeprefix("back:")
+        until = time.monotonic() - (0 if output == channel.text else WIRE_DELAY)
+        return next((raw for at, raw in reversed(self.levels.get(output, ())) if at <= until), 0)
+
+    read_many, write_many = Driver.read_many, Driver.write_many
+
+    def _connect(self) -> None:
+        if self.away:
+            raise DriverError("the device is away")
+        if self._seen != self.losses:
+            self._seen = self.losses
+            for text, default in self._defaults.items():
+                self.write(self.channel(text), default)
+
+
+def wired(driver: type[Wired] = Wired) -> Subject:
+    """Outputs whose defaults differ from the level that the device comes back with."""
+    outputs = tuple(Output(f"out:{number}", 5 * number, 0, 15) for number in range(4))
+    return Subject(
+        "wired",
+        make=driver,
+        outputs=outputs,
+        inputs=tuple(Input(f"back:{each.channel}", steady=False) for each in outputs),
+        loopbacks=tuple((each.channel, f"back:{each.channel}") for each in outputs),
+        gone=Wired.gone,
+        levels=lambda text: [Wired.levels[text][-1][1]],
+        settle=0.2,
+    )
+
+
+def test_wires_that_take_their_time_break_no_rule() -> None:
+    certificate = conform(wired(), only=["block read", "block write", "fresh", "long run"], cycles=20)
+    assert certificate.passed, str(certificate)
+    assert "the level takes its time" in certificate.finding("long run").why
+
+
+@pytest.mark.parametrize("wrong", [True, False])
+def test_after_the_device_was_away_a_driver_may_bring_outputs_to_their_defaults_alone(wrong: bool) -> None:
+    class Restores(Wired):
+        def _connect(self) -> None:
+            if wrong and self._seen != self.losses and not self.away:
+                self._defaults = dict.fromkeys(self._defaults, 7)
+            super()._connect()
+
+    found = conform(wired(Restores), only=["levels kept"]).finding("levels kept")
+    assert found.verdict is (Judgement.FAILED if wrong else Judgement.PASSED), found.why
+    assert not wrong or "to 7 in a read of back:out:0, after the device was away" in found.why
 
 
 # Status, causes, time ---------------------------------------------------------------------------------------

@@ -66,11 +66,14 @@ def block_read(context: RuleContext) -> str | None:
     with context.opened() as probe:
         levels = cycle(patterns(outputs))
         for order in context.as_time_allows(orders(texts), FEWEST_BLOCKS, "blocks"):
-            for output, raw in zip(outputs, next(levels), strict=True):
+            written = dict(zip(outputs, next(levels), strict=True))
+            for output, raw in written.items():
                 probe.write(output.channel, raw)
             _compare(context, probe, order)
         probe.read_many(())
         if not context.told(probe):
+            for output in context.viewed:
+                context.is_read(probe, output, written[output])
             _read_in_turns(context, probe)
     moving = [each.channel for each in context.subject.inputs if not each.steady]
     return f"{some(moving)}: only as far as they stand still" if moving else None

@@ -32,7 +32,8 @@ Happening = Callable[[RuleContext, "Witness", int], object]
 @rule(Cost(opens=2, each=4, calls=110, connects=10, waits=6, sleeps=0.3))
 def levels_kept(context: RuleContext) -> str | None:
     """Only what is written moves an output: it stays where it is when the driver connects again, after a lost
-    connection, a timeout or a garbled answer, and while it looks for its device."""
+    connection, a timeout or a garbled answer, and while it looks for its device. After the device itself was away the
+    driver may bring outputs to their defaults, as it has lost their levels."""
     if not context.subject.outputs:
         raise NotTried("the driver has no outputs")
     happenings = _happenings(context)
@@ -62,7 +63,7 @@ def _happenings(context: RuleContext) -> Mapping[str, Happening]:
 
 def _moved(context: RuleContext, witness: Witness, happening: Happening, number: int) -> str:
     """What has moved, in words; empty if nothing has."""
-    probe, witness.seen = witness.probe, ""
+    probe, witness.seen, witness.lost = witness.probe, "", happening is _away
     for place, output in enumerate(context.subject.outputs):
         rewrite(context, probe, output, output.other(number + place), "what was tried before")
     for place, output in enumerate(context.subject.outputs):
@@ -128,6 +129,8 @@ class Witness:
         self.context, self.probe = context, probe
         self.seen = ""
         """The first movement, in words."""
+        self.lost = False
+        """The device was away and may have lost its levels: the driver may bring outputs to their defaults."""
         subject = context.subject
         self._apart = other if subject.line is None or subject.direct is not None else None
         """A client that does not use the line."""
@@ -160,12 +163,15 @@ class Witness:
             yield
         doing = context.watch.doing
         for output, writes in self._writes.items():
-            if (raw := writes.found_in(traffic.requests)) is not None:
+            if (raw := writes.found_in(traffic.requests)) is not None and not self._may_go_to(output, raw):
                 self._note(f"{doing} sent the request of a write of {raw} to {output.channel}")
         for output, levels in self._levels().items():
             for now in levels:
-                if not context.alike(output.channel, before[output][-1], now):
+                if not context.alike(output.channel, before[output][-1], now) and not self._may_go_to(output, now):
                     self._note(f"{output.channel} went from {before[output][-1]} to {now} in a {doing}")
+
+    def _may_go_to(self, output: Output, raw: int) -> bool:
+        return self.lost and self.context.same(output, output.default, raw)
 
     def _note(self, text: str) -> None:
         self.seen = self.seen or text

@@ -10,7 +10,7 @@ from math import inf
 
 import numpy as np
 
-from umo.drivers.contract import Direction
+from umo.drivers.contract import Direction, IntArray
 from umo.testing.conformance.budget import LONG_RUN_TRANSFERS
 from umo.testing.conformance.probe import Probe
 from umo.testing.conformance.rule_context import DriverCall, RuleContext
@@ -136,6 +136,11 @@ class LongRun:
             words.append("too few to see the process grow")
         return "; ".join(words)
 
+    @property
+    def _raws(self) -> IntArray:
+        """Levels that the last cycle wrote."""
+        return self._table[(self._turn - 1) % LEVEL_SETS]
+
     # Readings ---------------------------------------------------------------------------------------
 
     def _look(self, number: int) -> None:
@@ -149,9 +154,8 @@ class LongRun:
             for now in (found[text], alone.get(text, expected)):
                 if now != expected:
                     self._wrong(text, now, expected, f"reading of {text}")
-        raws = self._table[(self._turn - 1) % LEVEL_SETS]
         for i, output in self._shown.items():
-            view, raw = self.context.view(output), int(raws[i])
+            view, raw = self.context.view(output), int(self._raws[i])
             if view in self._lags and number % WARMING_CYCLES:
                 continue
             for now in (found[view], alone.get(view, found[view])):
@@ -172,6 +176,7 @@ class LongRun:
             self._wrong(view, now, raw, f"reading of {view}" if recorded else f"level of {output.channel}")
         if view not in self._lags and not self._told:
             self._check_is_time(view, output)
+            self.probe.write_many([each.channel for each in self.context.subject.outputs], self._raws)
         self._lags.add(view)
 
     def _check_is_time(self, view: str, output: Output) -> None:
