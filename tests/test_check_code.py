@@ -336,7 +336,45 @@ while m.level.read() < 3.0:
     break
 async with timeout("1 s"):
     pass
+while m.level.read() < 3.0:
+    print([each async for each in numbers(m)])
+import contextlib
+with contextlib.suppress(IndexError):
+    while True:
+        m.filling = [].pop()
+try:
+    while True:
+        m.filling = [].pop()
+except IndexError:
+    pass
+chosen = {"fill": m.fill}["fill"]
+if m.fill is chosen or chosen == m.fill or m.fill in {chosen}:
+    pass
+await until(later or (lambda: True))
+await until(m.on_done and later or condition)
+started = None
+def start():
+    nonlocal started
+    started = m.fill()
+start()
+await started
+global kept
+kept = m.fill()
+await other()
 """.strip()
+BESIDE = """
+
+
+kept = None
+
+
+async def other():
+    await kept
+
+
+async def numbers(m: Cell):
+    yield 1
+"""
 
 
 def test_what_is_right_or_not_certain_is_not_accused(tmp_path: Path):
@@ -346,6 +384,8 @@ def test_what_is_right_or_not_certain_is_not_accused(tmp_path: Path):
         control="self.cycle.start(self.fill())\nmake = self.fill\nself.cycle.start(make())",
         helper="return cell.fill()",
     )
+    file = station.path / "application.py"
+    file.write_text(file.read_text() + BESIDE)
     assert told(station) == []
 
 

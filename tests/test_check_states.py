@@ -37,12 +37,17 @@ class Hot(Zone):
     hottest: float = 3.0
 
 
+class Burning(Zone):
+    burner: BinaryActuator[OnOff]
+
+
 class Cell(Compound):
     timer: DigitalSensor
     zones: Sequence[Zone]
     named: Mapping[str, Zone]
     ready: BinarySensor[PassFail]
     valve: BinaryActuator[OpenClosed]
+    lamps: Mapping[str, BinaryActuator[OnOff]]
     level: DigitalSensor
     heater: DigitalActuator
     spare: DigitalActuator | None = None
@@ -52,6 +57,9 @@ class Cell(Compound):
         self.servo = Servo(self.level, self.heater, gain=1.0)
         self.nearest = self.zones[0]
         self.count = 0
+        self.chosen = self.valve
+        self.last = self.level
+        self.settings = {"a": 3.0}
 
     def control(self) -> None:
         {control}
@@ -68,6 +76,7 @@ def machine() -> Cell:
         named={"a": zone()},
         ready=BinarySensor(PassFail, one=PassFail.PASS),
         valve=BinaryActuator(OpenClosed, one=OpenClosed.OPEN, default=OpenClosed.CLOSED),
+        lamps={"red": BinaryActuator(OnOff, one=OnOff.ON, default=OnOff.OFF)},
         level=DigitalSensor("l", minimum=0.0, maximum=100.0, resolution=0.1),
         spare=DigitalActuator("V", default=0.0, minimum=0.0, maximum=10.0, resolution=0.1),
         heater=DigitalActuator("V", default=0.0, minimum=0.0, maximum=10.0, resolution=0.1),
@@ -228,6 +237,86 @@ print(m.cycle.running, m.now, m.dt, m.zones[0].unit.model, m.level.velocity)
 
 def test_what_is_right_or_not_certain_is_not_accused(tmp_path: Path) -> None:
     assert told(made(tmp_path / "cell", RIGHT, helper="cell.target = 1.0")) == []
+
+
+MAY_BE = """
+async def optional(valve: BinaryActuator[OpenClosed] | None = None, level: DigitalSensor | None = None) -> None:
+    if valve:
+        valve.write(OpenClosed.OPEN)
+    other = level
+    if other and level:
+        pass
+
+
+async def narrowed(zone: Zone) -> None:
+    if isinstance(zone, Burning):
+        zone.burner.write(OnOff.ON)
+
+
+async def of_changing(m: Cell) -> None:
+    if m.chosen:
+        m.chosen = None
+    if m.last == 3.0:
+        m.last = 3.0
+
+
+async def keys(m: Cell) -> None:
+    for key in m.named:
+        print(key.upper())
+    print([lamp for lamp in m.lamps if lamp == "red"])
+
+
+async def patterns(m: Cell) -> None:
+    match m.level:
+        case DigitalSensor(unit="l"):
+            pass
+    match (m.ready.read(), m.valve.read()):
+        case (PassFail.PASS, OpenClosed.OPEN) | (PassFail.FAIL, OpenClosed.CLOSED):
+            pass
+
+
+async def bound_elsewhere(m: Cell) -> None:
+    level = m.level
+
+    def read() -> None:
+        nonlocal level
+        level = level.read()
+
+    read()
+    if level == 3.0:
+        pass
+
+
+async def bound_in_other_ways(m: Cell) -> None:
+    level = m.level
+    async for level in numbers(m):
+        print(level == 3.0)
+    valve = m.valve
+    print([valve == 1 for valve, _ in [(1, 2)]])
+    match m.settings:
+        case {"a": 3.0, **level}:
+            print(level == {})
+
+
+async def numbers(m: Cell):
+    yield 3.0
+"""
+
+
+def test_what_may_be_something_else_is_not_accused(tmp_path: Path) -> None:
+    imports = "from umo import BinaryActuator, DigitalSensor\nfrom .objects import Burning, Zone\n"
+    assert told(made(tmp_path / "cell", before=imports + MAY_BE)) == []
+
+
+def test_the_values_of_a_mapping_are_looked_at_and_its_keys_are_not(tmp_path: Path) -> None:
+    loop = "for lamp in m.lamps.values():\n    print(lamp == 1, lamp.read() is PassFail.PASS)"
+    assert len(told(made(tmp_path / "cell", f"{loop}\nprint(m.lamps['red'] == 1)"))) == 3
+
+
+def test_the_states_in_a_tuple_of_a_match_are_looked_at(tmp_path: Path) -> None:
+    code = "match (m.ready.read(), m.valve.read()):\n    case (PassFail.PASS, PassFail.PASS):\n        pass"
+    (found,) = told(made(tmp_path / "cell", code))
+    assert "`m.valve.read()` is a state of OpenClosed, and never PassFail.PASS" in found
 
 
 def test_check_prints_them_and_ends_with_the_status_of_a_mistake(tmp_path: Path, umo: Callable[..., Result]) -> None:

@@ -21,13 +21,13 @@ from umo.cycle.sequence_mistakes import called_name
 from umo.errors import Mistake
 from umo.objects import Compound, Interlock, link
 from umo.objects.atomic import Binary
+from umo.objects.stored_names import MAKING
 from umo.process.station import Station
 from umo.text import shown_path
 
 from . import code_control
 from .code_states import CodeObjects
 from .code_values import (
-    ENDS,
     Exactly,
     FunctionNode,
     InnerFunction,
@@ -36,6 +36,7 @@ from .code_values import (
     ModuleCode,
     NameScope,
     Objects,
+    waits_or_ends,
     within,
 )
 
@@ -48,7 +49,9 @@ BLOCKING = (time.sleep, builtins.input)
 """What waits without letting periods pass."""
 SEQUENCES = (together, first, link.Cycle.start)
 """What takes sequences only."""
-VALUES = (ast.Compare, ast.BoolOp, ast.UnaryOp, ast.Constant, ast.JoinedStr)
+ORDERS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
+"""Comparisons that no functions have."""
+VALUES = (ast.Compare, ast.UnaryOp, ast.Constant, ast.JoinedStr)
 """Expressions that are no functions."""
 
 
@@ -57,7 +60,8 @@ def mistakes_in(station: Station, machine: Compound) -> list[Mistake]:
     modules = _modules(station)
     sources = {module: _source(str(module.__file__)) for module in modules}
     trees = {module: ast.parse(source) for module, source in sources.items()}
-    names, objects, main = _Attributes(trees.values()), Objects(machine, modules), station.main
+    names, main = _Attributes(trees.values()), station.main
+    objects = Objects(machine, modules, names.changing)
     found: list[Mistake] = []
     for module, tree in trees.items():
         code = ModuleCode(module, tree, objects, main)
@@ -88,7 +92,16 @@ class _Attributes:
         everything = [node for tree in trees for node in ast.walk(tree)]
         nodes = [node for node in everything if isinstance(node, ast.Attribute)]
         self.read = {node.attr for node in nodes if isinstance(node.ctx, ast.Load)}
-        self.assigned = {node.attr for node in nodes if not isinstance(node.ctx, ast.Load)}
+        stored = [node for node in nodes if not isinstance(node.ctx, ast.Load)]
+        self.assigned = {node.attr for node in stored}
+        making = {
+            id(node)
+            for function in everything
+            if isinstance(function, FunctionNode) and function.name in MAKING
+            for node in ast.walk(function)
+        }
+        self.changing = {node.attr for node in stored if id(node) not in making}
+        """Those that are assigned elsewhere than where an object is made."""
         self.in_texts = {node.value for node in everything if isinstance(node, ast.Constant)}
 
 
@@ -154,7 +167,7 @@ class _Check:
         if not isinstance(self._code.thing(node.value, scope), MadeSequence):
             return
         for target in node.targets:
-            if isinstance(target, ast.Name) and not isinstance(scope.node, ast.Module):
+            if isinstance(target, ast.Name) and target.id in scope.bindings:
                 reads = (each.id for each in ast.walk(scope.node) if isinstance(each, ast.Name) and _is_read(each))
                 if target.id in reads:
                     return
@@ -175,9 +188,9 @@ class _Check:
         """A loop of a sequence that asks an object and lets no period pass: the value stays what it is."""
         if not isinstance(scope.node, ast.AsyncFunctionDef):
             return
-        inside = [each for statement in node.body for each in ast.walk(statement)]
+        inside = (each for statement in node.body for each in ast.walk(statement))
         calls = (each for each in ast.walk(node.test) if isinstance(each, ast.Call))
-        if not any(isinstance(each, ENDS) for each in inside) and any(self._is_reading(each, scope) for each in calls):
+        if not any(map(waits_or_ends, inside)) and any(self._is_reading(each, scope) for each in calls):
             self._tell(node.test, "`{}` stays what it is while no period passes: write `await until(lambda: ...)`")
 
     def _is_reading(self, node: ast.Call, scope: NameScope) -> bool:
@@ -206,11 +219,19 @@ class _Check:
         operands = [node.left, *node.comparators]
         if any(isinstance(each, ast.Constant) and each.value is None for each in operands):
             return
+        is_of_data = any(isinstance(each, ORDERS) for each in node.ops) or any(
+            isinstance(each, VALUES) or self._is_data(each, scope) for each in operands
+        )
         for each in operands:
             if isinstance(self._code.thing(each, scope), MadeSequence):
                 self._tell(each, "`{}` is a sequence, not its result: write `await {}`")
-            elif self._is_function(each, scope):
+            elif is_of_data and self._is_function(each, scope):
                 self._tell(each, "`{}` is not called, and a function is compared: write `{}()`")
+
+    def _is_data(self, node: ast.expr, scope: NameScope) -> bool:
+        """Whether it is certainly no function, such as a state."""
+        found = self._code.thing(node, scope)
+        return isinstance(found, Exactly) and not callable(found.value)
 
     # States, objects and attributes --------------------------------------------------------------------
 
@@ -265,7 +286,7 @@ class _Check:
         elif function and (kind := self._code.atomic(node, scope)):
             compared = " is ..." if issubclass(kind, Binary) else " > ..."
             self._tell(node, f"`{{}}` is an object, no function: write `{function}(lambda: {{}}.read(){compared})`")
-        elif function and isinstance(node, VALUES):
+        elif function and _is_value(node):
             self._tell(node, f"`{{}}` is worked out once, before: write `{function}(lambda: {{}})`")
 
 
@@ -285,6 +306,13 @@ _LOOKS: tuple[tuple[Any, Callable[[_Check, Any, NameScope], None]], ...] = (
     (ast.Compare | ast.Match, _Check._states),
     (ast.Attribute, _Check._attribute),
 )
+
+
+def _is_value(node: ast.expr) -> bool:
+    """Whether it is, or may be, no function: of `pressed or default` that is not certain."""
+    if isinstance(node, ast.BoolOp):
+        return any(isinstance(each, VALUES) for each in node.values) or all(map(_is_value, node.values))
+    return isinstance(node, VALUES)
 
 
 def _is_read(name: ast.Name) -> bool:

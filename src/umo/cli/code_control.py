@@ -18,7 +18,7 @@ from typing import Any
 from umo.objects import Compound
 from umo.objects.atomic import Binary
 
-from .code_values import ENDS, FunctionNode, InnerFunction, Instance, ModuleCode, NameScope, within
+from .code_values import FunctionNode, InnerFunction, Instance, ModuleCode, NameScope, waits_or_ends, within
 
 Remarks = Iterator[tuple[Any, str]]
 """Nodes and what is told of each; `{}` stands for its source."""
@@ -110,8 +110,12 @@ def _thread(code: ModuleCode, node: ast.Call, scope: NameScope) -> Remarks:
 
 
 def _endless(code: ModuleCode, node: ast.While, scope: NameScope) -> Remarks:
+    """A call in a block may end the loop by an error that the block expects."""
     is_true = isinstance(node.test, ast.Constant) and bool(node.test.value)
-    if is_true and scope.is_control and not any(isinstance(each, (*ENDS, ast.Try)) for each in _inside(node.body)):
+    if not (is_true and scope.is_control) or any(map(waits_or_ends, _inside(node.body))):
+        return
+    blocks = (each for each in within(scope.node) if isinstance(each, ast.Try | ast.With))
+    if not any(node in ast.walk(each) or each in ast.walk(node) for each in blocks):
         yield node.test, "no period passes in this loop, so the machine stops in it: write `await next_period()` in it"
 
 

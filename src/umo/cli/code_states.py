@@ -18,7 +18,7 @@ from umo.signature import hints_of
 from umo.states import TwoState, comparisons, shown
 from umo.text import near_attribute
 
-from .code_values import Exactly, Instance, ModuleCode, NameScope, Objects
+from .code_values import MISSING, Exactly, Instance, ModuleCode, NameScope, Objects, below
 
 SIGNS: Mapping[type[ast.cmpop], str] = {
     ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.IsNot: "!=", ast.NotEq: "!=",
@@ -28,7 +28,6 @@ TURNED = {"<": ">", ">": "<", "<=": ">=", ">=": "<="}
 """The sign of a comparison that is read from the right."""
 STATES = ("pending", "default", "one", "zero")
 """Properties of an object that are one of its states."""
-MISSING = object()
 
 
 class CodeObjects:
@@ -62,12 +61,8 @@ class CodeObjects:
     def _mistaken_match(self, node: ast.Match, scope: NameScope) -> Iterator[tuple[ast.expr, str]]:
         """The same of `match`."""
         for case in node.cases:
-            for pattern in ast.walk(case.pattern):
-                if isinstance(pattern, ast.MatchValue):
-                    yield from self._compared(node.subject, "==", pattern.value, scope)
-                elif isinstance(pattern, ast.MatchSingleton) and pattern.value is not None:
-                    constant = ast.copy_location(ast.Constant(pattern.value), node.subject)
-                    yield from self._compared(node.subject, "==", constant, scope)
+            for subject, value in _compared_by(node.subject, case.pattern):
+                yield from self._compared(subject, "==", value, scope)
 
     def _compared(self, one: ast.expr, sign: str, other: ast.expr, scope: NameScope) -> Iterator[tuple[ast.expr, str]]:
         """`one` is what is looked at, `other` what it is compared with."""
@@ -87,8 +82,10 @@ class CodeObjects:
 
     def always_true(self, node: ast.expr, scope: NameScope) -> str | None:
         """What is wrong with an object that is asked whether it is true. One that may be missing may be asked."""
-        items = self.objects(node, scope)
-        if not items or not all(isinstance(each, Atomic) and not _may_be_missing(each) for each in items):
+        items, found = self.objects(node, scope), self._code.thing(node, scope)
+        if not items or not all(isinstance(each, Atomic) for each in items):
+            return None
+        if (isinstance(found, Instance) and found.optional) or any(map(_may_be_missing, items)):
             return None
         compared = "is ..." if isinstance(items[0], Binary) else "> ..."
         return f"`{{}}` is an object, which is always true: write `{{}}.read() {compared}`"
@@ -134,12 +131,14 @@ class CodeObjects:
         if isinstance(node, ast.Name):
             return self._named(node, scope)
         if isinstance(node, ast.Attribute):
-            found = [_own(each, node.attr) for each in self.objects(node.value, scope)]
+            found = [self._known.own(each, node.attr) for each in self.objects(node.value, scope)]
             return [] if any(each is MISSING for each in found) else found
         if isinstance(node, ast.Subscript) and not isinstance(node.slice, ast.Slice):
-            return _elements(self.objects(node.value, scope))
-        is_values = isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "values"
-        return self.objects(node.func.value, scope) if is_values else []  # type: ignore[attr-defined]
+            return _elements([_values(each) for each in self.objects(node.value, scope)])
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "values":
+            found = self.objects(node.func.value, scope)
+            return [_values(each) for each in found] if all(isinstance(each, Mapping) for each in found) else []
+        return []
 
     def _named(self, node: ast.Name, scope: NameScope) -> list[Any]:
         bound = _bound(node.id, scope)
@@ -160,12 +159,35 @@ class CodeObjects:
         if not items or node.attr.startswith("_"):
             return None
         kinds = {type(each) for each in items}
-        if not all(map(_has_declared, kinds)) or any(_has(each, node.attr) for each in items):
+        derived = {each for kind in kinds for each in below(kind)}
+        """What it may be, too, where `isinstance` was asked."""
+        if not all(map(_has_declared, kinds | derived)):
+            return None
+        if any(_has(each, node.attr) for each in items) or any(_declares(each, node.attr) for each in derived):
             return None
         near = near_attribute(node.attr, {name for each in items for name in dir(each)})
         if isinstance(node.ctx, ast.Store) and isinstance(items[0], Atomic):
             near = items[0]._instead_of_setting("...")
         return f"`{{}}`: {' and '.join(sorted(each.__name__ for each in kinds))} has no attribute {node.attr!r}{near}"
+
+
+def _compared_by(subject: ast.expr, pattern: ast.pattern) -> Iterator[tuple[ast.expr, ast.expr]]:
+    """What the pattern of a `case` compares, each with what it is compared with: the subject, or elements of it."""
+    if isinstance(pattern, ast.MatchValue):
+        yield subject, pattern.value
+    elif isinstance(pattern, ast.MatchSingleton) and pattern.value is not None:
+        yield subject, ast.copy_location(ast.Constant(pattern.value), subject)
+    elif isinstance(pattern, ast.MatchOr):
+        for each in pattern.patterns:
+            yield from _compared_by(subject, each)
+    elif isinstance(pattern, ast.MatchAs) and pattern.pattern is not None:
+        yield from _compared_by(subject, pattern.pattern)
+    elif isinstance(pattern, ast.MatchSequence) and isinstance(subject, ast.Tuple | ast.List):
+        parts = [*subject.elts, *pattern.patterns]
+        is_even = len(subject.elts) == len(pattern.patterns)
+        if is_even and not any(isinstance(each, ast.Starred | ast.MatchStar) for each in parts):
+            for one, each in zip(subject.elts, pattern.patterns, strict=True):
+                yield from _compared_by(one, each)
 
 
 def _bound(name: str, scope: NameScope | None) -> tuple[str, ast.expr, NameScope] | None:
@@ -178,11 +200,6 @@ def _bound(name: str, scope: NameScope | None) -> tuple[str, ast.expr, NameScope
     return None
 
 
-def _own(item: Any, name: str) -> Any:
-    """An attribute that an object has itself."""
-    return getattr(item, "__dict__", {}).get(name, MISSING)
-
-
 def _may_be_missing(item: Atomic) -> bool:
     """Whether the class of its compound declares that there may be none."""
     kind: Any = type(item._parent)
@@ -190,16 +207,15 @@ def _may_be_missing(item: Atomic) -> bool:
     return get_origin(hint) in (Union, UnionType)
 
 
+def _values(item: Any) -> Any:
+    """Those of a mapping, whose elements are its keys; anything else as it is."""
+    return tuple(item.values()) if isinstance(item, Mapping) else item
+
+
 def _elements(items: Iterable[Any]) -> list[Any]:
-    found: list[Any] = []
-    for each in items:
-        if isinstance(each, Mapping):
-            found += each.values()
-        elif isinstance(each, tuple | list):
-            found += each
-        else:
-            return []
-    return found
+    """All elements of tuples and lists."""
+    items = list(items)
+    return [one for each in items for one in each] if all(isinstance(each, tuple | list) for each in items) else []
 
 
 def _has_declared(kind: type) -> bool:
@@ -211,7 +227,8 @@ def _has_declared(kind: type) -> bool:
 
 
 def _has(item: Any, name: str) -> bool:
-    kind = type(item)
-    if inspect.getattr_static(item, name, MISSING) is not MISSING or name in names_in(kind):
-        return True
-    return any(name == each.name for own in kind.__mro__ for each in stores_in(own))
+    return inspect.getattr_static(item, name, MISSING) is not MISSING or _declares(type(item), name)
+
+
+def _declares(kind: type, name: str) -> bool:
+    return name in names_in(kind) or any(name == each.name for own in kind.__mro__ for each in stores_in(own))

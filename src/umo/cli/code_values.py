@@ -7,7 +7,7 @@ import ast
 import builtins
 import inspect
 import sys
-from collections.abc import Callable, Coroutine, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Coroutine, Iterable, Iterator, Mapping
 from functools import cached_property
 from types import FunctionType, ModuleType, NoneType, UnionType
 from typing import Annotated, Any, NamedTuple, TypeVar, Union, get_args, get_origin
@@ -18,8 +18,10 @@ from umo.signature import evaluated, hints_of
 
 FunctionNode = ast.FunctionDef | ast.AsyncFunctionDef
 ScopeNode = ast.Module | ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
+MISSING = object()
+"""What is not there, or not certain."""
 ENDS = (ast.Await, ast.AsyncWith, ast.AsyncFor, ast.Break, ast.Return, ast.Raise, ast.Yield, ast.YieldFrom)
-"""What a loop may wait by, or end by."""
+"""What a loop may wait by, or end by, beside a comprehension with `async for`."""
 
 
 class Exactly(NamedTuple):
@@ -29,9 +31,10 @@ class Exactly(NamedTuple):
 
 
 class Instance(NamedTuple):
-    """An object of a class."""
+    """An object of a class. `optional`: or None."""
 
     kind: type
+    optional: bool = False
 
 
 class Holding(NamedTuple):
@@ -116,14 +119,18 @@ class NameScope:
 
 
 def _bindings(scope: Any) -> Iterator[tuple[str, Binding]]:
-    """All names that a function binds, but for those of functions in it."""
+    """All names that a function binds, but for those of functions in it, unless they are bound there too."""
     arguments = scope.args
     for each in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs):
         yield each.arg, Binding("argument", each)
     for each in filter(None, (arguments.vararg, arguments.kwarg)):
         yield each.arg, Binding("", each)
+    elsewhere = {name for node in within(scope) if isinstance(node, ast.Global | ast.Nonlocal) for name in node.names}
     for node in within(scope):
-        yield from _bound_by(node)
+        yield from (each for each in _bound_by(node) if each[0] not in elsewhere)
+        if isinstance(node, FunctionNode | ast.ClassDef):
+            inner = (each.names for each in ast.walk(node) if isinstance(each, ast.Nonlocal))
+            yield from ((name, Binding("", node)) for names in inner for name in names)
 
 
 def _bound_by(node: ast.AST) -> Iterator[tuple[str, Binding]]:
@@ -142,10 +149,14 @@ def _bound_by(node: ast.AST) -> Iterator[tuple[str, Binding]]:
             yield (alias.asname or alias.name).partition(".")[0], Binding("", node)
     elif isinstance(node, ast.ExceptHandler | ast.MatchAs | ast.MatchStar) and node.name:
         yield node.name, Binding("", node)
-    else:
-        targets = {ast.Assign: "targets", ast.AugAssign: "target", ast.For: "target", ast.NamedExpr: "target"}
-        for each in _names(getattr(node, targets.get(type(node), "optional_vars"), None)):
-            yield each, Binding("", node)
+    elif isinstance(node, ast.MatchMapping) and node.rest:
+        yield node.rest, Binding("", node)
+    elif isinstance(node, _BINDING):
+        for field in ("targets", "target", "optional_vars"):
+            yield from ((each, Binding("", node)) for each in _names(getattr(node, field, None)))
+
+
+_BINDING = ast.Assign | ast.AugAssign | ast.For | ast.AsyncFor | ast.comprehension | ast.NamedExpr | ast.withitem
 
 
 def _same(one: Thing | None, other: Thing | None) -> bool:
@@ -157,6 +168,11 @@ def _same(one: Thing | None, other: Thing | None) -> bool:
 def _names(target: Any) -> Iterator[str]:
     for one in target if isinstance(target, list) else [target] if target is not None else []:
         yield from (each.id for each in ast.walk(one) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store))
+
+
+def waits_or_ends(node: ast.AST) -> bool:
+    """Whether a loop with this node in it may wait, or end."""
+    return isinstance(node, ENDS) or (isinstance(node, ast.comprehension) and bool(node.is_async))
 
 
 def within(scope: ast.AST) -> Iterator[ast.AST]:
@@ -175,10 +191,14 @@ class ModuleCode:
 
     def __init__(self, module: ModuleType, tree: ast.Module, known: Objects, main: Any = None) -> None:
         self._module, self.tree, self._known, self._main = module, tree, known, main
+        self._changing = {name for each in ast.walk(tree) if isinstance(each, ast.Global) for name in each.names}
+        """The names of the module that functions bind."""
         self._at_work: set[int] = set()
 
     def of_module(self, name: str) -> Thing | None:
         """A name of the module, or of Python. One that is imported for type checkers only is sought in the others."""
+        if name in self._changing:
+            return None
         for names in (vars(self._module), vars(builtins)):
             if name in names:
                 return Exactly(names[name])
@@ -199,7 +219,7 @@ class ModuleCode:
 
     def annotated(self, node: ast.expr, scope: NameScope) -> Thing | None:
         """What has this annotation."""
-        names = {**vars(self._known), **self._known.classes, **vars(self._module)}
+        names = {**self._known.classes, **vars(self._module)}
         return of_hint(evaluated(ast.unparse(node), names))
 
     def thing(self, node: ast.expr, scope: NameScope) -> Thing | None:
@@ -276,10 +296,11 @@ _EXPRESSIONS: Mapping[type[ast.AST], Callable[..., Thing | None]] = {
 
 
 class Objects:
-    """What the station's machine is made of, and the classes of its modules by name."""
+    """What the station's machine is made of, and the classes of its modules by name. `changing`: the attributes that
+    something else than `setup` assigns somewhere: what they are now they may not be when the machine runs."""
 
-    def __init__(self, machine: Compound, modules: list[ModuleType]) -> None:
-        self.machine = machine
+    def __init__(self, machine: Compound, modules: list[ModuleType], changing: Collection[str]) -> None:
+        self.machine, self._changing = machine, changing
         laws = [law for _, _, law in laws_in(machine)]
         self._all: list[Any] = [machine, *walk(machine), *laws]
         found: dict[str, set[type]] = {}
@@ -288,12 +309,16 @@ class Objects:
                 if isinstance(value, type):
                     found.setdefault(name, set()).add(value)
         self.classes = {name: kinds.pop() for name, kinds in found.items() if len(kinds) == 1}
-
         self._attributes: dict[tuple[type, str], Thing | None] = {}
 
     def of(self, kind: type) -> list[Any]:
         """The objects of this class, and of those below it."""
         return [each for each in self._all if isinstance(each, kind)]
+
+    def own(self, item: Any, name: str) -> Any:
+        """An attribute that an object has itself, and always; MISSING where that is not certain."""
+        is_fixed = name not in self._changing or name in getattr(item, "_fixed", ())
+        return getattr(item, "__dict__", {}).get(name, MISSING) if is_fixed else MISSING
 
     def attribute(self, kind: type, name: str) -> Thing | None:
         """An attribute of an object of this class."""
@@ -308,7 +333,7 @@ class Objects:
         function = _plain(of_class)
         if isinstance(function, FunctionType):
             return Exactly(function) if self._always(kind, name, function) else None
-        of_objects = {_of_value(value) for value in self._values(kind, name)}
+        of_objects = {_of_value(value) for value in self._values(kind, name)} if name not in self._changing else set()
         if len(of_objects) == 1:
             return of_objects.pop()
         return of_hint(hints_of(kind).get(name))
@@ -316,22 +341,23 @@ class Objects:
     def _always(self, kind: type, name: str, function: FunctionType) -> bool:
         """Whether no class below has something of another kind in the place of a method, and no object either."""
         is_sequence = inspect.iscoroutinefunction(function)
-        others = [_plain(inspect.getattr_static(each, name)) for each in _below(kind)]
+        others = [_plain(inspect.getattr_static(each, name)) for each in below(kind)]
         if any(inspect.iscoroutinefunction(each) != is_sequence for each in others):
             return False
         return name == "control" or not self._values(kind, name)
 
     def _values(self, kind: type, name: str) -> list[Any]:
         """Those of an attribute, of all objects of a class that have it themselves."""
-        own = (getattr(each, "__dict__", {}) for each in self._all if kind in type(each).__mro__)
+        own = (getattr(each, "__dict__", {}) for each in self.of(kind))
         return [each[name] for each in own if name in each]
 
 
-def _below(kind: type) -> Iterator[type]:
+def below(kind: type) -> Iterator[type]:
+    """The classes that are derived from it."""
     each: type
     for each in type.__subclasses__(kind):
         yield each
-        yield from _below(each)
+        yield from below(each)
 
 
 def _plain(found: Any) -> Any:
@@ -369,7 +395,8 @@ def of_hint(hint: Any) -> Thing | None:
         return of_hint(arguments[0])
     if origin in (Union, UnionType):
         others = [each for each in arguments if each is not NoneType]
-        return of_hint(others[0]) if len(others) == 1 else None
+        found = of_hint(others[0]) if len(others) == 1 else None
+        return found._replace(optional=True) if isinstance(found, Instance) else found
     if not isinstance(origin, type):
         return None
     if issubclass(origin, Coroutine):
