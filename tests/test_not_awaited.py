@@ -468,6 +468,23 @@ async def cancels(m: Any) -> Any:
     return 1
 
 
+async def fails_beside_it(m: Any) -> Any:
+    filling = m.fill()
+    try:
+        m.motor.write(1.0 / m.motor.pending)
+        await filling
+    except ZeroDivisionError:
+        await wait("1 ms")
+    return 1
+
+
+async def need_not_await_it(m: Any) -> Any:
+    filling = m.fill()
+    if m.now < 0.0:
+        await filling
+    return 1
+
+
 async def is_not_begun(m: Any) -> Any:
     await unless(lambda: True, m.fill())
     return 1
@@ -481,6 +498,8 @@ INTERRUPTED = [
     keeps_the_error,
     fails_in_another,
     cancels,
+    fails_beside_it,
+    need_not_await_it,
 ]
 
 

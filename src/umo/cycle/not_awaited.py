@@ -132,7 +132,28 @@ def _was_forgotten(frame: FrameType, origin: CodePlace) -> bool:
         return instruction in _DROPS
     if instruction in _FORGETS:
         return (code.co_filename, code.co_name) == (origin.file, origin.function)
-    return instruction not in _HANDLES
+    return instruction in _DROPS or (instruction not in _HANDLES and not _may_await(origin))
+
+
+def _may_await(origin: CodePlace) -> bool:
+    """Whether the function that has called it gives it a name, and awaits that somewhere: an error has kept it from
+    that, or it was not to be."""
+    try:
+        tree = ast.parse("".join(linecache.getlines(origin.file)))
+    except (SyntaxError, ValueError):
+        return False
+    functions = ast.FunctionDef | ast.AsyncFunctionDef
+    around = [each for each in ast.walk(tree) if isinstance(each, functions) and _has_line(each, origin.line)]
+    nodes = list(ast.walk(around[-1])) if around else []
+    named = (each.targets for each in nodes if isinstance(each, ast.Assign) and _has_line(each, origin.line))
+    names = {each.id for targets in named for each in targets if isinstance(each, ast.Name)}
+    awaited = (each.value for each in nodes if isinstance(each, ast.Await))
+    given = (each for value in awaited for each in (value, *getattr(value, "args", ())))
+    return any(isinstance(each, ast.Name) and each.id in names for each in given)
+
+
+def _has_line(node: ast.stmt, line: int) -> bool:
+    return node.lineno <= line <= (node.end_lineno or node.lineno)
 
 
 def _close_given(coroutine: Any) -> None:
