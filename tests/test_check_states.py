@@ -149,6 +149,18 @@ NEVER_EQUAL = [
     ("1 if m.ready else 0", "`m.ready` is an object, which is always true: write `m.ready.read() is ...`"),
     ("1 if not m.level else 0", "`m.level` is an object, which is always true: write `m.level.read() > ...`"),
     ("m.level is 3.5", "`m.level` is an object, not its value: write `m.level.read() == 3.5`"),
+    ("m.level.read() is PassFail.PASS", "`m.level.read()` is a number, and never PassFail.PASS"),
+    (
+        "1 if m.ready.read() else 0",
+        "neither true nor false: write `m.ready.read() is PassFail.PASS` or `m.ready.read()",
+    ),
+    ("[z for z in m.zones if not z.lamp.read()]", "`z.lamp.read()` is a state, which is neither true nor false"),
+    ("await until(lambda: m.ready.read())", "`m.ready.read()` is a state, which is neither true nor false"),
+    ("await until(lambda: m.ready)", "`m.ready` is an object, which is always true"),
+    ("m.valve.write(OnOff.ON)", "it takes OpenClosed.OPEN or OpenClosed.CLOSED, not OnOff.ON"),
+    ("m.heater.write(OnOff.ON)", "`m.heater.write(OnOff.ON)`: it takes a number in its unit, not OnOff.ON"),
+    ("m.heater.write(m.level)", "an object is written, not its value: write `m.level.read()`"),
+    ("OpenClosed.OPN", "`OpenClosed.OPN`: OpenClosed has no state 'OPN' (did you mean 'OPEN'?)"),
 ]
 
 
@@ -285,6 +297,10 @@ async def bound_elsewhere(m: Cell) -> None:
     read()
     if level == 3.0:
         pass
+    print("%s" % m.level)
+    m.chosen.write(OnOff.ON)
+    m.heater.write(m.last.read())
+    await until(lambda: m.chosen)
 
 
 async def bound_in_other_ways(m: Cell) -> None:

@@ -10,7 +10,7 @@ import inspect
 import sys
 import time
 import tokenize
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
@@ -154,13 +154,14 @@ class _Check:
     # Sequences -----------------------------------------------------------------------------------------
 
     def _statement(self, node: ast.Expr, scope: NameScope) -> None:
-        made = self._code.thing(node.value, scope)
-        if isinstance(made, MadeSequence):
-            self._tell(node.value, NOT_AWAITED)
-        elif self._is_function(node.value, scope):
-            self._tell(node.value, "`{}` is not called, so nothing of it is done: write `{}()`")
-        elif isinstance(node.value, ast.Call) and isinstance(made, Instance) and made.kind in USELESS:
-            self._tell(node.value, f"`{{}}` alone does nothing: write `{USELESS[made.kind]}`")
+        for each in _dropped(node.value):
+            made = self._code.thing(each, scope)
+            if isinstance(made, MadeSequence):
+                self._tell(each, NOT_AWAITED)
+            elif self._is_function(each, scope):
+                self._tell(each, "`{}` is not called, so nothing of it is done: write `{}()`")
+            elif isinstance(each, ast.Call) and isinstance(made, Instance) and made.kind in USELESS:
+                self._tell(each, f"`{{}}` alone does nothing: write `{USELESS[made.kind]}`")
 
     def _assigned(self, node: ast.Assign, scope: NameScope) -> None:
         """What a sequence is assigned to is read nowhere."""
@@ -180,6 +181,16 @@ class _Check:
         is_law = isinstance(scope.node, ast.FunctionDef) and scope.is_control
         if is_law and node.value is not None and isinstance(self._code.thing(node.value, scope), MadeSequence):
             self._tell(node.value, NOT_AWAITED)
+
+    def _awaited(self, node: ast.Await, scope: NameScope) -> None:
+        if self._is_sequence_function(node.value, scope):
+            self._tell(node.value, "`{}` is not called: write `await {}()`")
+
+    def _block(self, node: ast.With, scope: NameScope) -> None:
+        for each in node.items:
+            made = self._code.thing(each.context_expr, scope)
+            if isinstance(made, Instance) and USELESS.get(made.kind, "").startswith("async with"):
+                self._tell(each.context_expr, "`with {}:` is refused: write `async with {}:`")
 
     def _test(self, node: Any, scope: NameScope) -> None:
         self._truth(node.test, scope)
@@ -212,7 +223,7 @@ class _Check:
             self._tell(node, "`{}` is a sequence, which is always true: write `await {}`")
         elif self._is_function(node, scope):
             self._tell(node, "`{}` is not called, and a function is always true: write `{}()`")
-        elif text := self._values.always_true(node, scope):
+        elif text := self._values.no_truth(node, scope):
             self._tell(node, text)
 
     def _compared(self, node: ast.Compare, scope: NameScope) -> None:
@@ -239,6 +250,10 @@ class _Check:
         for each, text in self._values.mistaken(node, scope):
             self._tell(each, text)
 
+    def _written(self, node: ast.Call, scope: NameScope) -> None:
+        if text := self._values.wrongly_written(node, scope):
+            self._tell(node, text)
+
     def _attribute(self, node: ast.Attribute, scope: NameScope) -> None:
         """One whose name stands in a text may be asked for before (`hasattr`)."""
         if node.attr not in self._attributes.in_texts and (text := self._values.misspelt(node, scope)):
@@ -263,6 +278,8 @@ class _Check:
             for each in given:
                 if self._is_sequence_function(each, scope):
                     self._tell(each, "`{}` is not called: write `{}()`")
+                elif isinstance(each, ast.List | ast.Tuple | ast.ListComp | ast.GeneratorExp):
+                    self._tell(each, "`{}` is not a sequence: several are given by a star, `*{}`")
         if given and node.args[0] is given[0] and any(value is each for each in ASKING):
             name = CONDITIONS.get(value)
             self._condition(given[0], scope, name if name in ("until", "unless") else "")
@@ -277,12 +294,22 @@ class _Check:
         """`function`: what asks it; "": it is declared, which refuses what is no function."""
         found = self._code.thing(node, scope)
         if isinstance(node, ast.Lambda):
-            if isinstance(self._code.thing(node.body, NameScope(node, scope, self._code)), MadeSequence):
+            inner = NameScope(node, scope, self._code)
+            if isinstance(self._code.thing(node.body, inner), MadeSequence):
                 self._tell(node.body, "`{}` is a sequence, which is always true: a condition acts at once")
+            else:
+                self._truth(node.body, inner)
         elif self._is_sequence_function(node, scope):
             self._tell(node, "`{}` is a sequence, which is always true: a condition acts at once")
         elif function and isinstance(found, MadeSequence):
             self._tell(node, "`{}` is a sequence, no condition: write `await {}`")
+        elif (
+            function
+            and isinstance(node, ast.Attribute)
+            and node.attr == "read"
+            and self._code.atomic(node.value, scope)
+        ):
+            self._tell(node, f"`{{}}` gives a value and no condition: write `{function}(lambda: {{}}() ...)`")
         elif function and (kind := self._code.atomic(node, scope)):
             compared = " is ..." if issubclass(kind, Binary) else " > ..."
             self._tell(node, f"`{{}}` is an object, no function: write `{function}(lambda: {{}}.read(){compared})`")
@@ -296,6 +323,8 @@ NOT_AWAITED = (
 )
 _LOOKS: tuple[tuple[Any, Callable[[_Check, Any, NameScope], None]], ...] = (
     (ast.Expr, _Check._statement),
+    (ast.Await, _Check._awaited),
+    (ast.With, _Check._block),
     (ast.Assign, _Check._assigned),
     (ast.Return, _Check._returned),
     (ast.If | ast.While | ast.IfExp | ast.Assert, _Check._test),
@@ -303,9 +332,27 @@ _LOOKS: tuple[tuple[Any, Callable[[_Check, Any, NameScope], None]], ...] = (
     (ast.comprehension, _Check._filters),
     (ast.Compare, _Check._compared),
     (ast.Call, _Check._called),
+    (ast.Call, _Check._written),
     (ast.Compare | ast.Match, _Check._states),
     (ast.Attribute, _Check._attribute),
 )
+
+
+def _dropped(node: ast.expr) -> Iterator[ast.expr]:
+    """The values that a statement makes and drops: `m.fill() if m.hot else None`."""
+    if isinstance(node, ast.IfExp):
+        parts = [node.body, node.orelse]
+    elif isinstance(node, ast.BoolOp):
+        parts = node.values[-1:]
+    elif isinstance(node, ast.Tuple | ast.List | ast.Set):
+        parts = node.elts
+    elif isinstance(node, ast.ListComp | ast.SetComp):
+        parts = [node.elt]
+    else:
+        yield node
+        return
+    for each in parts:
+        yield from _dropped(each)
 
 
 def _is_value(node: ast.expr) -> bool:

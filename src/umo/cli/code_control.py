@@ -51,7 +51,8 @@ def _inside(statements: list[ast.stmt]) -> Iterator[ast.AST]:
 
 
 def _calculated(code: ModuleCode, node: ast.BinOp, scope: NameScope) -> Remarks:
-    for each in (node.left, node.right):
+    is_of_text = isinstance(node.op, ast.Mod)  # "%s" % m.level
+    for each in (node.left,) if is_of_text else (node.left, node.right):
         if code.atomic(each, scope) and not isinstance(node.op, ast.BitOr):
             yield each, "`{}` is an object, not its value: write `{}.read()`"
 

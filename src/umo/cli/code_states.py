@@ -16,7 +16,7 @@ from umo.objects.attributes import DeclaredAttributes, names_in
 from umo.objects.stored_names import stores_in
 from umo.signature import hints_of
 from umo.states import TwoState, comparisons, shown
-from umo.text import near_attribute
+from umo.text import did_you_mean, near_attribute
 
 from .code_values import MISSING, Exactly, Instance, ModuleCode, NameScope, Objects, below
 
@@ -71,6 +71,8 @@ class CodeObjects:
         if states is not None and type(written) is not states:
             nearest = comparisons(states, written)
             yield one, f"`{{}}` is a state of {states.__name__}, and never {shown(written)}: write {nearest}"
+        elif isinstance(written, Enum | str | bytes) and self._is_number(one, scope):
+            yield one, f"`{{}}` is a number, and never {shown(written)}"
         items = [] if written is MISSING or states else self.objects(one, scope)
         if items and all(isinstance(each, Binary) for each in items):
             if len(kinds := {each.states for each in items}) == 1:
@@ -80,8 +82,29 @@ class CodeObjects:
             number = shown(written) if isinstance(written, int | float) else "..."
             yield one, f"`{{}}` is an object, not its value: write `{{}}.read() {sign} {number}`"
 
-    def always_true(self, node: ast.expr, scope: NameScope) -> str | None:
-        """What is wrong with an object that is asked whether it is true. One that may be missing may be asked."""
+    def wrongly_written(self, node: ast.Call, scope: NameScope) -> str | None:
+        """What is wrong with a state that is written, or with an object in the place of its value."""
+        if not (isinstance(node.func, ast.Attribute) and node.func.attr == "write" and node.args):
+            return None
+        items, given = self.objects(node.func.value, scope), node.args[0]
+        if not items or not all(isinstance(each, Atomic) for each in items):
+            return None
+        if self._code.atomic(given, scope):
+            return f"`{{}}`: an object is written, not its value: write `{ast.unparse(given)}.read()`"
+        states = {each.states if isinstance(each, Binary) else None for each in items}
+        written = self._written(given, scope)
+        if len(states) != 1 or not isinstance(written, TwoState) or type(written) in states:
+            return None
+        (kind,) = states
+        taken = "a number in its unit" if kind is None else " or ".join(shown(each) for each in kind)
+        return f"`{{}}`: it takes {taken}, not {shown(written)}"
+
+    def no_truth(self, node: ast.expr, scope: NameScope) -> str | None:
+        """What is wrong with a state, or an object, that is asked whether it is true. One that may be missing may be
+        asked."""
+        if (states := self.states_of(node, scope)) is not None:
+            ways = comparisons(states, "", "{} ")
+            return f"`{{}}` is a state, which is neither true nor false: write {ways}"
         items, found = self.objects(node, scope), self._code.thing(node, scope)
         if not items or not all(isinstance(each, Atomic) for each in items):
             return None
@@ -108,6 +131,12 @@ class CodeObjects:
         items = [] if source is None else self.objects(*source)
         kinds = {each.states if isinstance(each, Binary) else None for each in items}
         return kinds.pop() if len(kinds) == 1 else None
+
+    def _is_number(self, node: ast.expr, scope: NameScope) -> bool:
+        """Whether it is the value of an actuator or a sensor that has no states."""
+        source = self._source_of(node, scope)
+        items = [] if source is None else self.objects(*source)
+        return bool(items) and all(isinstance(each, Atomic) and not isinstance(each, Binary) for each in items)
 
     def _source_of(self, node: ast.expr, scope: NameScope) -> tuple[ast.expr, NameScope] | None:
         """The object whose state it is: of `m.valve.read()`, `state_of(m.valve)`, `m.valve.pending`, or a name."""
@@ -155,8 +184,14 @@ class CodeObjects:
 
     def misspelt(self, node: ast.Attribute, scope: NameScope) -> str | None:
         """What is wrong with an attribute that no object has that this may be."""
+        if node.attr.startswith("_"):
+            return None
+        states = self._code.value(node.value, scope)
+        if isinstance(states, type) and issubclass(states, TwoState) and not hasattr(states, node.attr):
+            near = did_you_mean(node.attr, list(states.__members__))
+            return f"`{{}}`: {states.__name__} has no state {node.attr!r}{near}"
         items = self.objects(node.value, scope)
-        if not items or node.attr.startswith("_"):
+        if not items:
             return None
         kinds = {type(each) for each in items}
         derived = {each for kind in kinds for each in below(kind)}
@@ -191,11 +226,13 @@ def _compared_by(subject: ast.expr, pattern: ast.pattern) -> Iterator[tuple[ast.
 
 
 def _bound(name: str, scope: NameScope | None) -> tuple[str, ast.expr, NameScope] | None:
-    """How a name of a function is bound, if in one place only."""
+    """How a name of a function is bound, if in one way only: two loops over one expression are one."""
     while scope is not None:
         bindings = scope.bindings.get(name, [])
         if bindings:
-            return (bindings[0].how, bindings[0].node, scope) if len(bindings) == 1 else ("", bindings[0].node, scope)
+            how, node = bindings[0]
+            ways = {(each.how, ast.dump(each.node)) for each in bindings}
+            return (how if len(ways) == 1 else "", node, scope)
         scope = scope.around
     return None
 
