@@ -18,7 +18,7 @@ from umo.cycle.alarming import declared_alarms, engine_of
 from umo.cycle.attempts import Attempts
 from umo.cycle.clock import Clock, WallClock
 from umo.cycle.equipment import equipment_in
-from umo.cycle.image import Image
+from umo.cycle.image import Image, Way
 from umo.cycle.insisting import call_limit
 from umo.cycle.journal import CAPACITY, Journal
 from umo.cycle.machine import ConnectedMachine, axes_in
@@ -411,7 +411,7 @@ class connect(Generic[C]):
     def _reset_once(self, slots: list[int]) -> list[Failure]:
         failures = []
         self._waiting = set(slots)
-        for slot, failure in self.image.reset_each(slots):
+        for slot, failure in self.image.settling(slots, Way.RESET):
             if failure is None:
                 self._waiting.discard(slot)
             else:

@@ -8,6 +8,7 @@ image (`writes.py`), but where the column `restrictions`, which is the command s
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from enum import Enum, auto
 from math import inf
 from typing import NoReturn, Protocol
 
@@ -30,6 +31,19 @@ NO_TICK = -1.0
 """Result of reading the timer when a stop has ended the wait."""
 
 
+class Way(Enum):
+    """What moves an actuator when it is brought to its default."""
+
+    RESET = auto()
+    """The driver's `reset`, now and without a rate."""
+    INITIALIZE = auto()
+    """The driver's `initialize`, now and without a rate."""
+    SEND = auto()
+    """The outputs of the period, within the rate; an asynchronous actuator is written now."""
+    IS_THERE = auto()
+    """Nothing: its device has been initialised already."""
+
+
 class Gate(link.Commands, Protocol):
     """The command stage, asked for what the column `restrictions` restricts (`umo.cycle.command_stage`)."""
 
@@ -40,7 +54,7 @@ class Gate(link.Commands, Protocol):
         """The same for many at once, each with its answer; where it raises Interlocked, none was taken."""
 
     def rest(self, slot: int) -> None:
-        """The actuator is being reset."""
+        """The actuator is being brought to its default: no write of it is in force any more."""
 
 
 def raise_failures(what: str, failures: Sequence[Failure]) -> None:
@@ -238,6 +252,12 @@ class Image(Slots):
             return False
         return True
 
+    def go_on(self, slot: int, value: float) -> bool:
+        """What work has left before it rested is written again, and sent in this period; whether it was taken."""
+        taken = self.command(slot, value)
+        self.hasten(slot)
+        return taken
+
     def try_send(self, slot: int) -> list[Failure]:
         """Send the pending value of one asynchronous actuator to the hardware, now."""
         failures: list[Failure] = []
@@ -257,15 +277,6 @@ class Image(Slots):
             self._accepted(slot)
         return failures
 
-    def bring_to_rest(self, slots: Sequence[int]) -> None:
-        """The defaults of actuators are sent next; an asynchronous one is sent it now, and again if it does not accept
-        it."""
-        for slot in slots:
-            self.commands.rest(slot)
-            self.set_default(slot)
-            if slot in self.asynchronous:
-                self.try_send(slot)
-
     def write_many(self, slots: slice | IntArray, each: Sequence[int], values: FloatArray) -> bool:
         """Many written at once; their ranges were checked. `each` lists the same slots. Whether all were taken: an
         actuator that is inhibited stays as it is."""
@@ -284,19 +295,9 @@ class Image(Slots):
         return bool(taken.all())
 
     def reset_some(self, slots: Iterable[int]) -> None:
-        failed = [(slot, failure) for slot, failure in self.reset_each(slots) if failure is not None]
-        failures = [failure for slot, failure in failed if not self._resets_again(slot)]
+        failures = [failure for slot, failure in self.settle(slots, Way.RESET).items() if not self._resets_again(slot)]
         if failures:
             self.fail("could not be reset", failures)
-
-    def reset_each(self, slots: Iterable[int]) -> Iterator[tuple[int, Failure | None]]:
-        """The driver's reset for each; one failure never stops the rest."""
-        slots = list(slots)
-        for slot in slots:
-            self._at_default(slot)
-        for slot, failure in self.transfer.bring_to_default(slots):
-            self._was_reset(slot, failure)
-            yield slot, failure
 
     def _resets_again(self, slot: int) -> bool:
         """Whether a failed reset is no failure yet: the default is sent again in the next period."""
@@ -325,36 +326,69 @@ class Image(Slots):
         """Its driver has initialised it."""
         item = self.items[slot]
         if isinstance(item, Actuator):
-            pending = self.pending[slot]
-            self.set_default(slot)
-            self._give_default(slot)
-            self._accepted(slot)
             if item.synchronous or item._max_age is not None:
-                self.pending[slot] = pending
-                if not item.synchronous and pending != self._defaults[slot]:
-                    self.unconfirmed[slot] = self.clock.now
-                    self._set_quality(slot, Quality.STALE)
+                self._goes_on_from_default(slot)
             else:
-                self.commands.rest(slot)
+                self.settle([slot], Way.IS_THERE)
             return
         if (conditioner := self.conditioners.get(slot)) is not None:
             conditioner.begin()
         if self.base[slot] is not Quality.UNREFERENCED and isinstance(item, DigitalSensor) and item.incremental:
             self.set_referenced(slot, False)
 
-    def initialize(self, slot: int) -> Failure | None:
-        self._at_default(slot)
-        failure = self.transfer.initialize(slot)
-        self._was_reset(slot, failure)
-        if (conditioner := self.conditioners.get(slot)) is not None:
-            conditioner.begin()
-        return failure
+    def _goes_on_from_default(self, slot: int) -> None:
+        """The device has its default, and what is pending stays so."""
+        self._give_default(slot)
+        self.hasten(slot)
+        self._accepted(slot)
+        if not self.items[slot].synchronous and self.pending[slot] != self._defaults[slot]:
+            self.unconfirmed[slot] = self.clock.now
+            self._set_quality(slot, Quality.STALE)
 
-    def _at_default(self, slot: int) -> None:
-        if self.items[slot].direction is Direction.OUTPUT:
-            self.set_default(slot)
-            self._give_default(slot)
-            self.commands.rest(slot)
+    def initialize(self, slot: int) -> Failure | None:
+        return self.settle([slot], Way.INITIALIZE).get(slot)
+
+    # To the defaults -----------------------------------------------------------------------------------
+
+    def settle(self, slots: Iterable[int], way: Way) -> dict[int, Failure]:
+        """Bring actuators to their defaults, which nothing else does: no write of them is in force any more, and their
+        defaults are pending, before the first is moved. The sensors among them are reset or initialised by their
+        driver. What failed, by slot: one failure never stops the rest."""
+        return {slot: failure for slot, failure in self.settling(slots, way) if failure is not None}
+
+    def settling(self, slots: Iterable[int], way: Way) -> Iterator[tuple[int, Failure | None]]:
+        """The same, each as soon as it was moved: where it is interrupted it is known who waits still."""
+        slots = list(slots)
+        for slot in slots:
+            if self.items[slot].direction is Direction.OUTPUT:
+                self.commands.rest(slot)
+                self.set_default(slot)
+                if way is not Way.SEND:
+                    self._give_default(slot)
+        return _MOVES[way](self, slots)
+
+    def _reset(self, slots: Sequence[int]) -> Iterator[tuple[int, Failure | None]]:
+        for slot, failure in self.transfer.bring_to_default(slots):
+            self._was_reset(slot, failure)
+            yield slot, failure
+
+    def _initialize(self, slots: Sequence[int]) -> Iterator[tuple[int, Failure | None]]:
+        for slot in slots:
+            failure = self.transfer.initialize(slot)
+            self._was_reset(slot, failure)
+            if (conditioner := self.conditioners.get(slot)) is not None:
+                conditioner.begin()
+            yield slot, failure
+
+    def _send(self, slots: Sequence[int]) -> Iterator[tuple[int, Failure | None]]:
+        for slot in slots:
+            failures = self.try_send(slot) if slot in self.asynchronous else []
+            yield slot, next(iter(failures), None)
+
+    def _is_there(self, slots: Sequence[int]) -> Iterator[tuple[int, Failure | None]]:
+        for slot in slots:
+            self._accepted(slot)
+            yield slot, None
 
     def _was_reset(self, slot: int, failure: Failure | None) -> None:
         if failure is not None:
@@ -381,3 +415,11 @@ class Image(Slots):
                 self._unconverted(slot, error, failures)
                 failed.add(slot)
         return failed
+
+
+_MOVES: Mapping[Way, Callable[[Image, Sequence[int]], Iterator[tuple[int, Failure | None]]]] = {
+    Way.RESET: Image._reset,
+    Way.INITIALIZE: Image._initialize,
+    Way.SEND: Image._send,
+    Way.IS_THERE: Image._is_there,
+}

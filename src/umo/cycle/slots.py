@@ -210,7 +210,7 @@ class Slots:
 
     def _give_default(self, slot: int) -> None:
         """Its default is what is sent next."""
-        self.sent[slot], self.sent_raws[slot] = self.pending[slot], self.transfer.defaults[slot]
+        self.sent[slot], self.sent_raws[slot] = self._defaults[slot], self.transfer.defaults[slot]
         self.stepped[slot] = self.clock.now
 
     def _is_inside(self, slot: int, value: float) -> bool:
